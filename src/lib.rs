@@ -140,8 +140,6 @@ extern crate alloc;
 
 pub mod boards;
 pub mod bus;
-#[cfg(feature = "std")]
-pub mod diagnosis;
 pub mod discovery;
 pub mod driver;
 pub mod ethernet;
@@ -150,9 +148,6 @@ mod fraction;
 pub mod guides;
 pub mod hal;
 pub mod hostmot2;
-pub mod inventory;
-pub mod lbp;
-pub mod lbp16;
 pub mod modules;
 pub mod remote;
 mod rounded;
@@ -160,9 +155,6 @@ mod rounded;
 pub mod runner;
 #[cfg(feature = "serde")]
 mod serial_form;
-pub mod setup;
-#[cfg(feature = "std")]
-pub mod sim;
 pub mod sslbp;
 mod tally;
 #[cfg(feature = "std")]
@@ -170,14 +162,13 @@ pub mod transport;
 
 pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
+pub use mesa_wire::{lbp, lbp16};
 pub use driver::{Board, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 pub use rounded::Rounded;
-#[cfg(feature = "std")]
-pub use sim::SimFpga;
 #[cfg(feature = "std")]
 pub use transport::udp::{UdpBus, UdpConfig};
 

@@ -1,0 +1,331 @@
+//! `mesa doctor`: what may keep a machine from running well, each with its figure, a verdict and what to
+//! do.
+
+mod report;
+
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_tools::diagnosis::{self, Finding, Host, RoundTrips, Verdict, board, computer, network};
+use mesa_hal::ethernet::EthernetBoard;
+use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::modules::watchdog::WatchdogRegisters;
+use mesa_hal::transport::network::Network;
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::{BoardState, Driver, Settings};
+use serde::Serialize;
+
+use crate::consent::Asks;
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::output::complain;
+use crate::running;
+use crate::target::{Found, Target};
+use crate::words;
+
+const AFTER_HELP: &str = "\
+It reads this computer's files and asks the board. Then it starts the machine with all outputs
+off, to see its remotes, their faults and their field power; with --passive it leaves that out.
+Exits with 1 if anything is bad.
+
+Example:
+  mesa doctor --addr 10.10.10.10 --period 1000 --passive";
+
+/// What may keep a machine from running well, and what to do
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Doctor {
+    #[command(flatten)]
+    target: Target,
+    /// The period that the machine shall run with, in microseconds, 100 to 10000
+    #[arg(long, value_name = "MICROSECONDS", default_value_t = 1000,
+        value_parser = clap::value_parser!(u64).range(100..=10_000))]
+    period: u64,
+    /// How many questions the board is asked, one in each period, 10 to 100000
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=100_000))]
+    exchanges: u32,
+    /// Leave the machine as it is: nothing is started
+    #[arg(long)]
+    passive: bool,
+    /// Gather in FILE, as JSON, what would confirm on a real board what the documents of this program
+    /// list as not confirmed on hardware. Nothing is written to a memory; remotes are asked unless
+    /// --passive is given
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    asks: Asks,
+    /// Where this computer's /proc and /sys are
+    #[arg(long, value_name = "DIRECTORY", default_value = "/", hide = true)]
+    root: PathBuf,
+}
+
+/// What was found.
+#[derive(Debug, Serialize)]
+struct Diagnosis {
+    address: String,
+    /// The worst of all.
+    verdict: Verdict,
+    findings: Vec<Finding>,
+}
+
+/// Cycles that a started machine runs for: longer than a remote needs to report a fault.
+const CYCLES: Duration = Duration::from_millis(300);
+
+impl Doctor {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let found = self.target.find()?;
+        if !self.passive {
+            let what = format!(
+                "{}: starts the machine with all outputs off, and stops it again (not with --passive)",
+                found.address
+            );
+            // It is opened after that, and what is found then is a finding.
+            self.asks.consent(context, &what, None)?;
+        }
+        if let Some(path) = &self.report {
+            self.asks.replaces(context, path)?;
+        }
+        let address = *found.address.ip();
+        let here = Network::below(&self.root).unwrap_or_default();
+        let host = Host::below(&self.root);
+        let mut findings = vec![network::way(&here, address)];
+        self.look_at_the_board(context, &found, &mut findings);
+        let mut gathered = Ok(());
+        if let Some(path) = self
+            .report
+            .as_ref()
+            .filter(|_| context.stop.signal().is_none())
+        {
+            gathered = self.gather(context, &found, path);
+        }
+        findings.extend(computer::all(&host, network::interface(&here, address)));
+        for finding in &mut findings {
+            finding.figure = words::typed(&finding.figure);
+        }
+        let verdict = diagnosis::worst(&findings);
+        if let Some(signal) = context.stop.signal() {
+            complain(format_args!(
+                "mesa: ended by {signal}; nothing was left running, and not all was looked at"
+            ));
+        }
+        context.print(&Diagnosis {
+            address: found.address.to_string(),
+            verdict,
+            findings,
+        })?;
+        gathered?;
+        Ok(match context.ending() {
+            Ending::Done if verdict == Verdict::Bad => Ending::Refused,
+            ending => ending,
+        })
+    }
+
+    /// The report.
+    fn gather(&self, context: &Context, found: &Found, path: &Path) -> Result<(), Failure> {
+        let mut bus = found.open()?;
+        let address = found.address.to_string();
+        let report = report::gather(&mut bus, address, &context.stop, !self.passive)?;
+        files::write(path, serde_json::to_string_pretty(&report)?.as_bytes())?;
+        let (answered, all) = report.answered();
+        complain(format_args!(
+            "mesa: {}: {answered} of {all} questions that are not confirmed are answered by this board",
+            path.display()
+        ));
+        Ok(())
+    }
+
+    fn period(&self) -> Duration {
+        Duration::from_micros(self.period)
+    }
+
+    /// What the board itself tells; what goes wrong is a finding too.
+    fn look_at_the_board(&self, context: &Context, found: &Found, findings: &mut Vec<Finding>) {
+        let bad = |check: &str, error: Failure| {
+            let advice = "mend that first, and run this again";
+            Finding::new(Verdict::Bad, check, error.to_string(), advice)
+        };
+        let mut bus = match found.open() {
+            Ok(bus) => bus,
+            Err(error) => {
+                findings.push(bad("board", error));
+                return;
+            }
+        };
+        let asked = self.ask(context, &mut bus, findings);
+        let mut alone = running::check_alone(&bus);
+        // The deadline of a question is not that of a cycle.
+        drop(bus);
+        if let Err(error) = asked {
+            findings.push(bad("board", error));
+        } else if !self.passive && context.stop.signal().is_none() {
+            let started = found.open_with(UdpConfig::default());
+            let started = started.and_then(|bus| self.start(context, bus, findings));
+            match started {
+                Ok(during) => alone = alone.and(during),
+                Err(error) => findings.push(bad("start of the machine", error)),
+            }
+        }
+        findings.push(match alone {
+            Ok(()) => Finding::good(
+                "second master",
+                "nobody sends as much as 100 packets a second",
+            ),
+            Err(error) => bad("second master", error),
+        });
+    }
+
+    /// What can be read without changing anything.
+    fn ask(
+        &self,
+        context: &Context,
+        bus: &mut UdpBus,
+        findings: &mut Vec<Finding>,
+    ) -> Result<(), Failure> {
+        let mut board = EthernetBoard::new(bus);
+        findings.push(board::firmware(&board.identity()?));
+        findings.push(board::errors(&board.counters()?));
+        let firmware = HostMot2::identify(bus)?;
+        findings.push(bite(bus, &firmware)?);
+        let go_on = || context.stop.signal().is_none();
+        let trips = RoundTrips::measure(bus, self.exchanges, self.period(), go_on)?;
+        findings.extend(board::round_trips(&trips, self.period()));
+        Ok(())
+    }
+
+    /// Runs the machine for a moment, with nothing set, and looks at its remotes; whether nobody else
+    /// drove it meanwhile.
+    fn start(
+        &self,
+        context: &Context,
+        bus: UdpBus,
+        findings: &mut Vec<Finding>,
+    ) -> Result<Result<(), Failure>, Failure> {
+        let settings = Settings {
+            period: self.period(),
+            ..Settings::default()
+        };
+        let watchdog = settings.watchdog_time();
+        let mut driver = running::start(bus, settings)?;
+        if let Err(error) = driver.prove_watchdogs() {
+            findings.push(Finding::new(
+                Verdict::Unknown,
+                "remotes: whether their watchdogs bite",
+                error.to_string(),
+                "mend that first, and run this again",
+            ));
+        }
+        let (cycles, failed) = self.cycle(context, &mut driver);
+        findings.extend(judge(&driver, self.period(), watchdog, (cycles, failed)));
+        let (bus, stopped) = driver.shutdown();
+        stopped?;
+        complain("mesa: the machine is stopped; no output was ever on");
+        Ok(running::check_alone(&bus))
+    }
+
+    /// Cycles, and those that brought nothing.
+    fn cycle(&self, context: &Context, driver: &mut Driver<UdpBus>) -> (u32, u32) {
+        let begun = driver.bus_mut().now();
+        let (mut cycles, mut failed) = (0, 0);
+        while driver.bus_mut().now().since(begun) < CYCLES && context.stop.signal().is_none() {
+            let start = driver.bus_mut().now();
+            let is_good = driver.read().is_ok() & driver.write().is_ok();
+            cycles += 1;
+            failed += u32::from(!is_good);
+            let bus = driver.bus_mut();
+            let left = start.after(self.period()).since(bus.now());
+            bus.wait(left);
+        }
+        (cycles, failed)
+    }
+}
+
+/// What a machine tells that has run for a moment.
+fn judge(
+    driver: &Driver<UdpBus>,
+    period: Duration,
+    watchdog: Duration,
+    (cycles, failed): (u32, u32),
+) -> Vec<Finding> {
+    let figure = format!("{failed} of {cycles} failed");
+    let mut findings = vec![
+        if failed == 0 && driver.board_state() == BoardState::Running {
+            Finding::good("cycles", figure)
+        } else {
+            let figure = match running::trouble(driver.board_state()) {
+                Some(trouble) => format!("{figure}; {trouble}"),
+                None => figure,
+            };
+            Finding::new(
+                Verdict::Look,
+                "cycles",
+                figure,
+                "see packet loss and latency",
+            )
+        },
+    ];
+    findings.push(board::watchdog("board: watchdog", Some(watchdog), period));
+    for port in driver.ports() {
+        let layout = port.layout();
+        for channel in 0..layout.channels {
+            let place = format!("port {}, channel {channel}", layout.instance);
+            let remote = driver.remote(layout.instance, channel);
+            findings.extend(
+                remote
+                    .iter()
+                    .flat_map(|remote| board::remote(&place, remote, period)),
+            );
+        }
+    }
+    findings.extend(driver.missing().iter().map(board::missing));
+    findings.extend(driver.remarks().iter().map(board::odd));
+    findings
+}
+
+/// Whether the board's watchdog has bitten since it was last seen to.
+fn bite(bus: &mut UdpBus, firmware: &HostMot2) -> Result<Finding, Failure> {
+    let registers = WatchdogRegisters::locate(firmware)?;
+    let status = bus.read(registers.status)?;
+    if status & WatchdogRegisters::HAS_BIT == 0 {
+        return Ok(Finding::good(
+            "board: watchdog bites",
+            "none since it was last set up",
+        ));
+    }
+    Ok(Finding::new(
+        Verdict::Look,
+        "board: watchdog bites",
+        "it has bitten since it was last set up",
+        "normal after a program that ended; in a machine that ran, packets were lost or the program hung",
+    ))
+}
+
+impl Display for Diagnosis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {}", self.address, word(self.verdict))?;
+        for finding in &self.findings {
+            let Finding {
+                check,
+                figure,
+                verdict,
+                advice,
+            } = finding;
+            writeln!(f, "{:<8} {check}: {figure}", word(*verdict))?;
+            if let Some(advice) = advice {
+                writeln!(f, "         -> {advice}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Ok => "ok",
+        Verdict::Unknown => "unknown",
+        Verdict::Look => "look",
+        Verdict::Bad => "BAD",
+    }
+}

@@ -1,0 +1,228 @@
+//! `mesa doctor --report`: what would confirm on a real board what the documents list as not confirmed.
+
+use std::collections::BTreeMap;
+
+use mesa_hal::ethernet::{EthernetBoard, Identity};
+use mesa_tools::inventory::{self, Data, Found, Inventory};
+use mesa_hal::lbp16::Space;
+use mesa_hal::runner::Stop;
+use mesa_hal::transport::udp::UdpBus;
+use serde::Serialize;
+
+use crate::context::Failure;
+
+/// Everything that was gathered.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    mesa: &'static str,
+    address: String,
+    identity: Identity,
+    memory: Vec<Memory>,
+    remotes: Vec<Remote>,
+    questions: Vec<Question>,
+}
+
+/// Registers as they are.
+#[derive(Debug, Serialize)]
+struct Memory {
+    space: u8,
+    address: u16,
+    values: Vec<u32>,
+}
+
+/// A remote's own words on its process data.
+#[derive(Debug, Serialize)]
+struct Remote {
+    port: u8,
+    channel: u8,
+    name: String,
+    unit_number: String,
+    software_mode: u8,
+    records: Vec<Data>,
+}
+
+/// Something that no manual says.
+#[derive(Debug, Serialize)]
+struct Question {
+    /// Where it stands.
+    stands_in: &'static str,
+    not_confirmed: &'static str,
+    /// What decides it.
+    decided_by: &'static str,
+    /// What was found of that; nothing if the card is not there.
+    found: Vec<String>,
+}
+
+/// What decides a question about a card: its name, the top byte of its unit number if that matters, the
+/// software mode, and what the names of the records begin with.
+struct Decider {
+    stands_in: &'static str,
+    not_confirmed: &'static str,
+    decided_by: &'static str,
+    card: &'static str,
+    class: Option<u32>,
+    mode: u8,
+    records: &'static str,
+}
+
+/// `docs/gateware.md`, whatever is not confirmed there.
+const DECIDERS: [Decider; 3] = [
+    Decider {
+        stands_in: "FACTS 8.2",
+        not_confirmed: "the 8 bits of the counters Enc0 and Enc1 of a 7I77's field I/O",
+        decided_by: "bits of the records Enc0 and Enc1 in software mode 3",
+        card: "7I77",
+        class: Some(0x12),
+        mode: 3,
+        records: "Enc",
+    },
+    Decider {
+        stands_in: "FACTS 8.3",
+        not_confirmed: "type and limits of the analog outputs of a 7I77",
+        decided_by: "data type, minimum and maximum of the records AnalogOut0 to AnalogOut5",
+        card: "7I77",
+        class: Some(0x11),
+        mode: 0,
+        records: "AnalogOut",
+    },
+    Decider {
+        stands_in: "FACTS 8.4",
+        not_confirmed: "the scale of a 7I72's FieldVoltage",
+        decided_by: "bits, minimum and maximum of the record FieldVoltage in software mode 1",
+        card: "7I72",
+        class: None,
+        mode: 1,
+        records: "FieldVoltage",
+    },
+];
+
+/// Reads what tells; nothing is kept by board or remotes. Without `remotes` these are left alone.
+pub fn gather(
+    bus: &mut UdpBus,
+    address: String,
+    stop: &Stop,
+    remotes: bool,
+) -> Result<Report, Failure> {
+    let mut board = EthernetBoard::new(bus);
+    let identity = board.identity()?;
+    let mut memory = Vec::new();
+    for (space, address, count) in [
+        (Space::HostMot2, 0x0100, 4),
+        // The IDROM, up to the watchdog.
+        (Space::HostMot2, 0x0400, 512),
+        (Space::Eeprom, 0, 64),
+        (Space::Control, 0, 16),
+        (Space::ReadOnly, 0, 16),
+    ] {
+        memory.push(Memory {
+            space: space as u8,
+            address,
+            values: board.peek(space, address, count)?,
+        });
+    }
+    let inventories = if remotes {
+        inventories(bus, stop)?
+    } else {
+        Vec::new()
+    };
+    let remotes: Vec<Remote> = inventories.iter().flat_map(Remote::all).collect();
+    let mut questions: Vec<Question> = DECIDERS
+        .iter()
+        .map(|decider| decider.question(&remotes))
+        .collect();
+    questions.push(Question {
+        stands_in: "ethernet::AddressSource",
+        not_confirmed: "which bits of the jumpers' word are which jumper",
+        decided_by: "that word, beside the jumpers as they are set and the address that it answers at",
+        found: vec![format!("0x{:04X} at {address}", identity.jumpers)],
+    });
+    Ok(Report {
+        mesa: env!("CARGO_PKG_VERSION"),
+        address,
+        identity,
+        memory,
+        remotes,
+        questions,
+    })
+}
+
+impl Report {
+    /// Questions that were answered, and all.
+    pub fn answered(&self) -> (usize, usize) {
+        let answered = self.questions.iter().filter(|one| !one.found.is_empty());
+        (answered.count(), self.questions.len())
+    }
+}
+
+/// The inventory in software mode 0, and in those that decide something.
+fn inventories(bus: &mut UdpBus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
+    let mut take = |modes: &BTreeMap<(u8, u8), u8>| {
+        let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
+        taken.map_err(Failure::refused)
+    };
+    let first = take(&BTreeMap::new())?;
+    let wanted = |remote: Remote| {
+        let mut deciders = DECIDERS.iter();
+        let decider = deciders.find(|decider| decider.mode > 0 && decider.is_for(&remote));
+        decider.map(|decider| ((remote.port, remote.channel), decider.mode))
+    };
+    let modes: BTreeMap<_, _> = Remote::all(&first).filter_map(wanted).collect();
+    let mut all = vec![first];
+    if !modes.is_empty() {
+        all.push(take(&modes)?);
+    }
+    Ok(all)
+}
+
+impl Remote {
+    fn all(inventory: &Inventory) -> impl Iterator<Item = Self> {
+        inventory.serial_ports.iter().flat_map(|port| {
+            port.channels.iter().filter_map(|channel| {
+                let Found::Remote(remote) = &channel.found else {
+                    return None;
+                };
+                let records = remote.process_data.iter();
+                Some(Self {
+                    port: port.port,
+                    channel: channel.channel,
+                    name: remote.name.clone(),
+                    unit_number: format!("0x{:08X}", remote.unit_number),
+                    software_mode: remote.software_mode,
+                    records: records.map(|element| element.data.clone()).collect(),
+                })
+            })
+        })
+    }
+}
+
+impl Decider {
+    fn is_for(&self, remote: &Remote) -> bool {
+        let class = |class: u32| remote.unit_number.starts_with(&format!("0x{class:02X}"));
+        remote.name.starts_with(self.card) && self.class.is_none_or(class)
+    }
+
+    fn question(&self, remotes: &[Remote]) -> Question {
+        let its = remotes.iter().filter(|remote| self.is_for(remote));
+        let its = its.filter(|remote| remote.software_mode == self.mode);
+        let records = its.flat_map(|remote| &remote.records);
+        let records = records.filter(|record| record.name.starts_with(self.records));
+        let found = records.map(|record| {
+            let Data {
+                name,
+                bits,
+                data_type,
+                min,
+                max,
+                unit,
+                ..
+            } = record;
+            format!("{name}: {data_type}, {bits} bits, {min} to {max} {unit}")
+        });
+        Question {
+            stands_in: self.stands_in,
+            not_confirmed: self.not_confirmed,
+            decided_by: self.decided_by,
+            found: found.collect(),
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! The program for this crate.
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+use super::machine::{Joint, Machine, remark};
+use mesa_hal::hal::{HalType, PinInfo, Role};
+
+/// A program that runs the cycle with a handle for each pin, and enables no drive.
+pub fn program(machine: &Machine) -> String {
+    let Machine { board, address, .. } = machine;
+    let (address, simulated) = match address {
+        Some(address) => (address.to_string(), ""),
+        None => (
+            "10.10.10.10:27181".to_owned(),
+            " TODO: a simulated board was looked at.",
+        ),
+    };
+    let joints: Vec<_> = machine
+        .joints
+        .iter()
+        .filter(|it| it.enable.is_some())
+        .collect();
+    let others: Vec<_> = machine
+        .pins
+        .iter()
+        .filter(|pin| !is_of(&joints, pin))
+        .collect();
+    let mut used: BTreeSet<&str> = others.iter().map(|pin| kind(pin)).collect();
+    used.extend(["Driver", "Pins", "Settings", "UdpBus", "UdpConfig"]);
+    if !joints.is_empty() {
+        used.extend(["Counter", "Output"]);
+    }
+    let used: Vec<_> = used.into_iter().collect();
+    let used = used.join(", ");
+    let mut text = format!(
+        "//! A controller on {board}, to begin with. Written by `mesa hal`: it enables no drive.\n//!\n\
+         //! In Cargo.toml: `mesa-hal = {{ version = \"0.1\", features = [\"realtime\"] }}`.\n\n\
+         use std::error::Error;\nuse std::ops::ControlFlow::Continue;\nuse std::process::ExitCode;\n\n\
+         use mesa_hal::hal::PinError;\nuse mesa_hal::runner::{{Runner, Stop}};\n\
+         use mesa_hal::{{used}};
+\n\n\
+         /// The board, unless an argument names another.{simulated}\n\
+         const BOARD: &str = \"{address}\";\n\n"
+    );
+    text.push_str(&types(machine, &joints, &others));
+    text.push_str(&find(machine, &joints, &others));
+    text.push_str(&control(&joints));
+    text.push_str(&main(machine));
+    text
+}
+
+fn is_of(joints: &[&Joint], pin: &PinInfo) -> bool {
+    joints.iter().any(|joint| {
+        let module = pin.name.rsplit_once('.').map(|(module, _)| module);
+        let is_encoder = module == Some(&*joint.encoder) && !pin.name.ends_with(".velocity");
+        is_encoder || joint.volts == pin.name || joint.enable.as_ref() == Some(&pin.name)
+    })
+}
+
+/// What the machine has.
+fn types(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
+    let mut text = String::new();
+    if !joints.is_empty() {
+        text.push_str(
+            "/// A servo axis.\n#[derive(Clone, Copy, Debug)]\nstruct Joint {\n    \
+             encoder: Counter,\n    /// In volts; 0 V while the drive is not enabled.\n    \
+             volts: Output<f64>,\n    /// Turns the drive on, and all that share it.\n    \
+             #[allow(dead_code, reason = \"nothing enables a drive yet\")]\n    \
+             enable: Output<bool>,\n}\n\n",
+        );
+    }
+    text.push_str(
+        "/// What the machine has.\n#[derive(Debug)]\n\
+         #[allow(dead_code, reason = \"take out what is not used\")]\nstruct Machine {\n",
+    );
+    if !joints.is_empty() {
+        let _ = writeln!(text, "    joints: [Joint; {}],", joints.len());
+    }
+    for pin in others {
+        let remark = match &*remark(pin) {
+            "" => machine.own(&pin.name).to_owned(),
+            remark => remark.to_owned(),
+        };
+        let field = field(machine, pin);
+        let _ = writeln!(text, "    /// {remark}.\n    {field}: {},", handle(pin));
+    }
+    text + "}\n\n"
+}
+
+/// Where it has it.
+fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
+    let mut text =
+        "impl Machine {\n    #[allow(clippy::too_many_lines, reason = \"a line for each pin\")]\n    fn find(pins: &Pins) -> Result<Self, PinError> {\n".to_owned();
+    if !joints.is_empty() {
+        text.push_str(
+            "        let joint = |encoder: &str, volts: &str, enable: &str| {\n            \
+             Ok(Joint {\n                encoder: Counter::find(pins, encoder)?,\n                \
+             volts: pins.output(volts)?,\n                enable: pins.output(enable)?,\n            \
+             })\n        };\n",
+        );
+    }
+    text.push_str("        Ok(Self {\n");
+    if !joints.is_empty() {
+        text.push_str("            joints: [\n");
+        for Joint {
+            encoder,
+            volts,
+            enable,
+        } in joints
+        {
+            let indent = " ".repeat(20);
+            let _ = writeln!(
+                text,
+                "                joint(\n{indent}\"{encoder}\",\n{indent}\"{volts}\",\n\
+                 {indent}\"{}\",\n                )?,",
+                enable.as_deref().unwrap_or_default()
+            );
+        }
+        text.push_str("            ],\n");
+    }
+    for pin in others {
+        let how = kind(pin).to_lowercase();
+        let (field, name) = (field(machine, pin), &pin.name);
+        let _ = writeln!(text, "            {field}: pins.{how}(\"{name}\")?,");
+    }
+    text + "        })\n    }\n\n"
+}
+
+/// What it does.
+fn control(joints: &[&Joint]) -> String {
+    let (servo, loops) = if joints.is_empty() {
+        ("", "        // TODO\n        let _ = may_move;\n")
+    } else {
+        (
+            "/// The servo loop of an axis: volts for where it is, in counts while `encoder.scale` is 1. TODO\n\
+             fn servo(_position: f64) -> f64 {\n    0.0\n}\n\n",
+            "        for joint in self.joints {\n            \
+             let position = joint.encoder.read(pins).ok().filter(|_| may_move);\n            \
+             pins.set(joint.volts, position.map_or(0.0, servo));\n            \
+             // TODO: when the emergency stop was tried, and every axis counts the way it is driven:\n            \
+             // pins.set(joint.enable, may_move);\n        }\n",
+        )
+    };
+    format!(
+        "    /// One cycle: inputs have been read, outputs are written after it.\n    \
+         fn control(&self, pins: &mut Pins) {{\n        \
+         let may_move = may_move(self, pins);\n{loops}    }}\n}}\n\n\
+         /// Whether anything may move. TODO: the input of the emergency stop. One that is not valid is\n\
+         /// pressed: `pins.read(machine.INPUT).ok() == Some(true)`.\n\
+         fn may_move(_machine: &Machine, _pins: &Pins) -> bool {{\n    false\n}}\n\n{servo}"
+    )
+}
+
+fn main(machine: &Machine) -> String {
+    let ports = machine.ports.iter();
+    let ports = ports.map(|(port, modes)| format!("({port}, \"{modes}\".parse()?)"));
+    let ports: Vec<_> = ports.collect();
+    let ports = if ports.is_empty() {
+        "        ..Settings::default()\n".to_owned()
+    } else {
+        let ports = ports.join(", ");
+        format!("        serial_ports: [{ports}].into(),\n        ..Settings::default()\n")
+    };
+    format!(
+        "fn main() -> Result<ExitCode, Box<dyn Error>> {{\n    \
+         let address = std::env::args().nth(1);\n    \
+         let address = address.as_deref().unwrap_or(BOARD).parse()?;\n    \
+         let settings = Settings {{\n{ports}    }};\n    \
+         let driver = Driver::start(UdpBus::connect(address, UdpConfig::default())?, settings)?;\n    \
+         for missing in driver.missing() {{\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
+         let machine = Machine::find(driver.pins())?;\n    \
+         let events = driver.events();\n    \
+         eprintln!(\"{{}} runs; Ctrl-C ends it\", driver.name());\n    \
+         let runner = Runner::new(driver).stop_on(Stop::on_signals()?);\n    \
+         let ended = runner.run(|cycle| {{\n        \
+         machine.control(cycle.pins_mut());\n        Continue(())\n    }});\n    \
+         for event in events {{\n        eprintln!(\"{{event}}\");\n    }}\n    \
+         ended.stopped?;\n    \
+         Ok(match ended.signal {{\n        Some(signal) => signal.exit_code(),\n        \
+         None => ExitCode::SUCCESS,\n    }})\n}}\n"
+    )
+}
+
+/// An identifier for a pin.
+fn field(machine: &Machine, pin: &PinInfo) -> String {
+    let name = machine.own(&pin.name).to_lowercase();
+    let name = name.replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    if name.starts_with(|c: char| c.is_ascii_digit()) {
+        format!("i{name}")
+    } else {
+        name
+    }
+}
+
+fn kind(pin: &PinInfo) -> &'static str {
+    match pin.role {
+        Role::Input => "Input",
+        Role::InOut => "InOut",
+        _ => "Output",
+    }
+}
+
+fn handle(pin: &PinInfo) -> String {
+    let value = match pin.hal_type {
+        HalType::Bit => "bool",
+        HalType::S32 => "i32",
+        HalType::U32 => "u32",
+        HalType::S64 => "i64",
+        HalType::U64 => "u64",
+        HalType::Float => "f64",
+    };
+    format!("{}<{value}>", kind(pin))
+}

@@ -1,0 +1,103 @@
+//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their remotes
+//! with modes, process data and parameters.
+
+mod text;
+
+use std::collections::BTreeMap;
+
+use clap::Args;
+use mesa_hal::ethernet::EthernetBoard;
+use mesa_tools::inventory::{self, Ethernet, Inventory};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::modes::Modes;
+use crate::output::complain;
+use crate::target::Target;
+
+const AFTER_HELP: &str = "\
+It stops the serial ports and turns all pins into inputs: not for a machine that is running. A
+board that another program drives is left alone. SIGINT (Ctrl-C) and SIGTERM end it between two
+ports, and leave the ports stopped.
+
+Example:
+  mesa info --addr 10.10.10.10 --mode 0.0=2";
+
+/// What a board is, and what is plugged into it
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Info {
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    modes: Modes,
+}
+
+/// What was found.
+#[derive(Debug, Serialize)]
+#[serde(transparent)]
+struct Found(Inventory);
+
+impl Info {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let at = |error: &dyn std::error::Error| {
+            Failure::refused(format_args!("{}: {error}", found.address))
+        };
+        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+        let modes = self.modes.by_channel();
+        let goes_on = || context.stop.signal().is_none();
+        let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
+        let mut inventory = Found(inventory.map_err(|e| at(&e))?);
+        let wrong = inventory.check_modes(&modes);
+        if context.stop.signal().is_none() {
+            let findings = &mut inventory.0.findings;
+            // What runs in another mode says so itself.
+            let is_said = findings.iter().any(|text| text.contains("software mode"));
+            let unsaid = wrong.iter().filter(|_| !is_said);
+            findings.extend(unsaid.cloned());
+        }
+        context.print(&inventory)?;
+        if let Some(signal) = context.stop.signal() {
+            complain(format_args!(
+                "mesa: ended by {signal}; the inventory is not complete"
+            ));
+        } else if !wrong.is_empty() {
+            return Err(Failure::refused(wrong.join("\n")));
+        }
+        Ok(context.ending())
+    }
+}
+
+impl Found {
+    /// Which remotes that were to be started in a mode do not run in it, or do not have it.
+    fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Vec<String> {
+        let modes = modes.iter();
+        modes
+            .filter_map(|(&place, &mode)| self.check_mode(place, mode))
+            .collect()
+    }
+
+    fn check_mode(&self, (port, channel): (u8, u8), mode: u8) -> Option<String> {
+        let place = format!("port {port}, channel {channel}");
+        let mut remotes = self.0.remotes();
+        let found = remotes.find(|found| (found.0, found.1) == (port, channel));
+        let Some((_, _, remote)) = found else {
+            return Some(format!("{place}: nothing started in software mode {mode}"));
+        };
+        let modes = remote.modes.iter();
+        let known: Vec<_> = modes.filter(|known| known.set_by == "software").collect();
+        if known.is_empty() || known.iter().any(|known| known.index == mode) {
+            return None;
+        }
+        let texts = known
+            .iter()
+            .map(|known| format!("{} ({})", known.index, known.name));
+        Some(format!(
+            "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
+            remote.name,
+            texts.collect::<Vec<_>>().join(", ")
+        ))
+    }
+}

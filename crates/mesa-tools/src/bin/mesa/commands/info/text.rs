@@ -1,0 +1,253 @@
+//! The inventory for people.
+
+use std::fmt::{self, Display, Formatter};
+
+use mesa_hal::ethernet::LedMode;
+use mesa_tools::inventory::{
+    Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, Pin, PinDirection, Remote,
+    SerialPort,
+};
+use mesa_hal::remote::Scaling;
+
+use super::Found;
+
+impl Display for Found {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let inventory = &self.0;
+        writeln!(f, "{}", inventory.judgement())?;
+        for finding in &inventory.findings {
+            writeln!(f, "  {finding}")?;
+        }
+        writeln!(f)?;
+        if let Some(ethernet) = &inventory.ethernet {
+            print_ethernet(f, ethernet)?;
+        }
+        print_firmware(f, &inventory.firmware)?;
+        inventory
+            .serial_ports
+            .iter()
+            .try_for_each(|port| print_port(f, port))
+    }
+}
+
+fn print_ethernet(f: &mut Formatter<'_>, ethernet: &Ethernet) -> fmt::Result {
+    let (identity, counters) = (&ethernet.identity, &ethernet.counters);
+    writeln!(f, "Ethernet board {}", identity.card)?;
+    writeln!(f, "  MAC          {}", identity.mac)?;
+    let source = identity.address_from.of_card(&identity.card);
+    writeln!(f, "  IP address   {source}")?;
+    writeln!(f, "  EEPROM IP    {}", identity.eeprom_ip)?;
+    if let Some(netmask) = identity.eeprom_netmask {
+        writeln!(f, "  EEPROM mask  {netmask}")?;
+    }
+    writeln!(f, "  LBP version  {}", identity.lbp_version)?;
+    writeln!(f, "  Firmware     {}", identity.firmware_version)?;
+    writeln!(f, "  Jumpers      0x{:04X}", identity.jumpers)?;
+    let (now, later) = (leds(ethernet.leds), leds(ethernet.leds_at_start));
+    writeln!(f, "  LEDs         {now}; after a restart {later}")?;
+    writeln!(
+        f,
+        "  Packets      {} received, {} of them damaged; {} sent, {} failed",
+        counters.received, counters.received_bad, counters.sent, counters.sent_bad
+    )?;
+    writeln!(
+        f,
+        "  Errors       {} parse, {} memory, {} write",
+        counters.parse_errors, counters.memory_errors, counters.write_errors
+    )?;
+    for memory in &ethernet.memory {
+        let access = if memory.writable { "" } else { ", read only" };
+        writeln!(
+            f,
+            "  Space {}      {}, {} bytes{access}",
+            memory.space, memory.name, memory.bytes
+        )?;
+    }
+    writeln!(f)
+}
+
+fn leds(mode: LedMode) -> &'static str {
+    match mode {
+        LedMode::HostMot2 => "show HostMot2's LED pins",
+        LedMode::Debug => "count packets (debug)",
+    }
+}
+
+fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
+    let mhz = |hz: u32| f64::from(hz) / 1e6;
+    writeln!(
+        f,
+        "HostMot2 firmware for {}: {} I/O pins on {} connectors, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
+        firmware.board,
+        firmware.io_pins,
+        firmware.connectors,
+        mhz(firmware.clock_low_hz),
+        mhz(firmware.clock_high_hz),
+    )?;
+    writeln!(f, "\nModules")?;
+    writeln!(
+        f,
+        "  {:<28} {:>7} {:>9}   base    clock",
+        "", "version", "instances"
+    )?;
+    for module in &firmware.modules {
+        writeln!(
+            f,
+            "  {:<28} {:>7} {:>9}   0x{:04X}  {:.3} MHz",
+            module.module,
+            module.version,
+            module.instances,
+            module.base,
+            mhz(module.clock_hz),
+        )?;
+    }
+    if !firmware.trailing.is_empty() {
+        writeln!(
+            f,
+            "  and behind their end: {}",
+            firmware.trailing.join("; ")
+        )?;
+    }
+    writeln!(f, "\nI/O pins")?;
+    print_pins(f, &firmware.pins)?;
+    if firmware.local_pins.is_empty() {
+        return Ok(());
+    }
+    writeln!(f, "\nLocal I/O pins, which end on the board")?;
+    print_pins(f, &firmware.local_pins)
+}
+
+fn print_pins(f: &mut Formatter<'_>, pins: &[Pin]) -> fmt::Result {
+    for pin in pins {
+        let way = match pin.direction {
+            PinDirection::Out => "out",
+            PinDirection::In => "in",
+            PinDirection::Either => "in/out",
+        };
+        let line = format!(
+            "  {:>3}  {way:<6}  {:<24} {}",
+            pin.number, pin.function, pin.terminals,
+        );
+        writeln!(f, "{}", line.trim_end())?;
+    }
+    Ok(())
+}
+
+fn print_port(f: &mut Formatter<'_>, port: &SerialPort) -> fmt::Result {
+    writeln!(
+        f,
+        "\nSmart serial port {}: SSLBP {}, {} channels, clock {:.3} MHz",
+        port.port,
+        port.sslbp,
+        port.channels.len(),
+        f64::from(port.clock_hz) / 1e6,
+    )?;
+    port.channels
+        .iter()
+        .try_for_each(|channel| print_channel(f, channel))
+}
+
+fn print_channel(f: &mut Formatter<'_>, channel: &Channel) -> fmt::Result {
+    let number = channel.channel;
+    match &channel.found {
+        OnChannel::Remote(remote) => print_remote(f, number, remote),
+        OnChannel::NotStarted(reason) => {
+            writeln!(f, "\n  Channel {number}: nothing started: {reason}")
+        }
+    }
+}
+
+fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &Remote) -> fmt::Result {
+    let title = remote
+        .known_as
+        .map(|title| format!(" ({title})"))
+        .unwrap_or_default();
+    writeln!(
+        f,
+        "\n  Channel {channel}: {}{title}, unit number 0x{:08X}, software mode {}, RX {} TX {} bytes",
+        remote.name, remote.unit_number, remote.software_mode, remote.rx_size, remote.tx_size,
+    )?;
+    if remote.built_in_table {
+        writeln!(
+            f,
+            "    has no discovery of its own; this is the built-in table"
+        )?;
+    } else {
+        let faults = if remote.faults.is_empty() {
+            "none".to_owned()
+        } else {
+            remote.faults.join(", ")
+        };
+        writeln!(f, "    faults: {faults}")?;
+    }
+    for mode in &remote.modes {
+        let is_current = mode.set_by == "software" && mode.index == remote.software_mode;
+        let current = if is_current { " (current)" } else { "" };
+        writeln!(
+            f,
+            "    {} mode {}: {}{current}",
+            mode.set_by, mode.index, mode.name
+        )?;
+    }
+    writeln!(f, "    Process data")?;
+    for element in &remote.process_data {
+        print_element(f, element)?;
+    }
+    if !remote.parameters.is_empty() {
+        writeln!(f, "    Parameters")?;
+    }
+    for parameter in &remote.parameters {
+        let what = describe(&parameter.data);
+        match (parameter.value, parameter.raw, &parameter.error) {
+            (Some(value), Some(raw), _) => {
+                writeln!(f, "      {what:<44} = {value} (raw 0x{raw:X})")
+            }
+            (_, _, error) => {
+                let error = error.as_deref().unwrap_or("not read");
+                writeln!(f, "      {what:<44}   {error}")
+            }
+        }?;
+    }
+    for difference in &remote.differences {
+        writeln!(f, "    Differs from the table: {difference}")?;
+    }
+    for problem in &remote.problems {
+        writeln!(f, "    Problem: {problem}")?;
+    }
+    Ok(())
+}
+
+/// An element and where its bits are on the card, several to a line.
+fn print_element(f: &mut Formatter<'_>, element: &Element) -> fmt::Result {
+    writeln!(f, "      {}", describe(&element.data).trim_end())?;
+    let places = element.terminals.iter();
+    let places: Vec<_> = places
+        .map(|at| format!("{} {}", at.place, at.signal))
+        .collect();
+    for line in places.chunks(4) {
+        writeln!(f, "          {}", line.join(", "))?;
+    }
+    Ok(())
+}
+
+fn describe(data: &Data) -> String {
+    let way = match data.direction {
+        "input" => "in",
+        "output" => "out",
+        _ => "in/out",
+    };
+    let (min, max) = (f64::from(data.min), f64::from(data.max));
+    let limits_are_its_bits = [false, true]
+        .map(|signed| Scaling::new(data.bits, signed, min, max))
+        .into_iter()
+        .any(Scaling::is_whole);
+    let range = if data.min < data.max && !limits_are_its_bits {
+        format!(" {}..{}", data.min, data.max)
+    } else {
+        String::new()
+    };
+    format!(
+        "{:<20} {way:<6} {:>3} bits {}{range} {}",
+        data.name, data.bits, data.data_type, data.unit
+    )
+}

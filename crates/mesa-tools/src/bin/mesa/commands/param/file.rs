@@ -1,0 +1,242 @@
+//! `mesa param save` and `mesa param restore`.
+
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use mesa_hal::hal::AnyValue;
+use mesa_tools::setup::{Match, SavedCabinet, SavedValue};
+use serde::Serialize;
+
+use super::{Where, warning};
+use crate::consent::Asks;
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::output::complain;
+
+/// More than any cabinet has.
+const MOST_BYTES: u64 = 4 << 20;
+
+/// Saves what all remotes keep in non-volatile memory
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param save cabinet.toml --addr 10.10.10.10")]
+pub struct Save {
+    /// The file: TOML if its name ends so, else JSON
+    file: PathBuf,
+    #[command(flatten)]
+    asks: Asks,
+    #[command(flatten)]
+    at: Where,
+}
+
+/// Puts back what a file has: refuses one for other cards, writes what differs, reads it back
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param restore cabinet.toml --dry-run --addr 10.10.10.10")]
+pub struct Restore {
+    /// A file of `mesa param save`
+    file: PathBuf,
+    /// Say what differs, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Find the remotes of the file by name and place, not by unit number: for a card that was
+    /// replaced by another of its kind
+    #[arg(long)]
+    by_place: bool,
+    #[command(flatten)]
+    asks: Asks,
+    #[command(flatten)]
+    at: Where,
+}
+
+#[derive(Debug, Serialize)]
+struct Saved {
+    file: PathBuf,
+    remotes: usize,
+    parameters: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Restored {
+    file: PathBuf,
+    dry_run: bool,
+    compared: usize,
+    differences: Vec<Differs>,
+    written: usize,
+    not_in_file: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Differs {
+    place: String,
+    card: String,
+    unit_number: u32,
+    name: String,
+    file: SavedValue,
+    now: SavedValue,
+}
+
+impl Save {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let path = &self.file;
+        self.asks.replaces(context, path)?;
+        let mut cabinet = self.at.cabinet.open()?;
+        let saved = SavedCabinet::take(&mut cabinet)?;
+        let text = if is_toml(path) {
+            toml::to_string_pretty(&saved)?
+        } else {
+            serde_json::to_string_pretty(&saved)? + "\n"
+        };
+        files::write(path, text.as_bytes())?;
+        let parameters = saved.remotes.iter().map(|remote| remote.parameters.len());
+        context.print(&Saved {
+            file: path.clone(),
+            remotes: saved.remotes.len(),
+            parameters: parameters.sum(),
+        })?;
+        Ok(context.ending())
+    }
+}
+
+fn is_toml(path: &Path) -> bool {
+    let extension = path.extension();
+    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+}
+
+impl Restore {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let path = self.file.display();
+        let saved = self.read().map_err(|why| {
+            let why = why.to_string();
+            let why = why.trim_end();
+            Failure::usage(format_args!(
+                "{path}: {why}; give a file of `mesa param save`"
+            ))
+        })?;
+        let mut cabinet = self.at.cabinet.open()?;
+        let by = if self.by_place {
+            Match::Place
+        } else {
+            Match::UnitNumber
+        };
+        let found = saved.compare(&mut cabinet, by);
+        let found = found.map_err(|error| {
+            let hint = if self.by_place { "" } else { " (--by-place)" };
+            Failure::refused(format_args!("{path}: {error}{hint}"))
+        })?;
+        let mut report = Restored {
+            file: self.file.clone(),
+            dry_run: self.dry_run,
+            compared: found.compared,
+            differences: Vec::new(),
+            written: 0,
+            not_in_file: found.not_in_file.iter().map(ToString::to_string).collect(),
+        };
+        for difference in &found.differences {
+            report.differences.push(Differs {
+                place: difference.place.to_string(),
+                card: difference.card.clone(),
+                unit_number: difference.unit_number,
+                name: difference.name.clone(),
+                file: difference.saved,
+                now: difference.now,
+            });
+        }
+        if !self.dry_run && !found.differences.is_empty() {
+            for difference in &report.differences {
+                complain(difference);
+            }
+            let count = found.differences.len();
+            let warnings = found.differences.iter().map(|difference| {
+                let value = AnyValue::from(difference.saved).bits;
+                match warning(&difference.name, value) {
+                    text if text.is_empty() => text,
+                    text => format!(". {}.{}{text}", difference.place, difference.name),
+                }
+            });
+            let warnings: String = warnings.collect();
+            let what = format!(
+                "writes {count} parameters in the non-volatile memory of remotes; they are used from \
+                 the next power-up on{warnings}"
+            );
+            self.asks.consent(context, &what, cabinet.found())?;
+            for difference in &found.differences {
+                if context.stop.signal().is_some() {
+                    break;
+                }
+                difference.restore(&mut cabinet).map_err(|error| {
+                    let written = report.written;
+                    Failure::refused(format_args!("{error}; {written} of {count} were written"))
+                })?;
+                report.written += 1;
+            }
+        }
+        context.print(&report)?;
+        Ok(context.ending())
+    }
+
+    fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
+        let path = &self.file;
+        let bytes = files::bounded(path, MOST_BYTES)?;
+        let text = str::from_utf8(&bytes)?;
+        // As editors of other systems save it.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        Ok(if is_toml(path) {
+            toml::from_str(text)?
+        } else {
+            serde_json::from_str(text)?
+        })
+    }
+}
+
+impl Display for Saved {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            file,
+            remotes,
+            parameters,
+        } = self;
+        let file = file.display();
+        writeln!(f, "{file}: {parameters} parameters of {remotes} remotes")
+    }
+}
+
+impl Display for Restored {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for difference in &self.differences {
+            writeln!(f, "{difference}")?;
+        }
+        for place in &self.not_in_file {
+            writeln!(f, "{place}  is not in the file, and was left alone")?;
+        }
+        let (compared, differ) = (self.compared, self.differences.len());
+        if self.dry_run {
+            writeln!(
+                f,
+                "{compared} compared, {differ} differ, nothing was written"
+            )
+        } else {
+            writeln!(
+                f,
+                "{compared} compared, {differ} differed, {} written and read back",
+                self.written
+            )
+        }
+    }
+}
+
+impl Display for Differs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            place,
+            card,
+            unit_number,
+            name,
+            file,
+            now,
+        } = self;
+        write!(
+            f,
+            "{place}  {card} {unit_number:#010X}  {name}: {now} now, {file} in the file"
+        )
+    }
+}

@@ -1,0 +1,151 @@
+//! `mesa param list`.
+
+use std::fmt::{self, Display};
+
+use clap::Args;
+use mesa_hal::discovery::{DataDirection, DataRecord, DataType};
+use mesa_hal::remote::Scaling;
+use mesa_tools::setup::{Cabinet, SavedValue};
+use serde::Serialize;
+
+use super::{Where, go_on};
+use crate::context::{Context, Ending, Failure};
+
+/// All parameters of all remotes
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param list --sim 7i92-7i77")]
+pub struct List {
+    #[command(flatten)]
+    at: Where,
+}
+
+/// Every remote with its parameters.
+#[derive(Debug, Serialize)]
+struct Remotes {
+    remotes: Vec<OneRemote>,
+}
+
+#[derive(Debug, Serialize)]
+struct OneRemote {
+    place: String,
+    card: String,
+    unit_number: u32,
+    parameters: Vec<Shown>,
+}
+
+/// A parameter as it is shown.
+#[derive(Debug, Serialize)]
+pub struct Shown {
+    pub name: String,
+    /// As LinuxCNC has it: without its scale.
+    pub value: SavedValue,
+    pub hex: String,
+    bits: u8,
+    /// In its unit, where it has a scale.
+    scaled: Option<f64>,
+    unit: String,
+    min: Option<f64>,
+    max: Option<f64>,
+    nonvolatile: bool,
+    writable: bool,
+}
+
+impl Shown {
+    /// A parameter with these bits.
+    pub fn new(record: &DataRecord, raw: u64) -> Self {
+        let digits = usize::from(record.bits.div_ceil(4)) + 2;
+        let (min, max) = (f64::from(record.min), f64::from(record.max));
+        let is_limited = min < max;
+        let has_scale = matches!(record.data_type, DataType::Unsigned | DataType::Signed);
+        let scaling = Some(Scaling::of(record)).filter(|s| has_scale && !s.is_whole());
+        // As a record has it, in 32 bits, the largest number may be rounded up.
+        let largest = record.whole_numbers().filter(|_| scaling.is_none());
+        let max = largest.map_or(max, |numbers| max.min(*numbers.end() as f64));
+        Self {
+            name: record.name.clone(),
+            value: record.typed(raw).into(),
+            hex: format!("{raw:#0digits$X}"),
+            bits: record.bits,
+            scaled: scaling.map(|scaling| scaling.value(raw)),
+            unit: record.unit.clone(),
+            min: is_limited.then_some(min),
+            max: is_limited.then_some(max),
+            nonvolatile: record.data_type.is_nonvolatile(),
+            writable: record.direction != DataDirection::Input,
+        }
+    }
+}
+
+impl List {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let mut cabinet = self.at.cabinet.open()?;
+        let mut remotes = Vec::new();
+        for (place, remote) in cabinet.remotes() {
+            let mut parameters = Vec::new();
+            let records = remote.parameters.iter();
+            for record in records.filter(|record| record.is_readable()) {
+                go_on(context)?;
+                parameters.push(Shown::new(record, cabinet.read(place, &record.name)?));
+            }
+            remotes.push(OneRemote {
+                place: place.to_string(),
+                card: remote.name.to_string(),
+                unit_number: remote.unit_number,
+                parameters,
+            });
+        }
+        context.print(&Remotes { remotes })?;
+        Ok(context.ending())
+    }
+}
+
+impl Display for Remotes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let blank = |index| if index == 0 { "" } else { "\n" };
+        for (index, remote) in self.remotes.iter().enumerate() {
+            let OneRemote {
+                place,
+                card,
+                unit_number,
+                parameters,
+            } = remote;
+            f.write_str(blank(index))?;
+            writeln!(f, "{place}  {card}, unit number {unit_number:#010X}")?;
+            if parameters.is_empty() {
+                writeln!(f, "  no parameters")?;
+            }
+            for parameter in parameters {
+                writeln!(f, "  {parameter}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            name, value, hex, ..
+        } = self;
+        write!(
+            f,
+            "{name:<20} {value:>10}  {hex:<10}",
+            value = value.to_string()
+        )?;
+        if let Some(scaled) = self.scaled {
+            write!(f, " = {scaled} {},", self.unit)?;
+        }
+        let space = if self.unit.is_empty() { "" } else { " " };
+        let unit = format!("{space}{}", self.unit);
+        match (self.min, self.max) {
+            (Some(min), Some(max)) => write!(f, " {min} to {max}{unit}")?,
+            _ if self.unit.is_empty() => write!(f, " any value")?,
+            _ => write!(f, " in{unit}")?,
+        }
+        f.write_str(match (self.writable, self.nonvolatile) {
+            (false, _) => ", read only",
+            (true, true) => ", non-volatile",
+            (true, false) => ", until power-off",
+        })
+    }
+}

@@ -1,0 +1,137 @@
+//! `mesa param get` and `mesa param set`.
+
+use std::fmt::{self, Display};
+
+use clap::Args;
+use mesa_hal::hal::AnyValue;
+use mesa_hal::remote::ParameterError;
+use mesa_tools::setup::{Cabinet, SavedValue, parse_value};
+use serde::Serialize;
+
+use super::list::Shown;
+use super::{Named, Where, go_on, named, warning};
+use crate::consent::Asks;
+use crate::context::{Context, Ending, Failure};
+
+/// One parameter
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param get 0.0.NVWatchDogTimeout --sim 7i92-7i77")]
+pub struct Get {
+    /// Which, with PORT.CHANNEL in front where several remotes have it
+    #[arg(value_name = "[PORT.CHANNEL.]NAME")]
+    name: String,
+    #[command(flatten)]
+    at: Where,
+}
+
+/// Writes one parameter, and reads it back
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param set NVWatchDogTimeout 100 --serial /dev/ttyUSB0")]
+pub struct Set {
+    /// Which, with PORT.CHANNEL in front where several remotes have it
+    #[arg(value_name = "[PORT.CHANNEL.]NAME")]
+    name: String,
+    /// What it becomes: decimal, hexadecimal after 0x, or real; in the range that `mesa param list`
+    /// shows
+    #[arg(value_parser = parse, allow_negative_numbers = true)]
+    value: AnyValue,
+    #[command(flatten)]
+    asks: Asks,
+    #[command(flatten)]
+    at: Where,
+}
+
+fn parse(text: &str) -> Result<AnyValue, String> {
+    parse_value(text).map_err(|text| format!("`{text}` is no number such as 100, 0x64 or 1.5"))
+}
+
+/// A parameter, and what it was.
+#[derive(Debug, Serialize)]
+struct One {
+    place: String,
+    card: String,
+    unit_number: u32,
+    parameter: Shown,
+    /// What it was before it was set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    before: Option<SavedValue>,
+}
+
+impl One {
+    fn new(named: &Named, raw: u64, before: Option<SavedValue>) -> Self {
+        Self {
+            place: named.place.to_string(),
+            card: named.remote.name.to_string(),
+            unit_number: named.remote.unit_number,
+            parameter: Shown::new(&named.record, raw),
+            before,
+        }
+    }
+}
+
+impl Get {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let mut cabinet = self.at.cabinet.open()?;
+        let named = named(&cabinet, &self.name)?;
+        let raw = cabinet.read(named.place, &named.record.name)?;
+        context.print(&One::new(&named, raw, None))?;
+        Ok(context.ending())
+    }
+}
+
+impl Set {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let mut cabinet = self.at.cabinet.open()?;
+        let named = named(&cabinet, &self.name)?;
+        let (place, record) = (named.place, &named.record);
+        let name = &record.name;
+        let wanted: Result<u64, ParameterError> = record.raw_of(self.value);
+        let wanted = wanted.map_err(|error| {
+            let why = format_args!("{place}.{name}: {error}");
+            match error {
+                ParameterError::DoesNotFit { .. } | ParameterError::OutOfRange { .. } => {
+                    Failure::usage(why)
+                }
+                _ => Failure::refused(why),
+            }
+        })?;
+        let raw = cabinet.read(place, name)?;
+        let before = SavedValue::from(record.typed(raw));
+        if raw != wanted {
+            let after = SavedValue::from(record.typed(wanted));
+            let kept = if record.data_type.is_nonvolatile() {
+                "in non-volatile memory; it is used from the next power-up on"
+            } else {
+                "until it is switched off"
+            };
+            let warning = warning(name, wanted);
+            let what = format!(
+                "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
+                named.remote.name
+            );
+            self.asks.consent(context, &what, cabinet.found())?;
+            go_on(context)?;
+            cabinet.write(place, name, self.value)?;
+        }
+        let raw = cabinet.read(place, name)?;
+        context.print(&One::new(&named, raw, Some(before)))?;
+        Ok(context.ending())
+    }
+}
+
+impl Display for One {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            place,
+            card,
+            parameter,
+            ..
+        } = self;
+        write!(f, "{place}  {card}  {parameter}")?;
+        match self.before {
+            Some(before) if before == parameter.value => writeln!(f, ", was so already"),
+            Some(before) => writeln!(f, ", was {before}"),
+            None => writeln!(f),
+        }
+    }
+}

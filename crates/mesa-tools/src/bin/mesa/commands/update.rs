@@ -1,0 +1,368 @@
+//! `mesa update`: the firmware of a remote.
+
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::boards::i7i77;
+use mesa_hal::driver::{RemoteConfig, SerialConfig};
+use mesa_tools::setup::update::{Plan, Progress, Step, UpdateError};
+use mesa_tools::setup::{Firmware, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
+use mesa_hal::sslbp::{RemoteName, StartedRemote};
+use mesa_hal::{Board, DriverError, Settings};
+use serde::Serialize;
+
+use crate::cabinet::CabinetTarget;
+use crate::consent::Asks;
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::output::complain;
+use crate::target::Found;
+
+/// More than any firmware has.
+const MOST_BYTES: u64 = 4 << 20;
+
+const AFTER_HELP: &str = "\
+The card's jumper must be in the setup position (7I77: W12 for field I/O, W4 for analog, to the
+right; 7I72: W6 down), and the card switched off and on since. A board stops its serial ports and
+turns all pins into inputs for it: not for a machine that is running.
+
+FILE is an image of the flash memory, as Mesa's .BIN files are. Nothing in such a file has to say
+which card it is for; what speaks against it is said: that only its name fits, that it begins with
+another bootloader, that it ends before what is there does. It is compared with what is there;
+what differs is erased, written and read back, block by block, but for the first block, which is
+the bootloader's. An update that was cut off is finished by the same command. The new firmware
+runs from the next power-up on: put the jumper back then.
+
+Not confirmed on hardware: that the flash memory can be read back. A card that does not show it is
+refused; --no-verify writes blindly, as LinuxCNC's setsserial does.
+
+Examples:
+  mesa update 7i77 7I77.BIN --serial /dev/ttyUSB0
+  mesa update 7i72 7I72.BIN --at 0.1 --addr 10.10.10.10 --dry-run";
+
+/// The firmware of a remote: erase, write, verify
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Update {
+    /// The card's name, for example 7i77; what answers and the file must be of that name
+    #[arg(value_parser = parse_card)]
+    card: RemoteName,
+    /// The firmware, a .BIN file for that card
+    file: PathBuf,
+    /// Where the card is on a board: serial port 0 to 3, channel 0 to 7
+    #[arg(
+        long, value_name = "PORT.CHANNEL", value_parser = parse_place,
+        required_unless_present = "serial", conflicts_with = "serial"
+    )]
+    at: Option<(u8, u8)>,
+    /// Say what would be written, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Do not read the flash memory back
+    #[arg(long)]
+    no_verify: bool,
+    #[command(flatten)]
+    asks: Asks,
+    #[command(flatten)]
+    target: CabinetTarget,
+}
+
+fn parse_card(text: &str) -> Result<RemoteName, String> {
+    let name = text.to_ascii_uppercase();
+    let name = name.as_bytes().try_into().map(RemoteName);
+    name.map_err(|_| format!("`{text}` is no name of a card, which has four characters, as 7i77"))
+}
+
+fn parse_place(text: &str) -> Result<(u8, u8), String> {
+    let parse = || {
+        let (port, channel) = text.split_once('.')?;
+        Some((port.parse().ok()?, channel.parse().ok()?))
+    };
+    let place = parse().filter(|&(port, channel)| port < 4 && channel < 8);
+    place.ok_or_else(|| format!("`{text}` is no PORT.CHANNEL, 0.0 to 3.7"))
+}
+
+/// What was done, or would be.
+#[derive(Debug, Serialize)]
+struct Report {
+    card: String,
+    place: String,
+    unit_number: u32,
+    file: PathBuf,
+    /// Only the bootloader answered.
+    was_cut_off: bool,
+    block_size: u32,
+    blocks: usize,
+    different: usize,
+    written: usize,
+    verified: bool,
+    dry_run: bool,
+    /// What speaks against the file.
+    doubts: Vec<String>,
+}
+
+/// What speaks against a file, or can not be known.
+fn doubts(firmware: &Firmware, plan: &Plan) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if !firmware.names_card() {
+        doubts.push("only the file's name says that it is for this card".to_owned());
+    }
+    match plan.has_bootloader {
+        Some(true) => {}
+        Some(false) => {
+            doubts.push("the file begins with another bootloader than the card's".into());
+        }
+        None => doubts.push("the card does not show what it has, so nothing was compared".into()),
+    }
+    let bytes = firmware.bytes().len();
+    if let Some(offset) = plan.behind_end {
+        doubts.push(format!(
+            "the file ends after {bytes} bytes, and the card has something at {offset}: is it cut off?"
+        ));
+    }
+    doubts
+}
+
+impl Update {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let firmware = self.firmware()?;
+        let report = match self.target.line.open()? {
+            Some(mut host) => {
+                let device = self.target.line.serial.as_deref().unwrap_or_default();
+                let remote = host.identify();
+                let remote =
+                    remote.map_err(|error| Failure::refused(format_args!("{device}: {error}")))?;
+                let found = (RemotePlace::Serial, remote.started, remote.is_bare);
+                self.update(context, (&mut host, None), found, &firmware)?
+            }
+            None => self.over_board(context, &firmware)?,
+        };
+        if let Some(report) = report {
+            context.print(&report)?;
+        }
+        Ok(context.ending())
+    }
+
+    fn firmware(&self) -> Result<Firmware, Failure> {
+        let path = self.file.display();
+        let contents = files::read(&self.file, MOST_BYTES).map_err(Failure::usage)?;
+        let name = self.file.file_name().unwrap_or_default().to_string_lossy();
+        let firmware = Firmware::new(&name, contents, self.card);
+        firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))
+    }
+
+    fn over_board(
+        &self,
+        context: &Context,
+        firmware: &Firmware,
+    ) -> Result<Option<Report>, Failure> {
+        // clap sees to it that there is one.
+        let (port, channel) = self.at.unwrap_or_default();
+        let found = self.target.target.find()?;
+        // No other remote of the port takes part.
+        let only = SerialConfig {
+            channels: [(channel, RemoteConfig::default())].into(),
+        };
+        let settings = Settings {
+            serial_ports: [(port, only)].into(),
+            ..Settings::default()
+        };
+        let mut board = Board::identify(found.open()?, settings)?;
+        board.discover()?;
+        let (mut link, started) =
+            board
+                .setup_at(port, channel, SETUP_BAUD_RATE)
+                .map_err(|error| match error {
+                    DriverError::Missing(missing) => Failure::refused(format_args!(
+                        "{missing}. It was asked at {SETUP_BAUD_RATE} baud: is its jumper in the \
+                         setup position, and was it switched off and on since?"
+                    )),
+                    error => error.into(),
+                })?;
+        let at = (
+            RemotePlace::Channel(port, channel),
+            started,
+            started.is_bare(),
+        );
+        let report = self.update(context, (&mut link, Some(&found)), at, firmware);
+        let ended = board.end_setup_at(port, channel);
+        let report = report?;
+        ended?;
+        Ok(report)
+    }
+
+    /// Nothing is reported of an update that a signal ended: standard error has it.
+    fn update<L: RemoteLink>(
+        &self,
+        context: &Context,
+        (link, board): (&mut L, Option<&Found>),
+        (place, started, was_cut_off): (RemotePlace, StartedRemote, bool),
+        firmware: &Firmware,
+    ) -> Result<Option<Report>, Failure> {
+        let (card, unit_number) = (started.name, started.unit_number);
+        if card.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
+            return Err(Failure::refused(format_args!(
+                "{place}: this is a {card}, not a {}; nothing was written",
+                self.card
+            )));
+        }
+        let is_verified = !self.no_verify;
+        let bar = Bar::new(context);
+        let mut on_progress = |progress| bar.show(progress, context);
+        let plan = match Plan::make(link, firmware, &mut on_progress) {
+            Err(UpdateError::Stopped { .. }) => return Ok(stopped("nothing was written")),
+            plan => plan?,
+        };
+        let different = plan.different().count();
+        let mut report = Report {
+            card: card.to_string(),
+            place: place.to_string(),
+            unit_number,
+            file: self.file.clone(),
+            was_cut_off,
+            block_size: plan.erase_size,
+            blocks: plan.blocks.len(),
+            different,
+            written: 0,
+            verified: plan.is_readable && (is_verified || different == 0),
+            dry_run: self.dry_run,
+            doubts: doubts(firmware, &plan),
+        };
+        if self.dry_run || different == 0 {
+            return Ok(Some(report));
+        }
+        if is_verified && !plan.is_readable {
+            return Err(UpdateError::<L::Error>::NotReadable.into());
+        }
+        bar.clear();
+        let what = if was_cut_off {
+            "finishes a firmware update that was cut off:".to_owned()
+        } else {
+            format!("a {}, unit number {unit_number:#010X}:", kind(&started))
+        };
+        let what = format!(
+            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}){}. Until it is \
+             done it has no program; keep its power on",
+            plan.blocks.len(),
+            plan.erase_size,
+            self.file.display(),
+            report.said_doubts()
+        );
+        self.asks.consent(context, &what, board)?;
+        match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
+            Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
+            done => done?,
+        }
+        bar.clear();
+        report.written = different;
+        Ok(Some(report))
+    }
+}
+
+fn stopped(why: impl Display) -> Option<Report> {
+    complain(format_args!("mesa: {why}"));
+    None
+}
+
+/// Two parts of a 7I77 have one name.
+fn kind(started: &StartedRemote) -> String {
+    let class = (started.unit_number >> 24) as u8;
+    match (&started.name.0, class) {
+        (b"7I77", 0x12) => i7i77::FIELD.title.to_owned(),
+        (b"7I77", 0x11) => i7i77::ANALOG.title.to_owned(),
+        _ => started.name.to_string(),
+    }
+}
+
+/// A progress bar on standard error, if that is a terminal.
+struct Bar(ProgressBar);
+
+impl Bar {
+    fn new(context: &Context) -> Self {
+        let bar = if context.json {
+            ProgressBar::hidden()
+        } else {
+            ProgressBar::new(0)
+        };
+        let form = "{msg:>8} {wide_bar} {bytes}/{total_bytes} {eta}";
+        if let Ok(style) = ProgressStyle::with_template(form) {
+            bar.set_style(style);
+        }
+        Self(bar)
+    }
+
+    /// Whether to go on.
+    fn show(&self, progress: Progress, context: &Context) -> bool {
+        let Progress { step, done, total } = progress;
+        self.0.set_message(match step {
+            Step::Compare => "compare",
+            Step::Write => "write",
+            Step::Verify => "verify",
+        });
+        self.0.set_length(total);
+        self.0.set_position(done);
+        context.stop.signal().is_none()
+    }
+
+    fn clear(&self) {
+        self.0.finish_and_clear();
+        self.0.reset();
+    }
+}
+
+impl Report {
+    fn said_doubts(&self) -> String {
+        let doubts = self.doubts.iter();
+        doubts.map(|doubt| [". NOTE: ", doubt].concat()).collect()
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            card,
+            place,
+            blocks,
+            different,
+            block_size,
+            ..
+        } = self;
+        write!(
+            f,
+            "{place}  {card}, unit number {:#010X}: ",
+            self.unit_number
+        )?;
+        let verified = if self.verified {
+            ", verified"
+        } else {
+            ", not verified"
+        };
+        if self.dry_run {
+            writeln!(
+                f,
+                "{different} of {blocks} blocks of {block_size} bytes differ; nothing was written"
+            )?;
+            for doubt in &self.doubts {
+                writeln!(f, "NOTE: {doubt}")?;
+            }
+        } else if *different == 0 {
+            writeln!(
+                f,
+                "has this firmware already ({blocks} blocks of {block_size} bytes)"
+            )?;
+        } else {
+            writeln!(
+                f,
+                "{} of {blocks} blocks of {block_size} bytes written{verified}",
+                self.written
+            )?;
+            writeln!(
+                f,
+                "Switch it off, put its jumper back to operate mode, and switch it on."
+            )?;
+        }
+        Ok(())
+    }
+}

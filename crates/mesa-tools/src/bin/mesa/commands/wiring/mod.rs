@@ -1,0 +1,243 @@
+//! `mesa wiring`: a guided check of the wires of a cabinet.
+
+mod machine;
+mod report;
+mod session;
+
+use std::io::{self, IsTerminal};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use mesa_tools::diagnosis::wiring::{self, Check};
+use mesa_hal::driver::{Remark, RemarkKind};
+use mesa_hal::hal::{GroupId, PinInfo, Place};
+use mesa_hal::transport::udp::UdpBus;
+use mesa_hal::{Board, Rounded, Settings};
+
+use super::set::{self, Hazard, hazard};
+use super::slow_watchdog::SlowWatchdog;
+use crate::consent::Asks;
+use crate::context::{Context, Ending, Failure};
+use crate::modes::Modes;
+use crate::output::complain;
+use crate::pattern::Pattern;
+use crate::target::{Found, Target};
+use crate::{place, running};
+use machine::Machine;
+use report::{Item, Outcome, Report, What};
+use session::{Lines, Session};
+
+const AFTER_HELP: &str = "\
+It names one terminal after the other, and waits until the input there has changed and is back; of
+an encoder, until it has counted and stands; of its index, until the encoder was turned past it and
+the index was latched, as homing does it. If another input changes instead, it says which, and
+goes on waiting. What changes by itself, or is not valid, does not count. Keys: Enter skips a
+terminal, b and Enter goes back, q and Enter ends with the report; so does Ctrl-C.
+
+PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole.
+
+It starts the machine with all outputs off and drives nothing. With --outputs it goes on with the
+digital outputs: each is on for a while, all others off, and you say whether it came on. Drive
+enables and analog outputs are never driven. The board's own I/O pins are not driven either. A board
+that another program drives is left alone.
+
+Exits with 1 if a terminal is not in order, or was not checked.
+
+Examples:
+  mesa wiring TB8 --addr 10.10.10.10 --report cabinet.txt
+  mesa wiring output --outputs --sim 7i92-7i77
+  mesa wiring '*.input-0?' --sim 7i92-7i77 --timeout 2 --json < /dev/null";
+
+/// A guided check of the wiring: which terminal changes when it is actuated
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Wiring {
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    modes: Modes,
+    /// Which terminals; all unless given
+    pattern: Option<Pattern>,
+    /// Keep the report in FILE from the beginning, up to date after each terminal: as JSON if its name
+    /// ends in .json, else as text. A file that is there already is replaced after a question
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// How long each terminal is waited for, 0.5 to 3600. Default: without an end; without a
+    /// terminal to type at it has to be given
+    #[arg(long, value_name = "S", value_parser = seconds::<500, 3_600_000>)]
+    timeout: Option<Duration>,
+    /// Check the digital outputs as well, one at a time
+    #[arg(long)]
+    outputs: bool,
+    /// How long an output is on, 0.1 to 10
+    #[arg(
+        long = "for",
+        value_name = "S",
+        default_value = "2",
+        requires = "outputs"
+    )]
+    #[arg(value_parser = seconds::<100, 10_000>)]
+    time: Duration,
+    #[command(flatten)]
+    slow_watchdog: SlowWatchdog,
+    #[command(flatten)]
+    asks: Asks,
+}
+
+/// So many milliseconds, given as seconds.
+fn seconds<const LEAST: u64, const MOST: u64>(text: &str) -> Result<Duration, String> {
+    let (least, most) = (LEAST as f64 / 1e3, MOST as f64 / 1e3);
+    let seconds = text.parse().ok();
+    let seconds = seconds.filter(|seconds| (least..=most).contains(seconds));
+    let seconds = seconds.map(Duration::from_secs_f64);
+    seconds.ok_or_else(|| format!("`{text}` is no number of seconds from {least} to {most}"))
+}
+
+impl Wiring {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let is_terminal = io::stdin().is_terminal();
+        if !is_terminal && self.timeout.is_none() {
+            return Err(Failure::usage(
+                "nobody is at the keyboard; say with --timeout S how long each terminal is waited for",
+            ));
+        }
+        if let Some(path) = &self.report {
+            self.asks.replaces(context, path)?;
+        }
+        let found = self.target.find()?;
+        let address = found.address.to_string();
+        let mut board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
+        // Everything is off, and no remote runs before the consent.
+        board.discover()?;
+        let (check, items) = self.terminals(&board);
+        if items.is_empty() {
+            let missing = board.missing().iter().filter(|one| is_there(one));
+            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
+            return Err(Failure::refused(format_args!(
+                "no terminal fits that could be checked; `mesa pins` has all pins, and a pattern with * or \
+                 ? is of a whole name{}",
+                missing.concat()
+            )));
+        }
+        let outputs = items.iter().filter(|item| item.is_output());
+        let groups: Vec<GroupId> = outputs.map(|item| item.info.group).collect();
+        let watchdogs = self.slow_watchdog.check(&board, &groups)?;
+        self.consent(context, &found, &items, &watchdogs)?;
+        let mut driver = running::go(board)?;
+        self.slow_watchdog.prove(&mut driver, &groups)?;
+        let missing: Vec<String> = driver.missing().iter().map(Remark::to_string).collect();
+        let is_incomplete = self.pattern.is_none() && driver.missing().iter().any(is_there);
+        let name = driver.name().to_owned();
+        let report = |session: &Session<'_>, outcome| {
+            let missing = (missing.clone(), is_incomplete);
+            let names = session.names();
+            Report::new(address.clone(), &session.items, &names, outcome, missing)
+        };
+        let keep = |session: &Session<'_>, outcome| match &self.report {
+            Some(path) => report(session, outcome).write(path),
+            None => Ok(()),
+        };
+        let machine = Machine::start(driver, context, self.time);
+        let (lines, parts) = (Lines::of_standard_input(is_terminal), (check, items));
+        let mut session = Session::new(context, &machine, (lines, self.timeout), parts, name);
+        session.is_agreed = self.asks.yes;
+        // Where it can not be kept is better known before the work is done.
+        keep(&session, Outcome::Unfinished)?;
+        let outcome = session.run(|session| {
+            if let Err(failure) = keep(session, Outcome::Unfinished) {
+                complain(format_args!("mesa: the report is not kept: {failure}"));
+            }
+        });
+        let (report, kept) = (report(&session, outcome), keep(&session, outcome));
+        drop(session);
+        let stopped = machine.end();
+        if let (Ok(()), Some(signal)) = (&stopped, context.stop.signal()) {
+            complain(format_args!("mesa: ended by {signal}"));
+        }
+        if stopped.is_ok() {
+            complain(if self.outputs {
+                "mesa: all outputs are off, and the ports are stopped"
+            } else {
+                "mesa: outputs were never on; the ports are stopped"
+            });
+        }
+        context.print(&report)?;
+        kept?;
+        stopped?;
+        Ok(match context.ending() {
+            Ending::Done if !report.ok => Ending::Refused,
+            ending => ending,
+        })
+    }
+
+    fn settings(&self) -> Settings {
+        let mut settings = set::settings();
+        if !self.outputs {
+            settings.watchdog = Some(running::WATCHDOG);
+        }
+        self.modes.put(&mut settings);
+        settings
+    }
+
+    /// What there is to be checked.
+    fn terminals(&self, board: &Board<UdpBus>) -> (Check, Vec<Item>) {
+        let all = Pattern::default();
+        let pattern = self.pattern.as_ref().unwrap_or(&all);
+        let fits = |info: &PinInfo| pattern.fits(info);
+        let pins = board.pins();
+        let remotes = board.remotes().map(|(_, remote)| remote.pins.group);
+        let remotes: Vec<GroupId> = remotes.collect();
+        let points = wiring::points(pins, &remotes, fits);
+        let asked = points
+            .iter()
+            .enumerate()
+            .filter(|(_, point)| point.is_asked);
+        let mut items: Vec<Item> = asked
+            .map(|(n, point)| Item::new(point.info.clone(), What::Input(n, point.kind)))
+            .collect();
+        if self.outputs {
+            let harmless = |info: &PinInfo| hazard(info) == Hazard::None && fits(info);
+            let outputs = wiring::outputs(pins, &remotes, harmless).into_iter();
+            items.extend(outputs.map(|(pin, info)| Item::new(info, What::Output(pin))));
+        }
+        (Check::new(points), items)
+    }
+
+    /// Says which outputs are driven.
+    fn consent(
+        &self,
+        context: &Context,
+        found: &Found,
+        items: &[Item],
+        watchdogs: &str,
+    ) -> Result<(), Failure> {
+        let outputs = items.iter().filter(|item| item.is_output());
+        let count = outputs.clone().count();
+        if count == 0 {
+            return Ok(());
+        }
+        let at = Place {
+            signal: String::new(),
+            ..outputs.map(|item| item.info.place.clone()).collect()
+        };
+        let what = format!(
+            "{}: drives {} digital outputs one after the other, each for {} with all others off, \
+             no drive enables and no analog outputs: {}{watchdogs}",
+            found.address,
+            count,
+            Rounded(&self.time),
+            place::short(&at)
+        );
+        self.asks.consent(context, &what, Some(found))
+    }
+}
+
+/// Whether a remote answers, and takes no part all the same: because of its field power, for example.
+fn is_there(remark: &Remark) -> bool {
+    match &remark.kind {
+        RemarkKind::NoSuchChannel { .. } => false,
+        RemarkKind::DidNotStart(failure) => !failure.cs.remote_faults().is_empty(),
+        _ => true,
+    }
+}

@@ -1,0 +1,329 @@
+//! What became of each terminal.
+
+use std::fmt::{self, Display};
+use std::path::Path;
+
+use mesa_tools::diagnosis::wiring::{Judgement, Kind, Point, Verdict, exchanged};
+use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::commands::named;
+use crate::commands::watch::view;
+use crate::context::Failure;
+use crate::{files, place};
+
+/// A terminal that is to be checked.
+pub struct Item {
+    pub info: PinInfo,
+    pub what: What,
+    pub mark: Mark,
+    pub judgement: Option<Judgement>,
+    /// What a person says of an output.
+    pub said: Option<String>,
+    /// Why it is not valid, unstable, or has failed.
+    pub reason: Option<String>,
+}
+
+/// An input by its number in the check, or an output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    Input(usize, Kind),
+    Output(PinId),
+}
+
+/// What became of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum Mark {
+    Judged(Verdict),
+    Not(Not),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Not {
+    /// Nobody came to it.
+    NotChecked,
+    /// The output could not be driven to the end of its time.
+    Failed,
+}
+
+/// How it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Not yet.
+    Unfinished,
+    /// Everything was asked for.
+    Done,
+    /// Somebody ended it.
+    Ended,
+    /// A signal did.
+    Stopped,
+    /// The machine did.
+    Failed,
+}
+
+impl Item {
+    pub const fn is_output(&self) -> bool {
+        matches!(self.what, What::Output(_))
+    }
+
+    pub fn new(info: PinInfo, what: What) -> Self {
+        Self {
+            info,
+            what,
+            mark: Mark::Not(Not::NotChecked),
+            judgement: None,
+            said: None,
+            reason: None,
+        }
+    }
+
+    fn others(&self) -> &[usize] {
+        self.judgement.as_ref().map_or(&[], |found| &found.others)
+    }
+
+    fn moved(&self) -> Option<(AnyValue, AnyValue)> {
+        self.judgement.as_ref()?.moved
+    }
+
+    /// Which way a number went.
+    fn direction(&self) -> Option<&'static str> {
+        let (before, after) = self.moved()?;
+        let is_number = matches!(self.what, What::Input(_, Kind::Counter | Kind::Analog));
+        let word = if after.as_f64() > before.as_f64() {
+            "up"
+        } else {
+            "down"
+        };
+        is_number.then_some(word)
+    }
+
+    /// What became of it, for people.
+    pub fn words(&self, names: &Names<'_>) -> String {
+        let is_output = matches!(self.what, What::Output(_));
+        let others = || {
+            let others = self.others().iter().map(|&n| names.point(n));
+            others.collect::<Vec<_>>().join(", ")
+        };
+        let reason = || self.reason.clone().unwrap_or_default();
+        let said = || self.said.clone().unwrap_or_default();
+        match self.mark {
+            Mark::Not(Not::NotChecked) => "not checked".to_owned(),
+            Mark::Not(Not::Failed) => format!("FAILED: {}", reason()),
+            Mark::Judged(verdict) => match verdict {
+                Verdict::Ok => {
+                    let before = match &others()[..] {
+                        "" => String::new(),
+                        others => format!("; before that {others} changed"),
+                    };
+                    format!("ok{}{before}", self.path())
+                }
+                Verdict::CountsDown => format!(
+                    "COUNTS DOWN, {}: exchange A and B, or give it a negative scale, before a drive is enabled",
+                    self.range().unwrap_or_default()
+                ),
+                Verdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
+                Verdict::NoChange => match &*reason() {
+                    "" => "NO CHANGE".to_owned(),
+                    reason => format!("NO CHANGE: {reason}"),
+                },
+                Verdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
+                Verdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
+                Verdict::Together => {
+                    format!("CHANGED TOGETHER with {}: connected?", others())
+                }
+                Verdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
+                Verdict::Unstable => format!("UNSTABLE: {}", reason()),
+                Verdict::NotValid => format!("NOT VALID: {}", reason()),
+                Verdict::Skipped => "skipped".to_owned(),
+            },
+        }
+    }
+
+    fn path(&self) -> String {
+        let Some(range) = self.range() else {
+            return String::new();
+        };
+        match (self.what, self.direction()) {
+            (What::Input(_, Kind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            (What::Input(_, Kind::Index), _) => format!(": it came, the encoder counted {range}"),
+            _ => format!(": {range}"),
+        }
+    }
+
+    /// Where it rested, and the farthest from there that it was.
+    fn range(&self) -> Option<String> {
+        let (before, after) = self.moved()?;
+        let range = format!("{} to {} {}", text(before), text(after), self.info.unit);
+        Some(range.trim_end().to_owned())
+    }
+}
+
+/// A value for people; a level is on or off.
+pub fn text(value: AnyValue) -> String {
+    match (value.hal_type, value.as_f64() != 0.0) {
+        (HalType::Bit, true) => "on".to_owned(),
+        (HalType::Bit, false) => "off".to_owned(),
+        _ => named::text(value),
+    }
+}
+
+/// What terminals are called.
+pub struct Names<'a> {
+    pub board: &'a str,
+    pub points: &'a [Point],
+}
+
+impl Names<'_> {
+    /// Terminal and signal, and the name of the pin without that of the board.
+    pub fn info(&self, info: &PinInfo) -> String {
+        let name = view::short(&info.name, self.board);
+        match place::short(&info.place) {
+            place if place.is_empty() => name.to_owned(),
+            place => format!("{place} ({name})"),
+        }
+    }
+
+    /// The same of an input by its number.
+    pub fn point(&self, number: usize) -> String {
+        let point = self.points.get(number);
+        point.map_or_else(String::new, |point| self.info(&point.info))
+    }
+}
+
+/// What was found.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    address: String,
+    outcome: Outcome,
+    pub ok: bool,
+    terminals: Vec<Row>,
+    /// Names of pins: each changed when the other one was asked for.
+    exchanged: Vec<[String; 2]>,
+    missing: Vec<String>,
+    #[serde(skip)]
+    pairs: Vec<[String; 2]>,
+}
+
+#[derive(Debug, Serialize)]
+struct Row {
+    pin: String,
+    terminal: String,
+    signal: String,
+    kind: &'static str,
+    verdict: Mark,
+    others: Vec<String>,
+    before: Value,
+    after: Value,
+    unit: String,
+    direction: Option<&'static str>,
+    said: Option<String>,
+    reason: Option<String>,
+    #[serde(skip)]
+    text: [String; 2],
+}
+
+impl Report {
+    /// `missing`: remotes that take no part, and whether one of them should.
+    pub fn new(
+        address: String,
+        items: &[Item],
+        names: &Names<'_>,
+        outcome: Outcome,
+        (missing, is_incomplete): (Vec<String>, bool),
+    ) -> Self {
+        let row = |item: &Item| Row::new(item, names);
+        let of_input = |number: usize| {
+            let mut items = items.iter();
+            let item = items.find(|item| matches!(item.what, What::Input(n, _) if n == number));
+            item?.judgement.as_ref()
+        };
+        let pairs = exchanged(of_input, names.points.len());
+        let named = |name: &dyn Fn(usize) -> String| {
+            let pairs = pairs.iter().map(|&(one, two)| [name(one), name(two)]);
+            pairs.collect()
+        };
+        let is_ok = |item: &Item| item.mark == Mark::Judged(Verdict::Ok);
+        Self {
+            address,
+            outcome,
+            ok: !is_incomplete && items.iter().all(is_ok),
+            terminals: items.iter().map(row).collect(),
+            exchanged: named(&|n| names.points[n].info.name.clone()),
+            missing,
+            pairs: named(&|n| names.point(n)),
+        }
+    }
+
+    /// Puts it into a file: JSON, if its name ends in .json, else text.
+    pub fn write(&self, path: &Path) -> Result<(), Failure> {
+        let is_json = path.extension().is_some_and(|end| end == "json");
+        let text = if is_json {
+            serde_json::to_string_pretty(self)? + "\n"
+        } else {
+            self.to_string()
+        };
+        files::write(path, text.as_bytes())
+    }
+}
+
+impl Row {
+    fn new(item: &Item, names: &Names<'_>) -> Self {
+        let name = |&n: &usize| names.points.get(n).map(|point| point.info.name.clone());
+        let value = |value: Option<AnyValue>| value.map_or(Value::Null, named::json);
+        let info = &item.info;
+        Self {
+            pin: info.name.clone(),
+            terminal: info.place.terminal.clone(),
+            signal: info.place.signal.clone(),
+            kind: match item.what {
+                What::Input(_, Kind::Digital) => "digital",
+                What::Input(_, Kind::Counter) => "counter",
+                What::Input(_, Kind::Index) => "index",
+                What::Input(_, Kind::Analog) => "analog",
+                What::Output(_) => "output",
+            },
+            verdict: item.mark,
+            others: item.others().iter().filter_map(name).collect(),
+            before: value(item.moved().map(|(before, _)| before)),
+            after: value(item.moved().map(|(_, after)| after)),
+            unit: info.unit.clone(),
+            direction: item.direction(),
+            said: item.said.clone(),
+            reason: item.reason.clone(),
+            text: [names.info(info), item.words(names)],
+        }
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is_ok = |row: &&Row| row.verdict == Mark::Judged(Verdict::Ok);
+        let ok = self.terminals.iter().filter(is_ok).count();
+        let how = match self.outcome {
+            Outcome::Done => "",
+            Outcome::Unfinished => "; not finished",
+            Outcome::Ended => "; ended before all were checked",
+            Outcome::Stopped => "; ended by a signal before all were checked",
+            Outcome::Failed => "; the machine ended it",
+        };
+        let (address, count) = (&self.address, self.terminals.len());
+        writeln!(f, "{address}: {ok} of {count} terminals in order{how}")?;
+        for missing in &self.missing {
+            writeln!(f, "MISSING, and not checked: {missing}")?;
+        }
+        let widths = self.terminals.iter().map(|row| row.text[0].chars().count());
+        let width = widths.max().unwrap_or(0).min(60);
+        for row in &self.terminals {
+            let [name, words] = &row.text;
+            writeln!(f, "{name:<width$}  {words}")?;
+        }
+        for [one, two] in &self.pairs {
+            writeln!(f, "EXCHANGED: {one} and {two}")?;
+        }
+        Ok(())
+    }
+}

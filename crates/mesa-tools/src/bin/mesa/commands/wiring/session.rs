@@ -1,0 +1,478 @@
+//! The dialog: one terminal after the other.
+
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::time::{Duration, Instant};
+
+use mesa_hal::bus::{Clock, HostClock};
+use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
+use mesa_hal::hal::{AnyValue, PinId};
+use mesa_hal::runner::Snapshot;
+
+use super::machine::{self, Driven, Machine};
+use super::report::{Item, Mark, Names, Not, Outcome, What, text};
+use crate::context::Context;
+use crate::output::complain;
+use crate::sim::console;
+
+/// How often inputs, keys and signals are looked at.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Remotes that were just started, or had a fault, are back within that.
+const COMES_BACK: Duration = Duration::from_secs(1);
+
+/// What somebody types, line by line.
+pub struct Lines {
+    lines: Receiver<String>,
+    /// A person's, who ends it by closing the input.
+    is_terminal: bool,
+}
+
+impl Lines {
+    pub fn of_standard_input(is_terminal: bool) -> Self {
+        let (sender, lines) = sync_channel(1);
+        console::read_lines(move |line| sender.send(line.trim().to_owned()).is_ok());
+        Self { lines, is_terminal }
+    }
+}
+
+/// What was typed.
+enum Typed {
+    Nothing,
+    Skip,
+    Back,
+    Text(String),
+}
+
+/// Where to go on.
+enum Next {
+    Forward,
+    Back,
+}
+
+pub struct Session<'a> {
+    pub context: &'a Context,
+    pub machine: &'a Machine,
+    pub lines: Lines,
+    pub check: Check,
+    pub board: String,
+    pub items: Vec<Item>,
+    pub timeout: Option<Duration>,
+    /// Each output is driven without a question.
+    pub is_agreed: bool,
+    clock: HostClock,
+    seen: Option<Snapshot>,
+}
+
+impl<'a> Session<'a> {
+    pub fn new(
+        context: &'a Context,
+        machine: &'a Machine,
+        (lines, timeout): (Lines, Option<Duration>),
+        (check, items): (Check, Vec<Item>),
+        board: String,
+    ) -> Self {
+        Self {
+            context,
+            machine,
+            lines,
+            check,
+            board,
+            items,
+            timeout,
+            is_agreed: false,
+            clock: HostClock::new(),
+            seen: None,
+        }
+    }
+
+    pub fn names(&self) -> Names<'_> {
+        Names {
+            board: &self.board,
+            points: self.check.points(),
+        }
+    }
+
+    /// Goes through all terminals; `keep` is called when one has been judged.
+    pub fn run(&mut self, keep: impl Fn(&Self)) -> Outcome {
+        match self.go(keep) {
+            Ok(()) => Outcome::Done,
+            Err(outcome) => outcome,
+        }
+    }
+
+    fn go(&mut self, keep: impl Fn(&Self)) -> Result<(), Outcome> {
+        complain(format_args!(
+            "{} terminals. Enter skips one, b and Enter goes back, q and Enter ends with the report.",
+            self.items.len()
+        ));
+        complain("Hands off for a moment: what changes now changes by itself.");
+        let begun = Instant::now();
+        while begun.elapsed() < HANDS_OFF {
+            self.pass()?;
+        }
+        let mut at = 0;
+        while let Some(what) = self.items.get(at).map(|item| item.what) {
+            let next = match what {
+                What::Input(point, kind) => self.input(at, (point, kind))?,
+                What::Output(pin) => self.output(at, pin)?,
+            };
+            keep(self);
+            at = match next {
+                Next::Forward => at + 1,
+                Next::Back => at.saturating_sub(1),
+            };
+        }
+        Ok(())
+    }
+
+    /// A moment passes: what was typed meanwhile, and what the inputs showed.
+    fn pass(&mut self) -> Result<(Typed, Option<Judgement>), Outcome> {
+        if self.context.stop.signal().is_some() {
+            return Err(Outcome::Stopped);
+        }
+        if self.machine.reader.has_ended() {
+            return Err(Outcome::Failed);
+        }
+        std::thread::sleep(LOOK);
+        let judgement = self.look();
+        let typed = match self.lines.lines.try_recv() {
+            Ok(line) => match line.as_str() {
+                "" => Typed::Skip,
+                "b" | "B" => Typed::Back,
+                "q" | "Q" => return Err(Outcome::Ended),
+                _ => Typed::Text(line),
+            },
+            Err(TryRecvError::Disconnected) if self.lines.is_terminal => {
+                return Err(Outcome::Ended);
+            }
+            Err(_) => Typed::Nothing,
+        };
+        Ok((typed, judgement))
+    }
+
+    fn look(&mut self) -> Option<Judgement> {
+        let read = match &mut self.seen {
+            Some(seen) => self.machine.reader.read_into(seen),
+            None => self.machine.reader.read().map(|seen| {
+                self.seen = Some(seen);
+            }),
+        };
+        // What could not be read is looked at again a moment later; what is half read is of no cycle.
+        if read.is_err() {
+            self.seen = None;
+        }
+        let seen = self.seen.as_ref()?;
+        let now = self.clock.now();
+        let judgement = self.check.observe(now, |pin| seen.read_any(pin)?.ok());
+        while let Some((pin, on)) = self.check.index_enable() {
+            self.machine.set_index_enable(pin, on);
+        }
+        judgement
+    }
+
+    fn say(&self, at: usize, what: &str) {
+        if let Some(item) = self.items.get(at) {
+            let name = self.names().info(&item.info);
+            let count = self.items.len();
+            complain(format_args!("[{}/{count}] {name}: {what}", at + 1));
+        }
+    }
+
+    fn reason(&self, at: usize) -> String {
+        let found = self.seen.as_ref().zip(self.items.get(at));
+        found.map_or_else(String::new, |(seen, item)| {
+            machine::reason(seen, &item.info)
+        })
+    }
+
+    fn is_timeout(&self, since: Instant) -> bool {
+        self.timeout
+            .is_some_and(|timeout| since.elapsed() >= timeout)
+    }
+
+    /// Asks for an input.
+    fn input(&mut self, at: usize, (point, kind): (usize, Kind)) -> Result<Next, Outcome> {
+        let begun = Instant::now();
+        self.check.ask(point);
+        loop {
+            let (typed, judgement) = self.pass()?;
+            while let Some(news) = self.check.news() {
+                self.tell(at, (point, kind), news);
+            }
+            if let Some(found) = judgement {
+                self.judged(at, found);
+                return Ok(Next::Forward);
+            }
+            let is_skipped = matches!(typed, Typed::Skip);
+            match typed {
+                Typed::Back => {
+                    self.check.give_up(true);
+                    return Ok(Next::Back);
+                }
+                Typed::Text(_) => complain("  Enter skips, b goes back, q ends with the report"),
+                Typed::Skip | Typed::Nothing => {}
+            }
+            if is_skipped || self.is_timeout(begun) {
+                if let Some(found) = self.check.give_up(is_skipped) {
+                    self.judged(at, found);
+                }
+                return Ok(Next::Forward);
+            }
+        }
+    }
+
+    fn tell(&self, at: usize, (point, kind): (usize, Kind), news: News) {
+        let name = |other| self.names().point(other);
+        match (news, kind) {
+            (News::Ready(level), Kind::Digital) => {
+                self.say(at, &format!("actuate it now; it is {}", text(level)));
+            }
+            (News::Ready(_), Kind::Counter) => {
+                self.say(at, "turn it now by hand, in its positive direction");
+            }
+            (News::Ready(_), Kind::Index) => {
+                self.say(at, "turn the encoder past its index, by hand");
+            }
+            (News::Ready(value), Kind::Analog) => {
+                self.say(at, &format!("change it now; it is {}", text(value)));
+            }
+            (News::Held(value), _) => {
+                let value = text(value);
+                let what = format!("let it go first: it is {value}, and was not before");
+                self.say(at, &what);
+            }
+            (News::NotValid, _) => {
+                self.say(
+                    at,
+                    &format!("NOT VALID, and waited for: {}", self.reason(at)),
+                );
+            }
+            (News::Restless(it), _) if it == point => {
+                self.say(at, "CHANGES BY ITSELF; waited for until it is quiet");
+            }
+            (News::Restless(other), _) => {
+                let other = name(other);
+                complain(format_args!(
+                    "  {other} CHANGES BY ITSELF, and does not count"
+                ));
+            }
+            (News::Changed(level), Kind::Digital) => {
+                complain(format_args!("  {}; let it go", text(level)));
+            }
+            (News::Changed(_), Kind::Index) => complain("  the encoder moves"),
+            (News::Changed(_), _) => complain("  it moves; let it rest"),
+            (News::NoIndex(from, to), _) => complain(format_args!(
+                "  {}; turn it on, by more than a turn",
+                no_index((from, to))
+            )),
+            (News::Instead(other), _) => {
+                complain(format_args!(
+                    "  {} changed instead: exchanged?",
+                    name(other)
+                ));
+            }
+            (News::Dithers, _) => complain(format_args!("  {DITHERS}")),
+        }
+    }
+
+    fn judged(&mut self, at: usize, found: Judgement) {
+        let reason = match found.verdict {
+            Verdict::NotValid => Some(self.reason(at)),
+            Verdict::Unstable if self.is_index(at) => {
+                Some("it came while the encoder stood: noise, or an open wire?".to_owned())
+            }
+            Verdict::NoChange if self.is_index(at) => Some(match found.moved {
+                Some(path) => format!("{}: is it wired?", no_index(path)),
+                None => "the encoder was not turned".to_owned(),
+            }),
+            Verdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
+                Some(DITHERS.to_owned())
+            }
+            Verdict::Unstable => Some("it changes by itself".to_owned()),
+            Verdict::NoChange => self.stuck(at),
+            _ => None,
+        };
+        self.mark(at, Mark::Judged(found.verdict), reason);
+        if let Some(item) = self.items.get_mut(at) {
+            item.judgement = Some(found);
+        }
+        self.tell_words(at);
+    }
+
+    /// Where a level was that did not change.
+    fn stuck(&self, at: usize) -> Option<String> {
+        let What::Input(point, Kind::Digital) = self.items.get(at)?.what else {
+            return None;
+        };
+        let value = text(self.check.value(point)?);
+        Some(format!("it was {value} all the time"))
+    }
+
+    fn is_index(&self, at: usize) -> bool {
+        let item = self.items.get(at);
+        item.is_some_and(|item| matches!(item.what, What::Input(_, Kind::Index)))
+    }
+
+    fn is_restless(&self, at: usize) -> bool {
+        let item = self.items.get(at);
+        let point = item.map(|item| item.what);
+        self.check
+            .restless()
+            .any(|n| matches!(point, Some(What::Input(number, _)) if number == n))
+    }
+
+    fn mark(&mut self, at: usize, mark: Mark, reason: Option<String>) {
+        if let Some(item) = self.items.get_mut(at) {
+            item.mark = mark;
+            item.reason = reason;
+            item.said = None;
+        }
+    }
+
+    fn tell_words(&self, at: usize) {
+        if let Some(item) = self.items.get(at) {
+            complain(format_args!("  {}", item.words(&self.names())));
+        }
+    }
+
+    /// Waits until an output can be driven, and somebody agrees to it; where to go on if nobody does.
+    /// What somebody agreed to while it could not be driven is forgotten.
+    fn may_drive(&mut self, at: usize) -> Result<Option<Next>, Outcome> {
+        let (mut is_said, mut is_asked) = (false, false);
+        let mut away = Instant::now();
+        loop {
+            let (typed, _) = self.pass()?;
+            let is_ready = self.is_ready(at);
+            if is_ready {
+                (away, is_said) = (Instant::now(), false);
+            } else if is_asked || !is_said && away.elapsed() >= COMES_BACK {
+                (is_said, is_asked) = (true, false);
+                let reason = self.reason(at);
+                self.say(at, &format!("NOT VALID: {reason}; it is not driven"));
+            }
+            if is_ready && !is_asked {
+                if self.is_agreed {
+                    return Ok(None);
+                }
+                is_asked = true;
+                self.forget_typed();
+                self.say(at, "y and Enter drives it; Enter skips");
+                continue;
+            }
+            match typed {
+                Typed::Text(line) if is_yes(&line) && is_ready => return Ok(None),
+                Typed::Text(line) if is_yes(&line) => {}
+                Typed::Back => return Ok(Some(Next::Back)),
+                Typed::Skip | Typed::Text(_) => {
+                    self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                    return Ok(Some(Next::Forward));
+                }
+                Typed::Nothing if !is_ready && self.is_timeout(away) => {
+                    let reason = self.reason(at);
+                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
+                    self.tell_words(at);
+                    return Ok(Some(Next::Forward));
+                }
+                Typed::Nothing => {}
+            }
+        }
+    }
+
+    fn is_ready(&self, at: usize) -> bool {
+        let found = self.seen.as_ref().zip(self.items.get(at));
+        found.is_some_and(|(seen, item)| machine::is_ready(seen, &item.info))
+    }
+
+    /// What a person typed before a question is no answer to it.
+    fn forget_typed(&self) {
+        while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Drives an output for a while, and asks whether it came on.
+    fn output(&mut self, at: usize, pin: PinId) -> Result<Next, Outcome> {
+        if let Some(next) = self.may_drive(at)? {
+            return Ok(next);
+        }
+        self.machine.drive(pin);
+        let mut was_on = false;
+        let mut ended: Option<Instant> = None;
+        let mut answer = None;
+        loop {
+            let (typed, _) = self.pass()?;
+            match self.machine.driven() {
+                Some(Driven::Failed(reason)) => {
+                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
+                    self.tell_words(at);
+                    return Ok(Next::Forward);
+                }
+                Some(Driven::On) if !was_on => {
+                    was_on = true;
+                    self.forget_typed();
+                    self.say(
+                        at,
+                        "driven; did it come on? y, n, or what came on instead; a: once more",
+                    );
+                    continue;
+                }
+                Some(Driven::Off) => ended = Some(Instant::now()),
+                Some(Driven::On) | None => {}
+            }
+            match typed {
+                Typed::Text(line) if line == "a" => {
+                    let is_over = ended.take().is_some();
+                    if is_over {
+                        self.machine.drive(pin);
+                    }
+                }
+                Typed::Nothing => {}
+                typed if was_on => answer = Some(typed),
+                _ => {}
+            }
+            // The next one only when this one is off.
+            let Some(since) = ended else {
+                continue;
+            };
+            if let Some(typed) = answer {
+                return Ok(self.answered(at, typed));
+            }
+            if self.is_timeout(since) {
+                self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                self.tell_words(at);
+                return Ok(Next::Forward);
+            }
+        }
+    }
+
+    fn answered(&mut self, at: usize, typed: Typed) -> Next {
+        let (verdict, said) = match typed {
+            Typed::Back => return Next::Back,
+            Typed::Text(line) if is_yes(&line) => (Verdict::Ok, None),
+            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => (Verdict::NoChange, None),
+            Typed::Text(line) => (Verdict::OtherChanged, Some(line)),
+            Typed::Skip | Typed::Nothing => (Verdict::Skipped, None),
+        };
+        self.mark(at, Mark::Judged(verdict), None);
+        if let Some(item) = self.items.get_mut(at) {
+            item.said = said;
+        }
+        self.tell_words(at);
+        Next::Forward
+    }
+}
+
+/// Of an encoder that was turned, and its index did not come.
+fn no_index((from, to): (AnyValue, AnyValue)) -> String {
+    format!(
+        "the encoder counted {} to {}, and its index did not come",
+        text(from),
+        text(to)
+    )
+}
+
+const DITHERS: &str = "it counts up and down, and gets nowhere: does one of A and B not arrive?";
+
+fn is_yes(line: &str) -> bool {
+    matches!(line, "y" | "Y" | "yes")
+}

@@ -1,0 +1,138 @@
+//! The index of an encoder, by its latch: the level of the line shows a pulse of a few counts only by
+//! chance.
+
+use core::time::Duration;
+
+use super::{Ask, Check, Judgement, Kind, News, Track, Verdict};
+use mesa_hal::bus::Instant;
+use mesa_hal::hal::{AnyValue, PinId};
+
+/// A request that no cycle has taken is made again.
+const AGAIN: Duration = Duration::from_millis(500);
+/// An encoder that stands on an edge shows one count to and fro.
+const STANDS: f64 = 2.0;
+
+/// What is known of an index that is asked for.
+#[derive(Debug, Default)]
+pub(super) struct Latch {
+    /// When it was requested last.
+    requested: Option<Instant>,
+    /// Where the encoder stood when the latch was armed.
+    from: Option<AnyValue>,
+}
+
+impl Check {
+    /// The `index-enable` to set now, and its value: on when the latch of an index is to be armed, and
+    /// off when an ask has ended without it. Each is returned once; the caller sets it in its next
+    /// cycle, and looks again after each [`observe`](Self::observe) and [`give_up`](Self::give_up).
+    pub fn index_enable(&mut self) -> Option<(PinId, bool)> {
+        self.requests.pop_front()
+    }
+
+    pub(super) fn is_index(&self, point: usize) -> bool {
+        let point = self.points.get(point);
+        point.is_some_and(|point| point.kind == Kind::Index)
+    }
+
+    /// Follows an index whose latch is valid: it is armed, and goes off when the index has come.
+    pub(super) fn follow_index(&mut self, ask: &mut Ask) -> Option<Judgement> {
+        let armed = self.value(ask.point)?;
+        let is_armed = armed.as_f64() != 0.0;
+        match (ask.ready, is_armed) {
+            (None, false) => self.request(ask),
+            (None, true) => {
+                ask.ready = Some(self.now);
+                ask.latch.from = self.encoder_value(ask.point);
+                self.tracks.iter_mut().for_each(Track::begin);
+                self.news.push_back(News::Ready(armed));
+            }
+            (Some(_), true) => self.follow_encoder(ask),
+            (Some(_), false) => {
+                let moved = self.encoder_moved(ask);
+                let has_encoder = ask.latch.from.is_some();
+                let verdict = if has_encoder && moved.is_none() {
+                    Verdict::Unstable
+                } else {
+                    Verdict::Ok
+                };
+                return Some(Judgement {
+                    verdict,
+                    others: Vec::new(),
+                    moved,
+                });
+            }
+        }
+        None
+    }
+
+    /// The ask for an index ends without it.
+    pub(super) fn give_up_index(&mut self, ask: &Ask, is_skipped: bool) -> Option<Judgement> {
+        let pin = self.points.get(ask.point)?.pin;
+        self.requests.push_back((pin, false));
+        let moved = self.encoder_moved(ask);
+        let verdict = if !self.tracks.get(ask.point)?.is_valid(self.now) {
+            Verdict::NotValid
+        } else if is_skipped && moved.is_none() {
+            Verdict::Skipped
+        } else {
+            Verdict::NoChange
+        };
+        Some(Judgement {
+            verdict,
+            others: Vec::new(),
+            moved,
+        })
+    }
+
+    fn request(&mut self, ask: &mut Ask) {
+        let is_due = |at: Instant| self.now.since(at) >= AGAIN;
+        let pin = self.points.get(ask.point).map(|point| point.pin);
+        if let Some(pin) = pin
+            && ask.latch.requested.is_none_or(is_due)
+        {
+            ask.latch.requested = Some(self.now);
+            self.requests.push_back((pin, true));
+        }
+    }
+
+    /// Whether its encoder moves, or has come to rest without the index.
+    fn follow_encoder(&mut self, ask: &mut Ask) {
+        let Some(encoder) = self.encoder_of(ask.point) else {
+            return;
+        };
+        let now = self.now;
+        let Some(track) = self.tracks.get_mut(encoder) else {
+            return;
+        };
+        if track.left.is_some() && !ask.has_changed {
+            ask.has_changed = true;
+            self.news.extend(track.value().map(News::Changed));
+        }
+        if track.back.is_some() && track.rests(now) {
+            track.begin();
+            ask.has_changed = false;
+            let to = track.value();
+            let path = ask.latch.from.zip(to);
+            self.news
+                .extend(path.map(|(from, to)| News::NoIndex(from, to)));
+        }
+    }
+
+    /// The counter of an index's encoder.
+    fn encoder_of(&self, index: usize) -> Option<usize> {
+        let index = self.points.get(index)?;
+        let mut points = self.points.iter();
+        points.position(|point| point.counts_for(index))
+    }
+
+    fn encoder_value(&self, index: usize) -> Option<AnyValue> {
+        self.value(self.encoder_of(index)?)
+    }
+
+    /// Where the encoder stood when the latch was armed, and where it is now, if it has moved.
+    fn encoder_moved(&self, ask: &Ask) -> Option<(AnyValue, AnyValue)> {
+        let to = self.encoder_value(ask.point)?;
+        let from = ask.latch.from?;
+        ((to.as_f64() - from.as_f64()).abs() >= STANDS).then_some((from, to))
+    }
+}

@@ -1,0 +1,232 @@
+//! Which terminals a person can actuate, and the pin that shows it.
+
+use std::collections::BTreeSet;
+
+use mesa_hal::hal::{GroupId, HalType, PinId, PinInfo, Pins, Role};
+
+/// How an input shows that it is actuated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Kind {
+    /// It counts when an encoder is turned.
+    Counter,
+    /// The latch of an encoder's index, which goes off when the encoder is turned past it. Its pin is
+    /// `index-enable`.
+    Index,
+    /// It is on or off.
+    Digital,
+    /// It has a value between limits.
+    Analog,
+}
+
+/// An input at a terminal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// The pin that shows it.
+    pub pin: PinId,
+    /// What is known of that pin.
+    pub info: PinInfo,
+    /// How it shows that it is actuated.
+    pub kind: Kind,
+    /// Whether it is to be checked; others are watched only.
+    pub is_asked: bool,
+    /// The card that its terminal is on.
+    card: Card,
+}
+
+/// Terminals of the same name are the same one if they are on the same card.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Card {
+    /// That of a remote.
+    Remote(GroupId),
+    /// The part of the board's own pins that a name begins with.
+    Part(String),
+    /// Such a part that is one counter, as an encoder is: all its terminals change when it is turned.
+    Counter(String),
+    /// The index of such a part, if that has a latch.
+    Index(String),
+}
+
+/// The pins of an encoder's index: its latch, and its level.
+const LATCH: &str = "index-enable";
+const LEVEL: &str = "input-index";
+
+/// The inputs that can be checked, in the order of their pins: one for each terminal. Those that
+/// `fits` chooses are asked for, and the others are watched.
+///
+/// A terminal that has several pins is checked by the first one of those that `fits` chooses: its
+/// counter if it is an encoder's, else its level, else its value; a counter on digital inputs, such as
+/// a handwheel's, only if these are not chosen. The index of an encoder on the board is checked by its
+/// latch, whichever of its pins is chosen. Digital inputs of `remotes` (the groups of their pins)
+/// need no terminal: that of a card that is not known has none.
+pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool) -> Vec<Point> {
+    let candidate = |(pin, info): (PinId, &PinInfo)| Point::new(pins, pin, info, remotes);
+    let all = pins.ids().zip(pins.infos()).filter_map(candidate);
+    let is_chosen = |point: &Point| {
+        let level = point.index_level(pins);
+        fits(&point.info) || level.is_some_and(&fits)
+    };
+    let (asked, others): (Vec<_>, Vec<_>) = all.partition(is_chosen);
+    let mut points = one_for_each_terminal(asked);
+    for point in &mut points {
+        point.is_asked = true;
+    }
+    let is_apart = |other: &Point| !points.iter().any(|point| point.shares_terminal(other));
+    let others: Vec<_> = one_for_each_terminal(others);
+    let others: Vec<_> = others.into_iter().filter(is_apart).collect();
+    points.extend(others);
+    points.sort_by_key(|point| point.pin.index());
+    points
+}
+
+impl Point {
+    fn new(pins: &Pins, pin: PinId, info: &PinInfo, remotes: &[GroupId]) -> Option<Self> {
+        if let Some(part) = index_part(pins, info, remotes) {
+            return (info.role == Role::InOut).then(|| Self {
+                pin,
+                info: info.clone(),
+                kind: Kind::Index,
+                is_asked: false,
+                card: Card::Index(part),
+            });
+        }
+        if info.role != Role::Input {
+            return None;
+        }
+        let kind = match info.hal_type {
+            HalType::Bit => Kind::Digital,
+            HalType::Float if info.limits.is_some() => Kind::Analog,
+            HalType::Float => return None,
+            _ => Kind::Counter,
+        };
+        let is_of_remote = remotes.contains(&info.group);
+        if info.place.terminal.is_empty() && !(is_of_remote && kind == Kind::Digital) {
+            return None;
+        }
+        Some(Self {
+            pin,
+            info: info.clone(),
+            kind,
+            is_asked: false,
+            card: if is_of_remote {
+                Card::Remote(info.group)
+            } else {
+                Card::of_board(pins, &info.name)
+            },
+        })
+    }
+
+    /// The pin that shows the level of an index.
+    fn index_level<'a>(&self, pins: &'a Pins) -> Option<&'a PinInfo> {
+        let Card::Index(part) = &self.card else {
+            return None;
+        };
+        let level = pins.id(&format!("{part}.{LEVEL}")).ok()?;
+        pins.info_of(level)
+    }
+
+    /// Whether it is the counter of an index's encoder.
+    pub(super) fn counts_for(&self, index: &Self) -> bool {
+        match (&self.card, &index.card) {
+            (Card::Counter(one), Card::Index(two)) => self.kind == Kind::Counter && one == two,
+            _ => false,
+        }
+    }
+
+    /// Terminals, or the name of a level where none is known.
+    fn terminals(&self) -> impl Iterator<Item = &str> {
+        let name = &*self.info.name;
+        let name = name.strip_suffix("-not").unwrap_or(name);
+        let terminal = &*self.info.place.terminal;
+        let found = if terminal.is_empty() { name } else { terminal };
+        found.split(", ")
+    }
+
+    fn shares_terminal(&self, other: &Self) -> bool {
+        let is_other = |one: &str| other.terminals().any(|two| one == two);
+        self.card == other.card && (self.card.is_counter() || self.terminals().any(is_other))
+    }
+
+    fn is_at(&self, other: &Self) -> bool {
+        self.card == other.card
+            && (self.card.is_counter() || self.terminals().eq(other.terminals()))
+    }
+
+    /// Whether each of its terminals has an input of its own.
+    fn is_covered(&self, all: &[Self]) -> bool {
+        let count = self.terminals().count();
+        let own = all
+            .iter()
+            .filter(|other| other.card == self.card && other.terminals().count() < count);
+        let own: BTreeSet<&str> = own.flat_map(Self::terminals).collect();
+        self.terminals().all(|terminal| own.contains(terminal))
+    }
+}
+
+impl Card {
+    /// The part that a pin of the board itself belongs to.
+    fn of_board(pins: &Pins, name: &str) -> Self {
+        let part = name.rsplit_once('.').map_or(name, |(part, _)| part);
+        match pins.id(&format!("{part}.count")) {
+            Ok(_) => Self::Counter(part.to_owned()),
+            Err(_) => Self::Part(part.to_owned()),
+        }
+    }
+
+    const fn is_counter(&self) -> bool {
+        matches!(self, Self::Counter(_))
+    }
+}
+
+/// The encoder of which a pin is the index's latch or its level, if the board has such a latch and a
+/// terminal for it.
+fn index_part(pins: &Pins, info: &PinInfo, remotes: &[GroupId]) -> Option<String> {
+    let (part, name) = info.name.rsplit_once('.')?;
+    let is_index = matches!(name, LATCH | LEVEL)
+        && !info.place.terminal.is_empty()
+        && !remotes.contains(&info.group);
+    let is_there = |pin: &str| pins.id(&format!("{part}.{pin}")).is_ok();
+    (is_index && is_there("count") && is_there(LATCH)).then(|| part.to_owned())
+}
+
+/// The first of the best kind at each place.
+fn one_for_each_terminal(mut all: Vec<Point>) -> Vec<Point> {
+    // Stable: of a kind they stay in their order.
+    all.sort_by_key(|point| point.kind);
+    let mut first: Vec<Point> = Vec::new();
+    for point in all {
+        if !first.iter().any(|other| other.is_at(&point)) {
+            first.push(point);
+        }
+    }
+    let is_own: Vec<bool> = first
+        .iter()
+        .map(|point| !point.is_covered(&first))
+        .collect();
+    let own = first.into_iter().zip(is_own);
+    own.filter_map(|(point, is_own)| is_own.then_some(point))
+        .collect()
+}
+
+/// The digital outputs that `fits` chooses, in the order of their pins: those of `remotes` (the groups
+/// of their pins) and of the board's own SSR and OutM. I/O pins that no module uses are none: what they
+/// drive has to be set up first. What an output can do to a machine is not looked at.
+pub fn outputs(
+    pins: &Pins,
+    remotes: &[GroupId],
+    fits: impl Fn(&PinInfo) -> bool,
+) -> Vec<(PinId, PinInfo)> {
+    let is_output = |info: &PinInfo| {
+        let of_board = [".ssr.", ".outm."].iter().any(|module| {
+            let part = info.name.split_once(module);
+            part.is_some_and(|(_, rest)| rest.contains(".out-"))
+        });
+        info.role == Role::Output
+            && info.hal_type == HalType::Bit
+            && (of_board || remotes.contains(&info.group))
+    };
+    let all = pins.ids().zip(pins.infos());
+    let chosen = all.filter(|(_, info)| is_output(info) && fits(info));
+    chosen.map(|(pin, info)| (pin, info.clone())).collect()
+}

@@ -1,0 +1,427 @@
+//! Taking the inventory: identification, then discovery port by port.
+
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
+use alloc::format;
+use alloc::string::{String, ToString};
+use alloc::vec::Vec;
+use core::time::Duration;
+
+use super::{
+    Channel, Data, Element, Ethernet, Firmware, Found, Inventory, InventoryError, Mode, Module,
+    Parameter, Pin, PinDirection, Remote, SerialPort, Terminal, terminals,
+};
+use mesa_hal::boards::REMOTES;
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::discovery::{
+    DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, RemoteTable, discover_port,
+};
+use mesa_hal::driver::silent_part;
+use mesa_hal::hostmot2::{HostMot2, IoPorts, PinDescriptor};
+use mesa_hal::lbp::{RemoteFaults, RemoteLink};
+use mesa_hal::modules::undriven;
+use mesa_hal::modules::watchdog::WatchdogRegisters;
+use mesa_hal::sslbp::{
+    Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, PortParameters,
+    PortPlace, RemoteAccess, StartFailure, StartFailureReason,
+};
+
+/// Longer than the inventory of a port takes, however bad its wires are.
+const AT_MOST: Duration = Duration::from_secs(40);
+
+type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
+
+/// Takes the inventory of a board.
+///
+/// `modes` are the software modes to start remotes in, by port and channel; 0 for the others.
+/// `goes_on` is asked before each port: once it says no, the ports that are left are left out.
+///
+/// It stops the serial ports and leaves all pins as inputs: not for a machine that is running.
+///
+/// # Errors
+/// [`InventoryError`].
+///
+/// # Real time
+/// Not for the cycle. Bounded; up to some seconds with many remotes.
+pub fn take<B: RegisterBus + Clock>(
+    bus: &mut B,
+    mut ethernet: Option<Ethernet>,
+    modes: &BTreeMap<(u8, u8), u8>,
+    mut goes_on: impl FnMut() -> bool,
+) -> Taken<Inventory, B> {
+    let firmware = HostMot2::identify(bus)?;
+    if let Some(ethernet) = ethernet.as_mut().filter(|_| firmware.idrom.is_7i97t()) {
+        ethernet.identity.is_of_7i97t();
+    }
+    check_modes::<B>(&firmware, modes)?;
+    let left = left_behind(bus, &firmware)?;
+    let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
+    findings.extend(undriven(&firmware, &[]).iter().map(ToString::to_string));
+    for place in Layout::ports(&firmware) {
+        if !goes_on() {
+            break;
+        }
+        let port = PortOf {
+            firmware: &firmware,
+            place,
+            modes,
+        };
+        let (port, odd) = port.take(bus)?;
+        ports.push(port);
+        findings.extend(odd);
+    }
+    let mut inventory = Inventory {
+        findings,
+        ethernet,
+        firmware: of_firmware(&firmware),
+        serial_ports: ports,
+    };
+    inventory.judge();
+    Ok(inventory)
+}
+
+/// What a program has left that ended without stopping the board: read before anything is changed.
+fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option<String>, B> {
+    let bus_failed = InventoryError::Bus;
+    let watchdog = WatchdogRegisters::locate(firmware)?;
+    let status = bus.read(watchdog.status).map_err(bus_failed)?;
+    let drives = IoPorts::locate(firmware)?.drives(bus);
+    let drives = drives.map_err(bus_failed)?;
+    let mut runs = false;
+    for PortPlace { layout, .. } in Layout::ports(firmware) {
+        for line in (0..layout.channels).filter_map(Line::new) {
+            let Some(registers) = layout.channel(line) else {
+                continue;
+            };
+            let cs = CsStatus(bus.read(registers.cs).map_err(bus_failed)?);
+            // In setup mode it would drive nothing.
+            runs |= matches!(cs.state(), ComState::Chatter | ComState::ProcessData);
+        }
+    }
+    let has_bitten = status & WatchdogRegisters::HAS_BIT != 0;
+    // A bite makes all pins inputs: what is an output was made one since.
+    Ok(match (drives, runs, has_bitten) {
+        (false, false, _) => None,
+        (false, true, true) => Some(
+            "it was not stopped: the program that drove it was killed, or its packets did not arrive. \
+             The board's watchdog has bitten, so that its own outputs are off; those of a remote are off \
+             by its own watchdog. The ports are stopped by now"
+                .to_owned(),
+        ),
+        _ => Some(
+            "it was not stopped, and nothing has switched it off: outputs may have been on until this \
+             looked. They are off by now, those of a remote by its own watchdog"
+                .to_owned(),
+        ),
+    })
+}
+
+/// A mode for a channel that does not exist is a slip of the pen.
+fn check_modes<B: RegisterBus>(
+    firmware: &HostMot2,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<(), B> {
+    let places = Layout::ports(firmware);
+    for &(port, channel) in modes.keys() {
+        let place = places.get(usize::from(port));
+        match place.map(|place| place.layout.channels) {
+            None => {
+                let ports = places.len() as u8;
+                return Err(InventoryError::NoSuchPort { port, ports });
+            }
+            Some(channels) if channel >= channels => {
+                return Err(InventoryError::NoSuchChannel {
+                    port,
+                    channel,
+                    channels,
+                });
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn of_firmware(firmware: &HostMot2) -> Firmware {
+    let idrom = &firmware.idrom;
+    let modules = firmware.modules.iter().map(|module| Module {
+        module: module.gtag.to_string(),
+        gtag: module.gtag.0,
+        version: module.version,
+        instances: module.instances,
+        base: module.base,
+        clock_hz: module.clock_hz,
+    });
+    let pins = (0..).zip(&firmware.pins).map(|(number, pin)| {
+        let terminals = terminals::of(firmware, usize::from(number), *pin);
+        one_pin(number, terminals, *pin)
+    });
+    let local_pins = (0..).zip(&firmware.local_pins);
+    let local_pins = local_pins.map(|(number, pin)| one_pin(number, String::new(), *pin));
+    Firmware {
+        board: idrom.board_name.clone(),
+        io_pins: idrom.io_width,
+        connectors: idrom.io_ports,
+        clock_low_hz: idrom.clock_low_hz,
+        clock_high_hz: idrom.clock_high_hz,
+        warnings: firmware.warnings.clone(),
+        modules: modules.collect(),
+        trailing: firmware.trailing.iter().map(ToString::to_string).collect(),
+        pins: pins.collect(),
+        local_pins: local_pins.collect(),
+    }
+}
+
+fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> Pin {
+    Pin {
+        number,
+        terminals,
+        function: pin.to_string(),
+        direction: match (pin.has_module(), pin.is_output()) {
+            (true, true) => PinDirection::Out,
+            (true, false) => PinDirection::In,
+            (false, _) => PinDirection::Either,
+        },
+        driven_by_module: pin.is_output(),
+    }
+}
+
+/// A port, and what of its channels a person should look at.
+type PortTaken = (SerialPort, Vec<String>);
+
+/// A serial port of the firmware, and the software modes to start remotes in.
+#[derive(Clone, Copy)]
+struct PortOf<'a> {
+    firmware: &'a HostMot2,
+    place: PortPlace,
+    modes: &'a BTreeMap<(u8, u8), u8>,
+}
+
+impl PortOf<'_> {
+    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
+        let bus_failed = InventoryError::Bus;
+        let mut io_ports = IoPorts::locate(self.firmware)?;
+        let inputs = io_ports.clone();
+        let watchdog = WatchdogRegisters::locate(self.firmware)?;
+        // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
+        // is left to do that, it shall.
+        for (address, word) in [
+            (watchdog.time, watchdog.time_for(AT_MOST)),
+            (watchdog.reset, WatchdogRegisters::PET),
+            (watchdog.status, 0),
+        ] {
+            bus.write(address, word).map_err(bus_failed)?;
+        }
+        let PortPlace { gtag, unit, .. } = self.place;
+        io_ports.use_module(self.firmware, gtag, unit, |_| true)?;
+        io_ports.apply(bus).map_err(bus_failed)?;
+        let taken = self.take_channels(bus);
+        // Also when that has failed; what it failed of is worth more than what this may fail of.
+        let restored = inputs.apply(bus);
+        let port = taken?;
+        restored.map_err(bus_failed)?;
+        let disabled = bus.write(watchdog.time, WatchdogRegisters::DISABLED);
+        disabled.map_err(bus_failed)?;
+        Ok(port)
+    }
+
+    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
+        let mut port = Port::new(self.place.layout);
+        let taken = take_remotes(bus, &mut port, self.modes);
+        // Also when that has failed: nothing is left running.
+        let stopped = port.on(bus).stop_all();
+        let report = taken?;
+        stopped?;
+        Ok(report)
+    }
+}
+
+fn take_remotes<B: RegisterBus + Clock>(
+    bus: &mut B,
+    port: &mut Port,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<PortTaken, B> {
+    let (number, channels) = (port.layout().instance, port.layout().channels);
+    let parameters = port.on(bus).reset()?;
+    let lines = (0..channels).filter_map(Line::new);
+    let mode = |line: Line| modes.get(&(number, line.index())).copied();
+    let starts: Vec<_> = lines.map(|line| (line, mode(line).unwrap_or(0))).collect();
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let outcomes = discover_port(port, bus, &starts, &options)?;
+    let findings = starts
+        .iter()
+        .zip(&outcomes)
+        .filter_map(|(&(line, _), outcome)| {
+            let failure = outcome.as_ref().err()?;
+            let odd = not_started(&starts, &outcomes, line, failure.reason)?;
+            Some(format!("port {number}, channel {}: {odd}", line.index()))
+        });
+    let old = parameters.is_old().then(|| {
+        let (major, minor) = (parameters.major, parameters.minor);
+        let why = PortParameters::OLD_VERSION;
+        format!("port {number} has SSLBP {major}.{minor}: {why}")
+    });
+    let findings = old.into_iter().chain(findings).collect();
+    let mut channels = Vec::new();
+    for (&(line, _), outcome) in starts.iter().zip(outcomes) {
+        channels.push(Channel {
+            channel: line.index(),
+            found: match outcome {
+                Ok(found) => Found::Remote(Box::new(take_remote(bus, port, found))),
+                Err(failure) => Found::NotStarted(failure.reason.to_string()),
+            },
+        });
+    }
+    let port = SerialPort {
+        port: number,
+        sslbp: format!("{}.{}", parameters.major, parameters.minor),
+        clock_hz: parameters.clock_hz,
+        channels,
+    };
+    Ok((port, findings))
+}
+
+/// Why a channel on which nothing started is not in order: nothing need be plugged in, but what answers
+/// has to start, and so has each part of a card of which another does.
+fn not_started(
+    starts: &[(Line, u8)],
+    outcomes: &[Result<Discovered, StartFailure>],
+    line: Line,
+    reason: StartFailureReason,
+) -> Option<String> {
+    if reason != StartFailureReason::NoReply {
+        return Some(format!("nothing started: {reason}"));
+    }
+    let is = |channel, table: &RemoteTable| {
+        let mut all = starts.iter().zip(outcomes);
+        all.any(|((line, _), outcome)| {
+            let found = outcome.as_ref();
+            Some(line.index()) == channel
+                && found.is_ok_and(|found| table.matches(&found.descriptor))
+        })
+    };
+    silent_part(is, line.index()).map(|kind| kind.to_string())
+}
+
+/// What was found, and what its parameters are.
+fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Remote {
+    let descriptor = found.descriptor;
+    let channel = found.started.channel;
+    let mut memory = PortLink { port, bus, channel };
+    let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
+    let mut problems: Vec<String> = found.problems.iter().map(ToString::to_string).collect();
+    problems.extend(found.read_error);
+    let faults = if found.started.ptoc == 0 {
+        // Remotes older than discovery have no such location.
+        RemoteFaults::empty()
+    } else {
+        present_faults(&mut memory).map_or_else(
+            |error| {
+                problems.push(error.to_string());
+                RemoteFaults::empty()
+            },
+            RemoteFaults::from_bits_retain,
+        )
+    };
+    let parameters = descriptor.parameters.iter();
+    let parameters = parameters
+        .map(|record| parameter(record, &mut memory))
+        .collect();
+    let modes = descriptor.modes.iter().map(|mode| Mode {
+        index: mode.index,
+        set_by: match mode.mode_type {
+            ModeType::Hardware => "hardware",
+            ModeType::Software => "software",
+            ModeType::Other(_) => "other",
+        },
+        name: mode.name.clone(),
+    });
+    let process_data = descriptor.process_data.iter();
+    let differences = table.map(|table| table.differences(&descriptor));
+    Remote {
+        name: descriptor.name.to_string(),
+        known_as: table.map(|table| table.title),
+        unit_number: descriptor.unit_number,
+        software_mode: descriptor.software_mode,
+        rx_size: found.started.sizes.rx,
+        tx_size: found.started.sizes.tx,
+        built_in_table: found.started.ptoc == 0,
+        faults: words(faults),
+        modes: modes.collect(),
+        process_data: process_data.map(|record| element(record, table)).collect(),
+        parameters,
+        differences: differences
+            .iter()
+            .flatten()
+            .map(ToString::to_string)
+            .collect(),
+        problems,
+        memory_accesses: found.accesses,
+    }
+}
+
+/// What it reports after what it reported before was cleared: faults stay until then.
+fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
+    let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
+    memory.access(None, clear)?;
+    let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
+    memory.access(None, read).map(|byte| byte as u8)
+}
+
+/// Each fault in words.
+fn words(faults: RemoteFaults) -> Vec<String> {
+    let bits = (0..8)
+        .map(|bit| 1 << bit)
+        .filter(|bit| faults.bits() & bit != 0);
+    bits.map(|bit| RemoteFaults::from_bits_retain(bit).to_string())
+        .collect()
+}
+
+fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> Parameter {
+    let read = record.read_parameter(memory);
+    let value = read.as_ref().ok();
+    Parameter {
+        data: record.into(),
+        value: value.map(|value| value.value),
+        raw: value.map(|value| value.raw),
+        error: read.as_ref().err().map(ToString::to_string),
+    }
+}
+
+fn element(record: &DataRecord, table: Option<&RemoteTable>) -> Element {
+    let known = table.and_then(|table| table.element(&record.name, record.direction));
+    let places = known.iter().flat_map(|known| known.places(None));
+    Element {
+        data: record.into(),
+        terminals: places
+            .map(|at| Terminal {
+                place: at.terminal,
+                signal: at.signal,
+            })
+            .collect(),
+    }
+}
+
+impl From<&DataRecord> for Data {
+    fn from(record: &DataRecord) -> Self {
+        Self {
+            name: record.name.clone(),
+            bits: record.bits,
+            data_type: format!("{:?}", record.data_type),
+            nonvolatile: record.data_type.is_nonvolatile(),
+            direction: match record.direction {
+                DataDirection::Input => "input",
+                DataDirection::Output => "output",
+                DataDirection::Bidirectional => "bidirectional",
+            },
+            min: record.min,
+            max: record.max,
+            unit: record.unit.clone(),
+            address: record.address,
+        }
+    }
+}

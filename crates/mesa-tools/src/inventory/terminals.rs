@@ -1,0 +1,64 @@
+//! Where the FPGA's I/O pins come out of the board.
+
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use mesa_hal::boards::{BoardTable, DB25};
+use mesa_hal::hal::{Place, Terminals};
+use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
+
+/// What I/O pin `number` is at: terminals of the board itself, or the pin of a connector that has no
+/// name here; empty where it does not leave the board as it is.
+pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
+    let board = BoardTable::for_firmware(firmware, &[]);
+    if !board.terminals.is_empty() {
+        let number = u16::try_from(number).unwrap_or(u16::MAX);
+        let expansion = board.place(firmware, (Gtag::IO_PORT, 0), number);
+        if expansion != Place::default() {
+            return list(&[expansion]);
+        }
+        return list(&of_module(board, firmware, pin));
+    }
+    let width = firmware.idrom.port_width.max(1) as usize;
+    let (connector, pin) = (number / width, number % width);
+    match DB25.get(pin) {
+        Some(db25) if width == DB25.len() => format!("connector {connector} DB25 pin {db25}"),
+        _ => format!("connector {connector} pin {pin}"),
+    }
+}
+
+/// The terminals behind a pin that a module of the board uses.
+fn of_module(board: &BoardTable, firmware: &HostMot2, pin: PinDescriptor) -> Vec<Place> {
+    let unit = u16::from(pin.unit);
+    let function = u16::from(pin.secondary_pin & 0x7F);
+    let ranges = board.ranges(firmware, pin.secondary);
+    let nth = |ranges: &[Terminals], n| Terminals::each_of(ranges, n).collect();
+    match (pin.secondary, function) {
+        (Gtag::PWM, 1) => nth(board.pwm.outputs, unit),
+        (Gtag::PWM, 3) => nth(board.pwm.enables, unit),
+        (Gtag::SSR | Gtag::OUT_M, 1..) => nth(ranges, function - 1),
+        // Two encoders share a pin.
+        (Gtag::MUXED_ENCODER, 1..=3) => [2 * unit, 2 * unit + 1]
+            .into_iter()
+            .flat_map(|encoder| Terminals::of_signal(ranges, encoder, usize::from(function) - 1))
+            .collect(),
+        // RX+, RX-, TX+, TX-.
+        (Gtag::SSERIAL | Gtag::SSERIAL_B, 1) => {
+            let first = if pin.is_output() { 2 } else { 0 };
+            Terminals::each_of(ranges, 0).skip(first).take(2).collect()
+        }
+        (Gtag::IN_MUX, 1) if !pin.is_output() => {
+            Terminals::each(ranges).map(|(_, place)| place).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn list(places: &[Place]) -> String {
+    let texts: Vec<String> = places
+        .iter()
+        .map(|place| format!("{} {}", place.terminal, place.signal))
+        .collect();
+    texts.join(", ")
+}

@@ -1,0 +1,33 @@
+//! Remotes in setup mode, where their parameters and their firmware are: over a serial port of the
+//! host, with the card's jumper in its setup position, or through the FPGA.
+//!
+//! A [`SerialHost`] is LBP as host on any serial port; a channel of the FPGA is a
+//! [`PortLink`](mesa_hal::sslbp::PortLink). Both are a [`RemoteLink`], so that discovery, parameters
+//! ([`DataRecord::read_parameter`](mesa_hal::discovery::DataRecord::read_parameter)) and a
+//! [firmware update](update) are the same over either.
+//!
+//! # Real time
+//! Nothing here is for the cycle. Everything is bounded.
+
+mod cabinet;
+mod firmware;
+#[cfg(feature = "std")]
+mod serial;
+#[cfg(feature = "std")]
+mod serial_cabinet;
+#[cfg(feature = "std")]
+mod serial_error;
+pub mod update;
+
+pub use mesa_hal::lbp::RemoteLink;
+pub use cabinet::{
+    Cabinet, Comparison, Difference, Match, RemotePlace, RestoreError, SavedCabinet, SavedRemote,
+    SavedValue, parse_value,
+};
+pub use firmware::{Firmware, FirmwareError};
+#[cfg(feature = "std")]
+pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
+#[cfg(feature = "std")]
+pub use serial_cabinet::{SerialCabinet, SerialCabinetError};
+#[cfg(feature = "std")]
+pub use serial_error::{Asked, SerialError};

@@ -1,0 +1,265 @@
+//! LBP as host over a serial port.
+
+use core::time::Duration;
+use std::io::{ErrorKind, Read, Write};
+use std::thread;
+use std::time::Instant;
+
+use super::{Asked, SerialError};
+use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover};
+use mesa_hal::lbp::{
+    COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, NonvolatileProblem, RemoteAccess, RemoteLink,
+    Request, UNIT_NUMBER,
+};
+use mesa_hal::sslbp::{
+    Channel, CsStatus, MAX_INTERFACE_REGISTERS, ProcessDataSizes, RemoteName, StartedRemote,
+};
+
+/// Baud rate of a card whose jumper is in the setup position, whatever its `NVBaudRate` is.
+///
+/// Manual: 7I77, "SETUP/OPERATE MODE".
+pub const SETUP_BAUD_RATE: u32 = 115_200;
+
+/// What a remote behind a serial port has as its channel.
+const CHANNEL: Channel = Channel::ALL[0];
+
+/// How often a request is sent.
+const ATTEMPTS: u8 = 3;
+
+/// How long a reply may take, from the end of the request: erasing a block of flash is the longest
+/// that a card does before it answers, and a USB adapter adds some 16 ms each way.
+const REPLY: Duration = Duration::from_millis(500);
+
+/// After a failure the line must have been quiet for so long: longer than the frame timeout of a card
+/// in setup mode (25.5 characters, 2.1 ms at 115200 baud; manual 7I77, "FRAMING") and an adapter's
+/// buffering together.
+const QUIET: Duration = Duration::from_millis(60);
+
+/// For so long it is waited for that quiet.
+const QUIET_WITHIN: Duration = Duration::from_secs(1);
+
+/// Between two looks at a port that does not wait by itself.
+const LOOK: Duration = Duration::from_micros(500);
+
+/// LBP as host over a serial port that is connected to one card in setup mode: what Mesa's RPD, WPD
+/// and UFLBP do.
+///
+/// The port is anything that reads and writes characters, 8N1, with the card's baud rate
+/// ([`SETUP_BAUD_RATE`]). Its `read` must not wait for ever: it has a timeout of 1 to 100 ms, after
+/// which it fails with [`ErrorKind::TimedOut`] or [`ErrorKind::WouldBlock`], or reads 0 bytes.
+///
+/// ```no_run
+/// # fn port() -> std::fs::File { unimplemented!() }
+/// use mesa_hal::setup::SerialHost;
+///
+/// // For example serialport::new("/dev/ttyUSB0", SETUP_BAUD_RATE).timeout(...).open()?
+/// let mut host = SerialHost::new(port());
+/// let remote = host.identify()?;
+/// let found = host.discover(&remote, &Default::default());
+/// for record in &found.descriptor.parameters {
+///     let value = record.read_parameter(&mut host)?;
+///     println!("{} {:#x}", record.name, value.raw);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// Manual: 7I77, "RPD, WPD, AND UFLBP"; FACTS 1.
+#[derive(Debug)]
+pub struct SerialHost<P> {
+    port: P,
+    reply: Duration,
+    quiet: Duration,
+}
+
+/// The remote behind a serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SerialRemote {
+    /// What it tells of itself, as START does through an FPGA. Its channel is 0.
+    pub started: StartedRemote,
+    /// Whether it answers only what a bootloader does: neither unit number nor discovery. Its program
+    /// is missing or was cut off, or it is older than discovery.
+    pub is_bare: bool,
+}
+
+impl<P: Read + Write> SerialHost<P> {
+    /// A host on a port that is open already.
+    pub const fn new(port: P) -> Self {
+        Self {
+            port,
+            reply: REPLY,
+            quiet: QUIET,
+        }
+    }
+
+    /// The port.
+    pub fn into_inner(self) -> P {
+        self.port
+    }
+
+    /// Finds out who answers: what START does through an FPGA (FACTS 4.1).
+    ///
+    /// # Errors
+    /// [`SerialError`]. After at most some seconds.
+    pub fn identify(&mut self) -> Result<SerialRemote, SerialError> {
+        // A host that ended in the middle of a request, or of an access to another memory.
+        self.become_quiet()?;
+        let found = self.exchange(RemoteAccess::ReadLocal(LocalLocation::COOKIE))? as u8;
+        if found != COOKIE {
+            return Err(SerialError::NotARemote { found });
+        }
+        for (location, value) in [(LocalLocation::STATUS, 0), (LocalLocation::NONVOLATILE, 0)] {
+            self.exchange(RemoteAccess::WriteLocal(location, value))?;
+        }
+        let mut name = [0; 4];
+        for (index, character) in (LocalLocation::NAME.index()..).zip(&mut name) {
+            if let Some(location) = LocalLocation::new(index) {
+                *character = self.exchange(RemoteAccess::ReadLocal(location))? as u8;
+            }
+        }
+        let software_mode =
+            self.exchange(RemoteAccess::ReadLocal(LocalLocation::SOFTWARE_MODE))? as u8;
+        let unit_number = self.call::<4>(UNIT_NUMBER)?.map(u32::from_le_bytes);
+        let discovery = self.call::<6>(DISCOVERY)?.map(DiscoveryReply::from_bytes);
+        let is_bare = unit_number.is_none() && discovery.is_none();
+        let discovery = discovery.unwrap_or_default();
+        Ok(SerialRemote {
+            started: StartedRemote {
+                channel: CHANNEL,
+                software_mode,
+                unit_number: unit_number.unwrap_or(0),
+                name: RemoteName(name),
+                ptoc: discovery.ptoc,
+                gtoc: discovery.gtoc,
+                sizes: ProcessDataSizes {
+                    rx: discovery.rx_size,
+                    tx: discovery.tx_size,
+                },
+                cs: CsStatus::default(),
+            },
+            is_bare,
+        })
+    }
+
+    /// Walks the tables of the remote that [`identify`](Self::identify) has found: its process data,
+    /// parameters and modes. What is wrong with them is in the result.
+    pub fn discover(
+        &mut self,
+        remote: &SerialRemote,
+        options: &DiscoveryOptions<'_>,
+    ) -> Discovered {
+        discover(self, &remote.started, MAX_INTERFACE_REGISTERS, options)
+    }
+
+    /// A remote procedure call without data; `None` if the remote does not answer it.
+    fn call<const N: usize>(&mut self, command: u8) -> Result<Option<[u8; N]>, SerialError> {
+        let request = Request::rpc(command, &[], N);
+        match self.ask(Asked::Rpc(command), &request) {
+            Ok(reply) => Ok(reply.get(..N).and_then(|reply| reply.try_into().ok())),
+            Err(SerialError::NoReply { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Sends a request until there is a good reply.
+    fn ask(&mut self, asked: Asked, request: &Request) -> Result<Vec<u8>, SerialError> {
+        let mut wrong = None;
+        for _ in 0..ATTEMPTS {
+            self.port.write_all(request.as_bytes())?;
+            self.port.flush()?;
+            let reply = self.reply(request.reply_len())?;
+            match request.check_reply(&reply) {
+                Ok(data) => return Ok(data.to_vec()),
+                Err(_) if reply.is_empty() => {}
+                Err(error) => wrong = Some(error),
+            }
+            self.become_quiet()?;
+        }
+        let attempts = ATTEMPTS;
+        Err(match wrong {
+            None => SerialError::NoReply { asked, attempts },
+            Some(source) => SerialError::Damaged {
+                asked,
+                attempts,
+                source,
+            },
+        })
+    }
+
+    /// So many characters, or fewer if no more come, or what comes with them.
+    fn reply(&mut self, len: usize) -> Result<Vec<u8>, SerialError> {
+        let until = Instant::now() + self.reply;
+        let mut reply = Vec::new();
+        while reply.len() < len && Instant::now() < until {
+            let mut buffer = [0; 64];
+            let count = self.read(&mut buffer)?;
+            reply.extend(buffer.get(..count).unwrap_or_default());
+        }
+        Ok(reply)
+    }
+
+    /// Drops what comes in until nothing has come for a while.
+    fn become_quiet(&mut self) -> Result<(), SerialError> {
+        let until = Instant::now() + QUIET_WITHIN;
+        let mut since = Instant::now();
+        while since.elapsed() < self.quiet {
+            if self.read(&mut [0; 64])? > 0 {
+                since = Instant::now();
+            }
+            if since > until {
+                return Err(SerialError::NeverQuiet);
+            }
+        }
+        Ok(())
+    }
+
+    /// What has come in; 0 after the port's own timeout.
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
+        let asked = Instant::now();
+        let count = match self.port.read(buffer) {
+            Ok(count) => count,
+            Err(error) => match error.kind() {
+                ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => 0,
+                _ => return Err(error.into()),
+            },
+        };
+        if count == 0 && asked.elapsed() < LOOK {
+            thread::sleep(LOOK);
+        }
+        Ok(count)
+    }
+}
+
+impl<P: Read + Write> RemoteLink for SerialHost<P> {
+    type Error = SerialError;
+
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, SerialError> {
+        let reply = self.ask(Asked::Access(access), &Request::access(access))?;
+        let mut value = [0; 8];
+        for (to, from) in value.iter_mut().zip(reply) {
+            *to = from;
+        }
+        Ok(u64::from_le_bytes(value))
+    }
+
+    fn wait(&mut self, time: Duration) {
+        thread::sleep(time);
+    }
+
+    fn nonvolatile_error(
+        &mut self,
+        access: RemoteAccess,
+        problem: NonvolatileProblem<SerialError>,
+    ) -> SerialError {
+        match problem {
+            NonvolatileProblem::StillSelected(error) => SerialError::StillSelected(Box::new(error)),
+            NonvolatileProblem::NotKept { written, read } => SerialError::NotKept {
+                access,
+                written,
+                read,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

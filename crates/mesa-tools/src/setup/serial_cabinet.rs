@@ -1,0 +1,81 @@
+//! The one remote on a serial port, as a cabinet.
+
+use std::io::{Read, Write};
+
+use super::{Cabinet, RemotePlace, SerialError, SerialHost, SerialRemote};
+use mesa_hal::discovery::{DataRecord, Discovered, DiscoveryOptions, RemoteDescriptor};
+use mesa_hal::hal::AnyValue;
+use mesa_hal::remote::ParameterError;
+
+/// The remote on a serial port, with what it tells of itself.
+#[derive(Debug)]
+pub struct SerialCabinet<P> {
+    host: SerialHost<P>,
+    /// Who answers.
+    pub remote: SerialRemote,
+    /// What it has.
+    pub found: Discovered,
+}
+
+/// Why a parameter of the remote on a serial port was not read or written.
+#[derive(Debug, thiserror::Error)]
+#[error("parameter {name}: {source}")]
+pub struct SerialCabinetError {
+    /// The parameter.
+    pub name: Box<str>,
+    /// Why.
+    pub source: ParameterError<SerialError>,
+}
+
+impl<P: Read + Write> SerialCabinet<P> {
+    /// Finds out who is on the serial port, and what parameters it has.
+    ///
+    /// # Errors
+    /// [`SerialError`]: nobody answers as a remote does. What is wrong with its tables is in
+    /// [`found`](Self::found).
+    pub fn open(mut host: SerialHost<P>) -> Result<Self, SerialError> {
+        let remote = host.identify()?;
+        let found = host.discover(&remote, &DiscoveryOptions::default());
+        Ok(Self {
+            host,
+            remote,
+            found,
+        })
+    }
+
+    fn record(&self, name: &str) -> Result<DataRecord, ParameterError<SerialError>> {
+        let record = self.found.descriptor.parameter(name);
+        record.cloned().ok_or(ParameterError::Unknown)
+    }
+}
+
+impl<P: Read + Write> Cabinet for SerialCabinet<P> {
+    type Error = SerialCabinetError;
+
+    fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
+        vec![(RemotePlace::Serial, self.found.descriptor.clone())]
+    }
+
+    fn read(&mut self, _place: RemotePlace, name: &str) -> Result<u64, Self::Error> {
+        let record = self.record(name);
+        let value = record.and_then(|record| record.read_parameter(&mut self.host));
+        value.map(|value| value.raw).map_err(|source| {
+            let name = name.into();
+            SerialCabinetError { name, source }
+        })
+    }
+
+    fn write(
+        &mut self,
+        _place: RemotePlace,
+        name: &str,
+        value: AnyValue,
+    ) -> Result<(), Self::Error> {
+        let record = self.record(name);
+        let written = record.and_then(|record| record.write_parameter(&mut self.host, value));
+        written.map_err(|source| {
+            let name = name.into();
+            SerialCabinetError { name, source }
+        })
+    }
+}
