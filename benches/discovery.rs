@@ -12,8 +12,8 @@ use mesa_hal::Settings;
 use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover_port};
 use mesa_hal::driver::Driver;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
-use mesa_hal_sim::SimFpga;
 use mesa_hal::sslbp::{Channel, Layout, Port};
+use mesa_hal_sim::SimFpga;
 
 /// A port whose pins are set up.
 fn located(fpga: &mut SimFpga) -> Port {

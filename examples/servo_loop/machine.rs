@@ -3,9 +3,9 @@
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
+use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimFpga, machines};
-use mesa_hal::transport::udp::UdpBus;
 
 use crate::args::Args;
 

@@ -14,8 +14,8 @@ use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
-use mesa_hal_sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 use crate::sslbp::Layout;
+use mesa_hal_sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
 /// Everything that a module registers with.
 struct Bench {

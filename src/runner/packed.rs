@@ -103,23 +103,19 @@ packed!(DriverStatistics {
     bus_down,
     others,
 });
-packed!(BusStatistics {
-    exchanges,
-    late,
-    lost,
-    stale,
-    duplicate,
-    short,
-    foreign,
-    lost_writes,
-    late_writes,
-    repeated_writes,
-    unconfirmed_writes,
-    doubts,
-    others,
-    bytes_sent,
-    bytes_received,
-});
+
+impl Packed for BusStatistics {
+    fn pack(&self, to: &mut impl Sink) {
+        for count in self.counts() {
+            to.put(count);
+        }
+    }
+
+    fn unpack(from: &mut impl Iterator<Item = u64>) -> Self {
+        Self::from_counts(core::array::from_fn(|_| u64::unpack(from)))
+    }
+}
+
 packed!(Age { cycles, time });
 
 impl Packed for GroupState {

@@ -72,7 +72,9 @@ fn outputs_are_off_when_it_has_ended() {
     let ended = runner.run(|cycle| {
         cycle.pins_mut().set(output, true);
         let device = cycle.driver.bus().remote(0, 0);
-        let device = device.and_then(mesa_hal_sim::devices::find).expect("a 7I77");
+        let device = device
+            .and_then(mesa_hal_sim::devices::find)
+            .expect("a 7I77");
         was_on |= is_on(device);
         if cycle.number == 20 {
             ControlFlow::Break(())

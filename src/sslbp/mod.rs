@@ -21,7 +21,7 @@ pub use layout::{ChannelRegisters, Layout, MAX_INTERFACE_REGISTERS, PortPlace};
 pub use machine::{
     Complete, Event, Failure, FailureCounts, Link, Machine, Observed, PortState, Verdict,
 };
-pub use operation::{COMMAND_IGNORED, Operation, StartMode, Times, software_mode_word};
+pub use operation::{COMMAND_IGNORED, Operation, PortAccess, StartMode, Times, software_mode_word};
 pub use parameters::{ChannelVariable, PortParameters};
 pub use port::{Port, PortLink, PortResult, SetupPort};
 pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};

@@ -100,7 +100,7 @@ impl Operation {
             Self::Start(StartMode::Setup, _) => (1_800, 400_000, 0),
             Self::Transfer(_) => (50, 20_000, 0),
             // 49.8 ms without a reply.
-            Self::Access(_, access) => (access.usual_time().as_micros() as u64, 200_000, 0),
+            Self::Access(_, access) => (usual_time(*access).as_micros() as u64, 200_000, 0),
             Self::ReadLocal(_) | Self::WriteLocal(_) => (1, 5_000, 0),
             // It is found twice: soon after COMMAND is 0 it is taken as invalid and cleared once
             // more, and a command written in between is lost.
@@ -190,37 +190,45 @@ pub const fn software_mode_word(mode: u8) -> u32 {
 /// What a port takes for an access, and how it answers.
 ///
 /// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; FACTS 6.1.
-impl RemoteAccess {
+pub trait PortAccess {
     /// The word for CS: the LBP command in the top byte, the address in the low word.
-    pub const fn cs_word(self) -> u32 {
+    fn cs_word(self) -> u32;
+
+    /// The words for interface registers 0 and 1, if it writes.
+    fn data_words(self) -> Option<[u32; 2]>;
+
+    /// The value that interface registers 0 and 1 hold after a read.
+    fn value(self, words: [u32; 2]) -> u64;
+}
+
+impl PortAccess for RemoteAccess {
+    fn cs_word(self) -> u32 {
         let address = match self {
             Self::Read { address, .. } | Self::Write { address, .. } => address,
             Self::ReadLocal(_) | Self::WriteLocal(..) => 0,
         };
-        (self.command() as u32) << 24 | address as u32
+        u32::from(self.command()) << 24 | u32::from(address)
     }
 
-    /// The words for interface registers 0 and 1, if it writes.
-    pub fn data_words(self) -> Option<[u32; 2]> {
+    fn data_words(self) -> Option<[u32; 2]> {
         let value = self.written()?;
         Some([value as u32, (value >> 32) as u32])
     }
 
-    /// The value that interface registers 0 and 1 hold after a read.
-    pub const fn value(self, [low, high]: [u32; 2]) -> u64 {
-        let value = (high as u64) << 32 | low as u64;
+    fn value(self, [low, high]: [u32; 2]) -> u64 {
+        let value = u64::from(high) << 32 | u64::from(low);
         match self {
             Self::Read { size, .. } | Self::Write { size, .. } => value & size.mask(),
             Self::ReadLocal(_) | Self::WriteLocal(..) => value & 0xFF,
         }
     }
+}
 
-    /// Without an error, at the default baud rate.
-    fn usual_time(self) -> Duration {
-        let bits = u64::from(self.characters()) * 10;
-        let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));
-        line + USUAL_REMOTE_LATENCY + FIRMWARE
-    }
+/// How long an access takes without an error, at the default baud rate.
+fn usual_time(access: RemoteAccess) -> Duration {
+    let bits = u64::from(access.characters()) * 10;
+    let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));
+    line + USUAL_REMOTE_LATENCY + FIRMWARE
 }
 
 #[cfg(test)]

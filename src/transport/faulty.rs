@@ -5,8 +5,8 @@ use core::time::Duration;
 use thiserror::Error;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Fault,
+    Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 

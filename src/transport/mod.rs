@@ -12,5 +12,6 @@ pub mod search;
 mod tests;
 pub mod udp;
 
-pub use faulty::{Fault, Faulty, FaultyError};
+pub use crate::bus::Fault;
+pub use faulty::{Faulty, FaultyError};
 pub use recording::{Entry, Event, Recording};

@@ -9,9 +9,9 @@ use std::time::Duration;
 use mesa_hal::bus::{
     Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
 };
-use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 use mesa_hal::transport::udp::{Link, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 
 use super::machine::{CLOCK_LOW, nominal};
 use super::plan::Stranger;

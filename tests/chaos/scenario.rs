@@ -14,9 +14,9 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use mesa_hal::driver::{BoardState, CycleReport, Driver, Pace};
-use mesa_hal_sim::{BoardConfig, SimBoard};
 use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal_sim::{BoardConfig, SimBoard};
 
 use super::application::Application;
 use super::journal::Journal;

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io;
 
 use mesa_hal::bus::Instant;
+use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find;
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga};
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 
 /// Time on the wire in each direction.
 pub const WIRE: u64 = 20_000;

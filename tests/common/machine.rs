@@ -9,13 +9,13 @@ use mesa_hal::driver::{
     CycleReport, Driver, DriverError, Pace, RemoteState, RemoteStatus, Settings,
 };
 use mesa_hal::hal::{Input, Output, Param, Pins, Reading, Value};
+use mesa_hal::sslbp::Channel;
+use mesa_hal::transport::Faulty;
+use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{SimFpga, machines};
-use mesa_hal::sslbp::Channel;
-use mesa_hal::transport::Faulty;
-use mesa_hal::transport::udp::UdpBus;
 
 use super::ethernet::SimLink;
 

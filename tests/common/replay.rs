@@ -5,9 +5,9 @@
 //! small table, because the driver asks for more than the recording did.
 
 use mesa_hal::hostmot2::{Gtag, ModuleDescriptor};
+use mesa_hal::sslbp::{Channel, ChannelMask, Layout};
 use mesa_hal_sim::sslbp::Register;
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal::sslbp::{Channel, ChannelMask, Layout};
 use std::collections::{BTreeMap, HashMap};
 
 use super::bus::{FakeBus, Registers};

@@ -9,14 +9,14 @@ use mesa_hal::discovery::{
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
-use mesa_hal_sim::remote::Remote;
-use mesa_hal_sim::wire::RemoteEnd;
-use mesa_hal_sim::{SimFpga, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, ProcessDataSizes,
     RemoteAccess, StartMode,
 };
+use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
+use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{SimFpga, machines};
 
 /// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
 fn machine() -> (SimFpga, Port) {

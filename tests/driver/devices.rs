@@ -10,13 +10,13 @@ use mesa_hal::driver::{
     Driver, DriverError, Presence, Remark, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
 use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::sslbp::{Channel, Layout};
 use mesa_hal_sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{SimError, SimFpga, machines};
-use mesa_hal::sslbp::{Channel, Layout};
 
 use crate::common::bus::{Around, Between};
 

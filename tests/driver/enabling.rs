@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use mesa_hal::hal::{AnalogOut, Output};
-use mesa_hal_sim::{Motor, SimFpga, machines};
 use mesa_hal::{Clock, Driver, I7i77Analog, I7i97, Settings};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 struct Axes {
     driver: Driver<SimFpga>,

@@ -7,10 +7,10 @@ use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, Events, Failure, OfflineReason, Repeating};
 use mesa_hal::hal::Pins;
+use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{FaultKind, SimFpga};
-use mesa_hal::transport::{Fault, Faulty};
 
 /// The cycle, counted from the last one before something was done, and what happened in it.
 type Told = (u64, EventKind);

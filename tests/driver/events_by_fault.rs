@@ -10,10 +10,10 @@ use std::sync::{Arc, Mutex};
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World, device, fpga};
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, EventMask, Events};
+use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
-use mesa_hal::transport::{Fault, Faulty};
 
 /// So many cycles with a fault.
 const FAULTY: usize = 60;

@@ -7,8 +7,8 @@ use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
 use mesa_hal::hal::Pins;
-use mesa_hal_sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 

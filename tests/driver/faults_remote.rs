@@ -3,10 +3,10 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
+use mesa_hal::sslbp::RemoteFaults;
 use mesa_hal_sim::devices::{Device, FieldIo, Outputs48};
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::wire::RemoteEnd;
-use mesa_hal::sslbp::RemoteFaults;
 
 /// Outputs on, volts on, inputs on.
 fn busy_machine(mode: u8) -> Machine {

@@ -9,8 +9,8 @@ use crate::common::ethernet::{Fate, SimLink, WIRE};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
-use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const PER_TURN: u32 = 500;

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use mesa_hal::hal::{PinId, Pins, Role};
 use mesa_hal::runner::SnapshotWriter;
-use mesa_hal_sim::{self, Motor, SimFpga, machines};
 use mesa_hal::{Clock, Driver, I7i77Field, Settings};
+use mesa_hal_sim::{self, Motor, SimFpga, machines};
 
 fn cycles(driver: &mut Driver<SimFpga>, field: &I7i77Field, count: usize) {
     for _ in 0..count {

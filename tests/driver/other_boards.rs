@@ -9,10 +9,10 @@ use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnalogOut, Counter, Pins};
 use mesa_hal::inventory;
 use mesa_hal::modules::encoder::Encoders;
+use mesa_hal::{Clock, Driver, Settings};
 use mesa_hal_sim::devices::{FieldIo, SignalValue, find, find_mut};
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{Motor, SimFpga, gtag, machines};
-use mesa_hal::{Clock, Driver, Settings};
 
 fn started(fpga: SimFpga) -> Driver<SimFpga> {
     Driver::start(fpga, Settings::default()).expect("the machine is complete")

@@ -9,8 +9,8 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga, start
 use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use mesa_hal::driver::{BoardState, FaultPolicy};
 use mesa_hal::hal::{HalType, Pins, Role};
-use mesa_hal_sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::{SimError, SimFpga};
 
 /// The remote is unplugged until it is offline, then comes back.
 fn away_and_back<B: World>(machine: &mut Machine<B>, channel: usize) {

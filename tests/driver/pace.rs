@@ -11,8 +11,8 @@ use mesa_hal::Settings;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
-use mesa_hal_sim::{Motor, machines};
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal_sim::{Motor, machines};
 
 const PERIOD: Duration = Duration::from_millis(1);
 

@@ -4,8 +4,8 @@
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal_sim::machines;
 use mesa_hal::sslbp::{Layout, Port};
+use mesa_hal_sim::machines;
 
 #[test]
 fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {

@@ -9,8 +9,8 @@ use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::hal::PinError;
 use mesa_hal::remote::ParameterError;
-use mesa_hal_sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 

@@ -9,9 +9,9 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
 use mesa_hal::hal::{Age, Reading};
+use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::remote::{Toward, WireFault};
-use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 type Faults = Faulty<SimFpga>;

@@ -7,8 +7,8 @@ use crate::common::machine::Machine;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::{Output, Param};
-use mesa_hal_sim::{Cause, Director, SimFpga, machines};
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal_sim::{Cause, Director, SimFpga, machines};
 
 /// I/O pins of a 7I97's expansion connector: one that is switched on, and one whose direction changes.
 const ON: usize = 40;

@@ -6,9 +6,9 @@ use std::time::Duration;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{BoardState, Driver};
 use mesa_hal::hal::GroupId;
-use mesa_hal_sim::{Motor, SimFpga, machines};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal::{I7i97, Settings};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 fn started(fpga: SimFpga, stale_after: u32) -> Driver<Faulty<SimFpga>> {
     let mut settings = Settings {

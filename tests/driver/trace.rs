@@ -3,8 +3,8 @@
 use crate::common::machine::{ANALOG, Machine, fpga};
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{Cause, EventKind, EventMask, TraceSettings};
-use mesa_hal_sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::SimFpga;
 
 fn machine(trace: TraceSettings) -> Machine<Faulty<SimFpga>> {
     Machine::on(Faulty::new(fpga(), 3), |s| s.trace = Some(trace))

@@ -8,10 +8,10 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::lbp::RemoteFaults;
+use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::devices::{Device, Outputs48};
 use mesa_hal_sim::remote::Remote;
 use mesa_hal_sim::{Cause, Director, SimFpga};
-use mesa_hal::transport::{Fault, Faulty};
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";

@@ -16,9 +16,9 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, EventKind, EventMask, FaultPolicy, Pace, Repeating};
 use mesa_hal::hal::{Input, Output, Param};
 use mesa_hal::hostmot2::Gtag;
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, machines};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use truth::Truth;
 
 type EthernetDriver = Driver<UdpBus<SimLink>>;

@@ -15,8 +15,8 @@ use mesa_hal::ethernet::{
 };
 use mesa_hal::inventory::{self, Ethernet};
 use mesa_hal::lbp16::{ErrorRegister, Space};
-use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, machines};
 
 fn link() -> SimLink {
     SimLink::new(machines::i7i97(1))

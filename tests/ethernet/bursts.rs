@@ -10,9 +10,9 @@ use mesa_hal::boards::I7i77Field;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, Settings};
 use mesa_hal::hal::{Input, Pins};
+use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, SimFpga, machines};
-use mesa_hal::transport::udp::UdpBus;
 
 const MILLI: u64 = 1_000_000;
 

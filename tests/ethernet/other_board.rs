@@ -4,8 +4,8 @@ use crate::common::ethernet::{SimLink, bus};
 use crate::common::machine::Machine;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, CycleError};
-use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 
 type OnNetwork = Machine<UdpBus<SimLink>>;
 

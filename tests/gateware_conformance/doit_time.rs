@@ -6,10 +6,10 @@ use std::time::Duration;
 use crate::DIRECTORY;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 use crate::common::recording::{Recording, files, own_directory};
+use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, DoitTime, Exchange, ProcessDataSizes};
 use mesa_hal_sim::remote::Remote;
 use mesa_hal_sim::sslbp::{PortConfig, Register, SslbpPort};
 use mesa_hal_sim::wire::{Nanos, RemoteEnd};
-use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, DoitTime, Exchange, ProcessDataSizes};
 use proptest::prelude::*;
 
 const PROCESS_DATA_RPC: u8 = 0xBD;

@@ -5,9 +5,9 @@ use allocation_counter::{AllocationInfo, measure};
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{EventKind, EventMask, RemoteState, TraceSettings};
 use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotWriter};
+use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::remote::{Toward, WireFault};
-use mesa_hal::transport::{Fault, Faulty};
 
 const CYCLES: u32 = 100_000;
 

@@ -11,8 +11,8 @@ use std::time::Duration;
 use allocation_counter::measure;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::Pace;
-use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, UdpFace, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, UdpFace, machines};
 
 const CYCLES: u32 = 1000;
 

@@ -6,12 +6,12 @@ mod failures;
 use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::lbp::RemoteLink;
-use mesa_hal_sim::sslbp::Register;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
     LocalLocation, NonvolatileMemory, Operation, Port, PortError, PortLink, PortParameters,
     PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
 };
+use mesa_hal_sim::sslbp::Register;
 
 const ZERO: Channel = Channel::ALL[0];
 

@@ -12,13 +12,13 @@ use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{Discovered, DiscoveryOptions, ProblemKind, discover, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::lbp::RemoteLink;
-use mesa_hal_sim::remote::{FixedData, Remote};
-use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, Layout, NonvolatileMemory, Port,
     PortError, PortLink, PortParameters, PortState, ProcessDataSizes, RemoteAccess,
     StartFailureReason, StartMode,
 };
+use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
 use proptest::prelude::*;
 use std::time::Duration;
 

@@ -5,11 +5,11 @@ use crate::common::recording::{files, own_directory};
 use crate::common::replay::{MODULE, Replay, recording, segments};
 use crate::sslbp_recorded::recorded_access;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
-use mesa_hal_sim::sslbp::Register;
 use mesa_hal::sslbp::{
     Channel, ChannelMask, Complete, Event, Failure, Layout, Machine, Observed, Operation,
     StartMode, Verdict, software_mode_word,
 };
+use mesa_hal_sim::sslbp::Register;
 use std::collections::BTreeMap;
 use std::time::Duration;
 

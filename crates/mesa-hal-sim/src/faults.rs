@@ -3,9 +3,9 @@
 //! What the driver does about each of them is in [`driver::faults`](crate::driver::faults); a test
 //! holds that table and this list against each other.
 
-use mesa_wire::lbp::RemoteFaults;
 use crate::remote::WireFault;
 use mesa_wire::bus::Fault;
+use mesa_wire::lbp::RemoteFaults;
 
 /// Where a fault is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

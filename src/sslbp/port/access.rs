@@ -4,7 +4,9 @@ use super::{Port, PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     lbp::{NonvolatileProblem, RemoteLink},
-    sslbp::{Channel, CsStatus, Operation, PortError, PortState, RemoteAccess, StartMode},
+    sslbp::{
+        Channel, CsStatus, Operation, PortAccess, PortError, PortState, RemoteAccess, StartMode,
+    },
 };
 use alloc::{format, vec::Vec};
 use core::time::Duration;

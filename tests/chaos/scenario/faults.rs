@@ -2,8 +2,8 @@
 //! what is there instead of the board.
 
 use mesa_hal::driver::{Driver, Pace};
-use mesa_hal_sim::{FaultKind, Place};
 use mesa_hal::transport::udp::Link;
+use mesa_hal_sim::{FaultKind, Place};
 
 use super::super::network::{Bad, Host, Life, Sim};
 use super::super::plan::{MICRO, MILLI, Planned};

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
 use mesa_hal::driver::DriverError;
-use mesa_hal_sim::{Cause, Director};
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::{Cause, Director};
 
 const OUTPUT: usize = 2;
 

@@ -9,8 +9,8 @@ use crate::common::ethernet::{self, Fate, SimLink, WIRE, cut, good};
 use crate::common::machine::{Machine, fpga, start};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{EventKind, EventMask, Pace, Repeating};
-use mesa_hal_sim::{FaultKind, Motor, Place, machines};
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal_sim::{FaultKind, Motor, Place, machines};
 
 /// A network that loses some of the packets.
 struct Network {

@@ -1,11 +1,11 @@
 //! Spaces 4, 6 and 7: timers, status and control, card information.
 
 use super::BoardConfig;
-use mesa_wire::lbp16::{
-        ErrorRegister,
-        registers::{control, read_only, timer},
-    };
 use crate::wire::Nanos;
+use mesa_wire::lbp16::{
+    ErrorRegister,
+    registers::{control, read_only, timer},
+};
 
 /// Words of each of the three spaces.
 const WORDS: usize = 16;

@@ -1,10 +1,10 @@
 //! Space 2: the EEPROM with MAC address, card name and IP address.
 
 use super::BoardConfig;
-use mesa_wire::lbp16::registers::eeprom::{
-        CARD_NAME, FIRST_WRITABLE, IP_ADDRESS, LED_MODE, LEN, MAC, NETMASK, NETMASK_FIRMWARE,
-    };
 use crate::wire::Nanos;
+use mesa_wire::lbp16::registers::eeprom::{
+    CARD_NAME, FIRST_WRITABLE, IP_ADDRESS, LED_MODE, LEN, MAC, NETMASK, NETMASK_FIRMWARE,
+};
 
 /// Time to program one word of the Ethernet chip's serial EEPROM. Not known; mesaflash, which waits
 /// 2 ms for its first answer, has to find a board whose address it has just set (FACTS 10.2).

@@ -1,7 +1,7 @@
 //! Space 3: the configuration flash, an M25P16 behind an address and a data register.
 
-use mesa_wire::lbp16::registers::flash::{ADDRESS, DATA, ID, PAGE, SECTOR, SECTOR_ERASE};
 use crate::wire::Nanos;
+use mesa_wire::lbp16::registers::flash::{ADDRESS, DATA, ID, PAGE, SECTOR, SECTOR_ERASE};
 
 /// Bytes of an M25P16. Manual: 7I97, "EEPROM LAYOUT".
 pub(super) const FLASH_SIZE: usize = 2 << 20;

@@ -3,11 +3,11 @@
 use thiserror::Error;
 
 use super::{Description, DescriptionError, Layout, image};
-use mesa_wire::lbp::RemoteFaults;
 use crate::{
-        remote::{Application, Flash, Memory, Remote, ReplyFaults},
-        wire::{BIT_2M5, Nanos, RemoteEnd},
-    };
+    remote::{Application, Flash, Memory, Remote, ReplyFaults},
+    wire::{BIT_2M5, Nanos, RemoteEnd},
+};
+use mesa_wire::lbp::RemoteFaults;
 
 /// Something the world can not do to this device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

@@ -6,8 +6,8 @@ use super::{
     drivers::{Drivers, FieldPower},
     spindle::Spindle,
 };
-use mesa_wire::lbp::RemoteFaults;
 use crate::remote::{Memory, Remote};
+use mesa_wire::lbp::RemoteFaults;
 
 /// FACTS 8.1 and 8.2. The width of the MPG counters is not confirmed.
 const DESCRIPTION: &str = "

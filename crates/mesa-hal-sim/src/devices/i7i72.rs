@@ -4,8 +4,8 @@ use super::{
     Description, DescriptionError, Device, Layout, SignalValue, World, WorldError,
     drivers::{Drivers, FieldPower},
 };
-use mesa_wire::lbp::RemoteFaults;
 use crate::remote::{Memory, Remote};
+use mesa_wire::lbp::RemoteFaults;
 
 /// FACTS 8.4. The scale of the field voltage and the names of the modes are not confirmed.
 const DESCRIPTION: &str = "

@@ -1,8 +1,8 @@
 //! Memory image and data layout out of a description.
 
 use super::{Description, DescriptionError, Record};
-use mesa_wire::lbp::{Capabilities, DiscoveryReply};
 use crate::remote::{Memory, ParameterPlace, RemoteConfig, WorkingCopy};
+use mesa_wire::lbp::{Capabilities, DiscoveryReply};
 
 /// Where values begin in memory.
 const VALUES: u16 = 0x0010;

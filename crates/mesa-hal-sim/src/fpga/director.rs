@@ -69,8 +69,8 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use mesa_wire::bus::{Access, RegisterBus};
     use crate::machines;
+    use mesa_wire::bus::{Access, RegisterBus};
 
     #[derive(Debug, Default)]
     struct Notes {

@@ -1,8 +1,8 @@
 //! What a remote is for: the part behind the protocol.
 
 use super::Memory;
-use mesa_wire::lbp::RemoteFaults;
 use crate::wire::Nanos;
+use mesa_wire::lbp::RemoteFaults;
 
 /// The program of a remote: where its inputs come from and what its outputs do.
 ///

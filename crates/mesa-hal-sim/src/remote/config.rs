@@ -1,8 +1,8 @@
 //! What a remote is: name, modes, memory, and how it misbehaves.
 
 use super::Memory;
-use mesa_wire::lbp::{Capabilities, DiscoveryReply, LbpStatus, RemoteFaults};
 use crate::wire::{BIT_2M5, Nanos};
+use mesa_wire::lbp::{Capabilities, DiscoveryReply, LbpStatus, RemoteFaults};
 
 /// The most software modes a simulated remote has.
 pub const MAX_MODES: usize = 16;

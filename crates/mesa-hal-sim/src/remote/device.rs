@@ -9,8 +9,10 @@ use super::{
     program,
     rpc::RpcTable,
 };
-use mesa_wire::lbp::{Capabilities, DISCOVERY, LbpStatus, PROCESS_DATA, RemoteFaults, UNIT_NUMBER, crc8};
 use crate::wire::{Burst, Nanos, RemoteEnd};
+use mesa_wire::lbp::{
+    Capabilities, DISCOVERY, LbpStatus, PROCESS_DATA, RemoteFaults, UNIT_NUMBER, crc8,
+};
 
 /// A bit in the setup position of the jumper: 115200 baud, whatever the baud rate's parameter is; and
 /// the frame timeout, in bit times. Manual: 7I77, "SETUP/OPERATE MODE", "FRAMING".

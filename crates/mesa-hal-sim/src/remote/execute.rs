@@ -6,11 +6,10 @@ use super::{
     parser::{Access, ReceivedRequest},
     rpc::{RPC_PITCH, RPC_TABLE_SIZE, RpcMemory},
 };
-use mesa_wire::lbp::{
-        DISCOVERY, LbpStatus, LocalLocation, NonvolatileMemory, PROCESS_DATA, RemoteFaults,
-        UNIT_NUMBER,
-    };
 use crate::wire::Nanos;
+use mesa_wire::lbp::{
+    DISCOVERY, LbpStatus, LocalLocation, NonvolatileMemory, PROCESS_DATA, RemoteFaults, UNIT_NUMBER,
+};
 
 /// What EC is while accesses reach the flash.
 const FLASH: u8 = NonvolatileMemory::Flash as u8;

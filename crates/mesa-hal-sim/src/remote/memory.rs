@@ -2,8 +2,8 @@
 
 use core::ops::Range;
 
-use mesa_wire::lbp::{LbpStatus, flash};
 use crate::wire::Nanos;
+use mesa_wire::lbp::{LbpStatus, flash};
 
 const SIZE: usize = 0x1_0000;
 

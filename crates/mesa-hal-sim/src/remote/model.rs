@@ -3,8 +3,8 @@
 use thiserror::Error;
 
 use super::{FixedData, MAX_MODES, Remote, RemoteConfig};
-use mesa_wire::lbp::{DiscoveryReply, LbpStatus, RemoteFaults};
 use crate::wire::Nanos;
+use mesa_wire::lbp::{DiscoveryReply, LbpStatus, RemoteFaults};
 
 /// Why a line about the remote model was not understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

@@ -1,8 +1,8 @@
 //! The remote's side of the wire: requests out of characters and times.
 
 use super::buffers::MAX_FRAME;
-use mesa_wire::lbp::crc8;
 use crate::wire::Nanos;
+use mesa_wire::lbp::crc8;
 
 /// Frame timeout until the host sets one, in bit times: four characters.
 pub(super) const DEFAULT_TIMEOUT: u8 = 40;

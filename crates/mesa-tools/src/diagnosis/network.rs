@@ -37,8 +37,9 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
         Way::Direct(route) => {
             let name = &route.interface;
             let figure = format!("{name}, {route}");
-            let is_default =
-                |one: &mesa_hal::transport::network::Route| one.is_default() && one.interface == *name;
+            let is_default = |one: &mesa_hal::transport::network::Route| {
+                one.is_default() && one.interface == *name
+            };
             match network.interface(name) {
                 Some(Interface { is_up: false, .. }) => {
                     let advice = format!("`sudo ip link set {name} up`");

@@ -19,12 +19,12 @@ mod serial_cabinet;
 mod serial_error;
 pub mod update;
 
-pub use mesa_hal::lbp::RemoteLink;
 pub use cabinet::{
     Cabinet, Comparison, Difference, Match, RemotePlace, RestoreError, SavedCabinet, SavedRemote,
     SavedValue, parse_value,
 };
 pub use firmware::{Firmware, FirmwareError};
+pub use mesa_hal::lbp::RemoteLink;
 #[cfg(feature = "std")]
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
 #[cfg(feature = "std")]

@@ -14,7 +14,9 @@ use core::error::Error;
 
 use super::Firmware;
 use mesa_hal::lbp::flash;
-use mesa_hal::lbp::{AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink};
+use mesa_hal::lbp::{
+    AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
+};
 
 /// Sizes that flash memories of microcontrollers have, as powers of two.
 const LOG2_WRITE: core::ops::RangeInclusive<u8> = 3..=14;

@@ -96,7 +96,8 @@ impl Access {
         Self::new(Direction::Write, address, first, count)
     }
 
-    const fn new(direction: Direction, address: u16, first: u16, count: u16) -> Self {
+    /// An access in this direction.
+    pub const fn new(direction: Direction, address: u16, first: u16, count: u16) -> Self {
         Self {
             address,
             direction,
@@ -245,6 +246,84 @@ impl BusStatistics {
             ..Self::default()
         }
     }
+
+    /// All counts in the order of the fields, for who keeps them in words.
+    #[must_use]
+    pub const fn counts(&self) -> [u64; 15] {
+        let Self {
+            exchanges,
+            late,
+            lost,
+            stale,
+            duplicate,
+            short,
+            foreign,
+            lost_writes,
+            late_writes,
+            repeated_writes,
+            unconfirmed_writes,
+            doubts,
+            others,
+            bytes_sent,
+            bytes_received,
+        } = *self;
+        [
+            exchanges,
+            late,
+            lost,
+            stale,
+            duplicate,
+            short,
+            foreign,
+            lost_writes,
+            late_writes,
+            repeated_writes,
+            unconfirmed_writes,
+            doubts,
+            others,
+            bytes_sent,
+            bytes_received,
+        ]
+    }
+
+    /// Those of which these are the [`counts`](Self::counts).
+    #[must_use]
+    pub const fn from_counts(counts: [u64; 15]) -> Self {
+        let [
+            exchanges,
+            late,
+            lost,
+            stale,
+            duplicate,
+            short,
+            foreign,
+            lost_writes,
+            late_writes,
+            repeated_writes,
+            unconfirmed_writes,
+            doubts,
+            others,
+            bytes_sent,
+            bytes_received,
+        ] = counts;
+        Self {
+            exchanges,
+            late,
+            lost,
+            stale,
+            duplicate,
+            short,
+            foreign,
+            lost_writes,
+            late_writes,
+            repeated_writes,
+            unconfirmed_writes,
+            doubts,
+            others,
+            bytes_sent,
+            bytes_received,
+        }
+    }
 }
 
 /// The time of a bus: virtual in simulation, the host's otherwise.
@@ -281,7 +360,7 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// A bus that has no packets implements [`exchange`](Self::exchange), and with [`AccessList`]:
 ///
 /// ```
-/// use mesa_hal::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
+/// use mesa_wire::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
 ///
 /// #[derive(Debug)]
 /// struct Memory([u32; 16]);

@@ -16,6 +16,4 @@ pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use crc::crc8;
 pub use link::{NonvolatileProblem, RemoteLink};
 pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};
-#[doc(hidden)]
-pub use status::write_flags;
-pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash};
+pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash, write_flags};

@@ -87,7 +87,7 @@ impl fmt::Display for RemoteFaults {
     }
 }
 
-/// Writes the words of the bits that are set, or `none`.
+/// Writes the words of the bits that are set, from bit 0 on, or `none`.
 pub fn write_flags(
     f: &mut fmt::Formatter<'_>,
     bits: u8,

@@ -14,13 +14,13 @@ use super::{Command, Lbp16Error, MAX_COUNT, Space};
 /// Allocates as the request grows; every method is bounded by the bytes it writes.
 ///
 /// ```
-/// use mesa_hal::lbp16::{RequestBuilder, Space};
+/// use mesa_wire::lbp16::{RequestBuilder, Space};
 ///
 /// let mut request = RequestBuilder::default();
 /// let idrom = request.read(Space::HostMot2, 0x0400, 5)?;
 /// assert_eq!(request.bytes, [0x85, 0x42, 0x00, 0x04]);
 /// assert_eq!((idrom, request.reply_len), (0..20, 20));
-/// # Ok::<(), mesa_hal::lbp16::Lbp16Error>(())
+/// # Ok::<(), mesa_wire::lbp16::Lbp16Error>(())
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct RequestBuilder {
@@ -84,8 +84,9 @@ impl RequestBuilder {
         Ok(self.push(command, address, data))
     }
 
-    /// As [`command`](Self::command), for a command that is known to be sound.
-    pub(crate) fn push(&mut self, command: Command, address: u16, data: &[u8]) -> Range<usize> {
+    /// As [`command`](Self::command), for a command that is known to be sound: its count and its data
+    /// are not checked. A count of 0 can be set later, in [`bytes`](Self::bytes).
+    pub fn push(&mut self, command: Command, address: u16, data: &[u8]) -> Range<usize> {
         debug_assert_eq!(data.len(), command.written_len(), "{command:?}");
         self.bytes.extend(command.encode().to_le_bytes());
         if command.address {

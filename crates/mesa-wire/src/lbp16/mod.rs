@@ -23,11 +23,8 @@ pub use answered::Answered;
 pub use builder::RequestBuilder;
 pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;
-#[doc(hidden)]
-pub use info::text;
-pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType};
-pub(crate) use parser::elements;
-pub use parser::{Operation, Operations};
+pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType, text};
+pub use parser::{Operation, Operations, elements};
 pub use registers::ErrorRegister;
 
 /// The UDP port of every board. Manual: 7I97, "UDP".

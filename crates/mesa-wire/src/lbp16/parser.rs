@@ -92,7 +92,7 @@ impl<'a> Iterator for Operations<'a> {
 }
 
 /// Little-endian numbers of one size, side by side; one that was cut off is left out.
-pub(crate) fn elements(bytes: &[u8], size: ElementSize) -> impl Iterator<Item = u64> {
+pub fn elements(bytes: &[u8], size: ElementSize) -> impl Iterator<Item = u64> {
     bytes.chunks_exact(size.bytes()).map(number)
 }
 

@@ -1,10 +1,10 @@
 //! A host on the line of a simulated device.
 
-use mesa_wire::lbp::{
-        AccessSize, DISCOVERY, DiscoveryReply, LocalLocation, PROCESS_DATA, RemoteAccess,
-        RemoteFaults, Request, crc8,
-    };
 use crate::wire::{BIT_2M5, Burst, Nanos, RemoteEnd};
+use mesa_wire::lbp::{
+    AccessSize, DISCOVERY, DiscoveryReply, LocalLocation, PROCESS_DATA, RemoteAccess, RemoteFaults,
+    Request, crc8,
+};
 
 /// A host on the line of one device; time goes on with each request.
 pub(super) struct Host<'a> {

@@ -9,11 +9,11 @@ use host::Host;
 use std::collections::BTreeMap;
 
 use super::*;
-use mesa_wire::lbp::{
-        AccessSize, DISCOVERY, DiscoveryReply, LbpStatus, LocalLocation, RemoteAccess,
-        RemoteFaults, Request,
-    };
 use crate::remote::{Toward, WireFault};
+use mesa_wire::lbp::{
+    AccessSize, DISCOVERY, DiscoveryReply, LbpStatus, LocalLocation, RemoteAccess, RemoteFaults,
+    Request,
+};
 
 /// Makes a fault's cause come or go.
 type Cause = fn(&mut dyn SimDevice, bool);

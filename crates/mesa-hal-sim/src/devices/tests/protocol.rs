@@ -1,11 +1,13 @@
 //! What the line can do to a device besides process data.
 
 use super::{super::*, Host, lit};
-use mesa_wire::lbp::{AccessSize, LbpStatus, LocalLocation, RemoteAccess, Request, UNIT_NUMBER, flash};
 use crate::{
-        remote::Application,
-        wire::{BIT_2M5, Burst},
-    };
+    remote::Application,
+    wire::{BIT_2M5, Burst},
+};
+use mesa_wire::lbp::{
+    AccessSize, LbpStatus, LocalLocation, RemoteAccess, Request, UNIT_NUMBER, flash,
+};
 
 #[test]
 fn nonvolatile_parameters_survive_a_power_cycle_and_take_effect_after_it() {

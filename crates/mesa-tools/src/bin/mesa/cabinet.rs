@@ -5,11 +5,11 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
+use mesa_hal::transport::udp::{UdpBus, UdpError};
+use mesa_hal::{Board, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
 };
-use mesa_hal::transport::udp::{UdpBus, UdpError};
-use mesa_hal::{Board, DriverError, Settings};
 use serialport::SerialPort;
 
 use crate::context::Failure;

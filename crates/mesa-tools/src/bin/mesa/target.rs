@@ -11,9 +11,9 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
-use mesa_hal_sim::{Mishaps, UdpFace};
 use mesa_hal::transport::search::{self, Asked};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
+use mesa_hal_sim::{Mishaps, UdpFace};
 
 use crate::consent::Asks;
 use crate::context::Failure;

@@ -7,10 +7,10 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::boards::i7i77;
 use mesa_hal::driver::{RemoteConfig, SerialConfig};
-use mesa_tools::setup::update::{Plan, Progress, Step, UpdateError};
-use mesa_tools::setup::{Firmware, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use mesa_hal::sslbp::{RemoteName, StartedRemote};
 use mesa_hal::{Board, DriverError, Settings};
+use mesa_tools::setup::update::{Plan, Progress, Step, UpdateError};
+use mesa_tools::setup::{Firmware, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;

@@ -9,13 +9,13 @@ use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_tools::diagnosis::{self, Finding, Host, RoundTrips, Verdict, board, computer, network};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{BoardState, Driver, Settings};
+use mesa_tools::diagnosis::{self, Finding, Host, RoundTrips, Verdict, board, computer, network};
 use serde::Serialize;
 
 use crate::consent::Asks;

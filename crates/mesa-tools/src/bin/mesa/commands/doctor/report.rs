@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use mesa_hal::ethernet::{EthernetBoard, Identity};
-use mesa_tools::inventory::{self, Data, Found, Inventory};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
 use mesa_hal::transport::udp::UdpBus;
+use mesa_tools::inventory::{self, Data, Found, Inventory};
 use serde::Serialize;
 
 use crate::context::Failure;

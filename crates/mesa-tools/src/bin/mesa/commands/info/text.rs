@@ -3,11 +3,11 @@
 use std::fmt::{self, Display, Formatter};
 
 use mesa_hal::ethernet::LedMode;
+use mesa_hal::remote::Scaling;
 use mesa_tools::inventory::{
     Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, Pin, PinDirection, Remote,
     SerialPort,
 };
-use mesa_hal::remote::Scaling;
 
 use super::Found;
 

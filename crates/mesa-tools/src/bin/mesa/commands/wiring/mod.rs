@@ -9,11 +9,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use mesa_tools::diagnosis::wiring::{self, Check};
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Rounded, Settings};
+use mesa_tools::diagnosis::wiring::{self, Check};
 
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;

@@ -3,8 +3,8 @@
 use std::fmt::{self, Display};
 use std::path::Path;
 
-use mesa_tools::diagnosis::wiring::{Judgement, Kind, Point, Verdict, exchanged};
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo};
+use mesa_tools::diagnosis::wiring::{Judgement, Kind, Point, Verdict, exchanged};
 use serde::Serialize;
 use serde_json::Value;
 

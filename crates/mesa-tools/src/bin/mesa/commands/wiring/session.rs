@@ -4,9 +4,9 @@ use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{Clock, HostClock};
-use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
 use mesa_hal::hal::{AnyValue, PinId};
 use mesa_hal::runner::Snapshot;
+use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
 
 use super::machine::{self, Driven, Machine};
 use super::report::{Item, Mark, Names, Not, Outcome, What, text};
