@@ -5,7 +5,7 @@ use crate::hal::Terminals;
 use crate::hostmot2::{Gtag, HostMot2, TickRate};
 
 /// The pins of a DB25 connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).
-pub(crate) const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
+pub const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl BoardTable {
     /// A board with connectors for cards, of which nothing else is known. Its encoders run at the

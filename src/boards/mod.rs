@@ -17,7 +17,7 @@ mod identity;
 pub use crate::hostmot2::board_table::{
     BoardTable, CardTable, FlashLayout, ModuleTerminals, PwmTable,
 };
-pub(crate) use board_table::DB25;
+pub use board_table::DB25;
 
 pub use attach::{AttachError, BoardHandles, CardFinder, CardHandles, Finder, RemoteHandles};
 pub use i7i72::I7i72;

@@ -1,7 +1,7 @@
 //! What discovery finds out about a remote.
 
 use super::ProblemKind;
-use crate::sslbp::RemoteName;
+use crate::sslbp::{AccessSize, RemoteName};
 use alloc::{format, string::String, vec::Vec};
 
 /// Everything discovery finds out about a remote, in the software mode it was started in.
@@ -57,6 +57,19 @@ impl DataRecord {
     /// Whether it has this name: as the remote spells it, or as LinuxCNC does, in lower case.
     pub fn is_named(&self, name: &str) -> bool {
         hal_name(&self.name) == hal_name(name)
+    }
+
+    /// Whether it is worth keeping in a file: it is non-volatile, can be written, and an access has its
+    /// size.
+    pub fn is_kept(&self) -> bool {
+        self.data_type.is_nonvolatile()
+            && self.direction != DataDirection::Input
+            && self.is_readable()
+    }
+
+    /// Whether it is a value that an access can read.
+    pub fn is_readable(&self) -> bool {
+        self.data_type != DataType::Pad && AccessSize::for_bits(self.bits).is_some()
     }
 }
 

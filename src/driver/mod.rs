@@ -82,7 +82,7 @@ pub use crate::modules::{
 };
 pub use configure::Board;
 pub use error::{CycleError, DriverError};
-pub(crate) use remark::silent_part;
+pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
 pub use stop::{NotReached, StopError, Stopped};

@@ -207,10 +207,10 @@ pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
     })
 }
 
-/// Why nothing answers on a channel is less harmless if the other part of a 7I77 is beside it: on the
+/// Why nothing answers on `channel` is less harmless if the other part of a 7I77 is beside it: on the
 /// card's connector the field I/O comes first, then the analog part (FACTS 8.1). `is` says whether a channel
-/// has a remote of a table.
-pub(crate) fn silent_part(
+/// has a remote of a table. `None` if no part is missing there.
+pub fn silent_part(
     is: impl Fn(Option<u8>, &RemoteTable) -> bool,
     channel: u8,
 ) -> Option<RemarkKind> {

@@ -136,7 +136,7 @@ impl Identity {
     /// name is: its jumpers mean something else than those of a 7I97.
     ///
     /// [`Idrom::is_7i97t`]: crate::hostmot2::Idrom::is_7i97t
-    pub(crate) fn is_of_7i97t(&mut self) {
+    pub fn is_of_7i97t(&mut self) {
         Self::I7I97T.clone_into(&mut self.card);
         self.address_from = AddressSource::from_jumpers(self.jumpers, Self::I7I97T);
     }

@@ -31,8 +31,7 @@ pub use settings::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 
-pub(crate) use undriven::undriven;
-pub use undriven::{Undriven, UndrivenReason};
+pub use undriven::{Undriven, UndrivenReason, undriven};
 
 use core::any::Any;
 use core::fmt;

@@ -111,7 +111,7 @@ const ONE_FOR_ALL: [Gtag; 4] = [Gtag::WATCHDOG, Gtag::IO_PORT, Gtag::HM2DPLL, Gt
 /// are driven by the application.
 ///
 /// A descriptor without instances has nothing to drive.
-pub(crate) fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
+pub fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
     let mut list = Vec::new();
     for module in firmware.modules.iter().filter(|m| m.instances > 0) {
         if claimed.contains(&module.gtag) {

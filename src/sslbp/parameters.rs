@@ -29,8 +29,8 @@ impl PortParameters {
     /// The version that boards have had since 2015, and that this crate is tried with: 1.43.
     const USUAL: (u8, u8) = (1, 43);
 
-    /// What to know of a version before the usual one.
-    pub(crate) const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
+    /// What to know of a version before the usual one, as a sentence for people.
+    pub const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
         which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found: load a \
         newer firmware if a remote is missing or fails";
 

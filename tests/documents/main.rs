@@ -4,6 +4,7 @@ mod citations;
 #[path = "../common/mod.rs"]
 mod common;
 mod dependencies;
+mod faults;
 mod layers;
 mod neighbours;
 mod readme;

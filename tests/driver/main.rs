@@ -47,4 +47,3 @@ mod trace;
 mod two_cards;
 mod unread;
 mod watchdogs_proved;
-mod wiring_index;

@@ -13,7 +13,6 @@ use mesa_hal::ethernet::{
     AddressSource, Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep,
     LedMode, LedTime,
 };
-use mesa_hal::inventory::{self, Ethernet};
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, machines};
@@ -61,26 +60,6 @@ fn as_it_comes(mut flash: Flash<'_, Bus>) -> Flash<'_, Bus> {
             .expect("it is written when it is named");
     }
     flash
-}
-
-/// A 7I97T whose card calls itself 7I97 as well is told apart by its firmware. FACTS 9.6.
-#[test]
-fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
-    for (fpga, source, findings) in [
-        (machines::i7i97t(1), AddressSource::Fallback, 0),
-        (machines::i7i97(1), AddressSource::Invalid, 1),
-    ] {
-        let mut config = BoardConfig::new("7I97");
-        config.jumpers = AddressJumpers::Both;
-        let mut bus = connect(SimLink::to(SimBoard::new(config, fpga)));
-        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
-        assert_eq!(ethernet.identity.address_from, AddressSource::Invalid);
-        let taken = inventory::take(&mut bus, Some(ethernet), &[].into(), || true);
-        let taken = taken.expect("a 7I97");
-        let identity = taken.ethernet.expect("the Ethernet side").identity;
-        assert_eq!(identity.address_from, source);
-        assert_eq!(taken.findings.len(), findings, "{:?}", taken.findings);
-    }
 }
 
 #[test]

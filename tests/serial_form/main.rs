@@ -1,4 +1,4 @@
-//! Inventory, statistics, settings and events as programs of others read them: JSON that is checked in.
+//! Statistics, settings and events as programs of others read them: JSON that is checked in.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -13,7 +13,6 @@ use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
     Event, EventKind, EventMask, Failure, OfflineReason, Repeating, TraceSettings,
 };
-use mesa_hal::inventory;
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::runner::{RunStatistics, Runner};
 use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
@@ -34,16 +33,6 @@ fn is_as_written(name: &str, made: &Value) {
         "tests/serial_form/{file} is another one than {}",
         other.display()
     );
-}
-
-#[test]
-fn an_inventory_is_as_it_is_written() {
-    let mut fpga = fpga();
-    for channel in [FIELD, ANALOG] {
-        let _ = fpga.plug(0, channel, None);
-    }
-    let taken = inventory::take(&mut fpga, None, &[].into(), || true).expect("a 7I92");
-    is_as_written("inventory", &to_value(taken).expect("JSON"));
 }
 
 #[test]

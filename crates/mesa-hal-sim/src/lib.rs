@@ -19,6 +19,15 @@
 //! fpga.advance_to(1_000_000);
 //! # Ok::<(), mesa_hal_sim::SimError>(())
 //! ```
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
 
 mod board;
 pub mod devices;

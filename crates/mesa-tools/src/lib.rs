@@ -1,9 +1,16 @@
 //! What the command `mesa` is made of, for programs that do the same: the [`inventory`] of a board,
 //! the [`diagnosis`] of board, network, computer and wiring, and the [`setup`] of remotes over a
 //! serial port.
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
 
 pub mod diagnosis;
 pub mod inventory;
 pub mod setup;
-
-extern crate alloc;

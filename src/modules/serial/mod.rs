@@ -21,11 +21,10 @@ pub use health::RemoteState;
 pub use offline::OfflineReason;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;
-pub use remote::FoundRemote;
+pub use remote::{FoundRemote, WATCHDOG_PARAMETER};
 pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
 pub use watchdog::RemoteWatchdog;
 
 #[cfg(all(test, feature = "std"))]
 pub(crate) use offline::tests::every_reason;
-pub(crate) use remote::WATCHDOG_PARAMETER;

@@ -18,7 +18,7 @@ const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 
 /// The parameter that holds a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
 /// PARAMETERS".
-pub(crate) const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
+pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// A remote that takes part: as it was found, or, while it is absent, as its table describes it.
 #[derive(Debug)]

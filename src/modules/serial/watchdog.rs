@@ -49,7 +49,7 @@ impl RemoteWatchdog {
 
     /// The longer one of two values of `NVWatchDogTimeout`, in milliseconds, where it is not known
     /// which the remote uses.
-    pub(crate) fn longer_of(one: u64, other: u64) -> Self {
+    pub fn longer_of(one: u64, other: u64) -> Self {
         match one.min(other) {
             0 => Self::Off,
             _ => Self::Known(Duration::from_millis(one.max(other))),

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{Finding, RoundTrips, Verdict};
-use crate::Rounded;
+use mesa_hal::Rounded;
 use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
 use mesa_hal::lbp::RemoteFaults;
@@ -163,6 +163,15 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
                 check,
                 figure,
                 "mend that; it comes back by itself",
+            )
+        }
+        _ => {
+            let figure = format!("{state:?}");
+            Finding::new(
+                Verdict::Unknown,
+                check,
+                figure,
+                "this program is too old for it",
             )
         }
     }

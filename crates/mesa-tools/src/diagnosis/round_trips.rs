@@ -72,7 +72,7 @@ impl RoundTrips {
 
     /// What this share of the answers, 0 to 1, did not exceed; zero if none came.
     pub fn quantile(&self, share: f64) -> Duration {
-        let rank = libm::ceil(self.times.len() as f64 * share) as usize;
+        let rank = (self.times.len() as f64 * share).ceil() as usize;
         let at = rank.clamp(1, self.times.len().max(1)) - 1;
         self.times.get(at).copied().unwrap_or_default()
     }

@@ -9,9 +9,6 @@ mod terminals;
 pub use error::InventoryError;
 pub use take::take;
 
-use alloc::format;
-use alloc::string::{String, ToString};
-use alloc::vec::Vec;
 use core::fmt;
 
 use mesa_hal::driver::RemoteWatchdog;
@@ -170,7 +167,7 @@ pub struct Channel {
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Found {
     /// A remote.
-    Remote(alloc::boxed::Box<Remote>),
+    Remote(Box<Remote>),
     /// Nothing that started, and why.
     NotStarted(String),
 }

@@ -1,12 +1,7 @@
 //! Taking the inventory: identification, then discovery port by port.
 
-use alloc::borrow::ToOwned;
-use alloc::boxed::Box;
-use alloc::collections::BTreeMap;
-use alloc::format;
-use alloc::string::{String, ToString};
-use alloc::vec::Vec;
 use core::time::Duration;
+use std::collections::BTreeMap;
 
 use super::{
     Channel, Data, Element, Ethernet, Firmware, Found, Inventory, InventoryError, Mode, Module,

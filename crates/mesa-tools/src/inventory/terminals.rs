@@ -1,9 +1,5 @@
 //! Where the FPGA's I/O pins come out of the board.
 
-use alloc::format;
-use alloc::string::String;
-use alloc::vec::Vec;
-
 use mesa_hal::boards::{BoardTable, DB25};
 use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};

@@ -1,17 +1,15 @@
 //! The parameters of all remotes at once: read, kept in a file, compared, and put back.
 
-use alloc::collections::BTreeMap;
-use alloc::string::{String, ToString};
-use alloc::vec::Vec;
 use core::convert::Infallible;
 use core::error::Error;
+use std::collections::BTreeMap;
 
+use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor};
+use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::driver::{Board, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
-use mesa_hal::sslbp::AccessSize;
 
 /// Remotes in setup mode, whose parameters can be read and written: those of a [`Board`] after
 /// [`discover`](Board::discover), or the one on a serial port
@@ -87,7 +85,11 @@ impl<B: RegisterBus + Clock> Cabinet for Board<B> {
 fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<(u8, u8), DriverError<E>> {
     match place {
         RemotePlace::Channel(port, channel) => Ok((port, channel)),
-        RemotePlace::Serial => Err(DriverError::no_remote((0, 0))),
+        RemotePlace::Serial => Err(DriverError::Attach(AttachError::NoRemote {
+            port: 0,
+            channel: 0,
+            expected: "remote",
+        })),
     }
 }
 
@@ -251,21 +253,6 @@ pub enum RestoreError<E: Error + 'static> {
         /// Why.
         source: ParameterError<Infallible>,
     },
-}
-
-impl DataRecord {
-    /// Whether it is worth keeping in a file: it is non-volatile, can be written, and an access has its
-    /// size.
-    pub fn is_kept(&self) -> bool {
-        self.data_type.is_nonvolatile()
-            && self.direction != DataDirection::Input
-            && self.is_readable()
-    }
-
-    /// Whether it is a value that an access can read.
-    pub fn is_readable(&self) -> bool {
-        self.data_type != DataType::Pad && AccessSize::for_bits(self.bits).is_some()
-    }
 }
 
 impl SavedCabinet {

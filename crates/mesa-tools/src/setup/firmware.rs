@@ -1,7 +1,5 @@
 //! A file with the firmware of a remote, and whether it is for this card.
 
-use alloc::vec::Vec;
-
 use mesa_hal::sslbp::RemoteName;
 
 /// The most bytes of a file.
@@ -158,7 +156,6 @@ fn names(text: &[u8], card: RemoteName) -> Named {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alloc::vec;
 
     const CARD: RemoteName = RemoteName(*b"7I77");
 

@@ -11,11 +11,8 @@
 
 mod cabinet;
 mod firmware;
-#[cfg(feature = "std")]
 mod serial;
-#[cfg(feature = "std")]
 mod serial_cabinet;
-#[cfg(feature = "std")]
 mod serial_error;
 pub mod update;
 
@@ -25,9 +22,6 @@ pub use cabinet::{
 };
 pub use firmware::{Firmware, FirmwareError};
 pub use mesa_hal::lbp::RemoteLink;
-#[cfg(feature = "std")]
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
-#[cfg(feature = "std")]
 pub use serial_cabinet::{SerialCabinet, SerialCabinetError};
-#[cfg(feature = "std")]
 pub use serial_error::{Asked, SerialError};

@@ -9,7 +9,6 @@
 //!
 //! FACTS 1.6, and what is not confirmed on hardware about it.
 
-use alloc::vec::Vec;
 use core::error::Error;
 
 use super::Firmware;

@@ -67,10 +67,15 @@ mod tests {
     #[test]
     fn what_is_replaced_is_what_the_library_says() {
         let mut library = String::new();
-        all(
-            &Path::new(env!("CARGO_MANIFEST_DIR")).join("src"),
-            &mut library,
-        );
+        for sources in [
+            "src",
+            "../../src",
+            "../mesa-wire/src",
+            "../mesa-hal-sim/src",
+        ] {
+            let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join(sources);
+            all(&sources, &mut library);
+        }
         let library = library.replace("\\\n", "");
         for (program, typed) in TYPED {
             // Once here.

@@ -1,8 +1,8 @@
 use super::*;
-use crate::Settings;
+use mesa_hal::Settings;
 use mesa_hal_sim::{Motor, machines};
 
-fn board() -> Board<crate::SimFpga> {
+fn board() -> Board<mesa_hal_sim::SimFpga> {
     let bus = machines::six_axes_7i92(Motor::default());
     let mut board = Board::identify(bus, Settings::default()).unwrap();
     board.discover().unwrap();

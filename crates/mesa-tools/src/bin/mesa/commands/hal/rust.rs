@@ -38,8 +38,7 @@ pub fn program(machine: &Machine) -> String {
          //! In Cargo.toml: `mesa-hal = {{ version = \"0.1\", features = [\"realtime\"] }}`.\n\n\
          use std::error::Error;\nuse std::ops::ControlFlow::Continue;\nuse std::process::ExitCode;\n\n\
          use mesa_hal::hal::PinError;\nuse mesa_hal::runner::{{Runner, Stop}};\n\
-         use mesa_hal::{{used}};
-\n\n\
+         use mesa_hal::{{{used}}};\n\n\
          /// The board, unless an argument names another.{simulated}\n\
          const BOARD: &str = \"{address}\";\n\n"
     );

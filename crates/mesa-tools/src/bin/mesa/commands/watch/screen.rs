@@ -264,8 +264,8 @@ impl Pins {
 pub mod tests {
     use super::*;
     use mesa_hal::runner::SnapshotWriter;
-    use mesa_hal::{Clock, Driver, SimFpga};
-    use mesa_hal_sim::machines;
+    use mesa_hal::{Clock, Driver};
+    use mesa_hal_sim::{SimFpga, machines};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 

@@ -1,6 +1,6 @@
 use super::*;
 
-const MILL: &str = include_str!("../../../../../examples/mill.toml");
+const MILL: &str = include_str!("../../../../../../../examples/mill.toml");
 
 fn parsed(text: &str) -> Result<MachineOptions, String> {
     parse(text, Path::new("."))

@@ -11,7 +11,7 @@ use crate::interop::board::Board;
 use crate::interop::{PATIENCE, Scratch};
 use crate::run::{done, json, patient, run};
 
-const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn mill() -> Board {

@@ -37,7 +37,10 @@ fn six_public_firmwares_have_the_names_that_linuxcnc_gives_them() {
     let _alone = alone();
     let expected = Expected::of(&[REMOTE]);
     for (name, prefix) in FIRMWARES {
-        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/transcripts/firmwares");
+        let directory = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../tests/transcripts/firmwares"
+        );
         let path = format!("{directory}/{name}.txt");
         let board = format!("--firmware {path} --remote 0=7i72");
         let how = ("loadrt hostmot2", CONFIG);

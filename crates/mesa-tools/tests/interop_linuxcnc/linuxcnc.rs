@@ -157,23 +157,25 @@ impl Machine {
         });
         // Open for both, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox =
-            Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/linuxcnc.sh"))
-                .args(board.split(' '))
-                .arg("--")
-                .arg(concat!(
-                    env!("CARGO_MANIFEST_DIR"),
-                    "/tests/interop_linuxcnc/session.sh"
-                ))
-                .args(session)
-                .env("MESA", mesa())
-                .env("BOARD_IN", &pipes[0])
-                .env("BOARD_OUT", &pipes[1])
-                .stdin(Stdio::piped())
-                .stdout(Stdio::piped())
-                .stderr(Stdio::null())
-                .spawn()
-                .expect("the sandbox starts");
+        let mut sandbox = Command::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../examples/linuxcnc.sh"
+        ))
+        .args(board.split(' '))
+        .arg("--")
+        .arg(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/interop_linuxcnc/session.sh"
+        ))
+        .args(session)
+        .env("MESA", mesa())
+        .env("BOARD_IN", &pipes[0])
+        .env("BOARD_OUT", &pipes[1])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the sandbox starts");
         let output = sandbox.stdout.take().unwrap();
         let (sender, lines) = channel();
         std::thread::spawn(move || {

@@ -1,7 +1,7 @@
 //! The command `mesa` as a person and a script run it: its output, its exit codes, bad input,
 //! signals.
 
-#[path = "../common/mod.rs"]
+#[path = "../../../../tests/common/mod.rs"]
 mod common;
 mod doctor;
 mod files;

@@ -321,7 +321,7 @@ fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
 
 #[test]
 fn several_boards_run_in_one_process_each_with_its_address() {
-    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
     let other = Scratch::new("lathe.toml");
     fs::write(&other.0, "board = \"7i92-7i77\"\n").unwrap();
     let capture = Scratch::new("both.pcap");
@@ -396,7 +396,7 @@ fn held_against_tools(capture: &Scratch, boards: &[SocketAddrV4]) {
 
 #[test]
 fn options_that_make_no_sense_together_are_refused() {
-    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
     let two = ["sim", "--port", "0", "--machine", mill, "--machine", mill];
     let one = ["sim", "--port", "0", "--machine", mill];
     let cases: [(&[&str], &[&str], i32, &str); 9] = [

@@ -1,9 +1,9 @@
 //! The wiring check of an index, on a simulated motor.
 
 use mesa_hal::bus::Clock;
-use mesa_hal::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict, points};
 use mesa_hal::hal::PinId;
 use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
+use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict, points};
 
 use crate::common::machine::Machine;
 

@@ -1,7 +1,6 @@
 //! What the interop tests share: the simulated board as a program, commands and answers.
 //!
-//! The simulated board is `mesa sim`. `cargo test --all-features` builds it with the tests; a run
-//! without the feature `cli` builds it here.
+//! The simulated board is `mesa sim`.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -18,7 +17,6 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::{Child, Command, Output},
-    sync::OnceLock,
     time::{Duration, Instant},
 };
 
@@ -34,29 +32,16 @@ pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// The program `mesa` in the profile of this test, built if it is not there or is old.
+/// The program `mesa`, as it was built with this test.
 pub fn mesa() -> &'static Path {
-    static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| match option_env!("CARGO_BIN_EXE_mesa") {
-        Some(built) if cfg!(feature = "cli") => PathBuf::from(built),
-        _ => {
-            let (target, profile) = (target(), profile());
-            build(&["--features", "cli", "--bin", "mesa"], profile, &target);
-            target.join(profile).join("mesa")
-        }
-    })
+    Path::new(env!("CARGO_BIN_EXE_mesa"))
 }
 
-/// An example in the profile of this test and with its features, as `cargo test` has built it; built
-/// if it is not there or is old.
+/// An example of any package in the profile of this test, as `cargo test --all-features` has built it;
+/// built if it is not there or is old.
 pub fn example(name: &str) -> PathBuf {
     let (target, profile) = (target(), profile());
-    let features = if cfg!(feature = "cli") { "cli" } else { "" };
-    build(
-        &["--example", name, "--features", features],
-        profile,
-        &target,
-    );
+    build(&["--all-features", "--example", name], profile, &target);
     target.join(profile).join("examples").join(name)
 }
 
@@ -84,7 +69,8 @@ fn build(what: &[&str], profile: &str, target: &Path) {
         build.arg("--release");
     }
     build.arg("--target-dir").arg(target);
-    let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+    let status = build.current_dir(root).status();
     assert!(status.expect("cargo runs").success(), "{what:?} builds");
 }
 

@@ -5,7 +5,10 @@ use serde_json::Value;
 use crate::run::{json, run};
 
 fn image(name: &str) -> String {
-    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/transcripts/firmwares");
+    let directory = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/transcripts/firmwares"
+    );
     format!("{directory}/{name}.txt")
 }
 

@@ -16,7 +16,7 @@ use crate::interop::console::Console;
 use crate::run::{command, patient, run};
 use crate::terminal::Terminal;
 
-const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
 
 /// The words of a line that begins with this, without the frame around it.
 fn words<'a>(text: &'a str, begin: &str) -> Vec<&'a str> {

@@ -1,6 +1,6 @@
 //! The programs of this crate as a person runs them: processes, real sockets, signals, the clock.
 
-#[path = "../common/mod.rs"]
+#[path = "../../../../tests/common/mod.rs"]
 mod common;
 mod ending;
 #[path = "../interop/mod.rs"]

@@ -390,13 +390,13 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
     }
     let _alone = alone();
     let script = "examples/linuxcnc.sh";
-    assert!(include_str!("../../README.md").contains(script));
+    assert!(include_str!("../../../../README.md").contains(script));
     for (options, name) in [
         (&[][..], "hm2_7i97.0"),
         (&["--board", "7i92-7i77"], "hm2_7i92.0"),
     ] {
         let mut child =
-            std::process::Command::new(format!("{}/{script}", env!("CARGO_MANIFEST_DIR")))
+            std::process::Command::new(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
                 .args(options)
                 .env("MESA", interop::mesa())
                 .stdin(std::process::Stdio::piped())

@@ -83,7 +83,7 @@ pub fn json(arguments: &[&str]) -> Value {
 
 /// Holds a value against an entry of `docs/mesa.schema.json`.
 pub fn hold_against_schema(name: &str, value: &Value) {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/mesa.schema.json");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/mesa.schema.json");
     let mut schemas = boon::Schemas::new();
     let mut compiler = boon::Compiler::new();
     let schema = compiler.compile(&format!("{file}#/$defs/{name}"), &mut schemas);

@@ -1,0 +1,6 @@
+//! The library on simulated boards.
+
+#[path = "../../../../tests/common/mod.rs"]
+mod common;
+mod inventory;
+mod wiring_index;
