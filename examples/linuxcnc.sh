@@ -16,7 +16,7 @@
 # Needs root (or CAP_SYS_ADMIN), and the packages that have halrun, ip, iptables, unshare and
 # nsenter (Debian: linuxcnc-uspace iproute2 iptables util-linux). Build the board first:
 #
-#   cargo build --release --features cli
+#   cargo build --release -p mesa-tools
 #
 # Environment:
 #   MESA                 the program (target/release/mesa)
@@ -38,7 +38,7 @@ fail() {
 top=$(cd "$(dirname "$0")/.." && pwd)
 mesa=${MESA:-$top/target/release/mesa}
 [ -x "$mesa" ] ||
-  fail 98 "no $mesa; build it: cargo build --release --features cli"
+  fail 98 "no $mesa; build it: cargo build --release -p mesa-tools"
 for program in halrun ip iptables unshare nsenter; do
   PATH=$PATH:/usr/sbin:/sbin command -v "$program" > /dev/null ||
     fail 98 "$program is missing; apt-get install linuxcnc-uspace iproute2 iptables util-linux"

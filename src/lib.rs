@@ -1,5 +1,5 @@
-//! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC, and a simulated
-//! FPGA to develop against.
+//! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC. To develop against
+//! without a board there is a simulated FPGA, the package `mesa-hal-sim`.
 //!
 //! A [`Board`] is identified and configured, started as a [`Driver`], and cycled: `read`, the
 //! application's own work on [`Pins`], `write`. On Linux a [`runner`] does that, once in each period:
@@ -40,20 +40,25 @@
 //! | [`bus`] | whoever brings another bus, or adds a module |
 //! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
 //! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
-//! | [`diagnosis`] | tools: whether board, network and computer are as they should be |
 //! | [`runner`] | applications on Linux: the thread of the cycle, and how it ends |
-//! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
 //! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
-//! | [`setup`] | tools: remotes in setup mode, over a serial port too; updates of their firmware |
-//! | [`inventory`] | tools: what a board is and what is plugged into it, as plain data |
 //! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
 //! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
 //!
 //! A layer knows only those below it: `bus` and the wire formats know nothing else, `hal` and
-//! `hostmot2` stand on them, then `sslbp`, `discovery`, `remote` with `boards`, `modules`, `driver`. The
-//! simulator shares wire formats and register addresses with the driver and nothing else, so that the
-//! two can not agree on the same mistake.
+//! `hostmot2` stand on them, then `sslbp`, `discovery`, `remote` with `boards`, `modules`, `driver`.
+//!
+//! Other packages have what belongs to none of these:
+//!
+//! | package | for |
+//! |---|---|
+//! | `mesa-wire` | whoever writes another driver or simulator: [`bus`], [`lbp`] and [`lbp16`] are from there |
+//! | `mesa-hal-sim` | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
+//! | `mesa-tools` | tools: inventory, diagnosis and wiring, remotes in setup mode; the command `mesa` |
+//!
+//! The simulator shares `mesa-wire` with the driver and nothing else, so that the two can not agree on
+//! the same mistake.
 //!
 //! Pages with code that runs: [home an axis on its index](driver::homing),
 //! [faults and re-arm](driver::faults), [several boards](driver::several_boards),
@@ -112,15 +117,14 @@
 //!   are older than the newest. The next reply shows it, and the next write overrides it.
 //!
 //! # Features
-//! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
+//! - `std` (default): [`transport`] and [`runner`]. Without it the core needs `alloc`, at set-up only.
 //! - `log` (default): messages at set-up and where a driver is dropped, never in the cycle; and events,
 //!   when they are asked for ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A program
 //!   that uses `tracing` gets them by its bridge (crate `tracing-log`, which `tracing_subscriber::fmt::init`
 //!   sets up).
-//! - `serde`: inventory, events, statistics, states and settings can be sent, and kept in files.
+//! - `serde`: events, statistics, states and settings can be sent, and kept in files.
 //! - `realtime`: a [`runner`] that stops on a signal, and on Linux what its thread asks of the kernel:
 //!   priority, locked memory, CPUs.
-//! - `cli`: the command `mesa`; nothing for users of the library.
 //!
 //! # Safety
 //! These boards move heavy machines. Never depend on software to disable a motor when somebody

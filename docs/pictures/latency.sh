@@ -9,7 +9,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 if [ -z "${MESA:-}" ]; then
-  cargo build --release --features cli --bin mesa
+  cargo build --release -p mesa-tools
   MESA=target/release/mesa
 fi
 

@@ -2,7 +2,7 @@
 # Makes docs/pictures/watch.svg, the recording of `mesa watch` in the README: a simulated machine on
 # which things happen, and the screen that shows them. Needs tmux and python3, and the program:
 #
-#   cargo build --release --features cli && docs/pictures/watch.sh
+#   cargo build --release -p mesa-tools && docs/pictures/watch.sh
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

@@ -103,10 +103,10 @@ use crate::tally::Tally;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
-/// On a simulated board without a network between ([`machines`](mesa_hal_sim::machines)) time passes only
+/// On a simulated board without a network between (`mesa_hal_sim::machines`) time passes only
 /// with accesses to its registers, and the runner's waiting: whatever the application takes, no cycle
 /// is late there, no period is skipped and no watchdog bites. To try overruns, take one behind a socket
-/// (`mesa sim`, or [`UdpFace`](mesa_hal_sim::UdpFace)), which runs in the time of this computer.
+/// (`mesa sim`, or `mesa_hal_sim::UdpFace`), which runs in the time of this computer.
 ///
 /// Dropping it stops the driver as dropping the driver does: what could not be stopped is only logged,
 /// where [`Ended`] says it.

@@ -6,8 +6,9 @@ use std::{fs, path::Path};
 
 const GATEWARE: &str = include_str!("../../docs/gateware.md");
 /// Where sources are cited.
-const PLACES: [&str; 7] = [
+const PLACES: [&str; 8] = [
     "src",
+    "crates",
     "tests",
     "docs",
     "examples",

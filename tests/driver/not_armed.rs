@@ -5,7 +5,7 @@ use std::time::Duration;
 use mesa_hal::hal::{PinId, Pins, Role};
 use mesa_hal::runner::SnapshotWriter;
 use mesa_hal::{Clock, Driver, I7i77Field, Settings};
-use mesa_hal_sim::{self, Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 fn cycles(driver: &mut Driver<SimFpga>, field: &I7i77Field, count: usize) {
     for _ in 0..count {
@@ -23,7 +23,7 @@ fn terminals(driver: &mut Driver<SimFpga>) -> [bool; 16] {
     let card = driver
         .bus_mut()
         .remote_mut(0, 0)
-        .and_then(sim::devices::find_mut);
+        .and_then(mesa_hal_sim::devices::find_mut);
     let card = card.expect("a 7I77");
     core::array::from_fn(|n| card.world().output(n) == Some(true))
 }
@@ -60,7 +60,7 @@ fn an_output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
         let card = driver
             .bus_mut()
             .remote_mut(0, 0)
-            .and_then(sim::devices::find_mut);
+            .and_then(mesa_hal_sim::devices::find_mut);
         let set = card.expect("a 7I77").set_over_current(3, over_current);
         set.expect("an output");
         cycles(&mut driver, &field, 500);

@@ -8,7 +8,7 @@ use crate::sslbp::{RemoteFaults, StartedRemote};
 /// A remote as it is now.
 ///
 /// With the feature `serde` it is `Serialize`: of its pins what their names begin with, and nothing of
-/// its own description, which is in the [inventory](crate::inventory).
+/// its own description, which is in the inventory (`mesa_tools::inventory`).
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]

@@ -157,7 +157,9 @@ const TYPES: [(&str, u8); 13] = [
 #[non_exhaustive]
 pub enum DescriptionError {
     /// The first word of a line is no statement.
-    #[error("line {line}: no such statement; see the list in the documentation of sim::devices")]
+    #[error(
+        "line {line}: no such statement; see the list in the documentation of mesa_hal_sim::devices"
+    )]
     Statement {
         /// The line, from 1.
         line: usize,

@@ -50,7 +50,7 @@ const LOOK: Duration = Duration::from_micros(500);
 ///
 /// ```no_run
 /// # fn port() -> std::fs::File { unimplemented!() }
-/// use mesa_hal::setup::SerialHost;
+/// use mesa_tools::setup::SerialHost;
 ///
 /// // For example serialport::new("/dev/ttyUSB0", SETUP_BAUD_RATE).timeout(...).open()?
 /// let mut host = SerialHost::new(port());

@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use mesa_hal::bus::Instant;
-//! use mesa_hal::diagnosis::wiring::{Check, Verdict, points};
+//! use mesa_tools::diagnosis::wiring::{Check, Verdict, points};
 //! use mesa_hal::hal::{AnyValue, PinMaker, PinStore, Place};
 //!
 //! # fn main() -> Result<(), mesa_hal::hal::PinError> {
