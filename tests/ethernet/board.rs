@@ -10,12 +10,11 @@ use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
-    AddressSource, Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep,
-    LedMode, LedTime,
+    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep, LedMode, LedTime,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, machines};
+use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 
 fn link() -> SimLink {
     SimLink::new(machines::i7i97(1))

@@ -8,8 +8,9 @@ use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
-    LocalLocation, NonvolatileMemory, Operation, Port, PortError, PortLink, PortParameters,
-    PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
+    LocalLocation, NonvolatileMemory, Operation, Port, PortAccess, PortError, PortLink,
+    PortParameters, PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason,
+    StartMode,
 };
 use mesa_hal_sim::sslbp::Register;
 

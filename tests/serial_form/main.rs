@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
+use crate::common::machine::{Machine, OUTPUTS, fpga, start};
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
