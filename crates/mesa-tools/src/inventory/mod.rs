@@ -188,7 +188,7 @@ pub struct Remote {
     pub rx_size: u8,
     /// Bytes it sends in a cycle.
     pub tx_size: u8,
-    /// It does not describe itself: what is here is from a table of this crate.
+    /// It does not describe itself: what is here is from a table of `mesa-hal`.
     pub built_in_table: bool,
     /// What it reports now, in words: faults of field power, outputs, watchdog; its watchdog bites
     /// while it is not driven.

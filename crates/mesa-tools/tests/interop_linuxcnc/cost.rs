@@ -1,4 +1,4 @@
-//! What a cycle costs LinuxCNC and this crate on the same kind of board, at the same time.
+//! What a cycle costs LinuxCNC and `mesa-hal` on the same kind of board, at the same time.
 
 use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
 

@@ -1,5 +1,5 @@
 //! LinuxCNC is asked for its names with public firmwares of six different boards behind the simulated
-//! one, and this crate has the same.
+//! one, and `mesa-hal` has the same.
 
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;

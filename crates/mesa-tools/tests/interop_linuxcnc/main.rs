@@ -262,7 +262,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     assert_eq!(summary["board.output-02"], "0");
 }
 
-/// Prints what a cycle costs LinuxCNC, and this crate beside it.
+/// Prints what a cycle costs LinuxCNC, and `mesa-hal` beside it.
 fn print_costs(machine: &mut Machine, board: &str) {
     let start = machine.board.show("network");
     let beside = cost::run_beside(board, || cycles(&start, &machine.board.show("network")));

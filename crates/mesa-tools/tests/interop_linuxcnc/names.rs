@@ -1,4 +1,4 @@
-//! The pins and parameters of this crate beside those that LinuxCNC created for the same machine.
+//! The pins and parameters of `mesa-hal` beside those that LinuxCNC created for the same machine.
 
 use std::collections::BTreeMap;
 

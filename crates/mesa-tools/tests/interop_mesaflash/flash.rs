@@ -1,4 +1,4 @@
-//! mesaflash and this crate write and verify the same flash memory.
+//! mesaflash and `mesa-hal` write and verify the same flash memory.
 
 use std::fs;
 

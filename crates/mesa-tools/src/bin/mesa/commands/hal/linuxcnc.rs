@@ -36,7 +36,7 @@ pub fn board(machine: &Machine) -> String {
         let _ = writeln!(text, "# {remote}");
     }
     if !machine.undriven.is_empty() {
-        text.push_str("#\n# There are no signals for what this crate does not drive:\n");
+        text.push_str("#\n# There are no signals for what mesa-hal does not drive:\n");
     }
     for module in &machine.undriven {
         let _ = writeln!(text, "# {module}");

@@ -33,7 +33,7 @@ const OF_MODULES: [&str; 10] = [
 /// Pins of remotes that say nothing that others do not, or that nobody connects to.
 const NOT_OF_REMOTES: [&str; 3] = ["*-not", "*.rawcounts", "*.reset"];
 
-/// Settings of outputs that LinuxCNC has to have as this crate does: another scale or mode is another
+/// Settings of outputs that LinuxCNC has to have as `mesa-hal` does: another scale or mode is another
 /// voltage.
 const SETTINGS: [&str; 7] = [
     "pwmgen.pwm_frequency",

@@ -1,4 +1,4 @@
-//! `mesa hal`: files to begin with, for LinuxCNC and for this crate.
+//! `mesa hal`: files to begin with, for LinuxCNC and for mesa-hal.
 
 mod linuxcnc;
 mod machine;
@@ -23,7 +23,7 @@ use machine::Machine;
 const AFTER_HELP: &str = "\
 The files: machine.ini, with the numbers that are to be set (TODO); board.hal, the driver with a
 signal for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop; bench.hal, the
-board alone; main.rs, a program for this crate. Nothing in them enables a drive. Without --out they
+board alone; main.rs, a program for mesa-hal. Nothing in them enables a drive. Without --out they
 are printed.
 
 It stops the serial ports and turns all pins into inputs: not for a machine that is running. A
@@ -35,7 +35,7 @@ Examples:
   cd my_machine && halrun -I -i machine.ini -f bench.hal
   linuxcnc my_machine/machine.ini";
 
-/// Write HAL and INI files for LinuxCNC, and a program for this crate, to begin with
+/// Write HAL and INI files for LinuxCNC, and a program for mesa-hal, to begin with
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Hal {

@@ -1,4 +1,4 @@
-//! The program for this crate.
+//! The program for `mesa-hal`.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
