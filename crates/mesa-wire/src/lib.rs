@@ -3,7 +3,7 @@
 //! What the driver (`mesa-hal`) and the simulated board (`mesa-hal-sim`) have in common, and nothing
 //! else: bytes and addresses, no behaviour. [`lbp`] is spoken to remotes, [`lbp16`] to Ethernet boards;
 //! a [`bus::RegisterBus`] carries 32-bit registers, whatever is under it.
-#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![cfg_attr(
     not(test),
     deny(
