@@ -18,7 +18,7 @@ pub use error::{BusError, BusErrorKind};
 pub use host_clock::HostClock;
 #[cfg(feature = "std")]
 pub(crate) use host_clock::SPIN;
-pub(crate) use image::{Ask, Image};
+pub(crate) use image::{Ask, Exchanges};
 pub use image::{
     CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
 };
