@@ -6,6 +6,17 @@ use crate::modules::Module;
 use crate::sslbp::Channel;
 use crate::tally::Tally;
 
+/// Who answers where the board was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answering {
+    /// The board with the firmware that was set up.
+    Same,
+    /// No HostMot2, as during a reset.
+    Nobody,
+    /// Another board, or another firmware.
+    Other,
+}
+
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
@@ -117,21 +128,35 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.publish();
     }
 
+    /// Whether the board is the one that the driver was started with.
+    pub(super) fn who_answers(&mut self) -> Result<Answering, B::Error> {
+        let Self { bus, image, .. } = self;
+        // What is read around a reset is no firmware: another one says so twice.
+        for _ in 0..2 {
+            // An FPGA without its configuration could have it again in the middle of an exchange, and
+            // take the end of the set-up, which drives the pins, without its beginning.
+            image.read_status(&mut **bus)?;
+            if self.connection.check(&image.words).is_err() {
+                return Ok(Answering::Nobody);
+            }
+            if self.description.is_still(&mut **bus, Effort::Once)? {
+                return Ok(Answering::Same);
+            }
+        }
+        Ok(Answering::Other)
+    }
+
     /// False if another firmware answers.
     fn set_up_same(&mut self) -> Result<bool, B::Error> {
         let now = self.bus.now();
-        let Self { bus, image, .. } = self;
         // What was asked for before says nothing of the board as it is now.
-        self.pacer.forget_started(&mut **bus, image);
-        // An FPGA without its configuration could have it again in the middle of the exchange, and
-        // take the end of the set-up, which drives the pins, without its beginning.
-        image.read_status(&mut **bus)?;
-        if self.connection.check(&image.words).is_err() {
-            return Ok(true);
+        self.pacer.forget_started(&mut *self.bus, &mut self.image);
+        match self.who_answers()? {
+            Answering::Same => {}
+            Answering::Nobody => return Ok(true),
+            Answering::Other => return Ok(false),
         }
-        if !self.description.is_still(&mut **bus, Effort::Once)? {
-            return Ok(false);
-        }
+        let Self { bus, image, .. } = self;
         let is_set_up = image
             .set_up(&mut **bus)
             .map(|()| self.parts.watchdog.is_set_up(&image.words));
