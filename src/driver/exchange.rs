@@ -12,6 +12,17 @@ const POLL_PAUSE: Duration = Duration::from_micros(1);
 /// Ends the polling on a bus whose clock stands still.
 const MAX_POLLS: u32 = 100_000;
 
+/// Who answers where the board was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answering {
+    /// The board with the firmware that was set up.
+    Same,
+    /// No `HostMot2`, as during a reset.
+    Nobody,
+    /// Another board, or another firmware.
+    Other,
+}
+
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Reads the board once and takes what it brought.
     ///
@@ -179,26 +190,40 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
+    /// Whether the board is the one that the driver was started with.
+    pub(super) fn who_answers(&mut self) -> Result<Answering, B::Error> {
+        // What is read around a reset is no firmware: another one says so twice.
+        for _ in 0..2 {
+            // An FPGA without its configuration could have it again in the middle of an exchange, and
+            // take the end of the set-up, which drives the pins, without its beginning.
+            let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+            self.exchanges.read_status(bus, words)?;
+            if self.cycle.check().is_err() {
+                return Ok(Answering::Nobody);
+            }
+            if self.description.is_still(&mut *self.bus, Effort::Once)? {
+                return Ok(Answering::Same);
+            }
+        }
+        Ok(Answering::Other)
+    }
+
     /// False if another firmware answers.
     fn set_up_same(&mut self) -> Result<bool, B::Error> {
         let now = self.bus.now();
         // What was asked for before says nothing of the board as it is now.
         self.forget_started();
+        match self.who_answers()? {
+            Answering::Same => {}
+            Answering::Nobody => return Ok(true),
+            Answering::Other => return Ok(false),
+        }
         let Self {
             bus,
             exchanges,
             cycle,
             ..
         } = self;
-        // An FPGA without its configuration could have it again in the middle of the exchange, and
-        // take the end of the set-up, which drives the pins, without its beginning.
-        exchanges.read_status(&mut **bus, &mut cycle.words)?;
-        if cycle.check().is_err() {
-            return Ok(true);
-        }
-        if !self.description.is_still(&mut **bus, Effort::Once)? {
-            return Ok(false);
-        }
         let set_up = exchanges.set_up(&mut **bus, &mut cycle.words);
         let is_set_up = set_up.map(|()| cycle.shows_set_up());
         if matches!(is_set_up, Ok(true)) {

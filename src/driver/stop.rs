@@ -5,8 +5,9 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
+use super::exchange::Answering;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
-use crate::bus::{BusError, Clock, Effort, Instant, RegisterBus};
+use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -206,8 +207,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Whether it is not the board that the driver was started with which answers: that one has its
     /// watchdogs, and this one is not ours to touch. A board that runs is the same one.
     fn answers_as_another(&mut self) -> bool {
-        let is_still = |this: &mut Self| this.description.is_still(&mut *this.bus, Effort::Once);
-        if !self.cycle.is_running() && matches!(is_still(self), Ok(false)) {
+        if !self.cycle.is_running() && matches!(self.who_answers(), Ok(Answering::Other)) {
             let now = self.bus.now();
             self.cycle.is_other_firmware(now);
         }
