@@ -81,7 +81,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// The remote on `channel` (0 to 7) of `port` as it is now; `None` if none takes part there.
     pub fn remote(&self, port: u8, channel: u8) -> Option<RemoteStatus<'_>> {
-        let port = self.parts.ports.get(usize::from(port))?;
+        let port = self.cycle.parts.ports.get(usize::from(port))?;
         port.remote(Channel::new(channel)?)
     }
 }

@@ -3,17 +3,17 @@
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
 
+use super::beat::Beats;
 use super::connection::Connection;
+use super::cycle::Cycle;
 use super::held::Held;
 use super::pace::Pacer;
 use super::remotes::PortStage;
-use super::rows::Rows;
 use super::{
-    BoardState, Driver, DriverError, DriverStatistics, FaultPolicy, Pace, Part, Parts, Remark,
-    RemarkKind, Settings, Trace,
+    Driver, DriverError, FaultPolicy, Pace, Part, Parts, Remark, RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
-use crate::bus::{BusError, Clock, Effort, Image, ImagePlan, RegisterBus};
+use crate::bus::{BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
 use crate::discovery::RemoteTable;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
@@ -178,12 +178,12 @@ impl<B: RegisterBus + Clock> Board<B> {
     pub fn start(mut self) -> Result<Driver<B>, DriverError<B::Error>> {
         self.discover()?;
         match self.start_ports() {
-            Ok(image) => Ok(self.into_driver(image)),
+            Ok((exchanges, words)) => Ok(self.into_driver(exchanges, words)),
             Err(error) => Err(self.stopped(error)),
         }
     }
 
-    fn start_ports(&mut self) -> Result<Image<B>, DriverError<B::Error>> {
+    fn start_ports(&mut self) -> Result<(Exchanges<B>, Words), DriverError<B::Error>> {
         let bus = &mut *self.bus;
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
@@ -193,13 +193,10 @@ impl<B: RegisterBus + Clock> Board<B> {
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.plan.settings;
         let held = (pace == Pace::Board).then(|| period.fraction(5, 4));
-        let image = self
-            .plan
-            .image
-            .freeze(bus, held)
-            .map_err(DriverError::Bus)?;
+        let frozen = self.plan.image.freeze(bus, held);
+        let frozen = frozen.map_err(DriverError::Bus)?;
         self.expect_set_up(STARTED)?;
-        Ok(image)
+        Ok(frozen)
     }
 
     /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
@@ -287,39 +284,33 @@ impl<B: RegisterBus + Clock> Board<B> {
         error
     }
 
-    fn into_driver(self, image: Image<B>) -> Driver<B> {
+    fn into_driver(self, exchanges: Exchanges<B>, words: Words) -> Driver<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
         let dpll = self.parts.of::<Dpll>().next();
+        let phase_error_us = dpll.map(|dpll| dpll.pins.phase_error_us);
         let of = (plan.name.as_str(), &plan.firmware);
         let trace = plan.settings.trace;
-        let trace = trace.map(|settings| Box::new(Trace::new(settings, &image, of, &plan.events)));
+        let trace =
+            trace.map(|settings| Box::new(Trace::new(settings, &exchanges, of, &plan.events)));
         let driver = Driver {
             bus: self.bus,
             firmware: plan.firmware,
             name: plan.name,
-            image,
-            pins: plan.pins,
-            group: plan.group,
-            phase_error_us: dpll.map(|dpll| dpll.pins.phase_error_us),
-            parts: self.parts,
-            connection: self.connection,
+            exchanges,
+            cycle: Cycle::new(
+                (words, plan.pins, plan.group),
+                self.parts,
+                self.connection,
+                plan.events,
+                Beats::new(pace, period),
+                phase_error_us,
+            ),
             description: self.description,
             missing: plan.missing,
             remarks: plan.remarks,
-            state: BoardState::Running,
-            shown: None,
-            statistics: DriverStatistics::default(),
-            events: plan.events,
-            rows: Rows::default(),
             trace,
             pacer: Pacer::new(pace, period),
-            read_failures: 0,
-            write_failures: 0,
-            writes_since_read: 0,
-            look_closely: true,
-            wants_extra: false,
-            is_last: false,
             is_stopped: false,
         };
         #[cfg(feature = "log")]

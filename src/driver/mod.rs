@@ -37,10 +37,12 @@
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod attach;
+mod beat;
 mod configure;
 mod connection;
 mod cycle;
 mod error;
+mod exchange;
 #[doc = include_str!("../../docs/neighbours.md")]
 pub mod neighbours {}
 
@@ -92,58 +94,33 @@ use alloc::{boxed::Box, string::String, vec::Vec};
 use core::any::Any;
 use core::time::Duration;
 
-use crate::bus::{Clock, CycleLists, Image, RegisterBus};
-use crate::hal::{GroupId, Input, PinStore, Pins};
+use crate::bus::{Clock, CycleLists, Exchanges, RegisterBus};
+use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{HostMot2, Known};
 use crate::modules::Module;
-use crate::modules::events::Sink;
 use crate::modules::watchdog::Watchdog;
-use connection::Connection;
+use cycle::Cycle;
 use held::Held;
 use pace::Pacer;
-use rows::Rows;
 
 /// A board with everything on it, in the cycle.
 ///
 /// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which say what could not be
 /// stopped: outputs of a remote that was [not reached](NotReached) may stay on. Dropping it does the
 /// same, and only logs that.
-#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct Driver<B: RegisterBus + Clock> {
     bus: Held<B>,
     firmware: HostMot2,
     name: String,
-    image: Image<B>,
-    pins: PinStore,
-    group: GroupId,
-    parts: Parts,
-    connection: Connection,
+    exchanges: Exchanges<B>,
+    cycle: Cycle,
     /// What the firmware said of itself when it was set up.
     description: Known<B::List>,
-    /// How late the last read was for the phase-locked loop.
-    phase_error_us: Option<Input<f64>>,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
-    state: BoardState,
-    /// The state that the pins show.
-    shown: Option<BoardState>,
-    statistics: DriverStatistics,
-    events: Sink,
-    rows: Rows,
     trace: Option<Box<Trace>>,
     pacer: Pacer,
-    read_failures: u32,
-    write_failures: u32,
-    /// Writes since the last read; the last one belongs to it.
-    writes_since_read: u32,
-    /// The next read holds all evidence: something happened since the last one that did which may
-    /// have blurred what every cycle reads.
-    look_closely: bool,
-    /// Somebody asked for more than usual with the last write.
-    wants_extra: bool,
-    /// Remotes get safe values for the last time: nothing is restarted instead.
-    is_last: bool,
     is_stopped: bool,
 }
 
@@ -197,12 +174,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// All pins and parameters.
     pub fn pins(&self) -> &Pins {
-        &self.pins
+        &self.cycle.pins
     }
 
     /// All pins and parameters, to set them.
     pub fn pins_mut(&mut self) -> &mut Pins {
-        &mut self.pins
+        &mut self.cycle.pins
     }
 
     /// The modules of a kind, in the order in which they were added: for their pins.
@@ -214,12 +191,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # }
     /// ```
     pub fn modules<M: Module>(&self) -> impl Iterator<Item = &M> {
-        self.parts.of()
+        self.cycle.parts.of()
     }
 
     /// The group of the board's own pins.
     pub fn group(&self) -> GroupId {
-        self.group
+        self.cycle.group
     }
 
     /// What the names of its pins begin with, for example `hm2_7i92.0`.
@@ -244,7 +221,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// The serial ports.
     pub fn ports(&self) -> &[SerialPort] {
-        &self.parts.ports
+        &self.cycle.parts.ports
     }
 
     /// Remotes that were configured and do not take part, with the reason.
@@ -260,12 +237,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// State of the board itself.
     pub fn board_state(&self) -> BoardState {
-        self.state
+        self.cycle.state()
     }
 
     /// What was counted so far.
     pub fn statistics(&self) -> DriverStatistics {
-        self.statistics
+        self.cycle.statistics
     }
 
     /// What happened, event by event: for this thread between two cycles, or for another one.
@@ -305,7 +282,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Constant time. No allocation.
     pub fn events(&self) -> Events {
-        self.events.events()
+        self.cycle.events.events()
     }
 
     /// The words of the last cycles, where [`Settings::trace`] asks for them.
@@ -341,7 +318,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Constant time. No allocation.
     pub fn record(&mut self, mut trace: Box<Trace>) -> Result<(), Box<Trace>> {
-        if !trace.is_of(&self.events) {
+        if !trace.is_of(&self.cycle.events) {
             return Err(trace);
         }
         trace.resume();
@@ -351,7 +328,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// What a cycle exchanges, for people who want to see it.
     pub fn lists(&self) -> CycleLists<'_, B::List> {
-        self.image.lists()
+        self.exchanges.lists()
     }
 
     /// The bus.

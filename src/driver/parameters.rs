@@ -173,13 +173,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let started = *remote.started;
         // The remotes of other ports are not served either: all get safe values.
         self.all_off()?;
-        let usual = self.parts.watchdog.timeout();
+        let usual = self.cycle.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
         let result =
             fed.and_then(|()| self.write_in_setup(parameter, &started, (&record, value, raw)));
-        self.make_safe();
-        self.pacer.forget_started(&mut *self.bus, &mut self.image);
-        self.look_closely = true;
+        self.cycle.make_safe();
+        self.forget_started();
+        self.cycle.look_closely();
         self.feed_for(usual)?;
         result
     }
@@ -187,7 +187,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
     /// the watchdog is restarted before it has the time.
     pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
-        let watchdog = self.parts.watchdog.registers;
+        let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
         let fed = self.bus.exchange(&accesses, &mut words);
@@ -201,15 +201,19 @@ impl<B: RegisterBus + Clock> Driver<B> {
         (record, value, raw): (&DataRecord, AnyValue, u64),
     ) -> Result<(), DriverError<B::Error>> {
         let bus = &mut *self.bus;
-        let port = self.parts.ports.get_mut(usize::from(parameter.place.0));
+        let port = self
+            .cycle
+            .parts
+            .ports
+            .get_mut(usize::from(parameter.place.0));
         let Some(serial) = port else {
             return Err(DriverError::no_remote(parameter.place));
         };
         let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
         let stopped = serial.port.on(bus).stop_all();
-        serial.taken_over(&mut self.pins, bus.now());
+        serial.taken_over(&mut self.cycle.pins, bus.now());
         result?;
-        serial.parameter_written(&mut self.pins, started.channel, parameter.name, raw);
+        serial.parameter_written(&mut self.cycle.pins, started.channel, parameter.name, raw);
         Ok(stopped?)
     }
 }

@@ -5,8 +5,9 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
+use super::exchange::Answering;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
-use crate::bus::{BusError, Clock, Effort, Instant, RegisterBus};
+use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -146,7 +147,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     fn not_reached(&self, now: Instant) -> impl Iterator<Item = NotReached> {
-        let ports = self.parts.ports.iter();
+        let ports = self.cycle.parts.ports.iter();
         ports.flat_map(move |port| {
             let number = port.layout().instance;
             port.not_reached(now).map(move |remote| NotReached {
@@ -169,11 +170,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.stop_board()
         };
         let now = self.bus.now();
-        self.rows.end(&self.events, now);
-        for port in &mut self.parts.ports {
-            port.end_rows(now);
-        }
-        self.events.end();
+        self.cycle.end(now);
         let failed = stopped.err();
         let not_reached: Vec<_> = self.not_reached(now).collect();
         if failed.is_none() && not_reached.is_empty() {
@@ -190,16 +187,16 @@ impl<B: RegisterBus + Clock> Driver<B> {
         for _ in 1..LAST_TRIES {
             // A remote that runs may have missed one.
             let now = self.bus.now();
-            let mut ports = self.parts.ports.iter();
+            let mut ports = self.cycle.parts.ports.iter();
             let missed = |port: &SerialPort| {
                 let mut missed = port.not_reached(now);
                 missed.any(|remote| remote.state == RemoteState::Running)
             };
-            if first.is_err() || self.is_running() && ports.any(missed) {
+            if first.is_err() || self.cycle.is_running() && ports.any(missed) {
                 first = self.last_transfer();
             }
         }
-        for port in &mut self.parts.ports {
+        for port in &mut self.cycle.parts.ports {
             let stopped = port.port.on(&mut *self.bus).stop_all();
             first = first.and(stopped);
         }
@@ -210,11 +207,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Whether it is not the board that the driver was started with which answers: that one has its
     /// watchdogs, and this one is not ours to touch. A board that runs is the same one.
     fn answers_as_another(&mut self) -> bool {
-        let is_still = |this: &mut Self| this.description.is_still(&mut *this.bus, Effort::Once);
-        if !self.is_running() && matches!(is_still(self), Ok(false)) {
-            self.is_other_firmware();
+        if !self.cycle.is_running() && matches!(self.who_answers(), Ok(Answering::Other)) {
+            let now = self.bus.now();
+            self.cycle.is_other_firmware(now);
         }
-        self.state == BoardState::OtherFirmware
+        self.cycle.state() == BoardState::OtherFirmware
     }
 
     /// Switches everything off, and is sure that the board has heard it: only then it may go without
@@ -222,11 +219,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub(super) fn all_off(&mut self) -> Result<(), DriverError<B::Error>> {
         for _ in 0..LAST_TRIES {
             self.last_transfer()?;
-            if !self.is_running() {
-                return Err(DriverError::NotRunning { state: self.state });
+            if !self.cycle.is_running() {
+                return Err(DriverError::NotRunning {
+                    state: self.cycle.state(),
+                });
             }
             // Its last read has seen its last write arrive.
-            if !self.look_closely {
+            if self.cycle.is_sure() {
                 return Ok(());
             }
         }
@@ -235,9 +234,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
     pub(super) fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
-        self.is_last = true;
+        self.cycle.is_last = true;
         let result = self.transfer_safe_values();
-        self.is_last = false;
+        self.cycle.is_last = false;
         match result {
             Ok(()) | Err(CycleError::NotThere { .. } | CycleError::OtherFirmware) => Ok(()),
             Err(CycleError::Read { source, .. } | CycleError::Write { source, .. }) => {
@@ -248,15 +247,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
         let begin = self.bus.now();
-        self.make_safe();
+        self.cycle.make_safe();
         // What fails in a wait fails in the read that follows, which reports it.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
         for _ in 0..MOST_CYCLES {
             let _ = self.read()?;
             // A port that is not seen idle gets nothing; the board's own outputs go off at once.
-            let mut ports = self.parts.ports.iter();
-            let all_idle = ports.all(|port| port.is_idle(&self.image.words));
-            self.make_safe();
+            let mut ports = self.cycle.parts.ports.iter();
+            let all_idle = ports.all(|port| port.is_idle(&self.cycle.words));
+            self.cycle.make_safe();
             self.write()?;
             if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {
                 break;

@@ -31,15 +31,20 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.3 s at most.
     pub fn prove_watchdogs(&mut self) -> Result<(), DriverError<B::Error>> {
-        let silences = self.parts.ports.iter().filter_map(SerialPort::silence);
+        let silences = self
+            .cycle
+            .parts
+            .ports
+            .iter()
+            .filter_map(SerialPort::silence);
         let Some(silence) = silences.max() else {
             return Ok(());
         };
         let begin = self.bus.now();
         self.all_off()?;
-        let asked = self.parts.ports.iter().map(SerialPort::running);
+        let asked = self.cycle.parts.ports.iter().map(SerialPort::running);
         let asked: alloc::vec::Vec<_> = asked.collect();
-        let usual = self.parts.watchdog.timeout();
+        let usual = self.cycle.parts.watchdog.timeout();
         self.feed_for(super::parameters::UNFED)?;
         self.bus.sleep(silence);
         self.feed_for(usual)?;
@@ -48,15 +53,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
         for _ in 1..TRIES {
             self.last_transfer()?;
         }
-        self.make_safe();
+        self.cycle.make_safe();
         let now = self.bus.now();
-        for (port, asked) in self.parts.ports.iter_mut().zip(asked) {
-            port.judge_watchdogs(asked, took, &mut self.pins, now);
+        for (port, asked) in self.cycle.parts.ports.iter_mut().zip(asked) {
+            port.judge_watchdogs(asked, took, &mut self.cycle.pins, now);
         }
-        if self.is_running() {
+        if self.cycle.is_running() {
             Ok(())
         } else {
-            Err(DriverError::NotRunning { state: self.state })
+            Err(DriverError::NotRunning {
+                state: self.cycle.state(),
+            })
         }
     }
 }

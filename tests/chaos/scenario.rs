@@ -150,7 +150,7 @@ struct Scenario {
     jitters_from: u64,
     /// How long before a read the encoders may have been latched.
     sampled_before: u64,
-    /// What made everything safe was cleared by pin, and the set-up follows with the next write.
+    /// What made everything safe was cleared by pin, and the set-up follows with a next write.
     is_clearing: bool,
     /// Watchdogs were tried while something was wrong: one that did not answer counts as off since.
     proved_in_trouble: bool,
@@ -305,7 +305,9 @@ impl Scenario {
     /// What the machine drives now is right.
     fn stands_now<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
         let runs = driver.board_state() == BoardState::Running;
-        if std::mem::take(&mut self.is_clearing) && runs {
+        // Until the bus works, the set-up is tried with each write.
+        if self.is_clearing && runs {
+            self.is_clearing = false;
             self.oracle.set_up(false);
             self.came_by_pin = true;
             self.oracle.remotes_are_asked(self.sim.now());
@@ -362,6 +364,7 @@ impl Scenario {
         }
         self.oracle.rearmed(None);
         let done = driver.rearm();
+        self.is_clearing = false;
         let has_come = std::mem::take(&mut self.came_by_pin);
         if (was_down || has_come) && done.is_ok() {
             self.oracle.remotes_come();

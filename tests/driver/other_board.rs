@@ -7,7 +7,7 @@ use mesa_hal::Clock;
 use mesa_hal::driver::{BoardState, CycleError, EventKind};
 use mesa_hal::hal::{Param, Role};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal_sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{Cause, Director, SimError, SimFpga, machines};
 
 #[test]
 fn another_firmware_is_reported_in_one_line_without_runs_of_blanks() {
@@ -127,4 +127,43 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
     assert_eq!((error.failed, error.not_reached.len()), (None, 3));
     assert_eq!(driven(&board), (0, false));
     assert!(!board.watchdog().has_bitten(), "it was never touched");
+}
+
+/// Resets the FPGA for 5 ms, once, at its time.
+#[derive(Debug)]
+struct Reset(Option<u64>);
+
+impl Director for Reset {
+    fn due(&self) -> Option<u64> {
+        self.0
+    }
+
+    fn act(&mut self, fpga: &mut SimFpga) {
+        self.0 = None;
+        fpga.reset_for(5_000_000);
+    }
+
+    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+}
+
+#[test]
+fn a_reset_while_the_set_up_is_written_again_is_no_other_firmware() {
+    let mut failed = 0;
+    for nanos in (0..120_000).step_by(600) {
+        let mut machine = running();
+        machine.fpga().reload();
+        machine.cycles(3);
+        assert_eq!(machine.driver.board_state(), BoardState::Reset);
+        let at = machine.now() + nanos;
+        machine.fpga().set_director(Box::new(Reset(Some(at))));
+        let told = format!("{nanos} ns after the beginning");
+        let rearmed = machine.driver.rearm();
+        assert_ne!(rearmed, Err(CycleError::OtherFirmware), "{told}");
+        failed += u32::from(machine.driver.board_state() != BoardState::Running);
+        cycles(&mut machine, 10);
+        assert_ne!(machine.driver.board_state(), BoardState::OtherFirmware);
+        let _ = machine.driver.rearm().expect("the bus is well");
+        assert_eq!(machine.driver.board_state(), BoardState::Running, "{told}");
+    }
+    assert!(failed > 20, "{failed} were in the middle of it");
 }

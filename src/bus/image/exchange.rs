@@ -1,11 +1,11 @@
-//! The frozen image and its exchanges.
+//! The exchanges of a frozen image.
 
 use alloc::vec::Vec;
 
 use super::plan::ImagePlan;
 use super::words::By;
 use super::{Phase, Words};
-use crate::bus::{Access, RegisterBus, Reply};
+use crate::bus::{Access, RegisterBus};
 
 /// What a read of the cycle is to hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,17 +18,14 @@ pub struct Ask {
     pub with_writes: bool,
 }
 
-/// The frozen image: prepared lists and the words they move.
+/// The prepared lists of a frozen image, which move its [`Words`].
 ///
 /// # Real time
 /// No function allocates or panics; the exchanges are bounded by the bus.
 #[derive(Debug)]
-pub struct Image<B: RegisterBus> {
-    pub words: Words,
+pub struct Exchanges<B: RegisterBus> {
     pub(super) lists: Lists<B::List>,
     pub(super) parts: Parts,
-    /// What the replies showed since [`take_news`](Self::take_news).
-    pub(super) news: Reply,
 }
 
 #[derive(Debug)]
@@ -92,7 +89,7 @@ pub(crate) enum Way {
     Setting,
 }
 
-impl<B: RegisterBus> Image<B> {
+impl<B: RegisterBus> Exchanges<B> {
     /// The registers of a cycle with all that it may hold: those that are read, then those that are
     /// written, then settings. Belongs to set-up: it allocates.
     pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
@@ -118,7 +115,7 @@ impl<B: RegisterBus> Image<B> {
 }
 
 /// Exchanges. On an error, no word that is read has changed.
-impl<B: RegisterBus> Image<B> {
+impl<B: RegisterBus> Exchanges<B> {
     /// The lists of a usual cycle.
     pub fn lists(&self) -> CycleLists<'_, B::List> {
         let Lists {
@@ -131,14 +128,9 @@ impl<B: RegisterBus> Image<B> {
         }
     }
 
-    /// What all replies showed since the last call.
-    pub fn take_news(&mut self) -> Reply {
-        core::mem::replace(&mut self.news, Reply::CERTAIN)
-    }
-
     /// Sends the request of a read; [`finish`](Self::finish) takes its reply.
-    pub fn start_read(&self, bus: &mut B, ask: Ask) -> Result<Ask, B::Error> {
-        bus.start(self.lists.of(ask), &self.words.content)?;
+    pub fn start_read(&self, bus: &mut B, words: &Words, ask: Ask) -> Result<Ask, B::Error> {
+        bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
 
@@ -148,78 +140,79 @@ impl<B: RegisterBus> Image<B> {
     pub fn start_cycle(
         &mut self,
         bus: &mut B,
+        words: &mut Words,
         ask: Ask,
         quiet: bool,
     ) -> Result<Option<Ask>, B::Error> {
-        if quiet || !self.words.has_news() {
+        if quiet || !words.has_news() {
             let with_writes = Ask {
                 with_writes: true,
                 ..ask
             };
-            return self.start_read(bus, with_writes).map(Some);
+            return self.start_read(bus, words, with_writes).map(Some);
         }
-        self.write(bus, quiet)?;
-        Ok(self.start_read(bus, ask).ok())
+        self.write(bus, words, quiet)?;
+        Ok(self.start_read(bus, words, ask).ok())
     }
 
     /// Takes the reply to what was started.
-    pub fn finish(&mut self, bus: &mut B, started: Ask) -> Result<Reply, B::Error> {
-        let reply = bus.finish(self.lists.of(started), &mut self.words.content)?;
-        self.news = self.news.and(reply);
-        Ok(reply)
+    pub fn finish(&self, bus: &mut B, words: &mut Words, started: Ask) -> Result<(), B::Error> {
+        let reply = bus.finish(self.lists.of(started), &mut words.content)?;
+        words.heard(reply);
+        Ok(())
     }
 
     /// Writes the registers of every cycle, triggers last, and the settings that have changed; without
     /// those if everything is to be `quiet`, because the board is not set up.
-    pub fn write(&mut self, bus: &mut B, quiet: bool) -> Result<(), B::Error> {
-        if quiet || !self.words.has_news() {
+    pub fn write(&mut self, bus: &mut B, words: &mut Words, quiet: bool) -> Result<(), B::Error> {
+        if quiet || !words.has_news() {
             // A write has no reply of its own: the next read tells what became of it.
-            let _ = bus.run(&self.lists.write, &mut self.words.content)?;
+            let _ = bus.run(&self.lists.write, &mut words.content)?;
             return Ok(());
         }
-        self.write_parts(bus, By::Cycle)
+        self.write_parts(bus, words, By::Cycle)
     }
 
     /// Writes the settings of the set-up that have changed, those included that drive pins. The
     /// evidence has to be read before and [after](Words::guarded_sent) it.
-    pub fn write_guarded(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        self.words.expect_either();
-        self.write_parts(bus, By::Guarded)
+    pub fn write_guarded(&mut self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        words.expect_either();
+        self.write_parts(bus, words, By::Guarded)
     }
 
-    fn write_parts(&mut self, bus: &mut B, by: By) -> Result<(), B::Error> {
-        let accesses = self.parts.choose(&self.words, by);
-        bus.write_all(accesses, &mut self.words.content)?;
-        self.words.sent(by);
+    fn write_parts(&mut self, bus: &mut B, words: &mut Words, by: By) -> Result<(), B::Error> {
+        let accesses = self.parts.choose(words, by);
+        bus.write_all(accesses, &mut words.content)?;
+        words.sent(by);
         Ok(())
     }
 
     /// Reads the status registers alone.
-    pub fn read_status(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        let reply = bus.run(&self.lists.status, &mut self.words.content)?;
-        self.news = self.news.and(reply);
+    pub fn read_status(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        let reply = bus.run(&self.lists.status, &mut words.content)?;
+        words.heard(reply);
         Ok(())
     }
 
     /// Reads all evidence alone.
-    pub fn read_evidence(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        let reply = bus.run(&self.lists.evidence, &mut self.words.content)?;
-        self.news = self.news.and(reply);
+    pub fn read_evidence(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        let reply = bus.run(&self.lists.evidence, &mut words.content)?;
+        words.heard(reply);
         Ok(())
     }
 
     /// Writes the whole set-up again, with the words that the settings have now, and reads all
     /// evidence after it. Whoever finds it good calls [`Words::all_set`].
-    pub fn set_up(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        self.words.expect_all();
-        let reply = bus.run(&self.lists.set_up, &mut self.words.content)?;
-        self.news = self.news.and(reply);
+    pub fn set_up(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        words.expect_all();
+        let reply = bus.run(&self.lists.set_up, &mut words.content)?;
+        words.heard(reply);
         Ok(())
     }
 
     /// Writes the first stage of the set-up: nothing is driven.
-    pub fn quiesce(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        let _ = bus.run(&self.lists.quiesce, &mut self.words.content)?;
+    pub fn quiesce(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }
 }

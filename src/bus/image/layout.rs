@@ -3,10 +3,10 @@
 use alloc::{vec, vec::Vec};
 use core::time::Duration;
 
-use super::exchange::{Image, Lists, Paced, Parts};
+use super::exchange::{Exchanges, Lists, Paced, Parts};
 use super::plan::{Again, ImagePlan, Register, StepPlace, push};
 use super::{Phase, Stage, Words};
-use crate::bus::{Access, Direction, Hold, RegisterBus, Reply};
+use crate::bus::{Access, Direction, Hold, RegisterBus};
 
 /// Reads that are at most this many registers apart are merged, and what lies between is read along and
 /// ignored: on Ethernet one register more costs four bytes, as does a command.
@@ -25,7 +25,7 @@ impl ImagePlan {
         &self,
         bus: &mut B,
         held: Option<Duration>,
-    ) -> Result<Image<B>, B::Error> {
+    ) -> Result<(Exchanges<B>, Words), B::Error> {
         debug_assert!(self.check().is_ok(), "it was checked");
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);
@@ -61,7 +61,7 @@ impl ImagePlan {
                 bus.prepare(&list(true), hold)?,
             ])
         };
-        Ok(Image {
+        let exchanges = Exchanges {
             lists: Lists {
                 read: both(&read, None)?,
                 paced: match held {
@@ -82,15 +82,15 @@ impl ImagePlan {
                 |phase| writes.runs(|write| write.phase == phase),
                 first_setting,
             ),
-            words: Words::new(
-                self,
-                content,
-                reads.index(&self.reads),
-                writes.index(&self.writes),
-                first_setting,
-            ),
-            news: Reply::CERTAIN,
-        })
+        };
+        let words = Words::new(
+            self,
+            content,
+            reads.index(&self.reads),
+            writes.index(&self.writes),
+            first_setting,
+        );
+        Ok((exchanges, words))
     }
 }
 

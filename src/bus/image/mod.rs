@@ -19,7 +19,7 @@ mod layout;
 mod plan;
 mod words;
 
-pub use exchange::{Ask, CycleLists, Image};
+pub use exchange::{Ask, CycleLists, Exchanges};
 pub(crate) use exchange::{Exchanged, Way};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub use words::Words;

@@ -73,19 +73,31 @@ const EXTRA: Ask = Ask {
     with_writes: false,
 };
 
-fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image<Memory> {
-    let Ok(image) = plan.freeze(bus, None);
-    image
+/// A frozen image, with its words.
+struct Image {
+    exchanges: Exchanges<Memory>,
+    words: Words,
 }
 
-fn read(image: &mut Image<Memory>, bus: &mut Memory, ask: Ask) -> Vec<u16> {
-    let Ok(started) = image.start_read(bus, ask);
-    let Ok(_) = image.finish(bus, started);
+impl Image {
+    fn frozen(plan: &ImagePlan, bus: &mut Memory, held: Option<core::time::Duration>) -> Self {
+        let Ok((exchanges, words)) = plan.freeze(bus, held);
+        Self { exchanges, words }
+    }
+}
+
+fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image {
+    Image::frozen(plan, bus, None)
+}
+
+fn read(image: &mut Image, bus: &mut Memory, ask: Ask) -> Vec<u16> {
+    let Ok(started) = image.exchanges.start_read(bus, &mut image.words, ask);
+    let Ok(_) = image.exchanges.finish(bus, &mut image.words, started);
     bus.take_read()
 }
 
-fn written(image: &mut Image<Memory>, bus: &mut Memory) -> Vec<(u16, u32)> {
-    let Ok(()) = image.write(bus, false);
+fn written(image: &mut Image, bus: &mut Memory) -> Vec<(u16, u32)> {
+    let Ok(()) = image.exchanges.write(bus, &mut image.words, false);
     bus.take_written()
 }
 
@@ -112,7 +124,7 @@ fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
     assert_eq!(order, [0x5A00, 0x5D00, 0x5D04, 0x5E00, 0x5E04]);
     assert_eq!(image.words.word(command), content(0x5A00));
     assert_eq!(image.words.word(inputs[3]), content(0x5E04));
-    let lists = image.lists();
+    let lists = image.exchanges.lists();
     assert_eq!((lists.read.len(), lists.write.len()), (3, 2));
 }
 
@@ -125,23 +137,31 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
     plan.read(Phase::Data, 0x4000);
     let mut bus = Memory::default();
     let held = core::time::Duration::from_millis(1);
-    let Ok(mut image) = plan.freeze(&mut bus, Some(held));
+    let mut image = Image::frozen(&plan, &mut bus, Some(held));
     let ask = Ask {
         held: true,
         extra: false,
         with_writes: false,
     };
-    let paced = image.lists().paced.unwrap();
+    let paced = image.exchanges.lists().paced.unwrap();
     assert_eq!(paced.len(), 3, "two writes and a read");
     image.words.put(out, 7);
-    let Ok(started) = image.start_cycle(&mut bus, ask, false);
-    let Ok(_) = image.finish(&mut bus, started.unwrap());
+    let Ok(started) = image
+        .exchanges
+        .start_cycle(&mut bus, &mut image.words, ask, false);
+    let Ok(_) = image
+        .exchanges
+        .finish(&mut bus, &mut image.words, started.unwrap());
     assert_eq!(bus.take_written(), [(0x4000, 7), (0x4200, 2)]);
     image.words.set(setting, 6);
-    let Ok(started) = image.start_cycle(&mut bus, ask, false);
+    let Ok(started) = image
+        .exchanges
+        .start_cycle(&mut bus, &mut image.words, ask, false);
     let all = [(0x4000, 7), (0x4100, 6), (0x4200, 2)];
     assert_eq!(bus.take_written(), all);
-    let Ok(_) = image.finish(&mut bus, started.unwrap());
+    let Ok(_) = image
+        .exchanges
+        .finish(&mut bus, &mut image.words, started.unwrap());
     assert_eq!(bus.take_written(), [], "the trigger comes once");
 }
 
@@ -160,9 +180,9 @@ fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last
     assert_eq!(read(&mut image, &mut bus, USUAL), usual);
     let all = [0x7600, 0x0100, 0x3500, 0x5D00, 0x0C00, 0x1100];
     assert_eq!(read(&mut image, &mut bus, EXTRA), all);
-    let Ok(()) = image.read_evidence(&mut bus);
+    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
     assert_eq!(bus.take_read(), [0x0C00, 0x1100]);
-    let Ok(()) = image.read_status(&mut bus);
+    let Ok(()) = image.exchanges.read_status(&mut bus, &mut image.words);
     assert_eq!(bus.take_read(), [0x0100]);
 }
 
@@ -177,7 +197,7 @@ fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone
     image.words.set(setting, 9);
     assert_eq!(written(&mut image, &mut bus), usual, "it is so already");
     image.words.set(setting, 5);
-    let Ok(()) = image.write(&mut bus, true);
+    let Ok(()) = image.exchanges.write(&mut bus, &mut image.words, true);
     assert_eq!(bus.take_written(), usual, "the board is not set up");
     assert_eq!(written(&mut image, &mut bus), with);
     assert_eq!(written(&mut image, &mut bus), usual, "not heard of yet");
@@ -225,7 +245,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     words.set(drive, 0x30);
     words.put(output, 99);
     words.put_safe(output, 6);
-    let Ok(()) = image.set_up(&mut bus);
+    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
     let again = [
         (0x0C00, 2),
         (0x1100, 0),
@@ -239,7 +259,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     assert!(image.words.stands());
     image.words.all_set();
     assert_eq!(written(&mut image, &mut bus), [(0x4000, 99)]);
-    let Ok(()) = image.quiesce(&mut bus);
+    let Ok(()) = image.exchanges.quiesce(&mut bus, &mut image.words);
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
 }
 
@@ -252,7 +272,7 @@ fn after_a_mistake(mistake: fn(&mut Words)) -> Vec<(u16, u32)> {
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     mistake(&mut image.words);
-    let Ok(()) = image.set_up(&mut bus);
+    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
     bus.take_written()
 }
 
@@ -290,16 +310,16 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
     words.set(direction, 3);
     words.set(invert, 2);
     assert!(image.words.has_guarded_news());
-    let Ok(()) = image.write_guarded(&mut bus);
+    let Ok(()) = image.exchanges.write_guarded(&mut bus, &mut image.words);
     let guarded = [(0x1000, 0), (0x1400, 2), (0x1100, 3), (0x0E00, 0x5A)];
     assert_eq!(bus.take_written(), guarded);
     bus.registers.insert(0x1100, 1);
-    let Ok(()) = image.read_evidence(&mut bus);
+    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
     image.words.guarded_sent();
     assert!(image.words.stands(), "what was driven is driven");
     assert!(image.words.has_guarded_news(), "it has not arrived");
-    let Ok(()) = image.write_guarded(&mut bus);
-    let Ok(()) = image.read_evidence(&mut bus);
+    let Ok(()) = image.exchanges.write_guarded(&mut bus, &mut image.words);
+    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
     image.words.guarded_sent();
     assert!(!image.words.has_guarded_news());
     let usual = [(0x0E00, 0x5A), (0x1000, 0), (0x5A00, 0)];
@@ -323,7 +343,7 @@ fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
     }
     image.words.set(direction, 3);
     image.words.set(mode, 4);
-    let Ok(()) = image.set_up(&mut bus);
+    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
     image.words.all_set();
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), []);
@@ -344,11 +364,11 @@ fn every_reply_since_the_news_were_taken_counts() {
         certain: false,
         ..Reply::CERTAIN
     });
-    let Ok(()) = image.read_status(&mut bus);
+    let Ok(()) = image.exchanges.read_status(&mut bus, &mut image.words);
     bus.reply = None;
     read(&mut image, &mut bus, USUAL);
-    assert!(!image.take_news().certain);
-    assert!(image.take_news().certain);
+    assert!(!image.words.take_news().certain);
+    assert!(image.words.take_news().certain);
 }
 
 #[test]
@@ -362,7 +382,7 @@ fn small_gaps_of_reads_are_bridged_and_those_of_writes_never() {
     let runs = |accesses: &[Access]| -> Vec<(u16, u16)> {
         accesses.iter().map(|a| (a.address, a.count)).collect()
     };
-    let lists = image.lists();
+    let lists = image.exchanges.lists();
     assert_eq!(runs(lists.read), [(0x3500, 3), (0x3514, 1)]);
     assert_eq!(runs(lists.write), [(0x3500, 1), (0x3508, 1), (0x3514, 1)]);
 }

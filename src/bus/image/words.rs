@@ -2,6 +2,8 @@
 
 use alloc::{boxed::Box, vec::Vec};
 
+use crate::bus::Reply;
+
 use super::{Exchanged, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
 /// What is read and what is written, one word for each register.
@@ -25,6 +27,8 @@ pub struct Words {
     has_guarded_news: bool,
     /// ... and such as were sent and are not confirmed.
     has_sent: bool,
+    /// What the replies showed since [`take_news`](Self::take_news).
+    news: Reply,
 }
 
 /// The reads after which no older write is in flight any more.
@@ -101,7 +105,18 @@ impl Words {
             has_news: false,
             has_guarded_news: false,
             has_sent: false,
+            news: Reply::CERTAIN,
         }
+    }
+
+    /// A reply has brought words.
+    pub(crate) fn heard(&mut self, reply: Reply) {
+        self.news = self.news.and(reply);
+    }
+
+    /// What all replies showed since the last call.
+    pub(crate) fn take_news(&mut self) -> Reply {
+        core::mem::replace(&mut self.news, Reply::CERTAIN)
     }
 
     /// What was read last.
@@ -117,6 +132,12 @@ impl Words {
     pub(crate) fn at(&self, register: Exchanged) -> u32 {
         let word = self.content.get(usize::from(register.place));
         word.copied().unwrap_or(0)
+    }
+
+    /// A read shows this word in a register.
+    #[cfg(test)]
+    pub(crate) fn show(&mut self, register: Exchanged, word: u32) {
+        self.content[usize::from(register.place)] = word;
     }
 
     /// Puts the word of an output or a trigger, which the next write holds.
@@ -193,7 +214,7 @@ impl Words {
         self.is_asked(setting.0, By::Cycle)
     }
 
-    /// Whether settings wait for a [guarded](super::Image::write_guarded) write.
+    /// Whether settings wait for a [guarded](super::Exchanges::write_guarded) write.
     pub(crate) fn has_guarded_news(&self) -> bool {
         self.has_guarded_news
     }

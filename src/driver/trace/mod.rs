@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{Event, TraceSettings};
-use crate::bus::{BusErrorKind, Image, Instant, RegisterBus, Words};
+use crate::bus::{BusErrorKind, Exchanges, Instant, RegisterBus, Words};
 use crate::bus::{Exchanged, Way};
 use crate::hostmot2::HostMot2;
 use crate::modules::events::Sink;
@@ -92,10 +92,10 @@ impl fmt::Display for Cause {
 }
 
 impl Trace {
-    /// Room for the cycles of this image.
+    /// Room for the cycles of these exchanges.
     pub(super) fn new<B: RegisterBus>(
         settings: TraceSettings,
-        image: &Image<B>,
+        exchanges: &Exchanges<B>,
         (board, firmware): (&str, &HostMot2),
         sink: &Sink,
     ) -> Self {
@@ -103,7 +103,7 @@ impl Trace {
             name: names::name(firmware, exchanged.address).into(),
             exchanged,
         };
-        let columns: Vec<_> = image.exchanged().into_iter().map(column).collect();
+        let columns: Vec<_> = exchanges.exchanged().into_iter().map(column).collect();
         let is_read = |column: &&Column| column.exchanged.way == Way::Read;
         let cycles = usize::from(settings.cycles);
         let trace = Self {

@@ -34,6 +34,8 @@ pub(super) struct Encoder {
     zero: Option<[f64; 2]>,
     /// When the last good reads began, the newest first.
     reads: [u64; 4],
+    /// When the last of them ended.
+    ended: u64,
     /// Since when an index is asked for.
     pub(super) asked: Option<u64>,
     /// An index was asked for and has not come, whatever has become of the request.
@@ -69,6 +71,7 @@ impl Encoder {
             scale: pins.parameter(&format!("{stem}.scale"))?,
             zero: None,
             reads: [0; 4],
+            ended: 0,
             asked: None,
             is_pending: false,
             read_until: None,
@@ -205,6 +208,7 @@ impl Encoder {
             return Ok(());
         }
         self.reads = [from, a, b, c];
+        let ended = core::mem::replace(&mut self.ended, now);
         let (least, most) = stage.with_truth(|truth| truth.speeds(self.axis, oldest, now));
         // The time stamps of the board have 16 bits: the host's clock says how often they have wrapped
         // around, which it cannot if it stands still while the board is read.
@@ -213,8 +217,9 @@ impl Encoder {
             return Ok(());
         }
         let velocity = pins.read(self.velocity).value * pins.param(self.scale);
-        // A count or two more or less in a cycle, and what the filter delays.
-        let slack = 0.05 * least.abs().max(most.abs()) + 2_000.0;
+        // A count more or less in the shortest time between two reads, and what the filter delays.
+        let shortest = from.saturating_sub(ended).max(1);
+        let slack = 0.05 * least.abs().max(most.abs()) + (1e9 / shortest as f64).max(2_000.0);
         ensure(
             (least - slack..=most + slack).contains(&velocity),
             Promise::Inputs,

@@ -1,0 +1,94 @@
+//! Whether cycle and board run together, by when inputs arrive.
+
+use core::time::Duration;
+
+use super::Pace;
+use crate::bus::Instant;
+use crate::fraction::Fraction;
+
+/// When inputs have arrived.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Beats {
+    pace: Pace,
+    period: Duration,
+    /// When the last inputs arrived.
+    arrived: Option<Instant>,
+    /// They came sooner after those before than periods do.
+    was_short: bool,
+    /// The mean of the last phase errors, early or late, in microseconds.
+    mean_error_us: Option<f64>,
+    /// Reads in a row in which cycle and board ran together.
+    locked_reads: u32,
+}
+
+/// Reads in a row that have to be in step: more than those in which the phase is set.
+const LOCKED: u32 = 120;
+
+/// Weight of one read in the mean of phase errors.
+const WEIGHT: f64 = 1.0 / 16.0;
+
+/// How far the mean may be off, as a part of the period.
+const TOLERANCE: f64 = 1.0 / 20.0;
+
+/// What the arrival of inputs says of the board's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Beat {
+    /// Periods that went by without inputs.
+    pub missed: u64,
+    /// The clock has not begun this cycle.
+    pub is_unpaced: bool,
+}
+
+impl Beats {
+    pub fn new(pace: Pace, period: Duration) -> Self {
+        Self {
+            pace,
+            period,
+            ..Self::default()
+        }
+    }
+
+    /// Whether cycle and board run together, after a read that found the loop's phase at
+    /// `phase_error_us`. See [`CycleReport::locked`](super::CycleReport).
+    pub fn lock(&mut self, beat: Beat, slack: Option<Duration>, phase_error_us: f64) -> bool {
+        let is_in_step = match self.pace {
+            Pace::Board => slack.is_some() && beat == Beat::default(),
+            Pace::Host => {
+                let error = libm::fabs(phase_error_us);
+                let before = self.mean_error_us.unwrap_or(error);
+                let mean = before + (error - before) * WEIGHT;
+                self.mean_error_us = Some(mean);
+                mean <= self.period.as_secs_f64() * 1e6 * TOLERANCE
+            }
+        };
+        let reads = self.locked_reads.saturating_add(1);
+        self.locked_reads = if is_in_step { reads } else { 0 };
+        self.locked_reads >= LOCKED
+    }
+
+    /// The board is not running.
+    pub fn unlock(&mut self) {
+        (self.mean_error_us, self.locked_reads) = (None, 0);
+    }
+
+    /// Inputs have arrived, which the board held back for `slack`.
+    pub fn arrived(&mut self, now: Instant, slack: Option<Duration>) -> Beat {
+        let before = self.arrived.replace(now);
+        let (Pace::Board, Some(before)) = (self.pace, before) else {
+            return Beat::default();
+        };
+        let since = now.since(before);
+        let period = self.period.as_nanos();
+        let rounded = since.as_nanos().saturating_add(period / 2);
+        let passed = rounded.checked_div(period).unwrap_or(0);
+        // One interval is short when the inputs before were delayed on the way, but not two.
+        let is_short = since < self.period.fraction(3, 4);
+        let was_short = core::mem::replace(&mut self.was_short, is_short);
+        // It waited for longer than a period lasts.
+        let stands_still = slack.is_some_and(|slack| slack > self.period.fraction(9, 8));
+        Beat {
+            missed: u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX),
+            is_unpaced: stands_still || (is_short && was_short),
+        }
+    }
+}

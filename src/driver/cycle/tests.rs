@@ -1,0 +1,193 @@
+//! The cycle alone: nothing is exchanged here after the start, and what is read is made up.
+
+use super::*;
+use crate::bus::{Exchanged, Reply, Way};
+use crate::driver::{Driver, Settings};
+use mesa_hal_sim::{Motor, SimFpga, machines};
+
+const COOKIE: u16 = 0x0100;
+const WATCHDOG_TIME: u16 = 0x0C00;
+const WATCHDOG_STATUS: u16 = 0x0D00;
+const MS: u64 = 1_000_000;
+
+/// A cycle of which all registers are known, at a time.
+struct Bench {
+    driver: Driver<SimFpga>,
+    registers: Vec<Exchanged>,
+    now: u64,
+}
+
+impl Bench {
+    /// Has read and written a few times, with a bus.
+    fn new() -> Self {
+        let fpga = machines::six_axes_7i92(Motor::default());
+        let mut driver = Driver::start(fpga, Settings::default()).expect("it is well");
+        for _ in 0..5 {
+            let _ = driver.read().expect("the bus does not fail");
+            driver.write().expect("the bus does not fail");
+        }
+        Self {
+            registers: driver.exchanges.exchanged(),
+            now: 10_000 * MS,
+            driver,
+        }
+    }
+
+    fn cycle(&mut self) -> &mut Cycle {
+        &mut self.driver.cycle
+    }
+
+    fn show(&mut self, address: u16, word: u32) {
+        let is_it =
+            |register: &&Exchanged| register.address == address && register.way == Way::Read;
+        let register = *self.registers.iter().find(is_it).expect("it is read");
+        self.cycle().words.show(register, word);
+    }
+
+    fn now(&mut self) -> Instant {
+        self.now += MS;
+        Instant::from_nanos(self.now)
+    }
+
+    /// A read that brings what was shown.
+    fn read(&mut self, reply: Reply) -> Result<CycleReport, (u32, u32)> {
+        let now = self.now();
+        let cycle = self.cycle();
+        let closely = cycle.begin_read();
+        cycle.words.heard(reply);
+        cycle.read(now, now, closely)
+    }
+
+    /// What is exchanged in a write, if none of it fails and the evidence stays as it is.
+    fn write(&mut self) -> Vec<Order> {
+        let now = self.now();
+        let cycle = self.cycle();
+        let mut order = cycle.write(now);
+        let mut orders = vec![order];
+        loop {
+            order = match order {
+                Order::SetUp => {
+                    cycle.is_set_up_again(now);
+                    cycle.put(now)
+                }
+                Order::Guarded => {
+                    cycle.looked(now);
+                    cycle.guarded(now)
+                }
+                Order::Quiesce { has_run } => cycle.quiesced(now, has_run),
+                Order::Cycle { .. } => {
+                    cycle.sending(now);
+                    cycle.sent(now);
+                    return orders;
+                }
+                Order::Nothing => return orders,
+            };
+            orders.push(order);
+        }
+    }
+}
+
+fn usual(orders: &[Order]) -> bool {
+    matches!(orders, [Order::Cycle { quiet: false, .. }])
+}
+
+#[test]
+fn a_usual_cycle_is_one_read_and_one_write() {
+    let mut bench = Bench::new();
+    for n in 0..10 {
+        let report = bench.read(Reply::CERTAIN).expect("a board");
+        assert_eq!(report.board, BoardState::Running, "{n}");
+        assert!(usual(&bench.write()), "{n}");
+    }
+    // Who is not sure of a write asks for more.
+    let lost = Reply {
+        certain: false,
+        lost_writes: 1,
+        ..Reply::CERTAIN
+    };
+    assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
+    let extra = Order::Cycle {
+        extra: true,
+        quiet: false,
+    };
+    assert_eq!(bench.write(), [extra]);
+}
+
+#[test]
+fn a_bite_is_kept_quiet_until_it_is_cleared() {
+    let mut bench = Bench::new();
+    bench.show(WATCHDOG_STATUS, 1);
+    bench.show(WATCHDOG_TIME, u32::MAX);
+    let report = bench.read(Reply::CERTAIN).expect("a board");
+    assert_eq!(report.board, BoardState::WatchdogBitten);
+    for _ in 0..3 {
+        let orders = bench.write();
+        let quiesce = Order::Quiesce { has_run: false };
+        assert!(
+            matches!(orders[..], [first, Order::Cycle { quiet: true, .. }] if first == quiesce),
+            "{orders:?}"
+        );
+        let _ = bench.read(Reply::CERTAIN).expect("a board");
+    }
+    let pins = &mut bench.cycle().pins;
+    let flag = pins.inout("hm2_7i92.0.watchdog.has_bit").expect("a pin");
+    pins.set(flag, false);
+    let orders = bench.write();
+    assert!(
+        matches!(
+            orders[..],
+            [Order::SetUp, Order::Cycle { quiet: false, .. }]
+        ),
+        "{orders:?}"
+    );
+}
+
+#[test]
+fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_the_write() {
+    let mut bench = Bench::new();
+    let pins = bench.driver.pins();
+    let is_direction = |name: &str| name.ends_with(".is_output");
+    let names = pins.infos().iter().map(|info| info.name.to_string());
+    let name = names.filter(|name| is_direction(name)).last();
+    let direction = pins.parameter::<bool>(&name.expect("a free pin"));
+    let direction = direction.expect("a parameter");
+    for (is_output, is_reset) in [(true, false), (false, false), (true, true)] {
+        let _ = bench.read(Reply::CERTAIN).expect("a board");
+        let set = bench.cycle().pins.set_param(direction, is_output);
+        set.expect("it can be an output");
+        if is_reset {
+            bench.show(WATCHDOG_TIME, 1 << 31);
+        }
+        let orders = bench.write();
+        assert_eq!(orders[0], Order::Guarded, "{orders:?}");
+        if is_reset {
+            let rest = [Order::Quiesce { has_run: true }, Order::Nothing];
+            assert_eq!(orders[1..], rest);
+            assert_eq!(bench.cycle().state(), BoardState::Reset);
+        } else {
+            assert!(matches!(orders[1..], [Order::Cycle { quiet: false, .. }]));
+        }
+    }
+}
+
+#[test]
+fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
+    let mut bench = Bench::new();
+    let limit = Settings::default().bus_error_limit;
+    for n in 1..=limit {
+        assert_eq!(bench.cycle().state(), BoardState::Running, "{n}");
+        let now = bench.now();
+        bench.cycle().begin_read();
+        assert_eq!(bench.cycle().read_failed(now, BusErrorKind::Lost), n);
+        let _ = bench.write();
+    }
+    assert_eq!(bench.cycle().state(), BoardState::BusDown);
+    let orders = bench.write();
+    assert!(
+        matches!(orders[..], [Order::Cycle { quiet: true, .. }]),
+        "{orders:?}"
+    );
+    let mut bench = Bench::new();
+    bench.show(COOKIE, 0xFFFF_FFFF);
+    assert_eq!(bench.read(Reply::CERTAIN).unwrap_err(), (0xFFFF_FFFF, 1));
+}

@@ -1,0 +1,325 @@
+//! The two halves of a cycle, on the bus.
+
+use core::time::Duration;
+
+use super::cycle::Order;
+use super::pace::Answer;
+use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
+use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
+
+/// Between two polls of COMMAND.
+const POLL_PAUSE: Duration = Duration::from_micros(1);
+/// Ends the polling on a bus whose clock stands still.
+const MAX_POLLS: u32 = 100_000;
+
+/// Who answers where the board was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answering {
+    /// The board with the firmware that was set up.
+    Same,
+    /// No `HostMot2`, as during a reset.
+    Nobody,
+    /// Another board, or another firmware.
+    Other,
+}
+
+impl<B: RegisterBus + Clock> Driver<B> {
+    /// Reads the board once and takes what it brought.
+    ///
+    /// # Errors
+    /// [`CycleError::Read`] and [`CycleError::NotThere`]: no input was taken, all grow older.
+    /// Faults of single remotes are no errors; they are in the report and on the pins.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. Where the [board paces](Pace::Board), it waits for the
+    /// next period, at most for five quarters of one besides the deadline of the bus. No
+    /// allocation.
+    pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        let result = self.read_board();
+        if self.trace.is_some() {
+            let failed = result.as_ref().err().map(CycleError::kind);
+            self.trace_read(failed);
+        }
+        result
+    }
+
+    fn read_board(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        let asked = self.cycle.begin_read();
+        let words = &mut self.cycle.words;
+        let answer = self
+            .pacer
+            .read(&mut *self.bus, &self.exchanges, words, asked);
+        let Answer { extra, at, result } = answer;
+        let now = self.bus.now();
+        if let Err(source) = result {
+            let consecutive = self.cycle.read_failed(now, source.kind());
+            return Err(CycleError::Read {
+                source,
+                consecutive,
+            });
+        }
+        let read = self.cycle.read(now, at, extra);
+        read.map_err(|(found, consecutive)| CycleError::NotThere { found, consecutive })
+    }
+
+    /// Writes the outputs to the board and starts the transfers to its remotes.
+    ///
+    /// A port's transfer is started only when the last read has seen the one before end; otherwise
+    /// its remotes keep what they have.
+    ///
+    /// A write without a read before it is a cycle without news: ages grow. After
+    /// [`stale_after`](super::FaultPolicy::stale_after) of them in a row no input is valid and
+    /// everything is safe until it is read again and re-armed: [`EventKind::NotRead`].
+    ///
+    /// # Errors
+    /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. No allocation. In a cycle in which a module has changed a
+    /// setting that drives pins, as the direction or the open drain of an I/O pin, three exchanges
+    /// more: the evidence that the board is set up is read before and after they are written.
+    ///
+    /// [`EventKind::NotRead`]: super::EventKind::NotRead
+    pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
+        let result = self.write_board();
+        if self.trace.is_some() {
+            let failed = result.as_ref().err().map(CycleError::kind);
+            self.trace_written(failed);
+        }
+        result
+    }
+
+    /// Exchanges what the cycle orders. What fails but the last of it is tried again with the next
+    /// write; this one goes on without it.
+    fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
+        let mut now = self.bus.now();
+        let mut order = self.cycle.write(now);
+        loop {
+            order = match order {
+                Order::SetUp => {
+                    if self.write_set_up().is_ok() {
+                        now = self.bus.now();
+                    }
+                    self.cycle.put(now)
+                }
+                Order::Guarded => {
+                    let _ = self.write_guarded();
+                    let now = self.bus.now();
+                    self.cycle.guarded(now)
+                }
+                Order::Quiesce { has_run } => {
+                    let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+                    let _ = self.exchanges.quiesce(bus, words);
+                    let now = self.bus.now();
+                    self.cycle.quiesced(now, has_run)
+                }
+                Order::Cycle { extra, quiet } => return self.write_cycle((extra, quiet)),
+                Order::Nothing => return Ok(()),
+            };
+        }
+    }
+
+    fn write_cycle(&mut self, ask: (bool, bool)) -> Result<(), CycleError<B::Error>> {
+        let period = self.pacer.period;
+        if let Some(deadline) = self.cycle.new_deadline(period) {
+            self.bus.set_cycle(period, Some(deadline));
+        }
+        let begun = self.bus.now();
+        self.cycle.sending(begun);
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let result = self.pacer.write(bus, &mut self.exchanges, words, ask);
+        let done = self.bus.now();
+        match result {
+            Ok(()) => {
+                self.cycle.sent(done);
+                Ok(())
+            }
+            Err(source) => {
+                let consecutive = self.cycle.write_failed(done, source.kind());
+                Err(CycleError::Write {
+                    source,
+                    consecutive,
+                })
+            }
+        }
+    }
+
+    /// Writes settings that drive pins. That could drive what the rest of the set-up protects, so the
+    /// board shows before and after it that it is set up.
+    fn write_guarded(&mut self) -> Result<(), B::Error> {
+        self.forget_started();
+        self.look()?;
+        if !self.cycle.is_running() {
+            return Ok(());
+        }
+        let begun = self.bus.now();
+        self.cycle.sending_guarded(begun);
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        self.exchanges.write_guarded(bus, words)?;
+        let now = self.bus.now();
+        self.cycle.sent_guarded(now);
+        self.look()?;
+        self.cycle.confirm_guarded();
+        Ok(())
+    }
+
+    /// Reads all evidence alone.
+    fn look(&mut self) -> Result<(), B::Error> {
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        self.exchanges.read_evidence(bus, words)?;
+        let now = self.bus.now();
+        self.cycle.looked(now);
+        Ok(())
+    }
+
+    /// Writes the set-up that the board has lost. If the board shows that it has it, it runs, and so
+    /// does its watchdog; else everything stays as it is. Another firmware gets nothing: its registers
+    /// have other meanings, and its pins other wires.
+    pub(super) fn write_set_up(&mut self) -> Result<(), CycleError<B::Error>> {
+        match self.set_up_same() {
+            Ok(true) => Ok(()),
+            Ok(false) => {
+                let now = self.bus.now();
+                self.cycle.is_other_firmware(now);
+                Err(CycleError::OtherFirmware)
+            }
+            Err(source) => Err(CycleError::Write {
+                source,
+                consecutive: self.cycle.write_failures().saturating_add(1),
+            }),
+        }
+    }
+
+    /// Whether the board is the one that the driver was started with.
+    pub(super) fn who_answers(&mut self) -> Result<Answering, B::Error> {
+        // What is read around a reset is no firmware: another one says so twice.
+        for _ in 0..2 {
+            // An FPGA without its configuration could have it again in the middle of an exchange, and
+            // take the end of the set-up, which drives the pins, without its beginning.
+            let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+            self.exchanges.read_status(bus, words)?;
+            if self.cycle.check().is_err() {
+                return Ok(Answering::Nobody);
+            }
+            if self.description.is_still(&mut *self.bus, Effort::Once)? {
+                return Ok(Answering::Same);
+            }
+        }
+        Ok(Answering::Other)
+    }
+
+    /// False if another firmware answers.
+    fn set_up_same(&mut self) -> Result<bool, B::Error> {
+        let now = self.bus.now();
+        // What was asked for before says nothing of the board as it is now.
+        self.forget_started();
+        match self.who_answers()? {
+            Answering::Same => {}
+            Answering::Nobody => return Ok(true),
+            Answering::Other => return Ok(false),
+        }
+        let Self {
+            bus,
+            exchanges,
+            cycle,
+            ..
+        } = self;
+        let set_up = exchanges.set_up(&mut **bus, &mut cycle.words);
+        let is_set_up = set_up.map(|()| cycle.shows_set_up());
+        if matches!(is_set_up, Ok(true)) {
+            cycle.is_set_up_again(now);
+        } else {
+            // It may be set up, and nobody feeds it.
+            let _ = exchanges.quiesce(&mut **bus, &mut cycle.words);
+        }
+        is_set_up.map(|_| true)
+    }
+
+    /// What was asked for ahead is of no use any more.
+    pub(super) fn forget_started(&mut self) {
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        self.pacer.forget_started(bus, &self.exchanges, words);
+    }
+
+    #[cold]
+    fn trace_read(&mut self, failed: Option<BusErrorKind>) {
+        let now = (self.cycle.statistics.reads, self.bus.now());
+        if let Some(trace) = &mut self.trace {
+            trace.read(now, failed, &self.cycle.words);
+        }
+    }
+
+    #[cold]
+    fn trace_written(&mut self, failed: Option<BusErrorKind>) {
+        let now = (self.cycle.statistics.reads, self.bus.now());
+        if let Some(trace) = &mut self.trace {
+            trace.written(now, failed, &self.cycle.words);
+        }
+    }
+
+    /// Sends the request of the next read ahead, which then only takes the reply: with several
+    /// boards, send all requests, then read all boards. LinuxCNC's `read-request`.
+    ///
+    /// Call it when the board is to be sampled, after [`write`](Self::write) and right before
+    /// `read`. It does nothing where the [board paces](Pace::Board) or requests can not be in
+    /// flight, and when it fails, the next read says why.
+    ///
+    /// # Real time
+    /// One packet out. No allocation.
+    pub fn request_read(&mut self) {
+        if self.pacer.pace == Pace::Host {
+            let extra = self.cycle.wants_closer_look();
+            let (bus, words) = (&mut *self.bus, &self.cycle.words);
+            self.pacer.start_read(bus, &self.exchanges, words, extra);
+        }
+    }
+
+    /// Waits until the transfers that the last write started are complete, or `limit` is over.
+    ///
+    /// The "read-modify-write" of the manual's "NORMAL MODE OPERATION", and the way to measure how
+    /// long a transfer takes: the time goes into [`PortStatistics::doit`].
+    ///
+    /// # Errors
+    /// Those of the bus. `Ok(false)` when the limit came first, and at once where the
+    /// [board paces](Pace::Board): it is asked for the next period already.
+    ///
+    /// # Real time
+    /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
+    /// still. No allocation.
+    ///
+    /// [`PortStatistics::doit`]: super::PortStatistics::doit
+    pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+        self.wait_ports(limit, SerialPort::poll)
+    }
+
+    /// Waits until all ports are, or `limit` is over; not where the board paces.
+    pub(super) fn wait_ports(
+        &mut self,
+        limit: Duration,
+        mut are: impl FnMut(&mut SerialPort, &Words, Instant) -> bool,
+    ) -> Result<bool, B::Error> {
+        if self.pacer.pace == Pace::Board {
+            return Ok(false);
+        }
+        // A reply that was asked for ahead is older than what is waited for.
+        self.forget_started();
+        let start = self.bus.now();
+        for _ in 0..MAX_POLLS {
+            let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+            self.exchanges.read_status(bus, words)?;
+            let now = self.bus.now();
+            let mut all = true;
+            for port in &mut self.cycle.parts.ports {
+                all &= are(port, &self.cycle.words, now);
+            }
+            if all {
+                return Ok(true);
+            }
+            if now.since(start) >= limit {
+                return Ok(false);
+            }
+            self.bus.wait(POLL_PAUSE);
+        }
+        Ok(false)
+    }
+}
