@@ -185,9 +185,10 @@ impl Track {
                 self.since <= self.packet_until && now <= self.since + self.packet_lasts;
             ensure(now <= until || in_packet, Promise::Safe, now, || {
                 format!(
-                    "{}: {:x?} is on, {} us after {what} at {at}, and was not re-armed since",
+                    "{}: {:x?} is on since {}, {} us after {what} at {at}, and was not re-armed since",
                     self.name,
                     self.shown,
+                    self.since,
                     (now - at) / MICRO
                 )
             })?;
@@ -265,6 +266,8 @@ pub struct Oracle {
     /// For so long a host may stand still between a write and the look that follows it: then the
     /// watchdog bites again.
     stalls: u64,
+    /// For so long after a fault a host that stood still sends what it had to before.
+    late_by: u64,
 }
 
 impl Oracle {
@@ -293,6 +296,11 @@ impl Oracle {
             is_setting_up: false,
             period: plan.period,
             off_after,
+            late_by: if plan.host_stands_still() {
+                2 * plan.watchdog + 100 * MILLI
+            } else {
+                0
+            },
             stalls: if plan.more.stalls_in_write && plan.host_stands_still() {
                 2 * plan.watchdog + 100 * MILLI
             } else {
@@ -384,7 +392,7 @@ impl Oracle {
                 let in_reset = if self.is_setting_up { SET_UP } else { 0 };
                 let count = if self.is_setting_up { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
-                    track.packet_until = at + self.lateness + self.stalls + PACKET + in_reset;
+                    track.packet_until = at + self.lateness + self.late_by + PACKET + in_reset;
                     track.packet_lasts = PACKET + seen;
                     track.packet_sets_up = self.is_setting_up;
                 }

@@ -184,11 +184,15 @@ impl Plan {
             index_one_in: 2,
             ..self.habits
         };
+        let lasts = self.run;
+        // Mostly when no packet of the set-up is in flight any more: counts are not sure before.
+        let later = chance.of(&[0, 110, 110, 110]) * self.period;
+        self.run += later;
         self.faults = vec![Planned {
             kind: chance.of(&[FaultKind::NetworkLate, FaultKind::NetworkDuplicate]),
             in_build: false,
-            after: 10 * MILLI,
-            lasts: self.run,
+            after: 10 * MILLI + later,
+            lasts,
             target: 0,
             dice: 2,
         }];
