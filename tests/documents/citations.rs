@@ -6,7 +6,7 @@ use std::{fs, path::Path};
 
 const GATEWARE: &str = include_str!("../../docs/gateware.md");
 /// Where sources are cited.
-const PLACES: [&str; 8] = [
+const PLACES: [&str; 9] = [
     "src",
     "crates",
     "tests",
@@ -15,6 +15,7 @@ const PLACES: [&str; 8] = [
     "benches",
     "README.md",
     "CHANGELOG.md",
+    "ARCHITECTURE.md",
 ];
 const MANUALS: [&str; 4] = ["7I72", "7I77", "7I77D", "7I97"];
 /// Names of recordings begin so, and go on with two digits or three.

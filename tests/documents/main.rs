@@ -1,5 +1,6 @@
 //! What the documents say is so.
 
+mod architecture;
 mod citations;
 #[path = "../common/mod.rs"]
 mod common;
