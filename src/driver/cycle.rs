@@ -18,7 +18,6 @@ use crate::tally::Tally;
 ///
 /// # Real time
 /// No function allocates, and each takes a bounded time.
-#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub(super) struct Cycle {
     pub words: Words,

@@ -27,7 +27,11 @@ fn sources(folder: PathBuf, texts: &mut Vec<String>) {
 
 #[test]
 fn each_path_is_there() {
-    let is_path = |word: &&str| ["src/", "tests/", "crates/"].iter().any(|at| word.starts_with(at));
+    let is_path = |word: &&str| {
+        ["src/", "tests/", "crates/"]
+            .iter()
+            .any(|at| word.starts_with(at))
+    };
     let mut paths = quoted().filter(is_path).peekable();
     assert!(paths.peek().is_some());
     for path in paths {
@@ -55,7 +59,9 @@ fn each_name_is_defined() {
         assert!(is_defined(&owners), "{owner}");
         let is_variant = name.starts_with(char::is_uppercase);
         let ways = if is_variant {
-            [" {", "(", ","].map(|end| format!("    {name}{end}")).to_vec()
+            [" {", "(", ","]
+                .map(|end| format!("    {name}{end}"))
+                .to_vec()
         } else {
             let functions = ["(", "<"].map(|end| format!("fn {name}{end}"));
             let field = format!("pub {name}: ");

@@ -91,8 +91,8 @@ fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image {
 }
 
 fn read(image: &mut Image, bus: &mut Memory, ask: Ask) -> Vec<u16> {
-    let Ok(started) = image.exchanges.start_read(bus, &mut image.words, ask);
-    let Ok(_) = image.exchanges.finish(bus, &mut image.words, started);
+    let Ok(started) = image.exchanges.start_read(bus, &image.words, ask);
+    let Ok(()) = image.exchanges.finish(bus, &mut image.words, started);
     bus.take_read()
 }
 
@@ -149,7 +149,7 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
     let Ok(started) = image
         .exchanges
         .start_cycle(&mut bus, &mut image.words, ask, false);
-    let Ok(_) = image
+    let Ok(()) = image
         .exchanges
         .finish(&mut bus, &mut image.words, started.unwrap());
     assert_eq!(bus.take_written(), [(0x4000, 7), (0x4200, 2)]);
@@ -159,7 +159,7 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
         .start_cycle(&mut bus, &mut image.words, ask, false);
     let all = [(0x4000, 7), (0x4100, 6), (0x4200, 2)];
     assert_eq!(bus.take_written(), all);
-    let Ok(_) = image
+    let Ok(()) = image
         .exchanges
         .finish(&mut bus, &mut image.words, started.unwrap());
     assert_eq!(bus.take_written(), [], "the trigger comes once");

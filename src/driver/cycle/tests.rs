@@ -147,8 +147,8 @@ fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_th
     let mut bench = Bench::new();
     let pins = bench.driver.pins();
     let is_direction = |name: &str| name.ends_with(".is_output");
-    let names = pins.infos().iter().map(|info| info.name.to_string());
-    let name = names.filter(|name| is_direction(name)).last();
+    let names = pins.infos().iter().map(|info| info.name.clone());
+    let name = names.rev().find(|name| is_direction(name));
     let direction = pins.parameter::<bool>(&name.expect("a free pin"));
     let direction = direction.expect("a parameter");
     for (is_output, is_reset) in [(true, false), (false, false), (true, true)] {
