@@ -122,9 +122,10 @@ pub enum DriverError<E: BusError> {
         period: Duration,
     },
     /// The board did not confirm that its outputs are off, so that its watchdog was not given the time
-    /// that this takes.
+    /// that the call needs. Everything is safe until it is re-armed.
     #[error(
-        "the board does not confirm that its outputs are off, because writes are lost, so nothing was done: look at its link, then try again"
+        "the board does not confirm that its outputs are off, because writes are lost; nothing else was \
+         done, and everything is safe until re-armed: look at its link, then try again"
     )]
     NotConfirmed,
     /// The board is not set up, so that its serial lines are no lines.

@@ -16,6 +16,9 @@ use crate::sslbp::{Port, PortError, PortLink, StartMode, StartedRemote};
 /// that are tried again included.
 pub(super) const UNFED: Duration = Duration::from_secs(8);
 
+/// How often the board's watchdog is tried to be fed.
+const TRIES: u32 = 3;
+
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
 struct Parameter<'a> {
@@ -190,7 +193,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
-        let fed = self.bus.exchange(&accesses, &mut words);
+        // A long time that stays would look like a reset.
+        let mut fed = self.bus.exchange(&accesses, &mut words);
+        for _ in 1..TRIES {
+            if fed.is_err() {
+                fed = self.bus.exchange(&accesses, &mut words);
+            }
+        }
         fed.map_err(DriverError::Bus)
     }
 

@@ -204,12 +204,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
         first.and(released)
     }
 
-    /// Whether it is not the board that the driver was started with which answers: that one has its
-    /// watchdogs, and this one is not ours to touch. A board that runs is the same one.
+    /// Whether it is not the board that the driver was started with which answers, or no HostMot2: that
+    /// one has its watchdogs, and this one is not ours to touch. A board that runs is the same one.
     fn answers_as_another(&mut self) -> bool {
-        if !self.cycle.is_running() && matches!(self.who_answers(), Ok(Answering::Other)) {
-            let now = self.bus.now();
-            self.cycle.is_other_firmware(now);
+        if !self.cycle.is_running() {
+            match self.who_answers() {
+                Ok(Answering::Other) => {
+                    let now = self.bus.now();
+                    self.cycle.is_other_firmware(now);
+                }
+                Ok(Answering::Nobody) => return true,
+                Ok(Answering::Same) | Err(_) => {}
+            }
         }
         self.cycle.state() == BoardState::OtherFirmware
     }

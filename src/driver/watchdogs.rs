@@ -29,7 +29,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// known of any watchdog.
     ///
     /// # Real time
-    /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.3 s at most.
+    /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.4 s at most.
     pub fn prove_watchdogs(&mut self) -> Result<(), DriverError<B::Error>> {
         let silences = self
             .cycle

@@ -83,8 +83,9 @@ pub struct Counter {
     /// its watchdog has bitten, or the bus was down), and what it counted meanwhile is not known; or the
     /// board was not heard for so long that the encoder may have turned further than 16 bits can
     /// represent; or it was at nine tenths of `max-count-rate` and seemed to stop from one cycle to
-    /// the next, as beyond that rate. `count` is as valid as before, and may be wrong. On until `reset`, or an
-    /// index; not one in a cycle that is itself so long.
+    /// the next, as beyond that rate; or packets were lost, late or repeated within 100 cycles after the
+    /// board was set up. `count` is as valid as before, and may be wrong. On until `reset`, or until an index
+    /// in a cycle without such a gap or packet.
     pub count_unsure: Option<Input<bool>>,
 }
 

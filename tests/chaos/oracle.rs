@@ -286,6 +286,11 @@ impl Oracle {
             Track::new(name, false, off_after + lateness)
         };
         let board = (0..PARTS).map(|n| Track::new(part(n), n < PORTS, OFF_AFTER + lateness));
+        let late_by = if plan.host_stands_still() {
+            2 * plan.watchdog + 100 * MILLI
+        } else {
+            0
+        };
         // A card that was swapped in is the last: nothing is ever commanded of it.
         let stranger = Track::new("the other card".to_owned(), false, 0);
         Self {
@@ -296,13 +301,9 @@ impl Oracle {
             is_setting_up: false,
             period: plan.period,
             off_after,
-            late_by: if plan.host_stands_still() {
-                2 * plan.watchdog + 100 * MILLI
-            } else {
-                0
-            },
-            stalls: if plan.more.stalls_in_write && plan.host_stands_still() {
-                2 * plan.watchdog + 100 * MILLI
+            late_by,
+            stalls: if plan.more.stalls_in_write {
+                late_by
             } else {
                 0
             },
@@ -390,7 +391,9 @@ impl Oracle {
                 };
                 // A long reset takes the middle of a set-up, and lets the end of it through.
                 let in_reset = if self.is_setting_up { SET_UP } else { 0 };
-                let count = if self.is_setting_up { PARTS } else { PORTS };
+                // So does a host that has not looked since: what it sent comes after the set-up.
+                let is_any = self.is_setting_up || self.late_by > 0;
+                let count = if is_any { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
                     track.packet_until = at + self.lateness + self.late_by + PACKET + in_reset;
                     track.packet_lasts = PACKET + seen;

@@ -12,6 +12,7 @@ pub mod ethernet;
 pub mod fpga;
 pub mod image;
 pub mod machine;
+pub mod once;
 pub mod recording;
 pub mod replay;
 pub mod transfer;

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use crate::common::machine::{Machine, fpga};
+use crate::common::once::Once;
 use mesa_hal::Clock;
 use mesa_hal::driver::{BoardState, CycleError, EventKind};
 use mesa_hal::hal::{Param, Role};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal_sim::{Cause, Director, SimError, SimFpga, machines};
+use mesa_hal_sim::{SimError, SimFpga, machines};
 
 #[test]
 fn another_firmware_is_reported_in_one_line_without_runs_of_blanks() {
@@ -129,21 +130,22 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
     assert!(!board.watchdog().has_bitten(), "it was never touched");
 }
 
-/// Resets the FPGA for 5 ms, once, at its time.
-#[derive(Debug)]
-struct Reset(Option<u64>);
-
-impl Director for Reset {
-    fn due(&self) -> Option<u64> {
-        self.0
-    }
-
-    fn act(&mut self, fpga: &mut SimFpga) {
-        self.0 = None;
-        fpga.reset_for(5_000_000);
-    }
-
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+/// A board that is being reset, or whose FPGA has no HostMot2, drives nothing that a stop could switch off.
+#[test]
+fn the_end_of_a_driver_leaves_what_is_no_hostmot2_alone() {
+    let mut machine = running();
+    let mut events = machine.driver.events();
+    let mut other = i7i97();
+    other.override_rom(0x0100, 0x1234_5678);
+    swap(&mut machine, other);
+    cycles(&mut machine, 10);
+    assert_eq!(machine.driver.board_state(), BoardState::BusDown);
+    let written = machine.fpga().counters().writes;
+    let (board, stopped) = machine.driver.shutdown();
+    let error = stopped.expect_err("remotes that were not reached");
+    assert_eq!((error.failed, error.not_reached.len()), (None, 3));
+    assert_eq!(board.counters().writes, written);
+    assert!(events.all(|event| event.kind != EventKind::OtherFirmware));
 }
 
 #[test]
@@ -155,7 +157,8 @@ fn a_reset_while_the_set_up_is_written_again_is_no_other_firmware() {
         machine.cycles(3);
         assert_eq!(machine.driver.board_state(), BoardState::Reset);
         let at = machine.now() + nanos;
-        machine.fpga().set_director(Box::new(Reset(Some(at))));
+        let reset = Once::at(at, |fpga| fpga.reset_for(5_000_000));
+        machine.fpga().set_director(reset);
         let told = format!("{nanos} ns after the beginning");
         let rearmed = machine.driver.rearm();
         assert_ne!(rearmed, Err(CycleError::OtherFirmware), "{told}");

@@ -373,3 +373,23 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
         assert!(from > 50, "{from}");
     }
 }
+
+#[test]
+fn the_usual_time_of_the_boards_watchdog_is_sent_again_if_it_is_lost() {
+    let mut last = 0;
+    for is_lost in [false, true] {
+        let mut machine: Machine<_> = Machine::on(Faulty::new(fpga(), 1), |_| {});
+        machine.cycles(5);
+        let bus = machine.driver.bus_mut();
+        let before = bus.exchanges();
+        if is_lost {
+            bus.fail_at(before + last, Fault::NotExecuted(BusErrorKind::Lost));
+        }
+        let driver = &mut machine.driver;
+        let written = driver.write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", 100_u32);
+        written.expect("it takes it");
+        last = machine.driver.bus_mut().exchanges() - before - 1;
+        machine.cycles(20);
+        assert_eq!(machine.driver.statistics().resets, 0, "{is_lost}");
+    }
+}

@@ -2,10 +2,11 @@
 //! not have.
 
 use crate::common::machine::{ANALOG, Machine, fpga};
+use crate::common::once::Once;
 use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal_sim::{Cause, DEFAULT_ACCESS_COST, Director, Motor, SimFpga, machines};
+use mesa_hal_sim::{DEFAULT_ACCESS_COST, Motor, machines};
 
 /// All inputs of the 7I77 are on and all its encoders have counted.
 fn running() -> Machine {
@@ -77,23 +78,6 @@ fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not
     assert!((20..199).contains(&resets), "{resets}");
 }
 
-/// Takes the configuration away from the FPGA at a time, for 3 ms.
-#[derive(Debug)]
-struct Dip(Option<u64>);
-
-impl Director for Dip {
-    fn due(&self) -> Option<u64> {
-        self.0
-    }
-
-    fn act(&mut self, fpga: &mut SimFpga) {
-        self.0 = None;
-        fpga.reset_for(3_000_000);
-    }
-
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
-}
-
 /// What is read from then on are ones, in the middle of what the read brings as well.
 #[test]
 fn a_long_reset_between_any_two_accesses_of_a_read_is_no_bite() {
@@ -103,10 +87,8 @@ fn a_long_reset_between_any_two_accesses_of_a_read_is_no_bite() {
         let mut machine = Machine::with(driver.expect("complete"));
         machine.cycles(20);
         let at = machine.now() + access * DEFAULT_ACCESS_COST + DEFAULT_ACCESS_COST / 2;
-        machine
-            .driver
-            .bus_mut()
-            .set_director(Box::new(Dip(Some(at))));
+        let reset = Once::at(at, |fpga| fpga.reset_for(3_000_000));
+        machine.fpga().set_director(reset);
         let _ = machine.driver.read();
         if machine.now() <= at {
             break;

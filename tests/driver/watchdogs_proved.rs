@@ -5,13 +5,14 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
+use crate::common::once::Once;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::devices::{Device, Outputs48};
 use mesa_hal_sim::remote::Remote;
-use mesa_hal_sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::SimFpga;
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
@@ -151,33 +152,18 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
     assert!(has_failed > 2, "{has_failed}");
 }
 
-/// Lets the 7I72 report a fault at a time.
-#[derive(Debug)]
-struct Later(Option<u64>);
-
-impl Director for Later {
-    fn due(&self) -> Option<u64> {
-        self.0
-    }
-
-    fn act(&mut self, fpga: &mut SimFpga) {
-        self.0 = None;
-        let remote = fpga.device_mut::<Remote<Device<Outputs48>>>(0, OUTPUTS);
-        let remote = remote.expect("a 7I72");
-        remote.set_faults(remote.faults() | RemoteFaults::ILLEGAL_MODE);
-    }
-
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
-}
-
 #[test]
 fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
     let started = Driver::start(fpga(), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     runs(&mut machine);
     // Before it bites, and while nobody asks it.
-    let later = Later(Some(machine.now() + 20_000_000));
-    machine.driver.bus_mut().set_director(Box::new(later));
+    let later = Once::at(machine.now() + 20_000_000, |fpga| {
+        let remote = fpga.device_mut::<Remote<Device<Outputs48>>>(0, OUTPUTS);
+        let remote = remote.expect("a 7I72");
+        remote.set_faults(remote.faults() | RemoteFaults::ILLEGAL_MODE);
+    });
+    machine.fpga().set_director(later);
     machine.driver.prove_watchdogs().expect("the bus works");
     let status = machine.status(OUTPUTS);
     assert!(

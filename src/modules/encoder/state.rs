@@ -54,11 +54,11 @@ pub struct EncoderReading {
     /// Both inputs changed at once while errors were watched: counts may be wrong. Kept until they
     /// are not watched.
     pub quadrature_error: bool,
-    /// The counter was set up again, or may have been by a packet of the last set-up that came twice;
-    /// or the time between two reads was so long that the encoder may
-    /// have moved 32768 counts or more; or it was near the greatest rate that is followed, and seems
-    /// to have stopped from one read to the next, as beyond that rate. `count` may be wrong. Kept until
-    /// the next reset, or the next index that came between two reads without such a gap.
+    /// The counter was set up again, or may have been: within 100 reads after a set-up, what an exchange
+    /// showed was in doubt. Or the time between two reads was so long that the encoder may have moved
+    /// 32768 counts or more. Or it was near the greatest rate that is followed, and seems to have stopped
+    /// from one read to the next, as beyond that rate. `count` may be wrong. Kept until the next reset, or
+    /// the next index that came between two reads without such doubt or gap.
     pub is_unsure: bool,
     /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
     /// are garbage, and no error tells (FACTS 12.6).
@@ -100,8 +100,8 @@ pub struct EncoderState {
     /// The error of the control register is an old one, which is cleared and not shown until it is
     /// gone.
     clears_error: bool,
-    /// For how many more reads a packet of the last set-up may be in flight. While one is executed
-    /// again, the select line of multiplexed encoders is not driven.
+    /// For how many more reads a packet of the last set-up may be in flight. If one is executed again,
+    /// the counter is cleared, and the select line of multiplexed encoders is not driven meanwhile.
     set_up_for: u32,
     /// For so many reads counts may be wrong because of such a packet: the one that it came before, and
     /// the next one, because the write between them drives the line again.

@@ -341,7 +341,7 @@ impl Module for SerialPort {
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
-        self.recovery.forget_failures();
+        self.recovery.set_up_again();
         let not_running = self.recovery.known.difference(self.recovery.running);
         self.restart(not_running, pins, now);
     }

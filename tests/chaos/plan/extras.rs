@@ -86,7 +86,8 @@ impl Plan {
         let mut chance = Chance(scrambled(self.seed ^ 0xE87A5));
         self.extras = Extras::new(&mut chance);
         if self.extras.remote_watchdog < 50 && (self.period > MILLI || self.has_bad_wire()) {
-            // In a slow cycle, and on a bad wire, that is shorter than the trial start of a neighbour (docs/neighbours.md).
+            // In a slow cycle, and on a bad wire, that is shorter than the trial start of a neighbour
+            // (docs/neighbours.md).
             self.extras.remote_watchdog = 50;
         }
         self.extras.second_master &= self.is_network && !self.is_homing && !self.is_minute;

@@ -127,8 +127,8 @@ impl Recovery {
         self.marked = self.mask(|remote| remote.is_running() && remote.first_fault.is_some());
     }
 
-    /// The board is set up again: what failed meanwhile was not the remotes' own.
-    pub fn forget_failures(&mut self) {
+    /// The board is set up again: what failed meanwhile, and who stopped, was not the remotes' own.
+    pub fn set_up_again(&mut self) {
         self.is_set_up_again = true;
         for remote in &mut self.remotes {
             remote.fault_count = 0;
