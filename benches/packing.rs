@@ -8,6 +8,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
+use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::discovery::PackingPlan;
 use mesa_hal::driver::Driver;
@@ -18,12 +19,12 @@ fn packing(criterion: &mut Criterion) {
     let driver = Driver::start(three_remotes(), Settings::default()).expect("complete");
     let mut group = criterion.benchmark_group("packing");
     for remote in driver.ports()[0].remotes() {
-        let at = (0, remote.started.channel.index());
+        let id = RemoteId::new(0, remote.started.channel.index());
         let mut pins = PinStore::default();
         let descriptor = remote.descriptor;
         let plan = PackingPlan::new(descriptor, 3).expect("a plan");
         let mut of =
-            RemotePins::new(&mut pins, "bench.0", at, descriptor, &plan, None).expect("pins");
+            RemotePins::new(&mut pins, "bench.0", id, descriptor, &plan, None).expect("pins");
         let mut words = [0x0F0F_1234; 7];
         let bits = plan.input_bits + plan.output_bits;
         group.throughput(Throughput::Elements(bits.into()));

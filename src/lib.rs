@@ -12,8 +12,8 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let bus = machines::six_axes_7i92(Default::default()); // a board: UdpBus::connect(...)?
 //! let driver = Driver::start(bus, Settings::default())?; // 1 ms
-//! let field: I7i77Field = driver.attach(0, 0)?; // port 0, channel 0
-//! let drive = driver.attach::<I7i77Analog>(0, 1)?.analog_out[0];
+//! let field: I7i77Field = driver.attach((0, 0))?; // port 0, channel 0
+//! let drive = driver.attach::<I7i77Analog>((0, 1))?.analog_out[0];
 //! let ended = Runner::new(driver).run(|cycle| {
 //!     // `cycle.read` is what failed in part, or as a whole
 //!     let limit = field.inputs[2].read(cycle.pins()); // TB8 pin 3: value, valid, age
@@ -171,6 +171,7 @@ pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, Rem
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
+pub use hostmot2::RemoteId;
 pub use mesa_wire::{lbp, lbp16};
 pub use rounded::Rounded;
 #[cfg(feature = "std")]

@@ -104,6 +104,7 @@ pub(crate) mod kind {
 
 #[cfg(test)]
 mod tests {
+    use crate::hostmot2::RemoteId;
     use alloc::string::ToString;
     use core::time::Duration;
     use serde_json::{from_str, json, to_value};
@@ -141,8 +142,7 @@ mod tests {
     fn an_event_is_flat_and_comes_back() {
         let reason = OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE);
         let kind = EventKind::RemoteOffline {
-            port: 0,
-            channel: 2,
+            remote: RemoteId::new(0, 2),
             reason,
         };
         let event = event(Instant::from_nanos(5_000_001), 7, kind);

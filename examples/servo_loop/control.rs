@@ -106,8 +106,8 @@ impl Control {
             axes: [Axis::default(); AXES],
             drives: Drives::find(driver)?,
             // A 7I97 needs no remotes; what is there is used.
-            field: driver.attach(0, 0).ok(),
-            outputs: driver.attach(0, 2).ok(),
+            field: driver.attach((0, 0)).ok(),
+            outputs: driver.attach((0, 2)).ok(),
             pattern: [0; 3],
             field_io: FieldIo::default(),
             bad_cycles: 0,

@@ -28,7 +28,7 @@ impl Drives {
                 needs_field_io: false,
             });
         }
-        let card: I7i77Analog = driver.attach(0, 1)?;
+        let card: I7i77Analog = driver.attach((0, 1))?;
         Ok(Self {
             outputs: card.analog_out,
             name: "the analog outputs of the 7I77",

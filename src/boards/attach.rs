@@ -10,7 +10,7 @@ use super::identity::require;
 use super::{BoardTable, CardTable, IdentityError};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, Counter, PinError, Pins};
-use crate::hostmot2::{HostMot2, HostMot2Error};
+use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
 /// that this crate knows, or of your own.
@@ -94,37 +94,31 @@ pub enum AttachError {
     Module(#[from] HostMot2Error),
     /// No remote takes part there.
     #[error(
-        "no remote takes part on port {port}, channel {channel}, where a {expected} was asked for; \
+        "no remote takes part on {remote}, where a {expected} was asked for; \
          `missing` says why, if it was configured"
     )]
     NoRemote {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
+        /// The remote.
+        remote: RemoteId,
         /// What was asked for.
         expected: &'static str,
     },
     /// It is another remote, or another part of the card.
-    #[error("port {port}, channel {channel}: {source}")]
+    #[error("{remote}: {source}")]
     Identity {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
+        /// The remote.
+        remote: RemoteId,
         /// What it is.
         source: IdentityError,
     },
     /// No connector of the board with this channel has the pins of the card.
     #[error(
-        "channel {channel} of port {port} is not the first one of a connector with the pins of a \
+        "{remote} is not the first one of a connector with the pins of a \
          {expected}: name the card's first channel, or load a firmware that is made for the card"
     )]
     NoConnector {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
+        /// The remote.
+        remote: RemoteId,
         /// The card asked for.
         expected: &'static str,
     },
@@ -238,8 +232,7 @@ pub struct CardFinder<'a> {
     remotes: &'a dyn Fn(u8) -> Found<'a>,
     /// The pins of the board's own functions.
     board: Finder<'a>,
-    port: u8,
-    channel: u8,
+    first: RemoteId,
     encoders: Vec<u16>,
 }
 
@@ -247,8 +240,7 @@ impl fmt::Debug for CardFinder<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("CardFinder")
             .field("board", &self.board)
-            .field("port", &self.port)
-            .field("channel", &self.channel)
+            .field("first", &self.first)
             .field("encoders", &self.encoders)
             .finish_non_exhaustive()
     }
@@ -260,12 +252,9 @@ impl CardFinder<'_> {
     /// # Errors
     /// As [`Driver::attach`](crate::driver::Driver::attach).
     pub fn remote<T: RemoteHandles>(&self, nth: u8) -> Result<T, AttachError> {
-        let channel = self.channel.saturating_add(nth);
-        RemoteTable::attach(
-            self.board.pins,
-            (self.remotes)(channel),
-            (self.port, channel),
-        )
+        let channel = self.first.channel.saturating_add(nth);
+        let remote = RemoteId::new(self.first.port, channel);
+        RemoteTable::attach(self.board.pins, (self.remotes)(channel), remote)
     }
 
     /// The handles of the card's encoders, in its order.
@@ -287,18 +276,16 @@ impl CardTable {
         (pins, board): (&'a Pins, &'a str),
         firmware: &HostMot2,
         remotes: &'a dyn Fn(u8) -> Found<'a>,
-        (port, channel): (u8, u8),
+        first: RemoteId,
     ) -> Result<T, AttachError> {
-        let encoders = T::TABLE.encoders_at(firmware, port, channel);
+        let encoders = T::TABLE.encoders_at(firmware, first);
         T::find(&CardFinder {
             remotes,
             board: Finder::new(pins, board, T::TABLE.name),
-            port,
-            channel,
+            first,
             encoders: encoders
                 .ok_or(AttachError::NoConnector {
-                    port,
-                    channel,
+                    remote: first,
                     expected: T::TABLE.name,
                 })?
                 .collect(),
@@ -311,19 +298,14 @@ impl RemoteTable {
     /// of its pins.
     pub(crate) fn attach<T: RemoteHandles>(
         pins: &Pins,
-        remote: Found<'_>,
-        (port, channel): (u8, u8),
+        found: Found<'_>,
+        remote: RemoteId,
     ) -> Result<T, AttachError> {
-        let (descriptor, prefix) = remote.ok_or(AttachError::NoRemote {
-            port,
-            channel,
+        let (descriptor, prefix) = found.ok_or(AttachError::NoRemote {
+            remote,
             expected: T::TABLE.title,
         })?;
-        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity {
-            port,
-            channel,
-            source,
-        })?;
+        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity { remote, source })?;
         T::find(&Finder::new(pins, prefix, T::TABLE.title))
     }
 }

@@ -155,7 +155,7 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
 /// let fpga = machines::twelve_axes_7i97(|_| Motor::default());
 /// let mut driver = Driver::start(fpga, Settings::default())?;
 /// let board: I7i97 = driver.attach_board()?;
-/// let card: I7i77 = driver.attach_card(0, 1)?;
+/// let card: I7i77 = driver.attach_card((0, 1))?;
 /// let encoder = driver.pins().info(card.encoders[0].count).ok_or("no such pin")?;
 /// assert_eq!(encoder.name, "hm2_7i97.0.encoder.06.count");
 /// assert!(encoder.place.terminal.starts_with("7I77 TB3 pin 1, "));

@@ -4,37 +4,43 @@ use super::{Board, Driver};
 use crate::boards::{AttachError, BoardHandles, BoardTable, CardHandles, CardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::RemoteTable;
+use crate::hostmot2::RemoteId;
 use crate::modules::serial::RemoteStatus;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
+    /// The handles of a remote, which has to be of their kind.
     /// After [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
     /// (swapped channels), or it lacks a pin in its software mode.
-    pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
-        let stage = self.stages.get(usize::from(port));
-        let remote = stage.and_then(|stage| stage.remote(channel));
-        let remote = remote.map(|remote| (&remote.descriptor, &*remote.pins.prefix));
-        RemoteTable::attach(self.pins(), remote, (port, channel))
+    pub fn attach<T: RemoteHandles>(&self, remote: impl Into<RemoteId>) -> Result<T, AttachError> {
+        let remote = remote.into();
+        let stage = self.stages.get(usize::from(remote.port));
+        let found = stage.and_then(|stage| stage.remote(remote.channel));
+        let found = found.map(|found| (&found.descriptor, &*found.pins.prefix));
+        RemoteTable::attach(self.pins(), found, remote)
     }
 
-    /// The handles of a whole card, whose first channel is `channel` (0 to 7) of `port`: of its
-    /// remotes, and of its encoders. After [`discover`](Self::discover).
+    /// The handles of a whole card, of its remotes and of its encoders. `first` is the card's first
+    /// channel. After [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its
     /// parts is not there ([`attach`](Self::attach)).
-    pub fn attach_card<T: CardHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
-        let stage = self.stages.get(usize::from(port));
+    pub fn attach_card<T: CardHandles>(
+        &self,
+        first: impl Into<RemoteId>,
+    ) -> Result<T, AttachError> {
+        let first = first.into();
+        let stage = self.stages.get(usize::from(first.port));
         let remote = |channel| {
             let remote = stage?.remote(channel)?;
             Some((&remote.descriptor, &*remote.pins.prefix))
         };
         let board = (self.pins(), self.name());
-        CardTable::attach(board, self.firmware(), &remote, (port, channel))
+        CardTable::attach(board, self.firmware(), &remote, first)
     }
 
     /// The handles of the board's own functions.
@@ -52,23 +58,28 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// # Errors
     /// As [`Board::attach`].
-    pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
-        let remote = self.remote(port, channel);
-        let remote = remote.map(|remote| (remote.descriptor, &*remote.pins.prefix));
-        RemoteTable::attach(self.pins(), remote, (port, channel))
+    pub fn attach<T: RemoteHandles>(&self, remote: impl Into<RemoteId>) -> Result<T, AttachError> {
+        let remote = remote.into();
+        let found = self.remote(remote);
+        let found = found.map(|found| (found.descriptor, &*found.pins.prefix));
+        RemoteTable::attach(self.pins(), found, remote)
     }
 
     /// As [`Board::attach_card`].
     ///
     /// # Errors
     /// As [`Board::attach_card`].
-    pub fn attach_card<T: CardHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
+    pub fn attach_card<T: CardHandles>(
+        &self,
+        first: impl Into<RemoteId>,
+    ) -> Result<T, AttachError> {
+        let first = first.into();
         let remote = |channel| {
-            let remote = self.remote(port, channel)?;
+            let remote = self.remote((first.port, channel))?;
             Some((remote.descriptor, &*remote.pins.prefix))
         };
         let board = (self.pins(), self.name());
-        CardTable::attach(board, self.firmware(), &remote, (port, channel))
+        CardTable::attach(board, self.firmware(), &remote, first)
     }
 
     /// As [`Board::attach_board`].
@@ -79,8 +90,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
-    /// The remote on `channel` (0 to 7) of `port` as it is now; `None` if none takes part there.
-    pub fn remote(&self, port: u8, channel: u8) -> Option<RemoteStatus<'_>> {
+    /// The present status of a remote; `None` if none takes part there.
+    pub fn remote(&self, remote: impl Into<RemoteId>) -> Option<RemoteStatus<'_>> {
+        let RemoteId { port, channel } = remote.into();
         let port = self.cycle.parts.ports.get(usize::from(port))?;
         port.remote(Channel::new(channel)?)
     }

@@ -9,7 +9,7 @@ use super::{BoardState, Remark};
 use crate::Rounded;
 use crate::boards::AttachError;
 use crate::bus::{BusError, BusErrorKind};
-use crate::hostmot2::IdentifyError;
+use crate::hostmot2::{IdentifyError, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::remote::ParameterError;
@@ -58,12 +58,10 @@ pub enum DriverError<E: BusError> {
     #[error(transparent)]
     Attach(#[from] AttachError),
     /// A parameter of a remote was not read or written.
-    #[error("port {port}, channel {channel}, parameter {name}: {source}")]
+    #[error("{remote}, parameter {name}: {source}")]
     Parameter {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
+        /// The remote.
+        remote: RemoteId,
         /// The parameter, as it was asked for.
         name: Box<str>,
         /// Why.
@@ -140,8 +138,8 @@ pub enum DriverError<E: BusError> {
 const WATCHDOG_FEEDS: u32 = 2;
 
 /// Names the watchdog of a remote, and what sets it.
-pub(super) fn remote_watchdog((port, channel): (u8, u8)) -> String {
-    format!("port {port}, channel {channel}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)")
+pub(super) fn remote_watchdog(remote: RemoteId) -> String {
+    format!("{remote}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)")
 }
 
 impl<E: BusError> DriverError<E> {
@@ -163,10 +161,9 @@ impl<E: BusError> DriverError<E> {
         })
     }
 
-    pub(crate) fn no_remote((port, channel): (u8, u8)) -> Self {
+    pub(crate) fn no_remote(remote: RemoteId) -> Self {
         Self::Attach(AttachError::NoRemote {
-            port,
-            channel,
+            remote,
             expected: "remote",
         })
     }

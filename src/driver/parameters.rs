@@ -7,6 +7,7 @@ use super::{Board, Driver, DriverError, Remark, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
+use crate::hostmot2::RemoteId;
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
@@ -22,8 +23,7 @@ const TRIES: u32 = 3;
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
 struct Parameter<'a> {
-    /// Port and channel.
-    place: (u8, u8),
+    remote: RemoteId,
     name: &'a str,
 }
 
@@ -32,8 +32,7 @@ impl Parameter<'_> {
         match source {
             ParameterError::Memory(error) => error.into(),
             source => DriverError::Parameter {
-                port: self.place.0,
-                channel: self.place.1,
+                remote: self.remote,
                 name: self.name.into(),
                 source,
             },
@@ -56,7 +55,7 @@ impl Parameter<'_> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
         // 0 switches it off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
-            let of = remote_watchdog(self.place);
+            let of = remote_watchdog(self.remote);
             DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
         }
         Ok(raw)
@@ -75,9 +74,9 @@ impl Parameter<'_> {
         on_bus.stop_all()?;
         let outcomes = on_bus.start(StartMode::Setup, &[(channel, is.software_mode)])?;
         let Some(outcome) = outcomes.into_iter().next() else {
-            return Err(DriverError::no_remote(self.place));
+            return Err(DriverError::no_remote(self.remote));
         };
-        let missing = |kind| DriverError::Missing(Remark::new(self.place, kind));
+        let missing = |kind| DriverError::Missing(Remark::new(self.remote, kind));
         remark::is_same(is, outcome).map_err(missing)?;
         let mut memory = PortLink { port, bus, channel };
         let written = record.write_parameter(&mut memory, value);
@@ -86,7 +85,7 @@ impl Parameter<'_> {
 }
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// Reads a parameter from the remote on `channel` (0 to 7) of `port`. `name` is as the remote
+    /// Reads a parameter of a remote. `name` is as the remote
     /// spells it, or as LinuxCNC does. After [`discover`](Self::discover).
     ///
     /// # Errors
@@ -94,18 +93,17 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// remote does not have it. [`DriverError::Port`], [`DriverError::Bus`]: the access failed.
     pub fn read_remote_parameter(
         &mut self,
-        port: u8,
-        channel: u8,
+        remote: impl Into<RemoteId>,
         name: &str,
     ) -> Result<ParameterValue, DriverError<B::Error>> {
-        let (mut memory, _, remote) = self.in_setup(port, channel)?;
-        let place = (port, channel);
-        let parameter = Parameter { place, name };
-        let read = parameter.record(remote)?.read_parameter(&mut memory);
+        let remote = remote.into();
+        let parameter = Parameter { remote, name };
+        let (mut memory, _, pins) = self.in_setup(remote)?;
+        let read = parameter.record(pins)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
     }
 
-    /// Writes a parameter that the remote on `channel` (0 to 7) of `port` keeps, for example
+    /// Writes a parameter that a remote keeps, for example
     /// `NVWatchDogTimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
     /// does. After [`discover`](Self::discover): nothing is driven.
     ///
@@ -118,26 +116,25 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// a watchdog's, and shorter than what the period feeds.
     pub fn write_remote_parameter(
         &mut self,
-        port: u8,
-        channel: u8,
+        remote: impl Into<RemoteId>,
         name: &str,
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
         let (value, period) = (value.into(), self.plan.settings.period);
-        let (mut memory, pins, remote) = self.in_setup(port, channel)?;
-        let place = (port, channel);
-        let parameter = Parameter { place, name };
-        let record = parameter.record(remote)?;
+        let remote = remote.into();
+        let parameter = Parameter { remote, name };
+        let (mut memory, store, pins) = self.in_setup(remote)?;
+        let record = parameter.record(pins)?;
         let raw = parameter.check(record, value, period)?;
         let written = record.write_parameter(&mut memory, value);
         written.map_err(|error| parameter.failed(error))?;
-        remote.publish_parameter(pins, name, raw);
+        pins.publish_parameter(store, name, raw);
         Ok(())
     }
 }
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Writes a parameter that the remote on `channel` (0 to 7) of `port` keeps, for example
+    /// Writes a parameter that a remote keeps, for example
     /// `nvwatchdogtimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
     /// does.
     ///
@@ -160,20 +157,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// non-volatile memory is written; 55 ms if the remote is absent.
     pub fn write_remote_parameter(
         &mut self,
-        port: u8,
-        channel: u8,
+        remote: impl Into<RemoteId>,
         name: &str,
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
-        let value = value.into();
-        let place = (port, channel);
-        let parameter = Parameter { place, name };
-        let Some(remote) = self.remote(port, channel) else {
-            return Err(DriverError::no_remote((port, channel)));
+        let (value, remote) = (value.into(), remote.into());
+        let parameter = Parameter { remote, name };
+        let Some(status) = self.remote(remote) else {
+            return Err(DriverError::no_remote(remote));
         };
-        let record = parameter.record(remote.pins)?.clone();
+        let record = parameter.record(status.pins)?.clone();
         let raw = parameter.check(&record, value, self.pacer.period)?;
-        let started = *remote.started;
+        let started = *status.started;
         // The remotes of other ports are not served either: all get safe values.
         self.all_off()?;
         let usual = self.cycle.parts.watchdog.timeout();
@@ -214,9 +209,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
             .cycle
             .parts
             .ports
-            .get_mut(usize::from(parameter.place.0));
+            .get_mut(usize::from(parameter.remote.port));
         let Some(serial) = port else {
-            return Err(DriverError::no_remote(parameter.place));
+            return Err(DriverError::no_remote(parameter.remote));
         };
         let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
         let stopped = serial.port.on(bus).stop_all();

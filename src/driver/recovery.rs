@@ -2,6 +2,7 @@
 
 use super::{CycleError, Driver, Rearmed};
 use crate::bus::{Clock, RegisterBus};
+use crate::hostmot2::RemoteId;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Driver<B> {
@@ -31,11 +32,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(self.cycle.rearm(now))
     }
 
-    /// Restarts the remote on `channel` (0 to 7) of `port` in the next cycles, which clears the
+    /// Restarts a remote in the next cycles, which clears the
     /// faults it reports: at once, but for one that is offline not before its own watchdog must have
     /// bitten. Its outputs are safe until it is re-armed. `false`, and nothing is done, if none takes
     /// part there.
-    pub fn restart(&mut self, port: u8, channel: u8) -> bool {
+    pub fn restart(&mut self, remote: impl Into<RemoteId>) -> bool {
+        let RemoteId { port, channel } = remote.into();
         let now = self.bus.now();
         let port = self.cycle.parts.ports.get_mut(usize::from(port));
         let Some((port, channel)) = port.zip(Channel::new(channel)) else {

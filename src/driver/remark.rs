@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
+use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
 use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
 use crate::remote::RemoteError;
@@ -15,13 +16,13 @@ use crate::sslbp::{
 /// Why a remote does not take part, what is odd about one that does, or what of the board itself is
 /// not driven.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}{kind}", match .place {
-    Some((port, channel)) => alloc::format!("port {port}, channel {channel}: "),
+#[error("{}{kind}", match .remote {
+    Some(remote) => alloc::format!("{remote}: "),
     None => alloc::string::String::new(),
 })]
 pub struct Remark {
-    /// Port and channel of the remote; `None` for the board itself.
-    pub place: Option<(u8, u8)>,
+    /// The remote; `None` for the board itself.
+    pub remote: Option<RemoteId>,
     /// What it is.
     pub kind: RemarkKind,
 }
@@ -145,15 +146,15 @@ impl Remark {
         )
     }
 
-    pub(super) fn new(place: (u8, u8), kind: RemarkKind) -> Self {
+    pub(super) fn new(remote: RemoteId, kind: RemarkKind) -> Self {
         Self {
-            place: Some(place),
+            remote: Some(remote),
             kind,
         }
     }
 
     pub(super) fn of_board(kind: RemarkKind) -> Self {
-        Self { place: None, kind }
+        Self { remote: None, kind }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{Discovered, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
-use crate::hostmot2::PinDescriptor;
+use crate::hostmot2::{PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemotePins};
@@ -44,7 +44,7 @@ impl PortStage {
     }
 
     fn remark(&self, channel: u8, kind: RemarkKind) -> Remark {
-        Remark::new((self.number(), channel), kind)
+        Remark::new(RemoteId::new(self.number(), channel), kind)
     }
 
     pub fn remote(&self, channel: u8) -> Option<&FoundRemote> {
@@ -55,13 +55,17 @@ impl PortStage {
 
 /// What discovery has found.
 impl<B: RegisterBus + Clock> Board<B> {
-    /// The remotes that take part, port by port, with the number of the port; so do those that are
-    /// absent and optional.
-    pub fn remotes(&self) -> impl Iterator<Item = (u8, &FoundRemote)> {
+    /// The remotes that take part, with their addresses, port by port; optional ones that are absent
+    /// included.
+    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &FoundRemote)> {
         let stages = self.stages.iter();
         stages.flat_map(|stage| {
             let number = stage.number();
-            stage.remotes.iter().map(move |remote| (number, remote))
+            let remotes = stage.remotes.iter();
+            remotes.map(move |remote| {
+                let id = RemoteId::new(number, remote.started.channel.index());
+                (id, remote)
+            })
         })
     }
 
@@ -83,26 +87,25 @@ impl<B: RegisterBus + Clock> Board<B> {
     )]
     pub(super) fn in_setup(
         &mut self,
-        port: u8,
-        channel: u8,
+        remote: RemoteId,
     ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
         let Self {
             bus, plan, stages, ..
         } = self;
-        let stage = stages.get_mut(usize::from(port));
+        let stage = stages.get_mut(usize::from(remote.port));
         let found = stage.and_then(|stage| {
-            let is_it = |remote: &&mut FoundRemote| {
-                remote.started.channel.index() == channel && !remote.is_absent
+            let is_it = |found: &&mut FoundRemote| {
+                found.started.channel.index() == remote.channel && !found.is_absent
             };
             Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
         });
-        let (port, remote) = found.ok_or_else(|| DriverError::no_remote((port, channel)))?;
+        let (port, found) = found.ok_or_else(|| DriverError::no_remote(remote))?;
         let memory = PortLink {
             port,
             bus: &mut **bus,
-            channel: remote.started.channel,
+            channel: found.started.channel,
         };
-        Ok((memory, &mut plan.pins, &mut remote.pins))
+        Ok((memory, &mut plan.pins, &mut found.pins))
     }
 }
 
@@ -126,7 +129,10 @@ impl Plan {
             for (channel, config) in wanted.split_off(&channels) {
                 if channel >= MAX_CHANNELS || config.presence != Presence::Any {
                     let kind = RemarkKind::NoSuchChannel { channels };
-                    return Err(DriverError::Missing(Remark::new((port, channel), kind)));
+                    return Err(DriverError::Missing(Remark::new(
+                        RemoteId::new(port, channel),
+                        kind,
+                    )));
                 }
             }
             // As in LinuxCNC, the pins of channels that are not used are plain I/O.
@@ -240,7 +246,7 @@ impl Plan {
         let plan = plan.map_err(|problem| (channel, RemarkKind::Tables(problem.clone())))?;
         let table = self.tables.iter().find(|table| table.matches(descriptor));
         let table = table.copied();
-        let at = (stage.number(), channel.index());
+        let at = RemoteId::new(stage.number(), channel.index());
         let pins = RemotePins::new(&mut self.pins, &self.name, at, descriptor, plan, table);
         let pins = pins.map_err(|error| (channel, RemarkKind::Pins(error)))?;
         let remarks = remark::on(&discovered, &self.tables, table).into_iter();
@@ -285,7 +291,7 @@ impl Plan {
             cs: CsStatus::default(),
         };
         expected.sizes = plan.sizes(expected.has_fault_byte());
-        let (at, of) = ((stage.number(), channel.index()), Some(table));
+        let (at, of) = (RemoteId::new(stage.number(), channel.index()), Some(table));
         let pins = RemotePins::new(&mut self.pins, &self.name, at, &descriptor, &plan, of);
         Ok(FoundRemote {
             started: expected,
@@ -371,8 +377,8 @@ impl Plan {
         }
         for remote in port.remotes() {
             if let Some(time) = remote.watchdog.time() {
-                let place = (number, remote.started.channel.index());
-                DriverError::check_watchdog(&remote_watchdog(place), time, period)?;
+                let id = RemoteId::new(number, remote.started.channel.index());
+                DriverError::check_watchdog(&remote_watchdog(id), time, period)?;
             }
         }
         Ok(())

@@ -3,11 +3,12 @@
 use super::remark::{Remark, RemarkKind};
 use super::{Board, DriverError};
 use crate::bus::{Clock, RegisterBus};
+use crate::hostmot2::RemoteId;
 use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemote};
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// Stops a serial port and starts the remote on `channel` (0 to 7) of it alone, in setup mode, at
-    /// this baud rate: 115200 for a card whose jumper is in the setup position. Gives the line to it,
+    /// Stops the serial port of a remote and starts that remote alone, in setup mode, at this baud
+    /// rate: 115200 for a card whose jumper is in the setup position. Gives the line to it,
     /// and what it tells; a remote of which only the bootloader answers tells neither unit number nor
     /// tables.
     ///
@@ -20,12 +21,11 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// there is no such port or channel.
     pub fn setup_at(
         &mut self,
-        port: u8,
-        channel: u8,
+        remote: impl Into<RemoteId>,
         baud_rate: u32,
     ) -> Result<(PortLink<'_, B>, StartedRemote), DriverError<B::Error>> {
-        let place = (port, channel);
-        let PortLink { port, bus, channel } = self.line(place)?;
+        let remote = remote.into();
+        let PortLink { port, bus, channel } = self.line(remote)?;
         let mut on_bus = port.on(bus);
         on_bus.stop_all()?;
         on_bus.set_baud_rate(channel, baud_rate)?;
@@ -35,9 +35,9 @@ impl<B: RegisterBus + Clock> Board<B> {
             Some(Ok(started)) => Ok((PortLink { port, bus, channel }, started)),
             Some(Err(failure)) => {
                 let kind = RemarkKind::DidNotStart(failure);
-                Err(DriverError::Missing(Remark::new(place, kind)))
+                Err(DriverError::Missing(Remark::new(remote, kind)))
             }
-            None => Err(DriverError::no_remote(place)),
+            None => Err(DriverError::no_remote(remote)),
         }
     }
 
@@ -45,8 +45,11 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Errors
     /// The port does not do it, or is not there.
-    pub fn end_setup_at(&mut self, port: u8, channel: u8) -> Result<(), DriverError<B::Error>> {
-        let PortLink { port, bus, channel } = self.line((port, channel))?;
+    pub fn end_setup_at(
+        &mut self,
+        remote: impl Into<RemoteId>,
+    ) -> Result<(), DriverError<B::Error>> {
+        let PortLink { port, bus, channel } = self.line(remote.into())?;
         let mut port = port.on(bus);
         port.stop_all()?;
         port.set_baud_rate(channel, DEFAULT_BAUD_RATE)?;
@@ -54,19 +57,16 @@ impl<B: RegisterBus + Clock> Board<B> {
     }
 
     /// A channel that its port has.
-    fn line(
-        &mut self,
-        (port, channel): (u8, u8),
-    ) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
-        let stage = self.stages.get_mut(usize::from(port));
+    fn line(&mut self, remote: RemoteId) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
+        let stage = self.stages.get_mut(usize::from(remote.port));
         let line = stage
-            .zip(Channel::new(channel))
+            .zip(Channel::new(remote.channel))
             .map(|(stage, channel)| PortLink {
                 port: &mut stage.port,
                 bus: &mut *self.bus,
                 channel,
             });
         line.filter(|line| line.port.layout().mask().contains(line.channel))
-            .ok_or(DriverError::no_remote((port, channel)))
+            .ok_or(DriverError::no_remote(remote))
     }
 }

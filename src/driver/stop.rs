@@ -8,6 +8,7 @@ use core::time::Duration;
 use super::exchange::Answering;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{BusError, Clock, Instant, RegisterBus};
+use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -74,10 +75,8 @@ impl<E: BusError> core::error::Error for StopError<E> {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {
-    /// The port.
-    pub port: u8,
-    /// The channel.
-    pub channel: u8,
+    /// The remote.
+    pub remote: RemoteId,
     /// Its name.
     pub name: RemoteName,
     /// Its watchdog.
@@ -87,15 +86,11 @@ pub struct NotReached {
 impl fmt::Display for NotReached {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
-            port,
-            channel,
+            remote,
             name,
             watchdog,
         } = self;
-        write!(
-            f,
-            "the {name} on port {port}, channel {channel} was not reached: "
-        )?;
+        write!(f, "the {name} on {remote} was not reached: ")?;
         let usual = RemoteWatchdog::USUAL.as_millis();
         match watchdog {
             RemoteWatchdog::Known(time) => write!(
@@ -151,8 +146,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         ports.flat_map(move |port| {
             let number = port.layout().instance;
             port.not_reached(now).map(move |remote| NotReached {
-                port: number,
-                channel: remote.started.channel.index(),
+                remote: RemoteId::new(number, remote.started.channel.index()),
                 name: remote.descriptor.name,
                 watchdog: remote.watchdog,
             })

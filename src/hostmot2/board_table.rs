@@ -1,5 +1,6 @@
 //! What is known of a kind of board beforehand: what its firmware does not tell.
 
+use super::remote_id::RemoteId;
 use alloc::format;
 use alloc::vec::Vec;
 
@@ -206,20 +207,19 @@ impl CardTable {
         is_card.then_some(pair as u16 * 2 + number % 2)
     }
 
-    /// The encoders of the card whose first serial channel is `channel` of `port`: their numbers in
+    /// The encoders of the card whose first serial channel is `first`: their numbers in
     /// the firmware, in the order of the card. `None` if no connector with that channel has the pins
     /// of this card.
     pub fn encoders_at(
         &self,
         firmware: &HostMot2,
-        port: u8,
-        channel: u8,
+        first: RemoteId,
     ) -> Option<impl Iterator<Item = u16> + use<>> {
         let connectors = firmware.pins.len().checked_div(self.pins.len())?;
         let mut cards = (0..connectors).filter_map(|n| self.connector(firmware, n));
         let pins = cards.find(|pins| {
-            let serial = pins.iter().filter(|pin| pin.unit == port);
-            serial.filter_map(PinDescriptor::sserial_channel).min() == Some(channel)
+            let serial = pins.iter().filter(|pin| pin.unit == first.port);
+            serial.filter_map(PinDescriptor::sserial_channel).min() == Some(first.channel)
         })?;
         let pairs = pins.iter().skip(self.first_encoder_pin).step_by(3);
         let pairs: Vec<_> = pairs.map(|a| 2 * u16::from(a.unit)).collect();

@@ -10,6 +10,7 @@ mod io_port;
 mod module;
 mod pin;
 mod pin_roles;
+mod remote_id;
 mod tick_rate;
 mod trailing;
 
@@ -22,5 +23,6 @@ pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;
 pub use pin::PinDescriptor;
 pub(crate) use pin::list_of;
+pub use remote_id::{ParseRemoteIdError, RemoteId};
 pub use tick_rate::TickRate;
 pub use trailing::TrailingEntry;

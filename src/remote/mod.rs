@@ -15,6 +15,7 @@ mod parameter;
 mod scaling;
 
 use self::field::Field;
+use crate::hostmot2::RemoteId;
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
 pub use scaling::Scaling;
 
@@ -73,14 +74,14 @@ impl RemotePins {
     pub fn new(
         pins: &mut PinStore,
         board: &str,
-        (port, channel): (u8, u8),
+        id: RemoteId,
         descriptor: &RemoteDescriptor,
         plan: &PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
         let card = hal_name(&descriptor.name.to_string());
         let mut remote = Self {
-            prefix: format!("{board}.{card}.{port}.{channel}"),
+            prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
             group: pins.add_group(),
             parameters: Vec::new(),
             inputs: Vec::new(),

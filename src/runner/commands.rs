@@ -1,5 +1,6 @@
 //! What other threads ask of the thread of a cycle.
 
+use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -90,12 +91,10 @@ pub enum CommandError {
     #[error(transparent)]
     Pin(#[from] PinError),
     /// There is no remote to restart.
-    #[error("no remote takes part on port {port}, channel {channel}")]
+    #[error("no remote takes part on {remote}")]
     NoRemote {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
+        /// The remote.
+        remote: RemoteId,
     },
 }
 
@@ -125,7 +124,7 @@ enum Command {
     /// After so many epochs of faults.
     Rearm(u64),
     RearmGroup(GroupId, u64),
-    Restart(u8, u8),
+    Restart(RemoteId),
 }
 
 /// A ring: senders write behind a lock of their own, the cycle reads without one.
@@ -146,8 +145,7 @@ struct Shared {
     infos: Vec<PinInfo>,
     /// Any pin, to tell whose pins they are.
     pin: PinId,
-    /// The remotes, by port and channel.
-    remotes: Vec<(u8, u8)>,
+    remotes: Vec<RemoteId>,
 }
 
 impl CommandQueue {
@@ -158,7 +156,7 @@ impl CommandQueue {
         let remotes = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
             port.remotes()
-                .map(move |remote| (number, remote.started.channel.index()))
+                .map(move |remote| RemoteId::new(number, remote.started.channel.index()))
         });
         let groups = pins.groups().map(|group| {
             let faults = pins.group_state(group).map_or(0, |state| state.faults);
@@ -220,10 +218,10 @@ impl CommandQueue {
                 Command::RearmGroup(group, epoch) => {
                     epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
                 }
-                Command::Restart(port, channel) => {
+                Command::Restart(remote) => {
                     // What this disarms was asked for, and is no fault.
                     let before = faults(driver);
-                    driver.restart(port, channel);
+                    driver.restart(remote);
                     let more = faults(driver).wrapping_sub(before);
                     self.faults = self.faults.wrapping_add(more);
                     true
@@ -326,12 +324,13 @@ impl CommandSender {
         self.send(Command::RearmGroup(group, self.epoch()))
     }
 
-    /// Restarts the remote on `channel` (0 to 7) of `port`: [`Driver::restart`].
-    pub fn restart(&self, port: u8, channel: u8) -> Result<(), CommandError> {
-        if !self.shared.remotes.contains(&(port, channel)) {
-            return Err(CommandError::NoRemote { port, channel });
+    /// Restarts a remote: [`Driver::restart`].
+    pub fn restart(&self, remote: impl Into<RemoteId>) -> Result<(), CommandError> {
+        let remote = remote.into();
+        if !self.shared.remotes.contains(&remote) {
+            return Err(CommandError::NoRemote { remote });
         }
-        self.send(Command::Restart(port, channel))
+        self.send(Command::Restart(remote))
     }
 
     /// What became of the commands of all senders so far.
@@ -419,7 +418,7 @@ impl Command {
         match self {
             Self::Rearm(epoch) => [0, 0, epoch, 0],
             Self::RearmGroup(group, epoch) => [1, group.to_word(), epoch, 0],
-            Self::Restart(port, channel) => [2, port.into(), channel.into(), 0],
+            Self::Restart(RemoteId { port, channel }) => [2, port.into(), channel.into(), 0],
             Self::Set(pin, value, faults) => {
                 let number = TYPES.iter().position(|&other| other == value.hal_type);
                 let number = number.unwrap_or_default() as u64;
@@ -432,7 +431,7 @@ impl Command {
         match kind {
             0 => Self::Rearm(other),
             1 => Self::RearmGroup(GroupId::from_word(one), other),
-            2 => Self::Restart(one as u8, other as u8),
+            2 => Self::Restart(RemoteId::new(one as u8, other as u8)),
             _ => {
                 let hal_type = TYPES.get(kind.wrapping_sub(3) as usize);
                 let value = AnyValue {

@@ -4,6 +4,7 @@ mod view;
 
 pub use view::{RemoteSnapshot, Snapshot};
 
+use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -120,7 +121,7 @@ struct Layout {
     groups: Vec<GroupId>,
     /// The number of each pin's group.
     group_of: Vec<u32>,
-    places: Vec<(u8, u8, RemoteName, GroupId)>,
+    places: Vec<(RemoteId, RemoteName, GroupId)>,
     /// The first words of ...
     groups_at: usize,
     remotes_at: usize,
@@ -147,8 +148,7 @@ impl SnapshotWriter {
             port.remotes().map(move |remote| {
                 let started = remote.started;
                 (
-                    number,
-                    started.channel.index(),
+                    RemoteId::new(number, started.channel.index()),
                     started.name,
                     remote.pins.group,
                 )
@@ -332,7 +332,7 @@ impl Layout {
     /// And how many words there are.
     fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
-        places: Vec<(u8, u8, RemoteName, GroupId)>,
+        places: Vec<(RemoteId, RemoteName, GroupId)>,
         since: &Since,
     ) -> (Self, usize) {
         let pins = driver.pins();

@@ -100,7 +100,7 @@ fn what_was_counted_can_be_looked_at_when_it_has_ended() {
     let ended = runner.run(|cycle| {
         last = Some(cycle.driver.statistics());
         if cycle.number == 10 {
-            cycle.driver.restart(0, 0);
+            cycle.driver.restart((0, 0));
         }
         match cycle.number {
             0..20 => ControlFlow::Continue(()),

@@ -424,7 +424,7 @@ impl Application {
     pub fn restart_all<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
         for remote in &self.remotes {
             if remote.state(driver) != Some(RemoteState::Running) {
-                driver.restart(remote.place.0 as u8, remote.place.1.index());
+                driver.restart(remote.id());
             }
         }
         self.notice(driver);
@@ -433,7 +433,7 @@ impl Application {
     /// Restarts one remote, whatever it does.
     pub fn restart_one<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>, which: usize) {
         if let Some(remote) = self.remotes.get(which) {
-            driver.restart(remote.place.0 as u8, remote.place.1.index());
+            driver.restart(remote.id());
         }
         self.notice(driver);
     }

@@ -131,9 +131,9 @@ impl Remotes {
 impl Cards for Remotes {
     fn of<B: World>(driver: &Driver<B>) -> Self {
         Self {
-            field: driver.attach(0, FIELD as u8).expect("field I/O"),
-            analog: driver.attach(0, ANALOG as u8).expect("analog outputs"),
-            outputs: driver.attach(0, OUTPUTS as u8).expect("outputs"),
+            field: driver.attach((0, FIELD as u8)).expect("field I/O"),
+            analog: driver.attach((0, ANALOG as u8)).expect("analog outputs"),
+            outputs: driver.attach((0, OUTPUTS as u8)).expect("outputs"),
         }
     }
 }

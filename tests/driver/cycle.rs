@@ -131,7 +131,7 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
             channels: [(channel, RemoteConfig::default())].into(),
         };
         let error = build(0, config).expect_err("channels are 0 to 7");
-        let is_it = matches!(error, DriverError::Missing(ref missing) if missing.place == Some((0, channel)));
+        let is_it = matches!(error, DriverError::Missing(ref missing) if missing.remote == Some((0, channel).into()));
         assert!(is_it, "channel {channel}: {error}");
     }
 }

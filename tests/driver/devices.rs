@@ -2,6 +2,7 @@
 //! arrive, and nobody is missing.
 
 use crate::common::machine::start;
+use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::{Access, Direction, RegisterBus};
@@ -170,7 +171,7 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
         if is_unplugged {
             cable(&mut driver, 1).unplug();
         } else {
-            driver.restart(0, channel.index());
+            driver.restart((0, channel.index()));
         }
         let mut was_offline = false;
         for cycle in 0..1000 {
@@ -213,7 +214,7 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.place, Some((0, 1)));
+    assert_eq!(missing.remote, Some(RemoteId::new(0, 1)));
     assert!(matches!(missing.kind, RemarkKind::Tables(_)));
     let text = missing.to_string();
     assert!(
@@ -380,7 +381,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
     ] {
         let missing = missing(silent);
         let (lost, empty) = missing.split_first().expect("it is missing");
-        assert_eq!(lost.place, Some((0, silent as u8)));
+        assert_eq!(lost.remote, Some(RemoteId::new(0, silent as u8)));
         assert!(!lost.is_silent(), "{lost}");
         let text = lost.to_string();
         let says = format!(
@@ -402,8 +403,8 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
         panic!("{:?}", driver.remarks());
     };
     assert_eq!(remark.kind, RemarkKind::Swapped);
-    let field = driver.attach::<I7i77Field>(0, 0);
-    let analog = driver.attach::<I7i77Analog>(0, 1);
+    let field = driver.attach::<I7i77Field>((0, 0));
+    let analog = driver.attach::<I7i77Analog>((0, 1));
     let texts = [
         field.expect_err("analog").to_string(),
         analog.expect_err("field").to_string(),

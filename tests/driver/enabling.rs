@@ -19,7 +19,7 @@ fn both() -> [Axes; 2] {
     let i7i97 = start(machines::six_axes_7i97(Motor::default()));
     let i7i77 = start(machines::six_axes_7i92(Motor::default()));
     let card: I7i97 = i7i97.attach_board().expect("a 7I97");
-    let analog: I7i77Analog = i7i77.attach(0, 1).expect("a 7I77");
+    let analog: I7i77Analog = i7i77.attach((0, 1)).expect("a 7I77");
     [
         Axes {
             driver: i7i97,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::optional_remotes::shop_and_its_valves;
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World, fpga, start};
+use mesa_hal::RemoteId;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, Events, Failure, OfflineReason, Repeating};
 use mesa_hal::hal::Pins;
@@ -79,31 +80,27 @@ impl<B: World> Rig<B> {
 
 const fn failed(channel: usize, failure: Failure) -> EventKind {
     EventKind::TransferFailed {
-        port: 0,
-        channel: channel as u8,
+        remote: RemoteId::new(0, channel as u8),
         failure,
     }
 }
 
 const fn offline(channel: usize, reason: OfflineReason) -> EventKind {
     EventKind::RemoteOffline {
-        port: 0,
-        channel: channel as u8,
+        remote: RemoteId::new(0, channel as u8),
         reason,
     }
 }
 
 const fn back(channel: usize) -> EventKind {
     EventKind::RemoteBack {
-        port: 0,
-        channel: channel as u8,
+        remote: RemoteId::new(0, channel as u8),
     }
 }
 
 const fn rearmed(channel: usize) -> EventKind {
     EventKind::RemoteRearmed {
-        port: 0,
-        channel: channel as u8,
+        remote: RemoteId::new(0, channel as u8),
     }
 }
 
@@ -145,16 +142,16 @@ fn a_transfer_that_fails_is_told_once_of_a_row_that_is_over_when_none_has_failed
             };
             let of_three = matches!(over, EventKind::Repeated { count: 3, .. });
             assert!(
-                of_three && over.remote() == Some((0, channel as u8)),
+                of_three && over.remote() == Some((0, channel as u8).into()),
                 "{over}"
             );
             rig.now();
             rig.machine.cable(channel).inject(Toward::Fpga, fault, 1);
             let again = rig.after(30);
-            let [(2, EventKind::TransferFailed { channel: of, .. })] = again[..] else {
+            let [(2, EventKind::TransferFailed { remote, .. })] = again[..] else {
                 panic!("{fault:?}: {again:?}");
             };
-            assert_eq!(usize::from(of), channel);
+            assert_eq!(usize::from(remote.channel), channel);
         }
     }
 }
@@ -183,16 +180,15 @@ fn a_remote_that_is_unplugged_and_plugged_in_again_has_its_story_told() {
         (
             _,
             EventKind::RemoteStaysOffline {
-                channel,
+                remote,
                 reason: still,
-                ..
             },
         ),
     ] = told[..]
     else {
         panic!("{told:?}");
     };
-    assert_eq!(channel, ANALOG as u8);
+    assert_eq!(usize::from(remote.channel), ANALOG);
     assert!(matches!(still, OfflineReason::DidNotStart(_)), "{still}");
     assert_eq!(
         rig.first_fault(ANALOG),
@@ -246,7 +242,7 @@ fn a_card_that_is_swapped_says_first_why_it_went_and_then_what_answers() {
     let told = rig.after(3000);
     let kinds: Vec<_> = told.iter().map(|(_, kind)| *kind).collect();
     let went = kinds.iter().filter(
-        |kind| matches!(kind, EventKind::RemoteOffline { channel, .. } if *channel == FIELD as u8),
+        |kind| matches!(kind, EventKind::RemoteOffline { remote, .. } if usize::from(remote.channel) == FIELD),
     );
     assert_eq!(went.count(), 1, "{told:?}");
     let [.., EventKind::RemoteStaysOffline { reason, .. }] = kinds[..] else {
@@ -260,7 +256,7 @@ fn a_card_that_is_swapped_says_first_why_it_went_and_then_what_answers() {
 #[test]
 fn a_remote_that_is_restarted_on_request_or_switched_off_with_its_port_says_so() {
     let mut rig = rig();
-    rig.machine.driver.restart(0, OUTPUTS as u8);
+    rig.machine.driver.restart((0, OUTPUTS as u8));
     let told = rig.after(100);
     assert_eq!(told[0], (0, offline(OUTPUTS, OfflineReason::Requested)));
     assert_eq!(told[1].1, back(OUTPUTS));
@@ -365,14 +361,14 @@ fn an_optional_remote_that_is_plugged_in_later_is_told_to_be_up_and_later_back()
     let mut events = shop.driver.events();
     shop.cycles(1000);
     assert_eq!(events.next(), None, "it is absent as it was at the start");
-    let (port, channel) = (0, OUTPUTS as u8);
+    let remote = RemoteId::new(0, OUTPUTS as u8);
     let _ = shop.fpga().plug(0, OUTPUTS, Some(valves));
     shop.cycles(6000);
     let up: Vec<_> = events.by_ref().map(|event| event.kind).collect();
-    assert_eq!(up, [EventKind::RemoteUp { port, channel }]);
+    assert_eq!(up, [EventKind::RemoteUp { remote }]);
     shop.rearm_all(10);
     shop.cycles(1);
-    shop.driver.restart(0, channel);
+    shop.driver.restart(remote);
     shop.cycles(100);
     let kinds: Vec<_> = events.by_ref().map(|event| event.kind).collect();
     let asked = offline(OUTPUTS, OfflineReason::Requested);
@@ -382,7 +378,7 @@ fn an_optional_remote_that_is_plugged_in_later_is_told_to_be_up_and_later_back()
 #[test]
 fn one_group_can_be_re_armed_by_itself() {
     let mut rig = rig();
-    rig.machine.driver.restart(0, FIELD as u8);
+    rig.machine.driver.restart((0, FIELD as u8));
     let _ = rig.after(100);
     let group = rig.machine.status(FIELD).pins.group;
     let pins: &mut Pins = rig.machine.driver.pins_mut();
@@ -396,7 +392,7 @@ fn when_nobody_takes_them_the_first_events_are_kept_and_the_rest_is_counted() {
     let driver = start(fpga(), |s| s.event_room = 3).expect("the machine is complete");
     let mut rig = Rig::of(Machine::with(driver));
     for _ in 0..20 {
-        rig.machine.driver.restart(0, FIELD as u8);
+        rig.machine.driver.restart((0, FIELD as u8));
         rig.machine.cycles(200);
     }
     let asked = offline(FIELD, OfflineReason::Requested);

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World, device, fpga};
+use mesa_hal::RemoteId;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, EventMask, Events};
 use mesa_hal::transport::{Fault, Faulty};
@@ -112,7 +113,7 @@ impl<B: World> Story<B> {
         let safe = |mask: EventMask| self.told.iter().any(|told| mask.contains(told.mask()));
         let board = EventMask::OUTPUTS_SAFE - EventMask::REMOTE_OFFLINE;
         let are_on = [FIELD, ANALOG, OUTPUTS].map(|channel| {
-            let is_its = |told: &&EventKind| told.remote() == Some((0, channel as u8));
+            let is_its = |told: &&EventKind| told.remote() == Some((0, channel as u8).into());
             let mut its = self.told.iter().filter(is_its);
             !safe(board) && its.all(|told| told.mask() != EventMask::REMOTE_OFFLINE)
         });
@@ -297,7 +298,7 @@ fn what_is_told_of_each_fault_is_what_happened_in_its_order() {
         happen(&mut story, kind);
         story.check(kind);
         let is_analog = kind.place() == Place::Wire && kind != FaultKind::WireSwapped;
-        let target = (0, if is_analog { ANALOG } else { FIELD } as u8);
+        let target = RemoteId::new(0, if is_analog { ANALOG } else { FIELD } as u8);
         if matches!(kind.place(), Place::Wire | Place::Remote) {
             let mut of = story.told.iter().filter_map(EventKind::remote);
             assert!(of.all(|place| place == target), "{kind}: {:?}", story.told);

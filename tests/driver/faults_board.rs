@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga};
+use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
@@ -360,7 +361,7 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.place, Some((0, 2)));
+    assert_eq!(missing.remote, Some(RemoteId::new(0, 2)));
     let text = missing.kind.to_string();
     assert!(
         text.contains("no reply") || text.contains("does not answer"),

@@ -230,7 +230,7 @@ pub fn named(stopped: Result<(), StopError<SimError>>, fpga: &SimFpga, what: &st
     );
     let named: Vec<_> = not_reached
         .iter()
-        .map(|remote| usize::from(remote.channel))
+        .map(|not| usize::from(not.remote.channel))
         .collect();
     for channel in [FIELD, ANALOG, OUTPUTS] {
         let is_off = on_board(fpga, channel).is_empty();
@@ -281,7 +281,7 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
                 machine.cable(FIELD).unplug();
                 machine.until(100, |machine| !machine.is_running(FIELD));
             }
-            machine.driver.restart(0, FIELD as u8);
+            machine.driver.restart((0, FIELD as u8));
             for _ in 0..wait {
                 cycle(&mut machine, |_| {});
             }
@@ -310,7 +310,7 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
         let _ = machine.driver.read().unwrap();
         assert!(!machine.is_running(FIELD), "told");
         for _ in 0..300 {
-            machine.driver.restart(0, FIELD as u8);
+            machine.driver.restart((0, FIELD as u8));
             let _ = machine.driver.rearm().unwrap();
             cycle(&mut machine, &mut look);
         }
@@ -415,7 +415,7 @@ pub fn busy_machine_with_watchdog(millis: u32) -> Machine {
     let mut board = Board::identify(fpga(), settings).expect("a board");
     board.discover().expect("its remotes");
     board
-        .write_remote_parameter(0, 2, "nvwatchdogtimeout", millis)
+        .write_remote_parameter((0, 2), "nvwatchdogtimeout", millis)
         .expect("it takes it");
     let mut machine = Machine::with(board.start().expect("all of them run"));
     cycle(&mut machine, |_| {});

@@ -293,7 +293,7 @@ fn without_automatic_recovery_the_application_decides() {
     machine.cable(FIELD).replug();
     machine.cycles(2000);
     assert!(!machine.is_running(FIELD));
-    machine.driver.restart(0, FIELD as u8);
+    machine.driver.restart((0, FIELD as u8));
     machine.until(10, |machine| machine.is_running(FIELD));
 }
 

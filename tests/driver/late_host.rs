@@ -77,13 +77,10 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
         late_cycles(&mut machine, &mut chance, 2000);
         downs += usize::from(machine.driver.board_state() == BoardState::BusDown);
         for event in &mut events {
-            if let EventKind::RemoteOffline {
-                channel, reason, ..
-            } = event.kind
-            {
+            if let EventKind::RemoteOffline { remote, reason } = event.kind {
                 let is_blamed = matches!(reason, OfflineReason::TooManyFailures(_));
                 assert!(
-                    !is_blamed || usize::from(channel) == FIELD,
+                    !is_blamed || usize::from(remote.channel) == FIELD,
                     "{seed}: {event}"
                 );
             }

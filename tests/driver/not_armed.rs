@@ -52,7 +52,7 @@ fn others(pins: &Pins, field: &I7i77Field) -> Vec<PinId> {
 fn an_output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
     let board = machines::six_axes_7i92(Motor::default());
     let mut driver = Driver::start(board, Settings::default()).expect("a 7I92");
-    let field: I7i77Field = driver.attach(0, 0).expect("a 7I77");
+    let field: I7i77Field = driver.attach((0, 0)).expect("a 7I77");
     let mut writer = SnapshotWriter::new(&driver);
     cycles(&mut driver, &field, 10);
     check(&mut driver, &field, &mut writer, true);

@@ -31,7 +31,7 @@ fn outputs_48() -> Box<dyn RemoteEnd> {
 
 impl Cards for Valves {
     fn of<B: World>(driver: &Driver<B>) -> Self {
-        driver.attach(0, OUTPUTS as u8).expect("valves")
+        driver.attach((0, OUTPUTS as u8)).expect("valves")
     }
 }
 
@@ -66,7 +66,7 @@ fn shop() -> Shop {
     board.discover().expect("two remotes");
     assert_eq!(board.remotes().count(), 3);
     assert_eq!(board.missing(), []);
-    let absent = board.attach::<Valves>(0, OUTPUTS as u8);
+    let absent = board.attach::<Valves>((0, OUTPUTS as u8));
     let absent = absent.expect("its pins are made");
     let shop = Shop::of(board.start().expect("two remotes run"));
     assert_eq!(shop.cards, absent);
@@ -116,12 +116,12 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
         assert_eq!(board.remotes().count(), 3);
         assert_eq!(board.remarks(), []);
         let channel = OUTPUTS as u8;
-        let written = board.write_remote_parameter(0, channel, "NVWatchDogTimeout", 100);
+        let written = board.write_remote_parameter((0, channel), "NVWatchDogTimeout", 100);
         written.expect("it takes it");
-        let watchdog = board.read_remote_parameter(0, channel, "nvwatchdogtimeout");
+        let watchdog = board.read_remote_parameter((0, channel), "nvwatchdogtimeout");
         let watchdog = watchdog.expect("it tells it");
         assert_eq!(watchdog.raw, 100);
-        let valves = board.attach::<Valves>(0, OUTPUTS as u8);
+        let valves = board.attach::<Valves>((0, OUTPUTS as u8));
         valves.expect("valves");
         Shop::of(board.start().expect("all of it runs"))
     };
@@ -143,14 +143,14 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let info = pins.info(handles.outputs[3].pin).expect("a pin");
     assert_eq!((&*info.place.terminal, &*info.place.signal), ("X2.6", "Y3"));
     // The handles are for this card only.
-    let other = shop.driver.attach::<Valves>(0, FIELD as u8).unwrap_err();
+    let other = shop.driver.attach::<Valves>((0, FIELD as u8)).unwrap_err();
     assert_eq!(
         other.to_string(),
         "port 0, channel 0: a 7I77 answers, and a VLV4 was expected: are the cables swapped?"
     );
-    let other = shop.driver.attach::<I7i72>(0, OUTPUTS as u8).unwrap_err();
+    let other = shop.driver.attach::<I7i72>((0, OUTPUTS as u8)).unwrap_err();
     assert!(other.to_string().contains("a VLV4 answers"), "{other}");
-    let nothing = shop.driver.attach::<Valves>(0, 5).unwrap_err();
+    let nothing = shop.driver.attach::<Valves>((0, 5)).unwrap_err();
     assert!(
         nothing
             .to_string()
@@ -164,10 +164,10 @@ fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
     let mut board = board(None, Settings::default());
     board.discover().expect("two remotes");
     let error = board
-        .read_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout")
+        .read_remote_parameter((0, OUTPUTS as u8), "nvwatchdogtimeout")
         .unwrap_err();
     assert!(error.to_string().contains("channel 2"), "{error}");
-    let attached = board.attach::<Valves>(0, OUTPUTS as u8);
+    let attached = board.attach::<Valves>((0, OUTPUTS as u8));
     assert!(matches!(attached, Err(AttachError::NoRemote { .. })));
     let mut driver = board.start().expect("two remotes run");
     let _ = driver.bus_mut().plug(0, OUTPUTS, Some(valve_block("")));
@@ -301,7 +301,7 @@ fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_f
     let _ = fpga.plug(0, FIELD, None);
     let driver = Driver::start(fpga, optional(FIELD, 2, &i7i77::FIELD));
     let mut machine: Machine = Machine::of(driver.expect("the others run"));
-    let field: I7i77Field = machine.driver.attach(0, FIELD as u8).expect("field I/O");
+    let field: I7i77Field = machine.driver.attach((0, FIELD as u8)).expect("field I/O");
     let supply = field.field_voltage.expect("mode 2");
     let device = FieldIo::i7i77().expect("field I/O");
     let _ = machine

@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use crate::common::machine::start;
+use mesa_hal::RemoteId;
 use mesa_hal::boards::{AttachError, I7i77, I7i97};
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnalogOut, Counter, Pins};
@@ -75,7 +76,7 @@ fn all_twelve_axes_of_a_7i97_with_a_7i77_move() {
     let mut driver = started(machines::twelve_axes_7i97(|_| Motor::default()));
     assert_eq!(driver.firmware().warnings, [""; 0]);
     let board: I7i97 = driver.attach_board().expect("a 7I97");
-    let card: I7i77 = driver.attach_card(0, 1).expect("a 7I77");
+    let card: I7i77 = driver.attach_card((0, 1)).expect("a 7I77");
     let on_board = board.analog_out.into_iter().zip(board.encoders);
     let on_card = card.analog.analog_out.into_iter().zip(card.encoders);
     let axes: Vec<_> = on_board.chain(on_card).collect();
@@ -101,7 +102,7 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
         });
     }
     let mut driver = started(fpga);
-    let cards = [0, 3].map(|first| driver.attach_card::<I7i77>(0, first).expect("a 7I77"));
+    let cards = [0, 3].map(|first| driver.attach_card::<I7i77>((0, first)).expect("a 7I77"));
     let axes = cards.map(|card| card.analog.analog_out.into_iter().zip(card.encoders));
     let axes: Vec<_> = axes.into_iter().flatten().collect();
     assert_eq!(
@@ -112,7 +113,7 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
     // Channel 1 is a card's, and not its first.
     for (port, channel) in [(0, 1), (1, 0), (0, 6)] {
         let error = driver
-            .attach_card::<I7i77>(port, channel)
+            .attach_card::<I7i77>((port, channel))
             .expect_err("no card");
         assert!(matches!(error, AttachError::NoConnector { .. }), "{error}");
         let text = error.to_string();
@@ -128,17 +129,23 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
 fn a_card_that_is_not_there_is_no_card() {
     let driver = started(machines::six_axes_7i97(Motor::default()));
     let error = driver
-        .attach_card::<I7i77>(0, 0)
+        .attach_card::<I7i77>((0, 0))
         .expect_err("remotes alone");
     assert!(matches!(error, AttachError::NoConnector { .. }), "{error}");
     let mut fpga = machines::i7i92_with_cards();
     let _ = fpga.plug(0, machines::ANALOG, None);
     let driver = started(fpga);
     let error = driver
-        .attach_card::<I7i77>(0, 0)
+        .attach_card::<I7i77>((0, 0))
         .expect_err("no analog part");
     assert!(
-        matches!(error, AttachError::NoRemote { channel: 1, .. }),
+        matches!(
+            error,
+            AttachError::NoRemote {
+                remote: RemoteId { channel: 1, .. },
+                ..
+            }
+        ),
         "{error}"
     );
 }
@@ -148,7 +155,7 @@ fn a_card_that_is_not_there_is_no_card() {
 fn firmware_of_2016_is_driven_where_its_descriptors_say() {
     let mut driver = started(machines::six_axes_7i80_of_2016(Motor::default()));
     assert_eq!(driver.firmware().warnings, [""; 0]);
-    let card: I7i77 = driver.attach_card(0, 0).expect("a 7I77");
+    let card: I7i77 = driver.attach_card((0, 0)).expect("a 7I77");
     let axes = card.analog.analog_out.into_iter().zip(card.encoders);
     move_all(&mut driver, &axes.collect::<Vec<_>>());
     let pwm = |name: &str| format!("hm2_7i80.0.pwmgen.00.{name}");
@@ -247,7 +254,7 @@ fn relatives_of_the_7i77_have_the_pins_of_their_modes() {
             let config = format!("{mode}xxxxxxx").parse().expect("modes");
             let mut driver = start(fpga, |s| s.serial_ports = [(0, config)].into()).expect(card);
             assert!(driver.remarks().is_empty(), "{:?}", driver.remarks());
-            let remote = driver.remote(0, 0).expect("a remote").descriptor;
+            let remote = driver.remote((0, 0)).expect("a remote").descriptor;
             assert_eq!(remote.unit_number >> 24, class);
             let full = |name: &str| format!("hm2_7i80.0.{card}.0.0.{name}");
             for name in names.split_whitespace().chain(own.iter().copied()) {

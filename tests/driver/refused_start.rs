@@ -166,8 +166,8 @@ fn settings_that_mean_nothing_are_refused_with_what_they_may_be() {
 #[test]
 fn a_restart_of_a_channel_without_a_remote_says_so() {
     let mut driver = start(fpga(), |_| {}).expect("it runs");
-    assert!(driver.restart(0, OUTPUTS as u8));
+    assert!(driver.restart((0, OUTPUTS as u8)));
     for (port, channel) in [(0, 7), (0, 200), (7, 0)] {
-        assert!(!driver.restart(port, channel), "{port}.{channel}");
+        assert!(!driver.restart((port, channel)), "{port}.{channel}");
     }
 }

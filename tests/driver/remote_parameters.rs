@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
@@ -53,7 +54,7 @@ fn write(
     name: &str,
     value: u32,
 ) -> Result<(), DriverError<<SimFpga as RegisterBus>::Error>> {
-    board.write_remote_parameter(0, channel as u8, name, value)
+    board.write_remote_parameter((0, channel as u8), name, value)
 }
 
 #[test]
@@ -67,7 +68,7 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
         write(&mut board, channel, name, value).expect("it takes it");
     }
     board.discover().expect("they stay discovered");
-    let field = board.read_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout");
+    let field = board.read_remote_parameter((0, FIELD as u8), "nvwatchdogtimeout");
     assert_eq!(field.expect("it is read").raw, 100);
     let mut machine = Machine::with(board.start().expect("all of them run"));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
@@ -145,7 +146,7 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
         assert_eq!(error.to_string(), expected);
     }
     assert_eq!(board.missing().len(), 1);
-    let elsewhere = board.read_remote_parameter(3, 0, "nvwatchdogtimeout");
+    let elsewhere = board.read_remote_parameter((3, 0), "nvwatchdogtimeout");
     assert!(elsewhere.is_err());
     let driver = board.start().expect("the others run");
     assert_eq!(driver.ports()[0].remotes().count(), 2);
@@ -175,7 +176,7 @@ fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_resta
         let before = machine.now();
         machine
             .driver
-            .write_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout", 200)
+            .write_remote_parameter((0, OUTPUTS as u8), "nvwatchdogtimeout", 200)
             .unwrap();
         let took = (machine.now() - before) / 1_000_000;
         assert!(took < 50, "{took} ms");
@@ -207,7 +208,7 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
     machine.cycles(5);
     let driver = &mut machine.driver;
     let channel = FIELD as u8;
-    let result = driver.write_remote_parameter(0, channel, "nothing", 1);
+    let result = driver.write_remote_parameter((0, channel), "nothing", 1);
     assert!(matches!(
         result,
         Err(DriverError::Parameter {
@@ -215,7 +216,7 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
             ..
         })
     ));
-    let result = driver.write_remote_parameter(0, channel, "nvbaudrate", -1);
+    let result = driver.write_remote_parameter((0, channel), "nvbaudrate", -1);
     assert!(matches!(
         result,
         Err(DriverError::Parameter {
@@ -223,18 +224,21 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
             ..
         })
     ));
-    let result = driver.write_remote_parameter(0, 5, "nvbaudrate", 9);
+    let result = driver.write_remote_parameter((0, 5), "nvbaudrate", 9);
     assert!(matches!(
         result,
         Err(DriverError::Attach(AttachError::NoRemote {
-            channel: 5,
+            remote: RemoteId { channel: 5, .. },
             ..
         }))
     ));
-    let result = driver.write_remote_parameter(1, channel, "nvbaudrate", 9);
+    let result = driver.write_remote_parameter((1, channel), "nvbaudrate", 9);
     assert!(matches!(
         result,
-        Err(DriverError::Attach(AttachError::NoRemote { port: 1, .. }))
+        Err(DriverError::Attach(AttachError::NoRemote {
+            remote: RemoteId { port: 1, .. },
+            ..
+        }))
     ));
     for _ in 0..5 {
         assert!(machine.cycle().is_good());
@@ -250,7 +254,7 @@ fn an_absent_remote_is_an_error_and_the_others_come_back() {
     machine.cycles(40);
     let result = machine
         .driver
-        .write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", 100);
+        .write_remote_parameter((0, FIELD as u8), "nvwatchdogtimeout", 100);
     assert!(matches!(result, Err(DriverError::Missing(_))));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
     machine.until(300, |machine| {
@@ -265,7 +269,7 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
     machine.cycles(5);
     let write = |machine: &mut Machine, value: u32| {
         let driver = &mut machine.driver;
-        driver.write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", value)
+        driver.write_remote_parameter((0, FIELD as u8), "nvwatchdogtimeout", value)
     };
     write(&mut machine, 100).unwrap();
     machine.pass_nanos(7_000_000);
@@ -287,7 +291,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
     let mut machine = Machine::new();
     let mut write = |value: u32| {
         let (driver, analog) = (&mut machine.driver, ANALOG as u8);
-        driver.write_remote_parameter(0, analog, "nvwatchdogtimeout", value)
+        driver.write_remote_parameter((0, analog), "nvwatchdogtimeout", value)
     };
     assert_eq!(write(1).unwrap_err().to_string(), text);
     write(2).unwrap();
@@ -301,7 +305,7 @@ fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power
     machine.cycles(5);
     let driver = &mut machine.driver;
     driver
-        .write_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout", 200)
+        .write_remote_parameter((0, OUTPUTS as u8), "nvwatchdogtimeout", 200)
         .unwrap();
     machine.until(200, |machine| {
         machine.driver.rearm().unwrap().waiting == 0 && machine.is_valid(OUTPUTS)
@@ -346,7 +350,7 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
             }
             let starts = machine.driver.ports()[0].statistics().starts;
             let (driver, channel) = (&mut machine.driver, FIELD as u8);
-            let _ = driver.write_remote_parameter(0, channel, "nvwatchdogtimeout", value);
+            let _ = driver.write_remote_parameter((0, channel), "nvwatchdogtimeout", value);
             let used = machine.driver.bus().exchanges() - first;
             machine.driver.bus_mut().heal();
             // It may have failed before anything was stopped.
@@ -386,7 +390,7 @@ fn the_usual_time_of_the_boards_watchdog_is_sent_again_if_it_is_lost() {
             bus.fail_at(before + last, Fault::NotExecuted(BusErrorKind::Lost));
         }
         let driver = &mut machine.driver;
-        let written = driver.write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", 100_u32);
+        let written = driver.write_remote_parameter((0, FIELD as u8), "nvwatchdogtimeout", 100_u32);
         written.expect("it takes it");
         last = machine.driver.bus_mut().exchanges() - before - 1;
         machine.cycles(20);

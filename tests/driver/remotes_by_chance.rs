@@ -339,7 +339,7 @@ impl Run {
                 "bus"
             }
             13 => {
-                self.machine.driver.restart(0, channel as u8);
+                self.machine.driver.restart((0, channel as u8));
                 "restart"
             }
             _ => {

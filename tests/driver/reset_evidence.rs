@@ -58,7 +58,7 @@ const CHANGES: [Change; 13] = [
 impl Change {
     fn make<B: RegisterBus + Clock>(self, driver: &mut Driver<B>) {
         match self {
-            Self::Restart => assert!(driver.restart(0, 0)),
+            Self::Restart => assert!(driver.restart((0, 0))),
             Self::TimeAndDirection | Self::TimeAndDriveRate => Self::WatchdogTime.make(driver),
             _ => {}
         }

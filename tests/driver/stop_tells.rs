@@ -52,7 +52,7 @@ fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
         let [remote] = &error.not_reached[..] else {
             panic!("{error}");
         };
-        let place = (remote.port, usize::from(remote.channel));
+        let place = (remote.remote.port, usize::from(remote.remote.channel));
         assert_eq!(place, (0, OUTPUTS), "{error}");
         assert_eq!(remote.watchdog, RemoteWatchdog::Off);
         assert!(error.to_string().contains("switch off its power"));
@@ -116,7 +116,7 @@ fn a_bus_that_fails_hides_no_remote() {
     let named: Vec<_> = error
         .not_reached
         .iter()
-        .map(|remote| remote.channel)
+        .map(|not| not.remote.channel)
         .collect();
     assert_eq!(named, [0, 1, 2]);
     let said = error.to_string();

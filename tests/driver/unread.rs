@@ -84,8 +84,8 @@ fn who_writes_and_does_not_read_has_no_valid_inputs_and_a_drive_that_stops() {
 #[test]
 fn remotes_that_are_not_read_are_not_valid_and_off() {
     let mut driver = started(machines::six_axes_7i92(Motor::default()));
-    let field: I7i77Field = driver.attach(0, 0).expect("a 7I77");
-    let analog: I7i77Analog = driver.attach(0, 1).expect("a 7I77");
+    let field: I7i77Field = driver.attach((0, 0)).expect("a 7I77");
+    let analog: I7i77Analog = driver.attach((0, 1)).expect("a 7I77");
     let axis = analog.analog_out[0];
     for _ in 0..50 {
         cycle(&mut driver, true);

@@ -10,9 +10,9 @@ use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{Device, Outputs48};
 use mesa_hal_sim::remote::Remote;
-use mesa_hal_sim::SimFpga;
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
@@ -25,7 +25,7 @@ fn board(used: u32, written: u32) -> SimFpga {
         let mut board = Board::identify(bus, Settings::default()).expect("a board");
         board.discover().expect("its remotes");
         board
-            .write_remote_parameter(0, OUTPUTS as u8, NAME, millis)
+            .write_remote_parameter((0, OUTPUTS as u8), NAME, millis)
             .expect("it takes it");
         let mut machine = Machine::with(board.start().expect("all of them run"));
         if is_used {

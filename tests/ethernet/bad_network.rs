@@ -94,7 +94,7 @@ fn good_network() -> (EthernetDriver, Duration) {
 }
 
 fn field(driver: &EthernetDriver) -> I7i77Field {
-    driver.attach(0, 0).expect("field I/O")
+    driver.attach((0, 0)).expect("field I/O")
 }
 
 fn set_inputs(driver: &mut EthernetDriver, pattern: u32) {
@@ -260,7 +260,7 @@ fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back
 #[test]
 fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed() {
     let (mut driver, period) = good_network();
-    let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
+    let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
     let drive: Output<f64> = analog.analog_out[0].volts;
     let cycle = |driver: &mut EthernetDriver, n: u32| {
         let mut good = 0;
@@ -363,7 +363,7 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
 #[test]
 fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
     let (mut driver, period) = good_network();
-    let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
+    let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
     let mut good = 0;
     for n in 0..400_u32 {
         good += u32::from(driver.read().expect("a good network").is_good());

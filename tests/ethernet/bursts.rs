@@ -71,7 +71,7 @@ impl Rig {
             input.expect("a pin that is an input")
         }));
         if has_remotes {
-            let field: I7i77Field = driver.attach(0, 0).expect("field I/O");
+            let field: I7i77Field = driver.attach((0, 0)).expect("field I/O");
             bits.extend(field.inputs.iter().map(|input| input.pin));
         }
         let count = |n| pins.input(&name(&format!("encoder.{n:02}.rawcounts")));

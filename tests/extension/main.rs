@@ -105,7 +105,7 @@ impl Machine {
         let mut board = Board::identify(fpga, settings()).expect("a board");
         board.add(Pulser::register).expect("the module");
         board.discover().expect("the card");
-        let valves = board.attach(0, 0).expect("the card");
+        let valves = board.attach((0, 0)).expect("the card");
         let lamp = board.attach_board().expect("the board");
         let driver = board.start().expect("the machine is complete");
         let pulser = driver.modules::<Pulser>().next().expect("the module");
@@ -291,7 +291,9 @@ fn what_is_not_there_or_there_already_is_told() {
         .expect_err("its I/O pin is taken");
     println!("{twice}");
     board.discover().expect("the card");
-    let absent = board.attach::<Valves>(0, 1).expect_err("nothing is there");
+    let absent = board
+        .attach::<Valves>((0, 1))
+        .expect_err("nothing is there");
     assert!(absent.to_string().contains("valve block"), "{absent}");
     let late = board.add(Pulser::register);
     let late = late.expect_err("after the discovery");

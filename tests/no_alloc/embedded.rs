@@ -126,7 +126,7 @@ fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
     let limit = output.max_limit.expect("a 7I77");
     let sent = match n % 1000 {
         0 => commands.rearm(),
-        1 => commands.restart(0, ANALOG as u8),
+        1 => commands.restart((0, ANALOG as u8)),
         2..10 => commands.rearm_group(machine.driver.group()),
         // Refused where it is sent.
         10..20 => return assert!(commands.set_param(limit, f64::NAN).is_err()),

@@ -1,6 +1,7 @@
 //! Packing plans: where each element is, against a packing done bit by bit.
 
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use mesa_hal::RemoteId;
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType, PackingPlan, Problem, ProblemKind};
 use mesa_hal::hal::PinStore;
@@ -149,7 +150,7 @@ proptest! {
         let descriptor = descriptor(*b"TEST", 1, 0, records);
         let plan = PackingPlan::new(&descriptor, SEVEN).unwrap();
         let mut pins = PinStore::default();
-        let mut remote = RemotePins::new(&mut pins, "b", (0, 0), &descriptor, &plan, None).unwrap();
+        let mut remote = RemotePins::new(&mut pins, "b", RemoteId::new(0, 0), &descriptor, &plan, None).unwrap();
         let name = |n: usize| format!("b.test.0.0.n{n}");
         let narrow = |pins: &PinStore, n| pins.inout::<u32>(&name(n)).ok();
         let wide = |pins: &PinStore, n| pins.inout::<u64>(&name(n)).unwrap();

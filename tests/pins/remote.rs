@@ -1,6 +1,7 @@
 //! The pins of remotes: from interface registers to typed values and back.
 // Exact values are exact here: nothing else would show a rounding mistake.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use mesa_hal::RemoteId;
 use mesa_hal::boards::{
     AttachError, Finder, I7i72, I7i77Analog, I7i77Field, REMOTES, RemoteHandles, i7i77,
 };
@@ -13,7 +14,15 @@ use proptest::prelude::*;
 fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
     let table = REMOTES.into_iter().find(|table| table.matches(descriptor));
     let plan = PackingPlan::new(descriptor, 3).unwrap();
-    RemotePins::new(pins, "hm2_7i92.0", (0, channel), descriptor, &plan, table).unwrap()
+    RemotePins::new(
+        pins,
+        "hm2_7i92.0",
+        RemoteId::new(0, channel),
+        descriptor,
+        &plan,
+        table,
+    )
+    .unwrap()
 }
 
 fn handles<T: RemoteHandles>(pins: &PinStore, remote: &RemotePins) -> Result<T, AttachError> {
@@ -443,7 +452,7 @@ proptest! {
         let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
         remote_descriptor.parameters = parameters;
         let made = PackingPlan::new(&remote_descriptor, 7).ok().and_then(|plan| {
-            let made = RemotePins::new(&mut pins, "hm2_7i92.0", (0, 0), &remote_descriptor, &plan, None);
+            let made = RemotePins::new(&mut pins, "hm2_7i92.0", RemoteId::new(0, 0), &remote_descriptor, &plan, None);
             Some((made.ok()?, plan.output_bits))
         });
         if let Some((mut remote, used)) = made {

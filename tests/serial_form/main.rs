@@ -8,6 +8,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::common::machine::{Machine, OUTPUTS, fpga, start};
+use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
@@ -63,30 +64,27 @@ fn settings_are_as_they_are_written_and_come_back() {
 
 #[test]
 fn events_are_as_they_are_written_and_come_back() {
-    let (port, channel) = (0, 2);
+    let remote = RemoteId::new(0, 2);
     let why = BusErrorKind::Lost;
     let kinds = [
         EventKind::TransferFailed {
-            port,
-            channel,
+            remote,
             failure: Failure::NoReply,
         },
         EventKind::RemoteOffline {
-            port,
-            channel,
+            remote,
             reason: OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE),
         },
         EventKind::RemoteStaysOffline {
-            port,
-            channel,
+            remote,
             reason: OfflineReason::OtherTables {
                 found: 1,
                 expected: 2,
             },
         },
-        EventKind::RemoteBack { port, channel },
-        EventKind::RemoteUp { port, channel },
-        EventKind::RemoteRearmed { port, channel },
+        EventKind::RemoteBack { remote },
+        EventKind::RemoteUp { remote },
+        EventKind::RemoteRearmed { remote },
         EventKind::WatchdogBitten,
         EventKind::BoardReset,
         EventKind::BusDown,
@@ -99,7 +97,7 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::ReadFailed { why },
         EventKind::NotThere { found: 0xFFFF_FFFF },
         EventKind::Repeated {
-            what: Repeating::FailedTransfers { port, channel },
+            what: Repeating::FailedTransfers { remote },
             count: 12,
             lasted: Duration::from_millis(1_500),
         },
@@ -136,7 +134,7 @@ fn events_are_as_they_are_written_and_come_back() {
 fn statistics_are_as_they_are_written() {
     let mut machine = Machine::with(start(fpga(), |_| {}).expect("the machine is complete"));
     machine.cycles(5);
-    machine.driver.restart(0, OUTPUTS as u8);
+    machine.driver.restart((0, OUTPUTS as u8));
     let report = machine.cycle();
     let remote = to_value(machine.status(OUTPUTS)).expect("JSON");
     let mut runner = Runner::new(machine.driver);

@@ -1,5 +1,6 @@
 //! The kinds of events.
 
+use crate::hostmot2::RemoteId;
 use core::fmt;
 use core::time::Duration;
 
@@ -20,52 +21,46 @@ use crate::sslbp::Failure;
 pub enum EventKind {
     /// A transfer of a remote failed; the first of a row with this reason.
     TransferFailed {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
         /// Why.
         failure: Failure,
     },
     /// A remote went offline: its outputs are safe until it is re-armed.
     RemoteOffline {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
         /// Why, this time. The first reason since it was re-armed last stays in
         /// [`RemoteStatus::first_fault`](crate::driver::RemoteStatus::first_fault).
         reason: OfflineReason,
     },
     /// A remote that is offline was tried again, and stays offline for another reason than before.
     RemoteStaysOffline {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
         /// Why.
         reason: OfflineReason,
     },
     /// A remote that was offline transfers again, with safe outputs until it is re-armed.
     RemoteBack {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
     },
     /// An optional remote that was absent at the start came up. It waits to be armed.
     RemoteUp {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
     },
     /// A remote that had been offline follows the application again; why it went offline is forgotten.
     RemoteRearmed {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
     },
     /// The board's watchdog was found to have bitten: the host was late, or another program let it.
     /// Everything is safe.
@@ -150,10 +145,9 @@ pub enum EventKind {
 pub enum Repeating {
     /// [`EventKind::TransferFailed`] of a remote.
     FailedTransfers {
-        /// Its port.
-        port: u8,
-        /// Its channel.
-        channel: u8,
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
     },
     /// [`EventKind::ReadFailed`] and [`EventKind::NotThere`].
     FailedReads,
@@ -274,19 +268,19 @@ impl EventKind {
         !well.contains(self.mask())
     }
 
-    /// Port and channel of the remote it is about.
-    pub const fn remote(&self) -> Option<(u8, u8)> {
+    /// The remote that the event is about, if it is about one.
+    pub const fn remote(&self) -> Option<RemoteId> {
         match *self {
-            Self::TransferFailed { port, channel, .. }
-            | Self::RemoteOffline { port, channel, .. }
-            | Self::RemoteStaysOffline { port, channel, .. }
-            | Self::RemoteBack { port, channel }
-            | Self::RemoteUp { port, channel }
-            | Self::RemoteRearmed { port, channel }
+            Self::TransferFailed { remote, .. }
+            | Self::RemoteOffline { remote, .. }
+            | Self::RemoteStaysOffline { remote, .. }
+            | Self::RemoteBack { remote }
+            | Self::RemoteUp { remote }
+            | Self::RemoteRearmed { remote }
             | Self::Repeated {
-                what: Repeating::FailedTransfers { port, channel },
+                what: Repeating::FailedTransfers { remote },
                 ..
-            } => Some((port, channel)),
+            } => Some(remote),
             _ => None,
         }
     }
@@ -294,8 +288,8 @@ impl EventKind {
 
 impl fmt::Display for EventKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some((port, channel)) = self.remote() {
-            write!(f, "port {port}, channel {channel}: ")?;
+        if let Some(remote) = self.remote() {
+            write!(f, "{remote}: ")?;
         }
         match self {
             Self::TransferFailed { failure, .. } => write!(f, "a transfer failed: {failure}"),

@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use super::{Event, EventKind, Repeating};
 use crate::bus::{BusErrorKind, Instant};
+use crate::hostmot2::RemoteId;
 use crate::modules::serial::OfflineReason;
 use crate::sslbp::Failure;
 
@@ -66,7 +67,7 @@ impl EventKind {
 
     /// The number of its bit, port, channel and a number, and what these need.
     fn to_words(self) -> [u32; 3] {
-        let (port, channel) = self.remote().unwrap_or((0, 0));
+        let RemoteId { port, channel } = self.remote().unwrap_or(RemoteId::new(0, 0));
         let (number, one, other) = match self {
             Self::TransferFailed { failure, .. } => (0, failure as u32, 0),
             Self::RemoteOffline { reason, .. } | Self::RemoteStaysOffline { reason, .. } => {
@@ -106,27 +107,25 @@ impl EventKind {
 
     fn from_words([what, one, other]: [u32; 3]) -> Option<Self> {
         let [bit, port, channel, number] = what.to_le_bytes();
+        let remote = RemoteId::new(port, channel);
         let reason = || OfflineReason::from_words((number, one, other));
         let why = || BUS_ERRORS.get(one as usize).copied();
         Some(match bit {
             0 => Self::TransferFailed {
-                port,
-                channel,
+                remote,
                 failure: *Failure::ALL.get(one as usize)?,
             },
             1 => Self::RemoteOffline {
-                port,
-                channel,
+                remote,
                 reason: reason()?,
             },
             2 => Self::RemoteStaysOffline {
-                port,
-                channel,
+                remote,
                 reason: reason()?,
             },
-            3 => Self::RemoteBack { port, channel },
-            4 => Self::RemoteUp { port, channel },
-            5 => Self::RemoteRearmed { port, channel },
+            3 => Self::RemoteBack { remote },
+            4 => Self::RemoteUp { remote },
+            5 => Self::RemoteRearmed { remote },
             6 => Self::WatchdogBitten,
             7 => Self::BoardReset,
             8 => Self::BusDown,
@@ -138,7 +137,7 @@ impl EventKind {
             11 => Self::ReadFailed { why: why()? },
             12 => Self::NotThere { found: one },
             13 => Self::Repeated {
-                what: Repeating::from_number(number, (port, channel))?,
+                what: Repeating::from_number(number, remote)?,
                 count: one,
                 lasted: Duration::from_millis(other.into()),
             },
@@ -166,9 +165,9 @@ impl Repeating {
         }
     }
 
-    const fn from_number(number: u8, (port, channel): (u8, u8)) -> Option<Self> {
+    const fn from_number(number: u8, remote: RemoteId) -> Option<Self> {
         Some(match number {
-            0 => Self::FailedTransfers { port, channel },
+            0 => Self::FailedTransfers { remote },
             1 => Self::FailedReads,
             2 => Self::FailedWrites,
             3 => Self::LostWrites,
@@ -211,10 +210,10 @@ mod tests {
         }
         assert_eq!(EventKind::from_words([word(21), 0, 0]), None);
         for number in 0..6 {
-            let what = Repeating::from_number(number, (1, 2)).expect("something");
+            let what = Repeating::from_number(number, RemoteId::new(1, 2)).expect("something");
             assert_eq!(what.number(), number, "{what:?}");
         }
-        assert_eq!(Repeating::from_number(6, (0, 0)), None);
+        assert_eq!(Repeating::from_number(6, RemoteId::new(0, 0)), None);
     }
 
     #[test]

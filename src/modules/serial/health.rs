@@ -1,5 +1,6 @@
 //! One remote in the cycle: whether it takes part, why not, and when it is tried again.
 
+use crate::hostmot2::RemoteId;
 use core::time::Duration;
 
 use super::watchdog::Outputs;
@@ -182,21 +183,13 @@ impl Health {
         let (was_running, before) = (self.is_running(), self.cause.replace(reason));
         let is_still_absent = before == Some(OfflineReason::Absent)
             && matches!(reason, OfflineReason::DidNotStart(_));
-        let (port, channel) = self.place();
+        let remote = self.remote_id();
         if was_running {
             self.end_row(now);
-            let kind = EventKind::RemoteOffline {
-                port,
-                channel,
-                reason,
-            };
+            let kind = EventKind::RemoteOffline { remote, reason };
             self.tell(now, kind);
         } else if before != Some(reason) && !reason.is_asked_for() && !is_still_absent {
-            let kind = EventKind::RemoteStaysOffline {
-                port,
-                channel,
-                reason,
-            };
+            let kind = EventKind::RemoteStaysOffline { remote, reason };
             self.tell(now, kind);
         }
         let first = *self.first_fault.get_or_insert(reason);
@@ -253,11 +246,11 @@ impl Health {
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
         self.has_just_failed = false;
-        let (port, channel) = self.place();
+        let remote = self.remote_id();
         let kind = if has_run {
-            EventKind::RemoteBack { port, channel }
+            EventKind::RemoteBack { remote }
         } else {
-            EventKind::RemoteUp { port, channel }
+            EventKind::RemoteUp { remote }
         };
         self.tell(now, kind);
     }
@@ -265,8 +258,8 @@ impl Health {
     /// Its outputs follow the application (again): what was before is history.
     pub fn armed(&mut self, now: Instant) {
         if self.first_fault.take().is_some() {
-            let (port, channel) = self.place();
-            self.tell(now, EventKind::RemoteRearmed { port, channel });
+            let remote = self.remote_id();
+            self.tell(now, EventKind::RemoteRearmed { remote });
         }
     }
 
@@ -274,13 +267,9 @@ impl Health {
     /// data. After another failure the idle interval between them is one as well. It is told if it is
     /// the remote's own.
     pub fn count_fault(&mut self, now: Instant, own: Option<Failure>, increment: u32) {
-        let (port, channel) = self.place();
+        let remote = self.remote_id();
         if let (Some((sink, _)), Some(failure)) = (&self.told, own) {
-            let kind = EventKind::TransferFailed {
-                port,
-                channel,
-                failure,
-            };
+            let kind = EventKind::TransferFailed { remote, failure };
             self.failures.add(sink, now, 1, kind);
         }
         let is_next = core::mem::replace(&mut self.has_just_failed, true);
@@ -308,8 +297,8 @@ impl Health {
     }
 
     fn failed_transfers(&self) -> Repeating {
-        let (port, channel) = self.place();
-        Repeating::FailedTransfers { port, channel }
+        let remote = self.remote_id();
+        Repeating::FailedTransfers { remote }
     }
 
     /// Whether a transfer has failed that good ones have not made up for, or of whose row the end has
@@ -340,9 +329,9 @@ impl Health {
     }
 
     /// Its port and channel.
-    fn place(&self) -> (u8, u8) {
+    fn remote_id(&self) -> RemoteId {
         let port = self.told.as_ref().map_or(0, |(_, port)| *port);
-        (port, self.channel().index())
+        RemoteId::new(port, self.channel().index())
     }
 
     fn tell(&self, now: Instant, kind: EventKind) {

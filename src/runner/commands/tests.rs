@@ -63,7 +63,7 @@ fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert!(is_armed(&driver));
     // The other five wait when the fault is found: nobody follows these outputs now.
-    driver.restart(0, 0);
+    driver.restart((0, 0));
     assert!(!is_armed(&driver));
     assert_eq!(cycle(&mut driver, &mut queue), 5);
     assert!(!is_armed(&driver));
@@ -82,7 +82,7 @@ fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
     assert_eq!(sender.statistics().refused, 6);
 
     let mut other = self::driver();
-    other.restart(0, 0);
+    other.restart((0, 0));
     sender.rearm().expect("there is room");
     assert_eq!(cycle(&mut other, &mut queue), 0);
     assert_eq!(sender.statistics().refused, 7);
@@ -100,7 +100,7 @@ fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
     assert!(driver.pins().commanded(coolant));
     // In the same cycle the other half of the card fails.
     sender.set(coolant, false).expect("there is room");
-    driver.restart(0, 1);
+    driver.restart((0, 1));
     assert_eq!(cycle(&mut driver, &mut queue), 1);
     assert!(!driver.pins().commanded(coolant));
     assert_eq!(sender.statistics().refused, 0);
@@ -120,7 +120,7 @@ fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_arme
         sender.set(coolant, n < 299).expect("there is room");
     }
     cycle(&mut driver, &mut queue);
-    driver.restart(0, 0);
+    driver.restart((0, 0));
     while driver.pins_mut().rearm(group).is_err() {
         let _ = driver.read().expect("the bus does not fail");
         driver.write().expect("the bus does not fail");
@@ -149,7 +149,7 @@ fn what_makes_safe_is_never_refused() {
     cycle(&mut driver, &mut queue);
     // Sent before the fault, or while nobody follows it: off is off.
     sender.set(coolant, false).expect("there is room");
-    driver.restart(0, 0);
+    driver.restart((0, 0));
     cycle(&mut driver, &mut queue);
     sender.set(coolant, false).expect("there is room");
     cycle(&mut driver, &mut queue);
@@ -176,7 +176,7 @@ fn minus_zero_volts_are_as_safe_as_zero() {
     let group = driver.pins().info(drive).expect("there").group;
     cycle(&mut driver, &mut queue);
     sender.set(drive, -0.0).expect("there is room");
-    driver.restart(0, 1);
+    driver.restart((0, 1));
     while driver.pins_mut().rearm(group).is_err() {
         let _ = driver.read().expect("the bus does not fail");
         driver.write().expect("the bus does not fail");
@@ -252,9 +252,9 @@ fn what_makes_no_sense_is_refused_where_it_is_sent() {
     ] {
         assert_eq!(sent, Err(CommandError::Pin(why)));
     }
-    let (port, channel) = (0, 7);
-    let nothing = sender.restart(port, channel);
-    assert_eq!(nothing, Err(CommandError::NoRemote { port, channel }));
+    let remote = RemoteId::new(0, 7);
+    let nothing = sender.restart(remote);
+    assert_eq!(nothing, Err(CommandError::NoRemote { remote }));
     assert_eq!(sender.statistics(), CommandStatistics::default());
 }
 
@@ -275,11 +275,11 @@ fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
         refused.contains("analogout0-maxlim` can not be set to NaN"),
         "{refused}"
     );
-    sender.restart(0, 0).expect("sent");
+    sender.restart((0, 0)).expect("sent");
     cycle(&mut driver, &mut queue);
     assert_eq!(driver.pins().param(limit), 2.5);
     assert_eq!(sender.statistics().refused, 0);
-    let remote = driver.remote(0, 0).expect("there");
+    let remote = driver.remote((0, 0)).expect("there");
     assert_ne!(remote.state, RemoteState::Running);
     let group = remote.pins.group;
     for _ in 0..200 {

@@ -1,5 +1,6 @@
 //! What the cycle showed, taken apart.
 
+use crate::hostmot2::RemoteId;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::time::Duration;
@@ -34,10 +35,9 @@ pub struct Snapshot {
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteSnapshot {
-    /// The port.
-    pub port: u8,
-    /// Its channel, 0 to 7.
-    pub channel: u8,
+    /// Its address.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub id: RemoteId,
     /// Its name at the start.
     pub name: RemoteName,
     /// The group of its pins.
@@ -170,9 +170,8 @@ impl Snapshot {
     pub fn remotes(&self) -> impl Iterator<Item = RemoteSnapshot> + '_ {
         let mut words = self.from(self.shared.layout.remotes_at);
         let places = self.shared.layout.places.iter();
-        places.map(move |&(port, channel, name, group)| RemoteSnapshot {
-            port,
-            channel,
+        places.map(move |&(id, name, group)| RemoteSnapshot {
+            id,
             name,
             group,
             since: Packed::unpack(&mut words),

@@ -28,6 +28,14 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// [`PortError::Channel`] if there is no good reply; [`PortError::WrongState`] if the channel
     /// does not run in setup mode.
     pub fn access(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
+        if access.written().is_some() {
+            return self.access_once(channel, access);
+        }
+        let what = format_args!("{access} of channel {channel}");
+        self.read_without_doubt(what, |port| port.access_once(channel, access))
+    }
+
+    fn access_once(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
         let machine = &self.port.machine;
         let is_ready = machine.state == PortState::Started(StartMode::Setup)
             && machine.running.contains(channel);

@@ -8,8 +8,8 @@ use crate::{
         operation::LAST_LOCAL,
     },
 };
-use alloc::format;
-use core::time::Duration;
+use alloc::{format, string::ToString};
+use core::{fmt, time::Duration};
 
 /// The oldest firmware 1.x whose CS has the remote's faults.
 ///
@@ -37,20 +37,36 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// There is no such address; the bus fails, or the port does not answer.
     pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
         self.require_local(address)?;
+        let what = format_args!("local address {address:#05X}");
+        self.read_without_doubt(what, |port| port.local_read_once(address))
+    }
+
+    /// Reads a value again until the bus has no doubts, or two reads in a row agree.
+    ///
+    /// A network can deliver an earlier command once more, after the one of this read: the registers
+    /// then hold the value of the earlier command.
+    pub(super) fn read_without_doubt<T: Copy + PartialEq>(
+        &mut self,
+        what: fmt::Arguments<'_>,
+        mut read: impl FnMut(&mut Self) -> PortResult<T, B>,
+    ) -> PortResult<T, B> {
         let mut before = None;
         for _ in 0..READS {
             let doubts = self.bus.statistics().doubts;
-            let byte = self.local_read_once(address)?;
-            // A network can deliver an earlier command once more, and DATA has the byte of that one.
-            if self.bus.statistics().doubts == doubts || before.replace(byte) == Some(byte) {
-                return Ok(byte);
+            let value = read(self)?;
+            if self.bus.statistics().doubts == doubts || before.replace(value) == Some(value) {
+                return Ok(value);
             }
-            // So that what comes then are copies of this one.
+            // Copies that arrive after this time are copies of this command.
             self.bus.wait(COPIES);
         }
-        let what = format!("local address {address:#05X}");
-        let found = "another byte with each read".into();
-        Err(self.unexpected(what, found, "the same byte twice".into(), DISTURBED))
+        let found = "another value with each read".into();
+        Err(self.unexpected(
+            what.to_string(),
+            found,
+            "the same value twice".into(),
+            DISTURBED,
+        ))
     }
 
     fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {

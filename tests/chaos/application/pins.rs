@@ -1,5 +1,6 @@
 //! The pins that the application uses.
 
+use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, RemoteState};
 use mesa_hal::hal::{GroupId, Input, Output, Param, PinError, Pins};
@@ -119,6 +120,10 @@ impl Remote {
             is_armed: true,
             disarmed: 0,
         })
+    }
+
+    pub(super) fn id(&self) -> RemoteId {
+        RemoteId::new(self.place.0 as u8, self.place.1.index())
     }
 
     pub(super) fn state<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Option<RemoteState> {

@@ -1,5 +1,6 @@
 //! Ports and remotes: switching them, and what the driver says of them.
 
+use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, OfflineReason, RemoteState, RemoteWatchdog};
 use mesa_hal::hal::GroupState;
@@ -75,9 +76,9 @@ impl Application {
         })
     }
 
-    /// The number of the remote at a place.
-    pub fn number(&self, place: (usize, usize)) -> Option<usize> {
-        let at = |remote: &&Remote| (remote.place.0, remote.place.1.index().into()) == place;
+    /// The number of a remote.
+    pub fn number(&self, id: RemoteId) -> Option<usize> {
+        let at = |remote: &&Remote| remote.id() == id;
         self.remotes.iter().find(at).map(|remote| remote.number)
     }
 

@@ -39,9 +39,9 @@ impl Scenario {
             }
             2 => {
                 let name = "nvwatchdogtimeout";
-                let place = (port as u8, channel as u8);
+                let remote = (port as u8, channel as u8);
                 let value = WRITTEN_WATCHDOG;
-                let done = driver.write_remote_parameter(place.0, place.1, name, value);
+                let done = driver.write_remote_parameter(remote, name, value);
                 application.notice(driver);
                 self.stage
                     .tell(begun, format!("writes {name} of remote {which}: {done:?}"));

@@ -238,9 +238,7 @@ impl Scenario {
     /// What is on still was said to be on perhaps.
     fn only_these_are_on(&self, application: &Application, left: Option<&[NotReached]>) -> Checked {
         let Some(left) = left else { return Ok(()) };
-        let said = left
-            .iter()
-            .filter_map(|one| application.number((one.port.into(), one.channel.into())));
+        let said = left.iter().filter_map(|one| application.number(one.remote));
         let said: Vec<usize> = said.collect();
         let now = self.sim.now();
         // Here cards are exchanged in no time: what the other one reports, a bite as after each power-up,

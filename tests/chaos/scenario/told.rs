@@ -159,12 +159,8 @@ impl Scenario {
                 EventKind::BoardReset => told.resets + told.bites > 0 || is_late,
                 EventKind::OtherMaster { .. } => self.plan.extras.second_master,
                 EventKind::OtherFirmware => self.plan.extras.stranger != Stranger::None,
-                EventKind::RemoteOffline {
-                    port,
-                    channel,
-                    reason,
-                } => {
-                    let remote = application.number((port.into(), channel.into()));
+                EventKind::RemoteOffline { remote, reason } => {
+                    let remote = application.number(remote);
                     let faults = remote.and_then(|remote| told.faults.get(remote));
                     // What the other card reports is not the remote's own.
                     is_other || reason_is_true(reason, faults.copied().unwrap_or_default())

@@ -51,7 +51,7 @@ fn no_output_stays_on_beside_the_cycle_because_writes_are_lost() {
                 machine.driver.prove_watchdogs()
             } else {
                 let name = "nvwatchdogtimeout";
-                machine.driver.write_remote_parameter(0, 2, name, 100)
+                machine.driver.write_remote_parameter((0, 2), name, 100)
             };
             match done {
                 Ok(()) => has_succeeded += 1,

@@ -17,7 +17,7 @@ use crate::common::ethernet::{good, volts};
 fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
     for (late, written) in [(100, false), (100, true), (950, false), (950, true)] {
         let mut driver = machine(Pace::Board);
-        let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
+        let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
         let _ = driver.rearm();
         for _ in 0..30 {
             let _ = driver.read().expect("the board is there");
@@ -104,7 +104,7 @@ fn shown(driver: &Machine, inputs: &[Input<bool>; 32]) -> Option<(u32, Duration)
 fn disturb(driver: &mut Machine, chance: &mut Chance) {
     match chance.below(40) {
         0 => drop(driver.rearm()),
-        1 => assert!(driver.restart(0, chance.below(3) as u8)),
+        1 => assert!(driver.restart((0, chance.below(3) as u8))),
         2 => driver.request_read(),
         3 => drop(driver.wait_transfers(PERIOD)),
         4 => driver
@@ -142,7 +142,7 @@ fn whatever_happens_at_whatever_point_no_input_is_older_than_it_says_and_no_loop
     for seed in 1..=12 {
         let mut driver = machine(Pace::Board);
         let mut chance = Chance(seed);
-        let field: I7i77Field = driver.attach(0, 0).expect("field I/O");
+        let field: I7i77Field = driver.attach((0, 0)).expect("field I/O");
         let inputs = field.inputs.map(|pair| pair.pin);
         let (mut valid, mut history) = (0, vec![0]);
         for n in 0..1500 {

@@ -198,8 +198,8 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
 /// A channel without a remote that takes part. That nothing answers is no fault of its own: many boards
 /// have channels that nobody uses.
 pub fn missing(remark: &Remark) -> Finding {
-    if let (true, Some((port, channel))) = (remark.is_silent(), remark.place) {
-        let check = format!("port {port}, channel {channel}");
+    if let (true, Some(remote)) = (remark.is_silent(), remark.remote) {
+        let check = remote.to_string();
         let advice = "nothing to do where no remote is plugged in; else check its cable and its power (field \
                       power too, where it is powered from there)";
         return Finding::new(Verdict::Look, check, "nothing answers", advice);

@@ -4,6 +4,7 @@ use core::convert::Infallible;
 use core::error::Error;
 use std::collections::BTreeMap;
 
+use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::RemoteDescriptor;
@@ -38,8 +39,8 @@ pub trait Cabinet {
 /// Where a remote is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RemotePlace {
-    /// On a channel of a board's serial port: port and channel.
-    Channel(u8, u8),
+    /// On a channel of a board's serial port.
+    Channel(RemoteId),
     /// On a serial port of the host.
     Serial,
 }
@@ -47,7 +48,7 @@ pub enum RemotePlace {
 impl core::fmt::Display for RemotePlace {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Channel(port, channel) => write!(f, "{port}.{channel}"),
+            Self::Channel(RemoteId { port, channel }) => write!(f, "{port}.{channel}"),
             Self::Serial => f.write_str("serial"),
         }
     }
@@ -59,16 +60,12 @@ impl<B: RegisterBus + Clock> Cabinet for Board<B> {
     fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
         let there = Board::remotes(self).filter(|(_, remote)| !remote.is_absent);
         there
-            .map(|(port, remote)| {
-                let place = RemotePlace::Channel(port, remote.started.channel.index());
-                (place, remote.descriptor.clone())
-            })
+            .map(|(id, remote)| (RemotePlace::Channel(id), remote.descriptor.clone()))
             .collect()
     }
 
     fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, Self::Error> {
-        let (port, channel) = on_board(place)?;
-        Ok(self.read_remote_parameter(port, channel, name)?.raw)
+        Ok(self.read_remote_parameter(on_board(place)?, name)?.raw)
     }
 
     fn write(
@@ -77,17 +74,15 @@ impl<B: RegisterBus + Clock> Cabinet for Board<B> {
         name: &str,
         value: AnyValue,
     ) -> Result<(), Self::Error> {
-        let (port, channel) = on_board(place)?;
-        self.write_remote_parameter(port, channel, name, value)
+        self.write_remote_parameter(on_board(place)?, name, value)
     }
 }
 
-fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<(u8, u8), DriverError<E>> {
+fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<RemoteId, DriverError<E>> {
     match place {
-        RemotePlace::Channel(port, channel) => Ok((port, channel)),
+        RemotePlace::Channel(id) => Ok(id),
         RemotePlace::Serial => Err(DriverError::Attach(AttachError::NoRemote {
-            port: 0,
-            channel: 0,
+            remote: RemoteId::new(0, 0),
             expected: "remote",
         })),
     }

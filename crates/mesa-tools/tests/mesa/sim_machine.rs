@@ -34,7 +34,7 @@ fn drive_down(board: &Board) -> Travel {
         ..Settings::default()
     };
     let mut driver = Driver::start(bus, settings).unwrap();
-    let field: I7i77Field = driver.attach(0, 0).unwrap();
+    let field: I7i77Field = driver.attach((0, 0)).unwrap();
     let own: I7i97 = driver.attach_board().unwrap();
     let mut seen: Vec<(f64, bool)> = Vec::new();
     let start = Instant::now();

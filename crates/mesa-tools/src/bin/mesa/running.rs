@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
+use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
@@ -113,14 +114,11 @@ fn found(driver: &Driver<UdpBus>) -> String {
         for channel in 0..layout.channels {
             let mut remotes = port.remotes();
             let remote = remotes.find(|remote| remote.started.channel.index() == channel);
-            let place = format_args!(
-                "{}: port {}, channel {channel}",
-                driver.name(),
-                layout.instance
-            );
+            let id = RemoteId::new(layout.instance, channel);
+            let place = format_args!("{}: {id}", driver.name());
             let _ = match remote {
                 Some(remote) => writeln!(text, "{place}: {}", remote.descriptor.name),
-                None if is_silent(driver, layout.instance, channel) => writeln!(
+                None if is_silent(driver, id) => writeln!(
                     text,
                     "{place}: nothing answers; a remote that should be there has no power or no cable \
                      (field power too, where it is powered from there)"
@@ -139,7 +137,7 @@ fn found(driver: &Driver<UdpBus>) -> String {
 }
 
 /// Whether nothing answers on a channel.
-fn is_silent(driver: &Driver<UdpBus>, port: u8, channel: u8) -> bool {
+fn is_silent(driver: &Driver<UdpBus>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
-    missing.any(|remark| remark.place == Some((port, channel)) && remark.is_silent())
+    missing.any(|remark| remark.remote == Some(id) && remark.is_silent())
 }

@@ -26,7 +26,7 @@ fn what_a_cabinet_keeps_is_taken_compared_and_put_back() {
     assert_eq!(same.differences, []);
     assert!(same.compared >= 10, "{}", same.compared);
 
-    let place = RemotePlace::Channel(0, 0);
+    let place = RemotePlace::Channel(RemoteId::new(0, 0));
     let name = "NVWatchDogTimeout";
     board.write(place, name, 80_u32.into()).unwrap();
     let found = saved.compare(&mut board, Match::UnitNumber).unwrap();
@@ -54,7 +54,10 @@ fn a_file_for_other_cards_is_refused_unless_they_are_matched_by_place() {
     assert!(matches!(refused, Err(RestoreError::Missing { .. })));
     saved.remotes.pop();
     let fewer = saved.compare(&mut board, Match::UnitNumber).unwrap();
-    assert_eq!(fewer.not_in_file, [RemotePlace::Channel(0, 2)]);
+    assert_eq!(
+        fewer.not_in_file,
+        [RemotePlace::Channel(RemoteId::new(0, 2))]
+    );
 }
 
 #[test]

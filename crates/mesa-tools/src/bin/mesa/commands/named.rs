@@ -1,6 +1,7 @@
 //! Pins as people name them: whole, or by the end of the name.
 
 use mesa_hal::Remark;
+use mesa_hal::RemoteId;
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
 
 use crate::context::Failure;
@@ -10,25 +11,28 @@ use crate::number::{self, end};
 /// the card (`7i77.0.0.output-03`).
 pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
     let parts: Vec<&str> = name.split('.').collect();
-    let mut places = parts.windows(3).filter_map(|parts| {
+    let mut ids = parts.windows(3).filter_map(|parts| {
         let [card, port, channel] = parts else {
             return None;
         };
         let is_card = card.parse::<u32>().is_err();
-        let place = (port.parse().ok()?, channel.parse().ok()?);
-        is_card.then_some(place)
+        let id = RemoteId::new(port.parse().ok()?, channel.parse().ok()?);
+        is_card.then_some(id)
     });
-    let found = places.find_map(|place: (u8, u8)| {
+    let found = ids.find_map(|id| {
         let mut missing = missing.iter();
         missing
-            .find(|remark| remark.place == Some(place))
-            .map(|remark| (place, remark))
+            .find(|remark| remark.remote == Some(id))
+            .map(|remark| (id, remark))
     });
-    found.map_or(Ok(()), |((port, channel), Remark { kind, .. })| {
-        Err(Failure::refused(format_args!(
-            "{name}: its remote on {port}.{channel} is missing: {kind}"
-        )))
-    })
+    found.map_or(
+        Ok(()),
+        |(RemoteId { port, channel }, Remark { kind, .. })| {
+            Err(Failure::refused(format_args!(
+                "{name}: its remote on {port}.{channel} is missing: {kind}"
+            )))
+        },
+    )
 }
 
 /// The pin or parameter of a name, or the only one whose name ends so behind a point. `missing` are

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::driver::{RemoteConfig, SerialConfig};
 use mesa_hal::sslbp::{RemoteName, StartedRemote};
@@ -56,7 +57,7 @@ pub struct Update {
         long, value_name = "PORT.CHANNEL", value_parser = parse_place,
         required_unless_present = "serial", conflicts_with = "serial"
     )]
-    at: Option<(u8, u8)>,
+    at: Option<RemoteId>,
     /// Say what would be written, and write nothing
     #[arg(long)]
     dry_run: bool,
@@ -75,13 +76,9 @@ fn parse_card(text: &str) -> Result<RemoteName, String> {
     name.map_err(|_| format!("`{text}` is no name of a card, which has four characters, as 7i77"))
 }
 
-fn parse_place(text: &str) -> Result<(u8, u8), String> {
-    let parse = || {
-        let (port, channel) = text.split_once('.')?;
-        Some((port.parse().ok()?, channel.parse().ok()?))
-    };
-    let place = parse().filter(|&(port, channel)| port < 4 && channel < 8);
-    place.ok_or_else(|| format!("`{text}` is no PORT.CHANNEL, 0.0 to 3.7"))
+fn parse_place(text: &str) -> Result<RemoteId, String> {
+    let id = text.parse().ok().filter(|id: &RemoteId| id.port < 4);
+    id.ok_or_else(|| format!("`{text}` is no PORT.CHANNEL, 0.0 to 3.7"))
 }
 
 /// What was done, or would be.
@@ -159,21 +156,21 @@ impl Update {
         firmware: &Firmware,
     ) -> Result<Option<Report>, Failure> {
         // clap sees to it that there is one.
-        let (port, channel) = self.at.unwrap_or_default();
+        let id = self.at.unwrap_or(RemoteId::new(0, 0));
         let found = self.target.target.find()?;
         // No other remote of the port takes part.
         let only = SerialConfig {
-            channels: [(channel, RemoteConfig::default())].into(),
+            channels: [(id.channel, RemoteConfig::default())].into(),
         };
         let settings = Settings {
-            serial_ports: [(port, only)].into(),
+            serial_ports: [(id.port, only)].into(),
             ..Settings::default()
         };
         let mut board = Board::identify(found.open()?, settings)?;
         board.discover()?;
         let (mut link, started) =
             board
-                .setup_at(port, channel, SETUP_BAUD_RATE)
+                .setup_at(id, SETUP_BAUD_RATE)
                 .map_err(|error| match error {
                     DriverError::Missing(missing) => Failure::refused(format_args!(
                         "{missing}. It was asked at {SETUP_BAUD_RATE} baud: is its jumper in the \
@@ -181,13 +178,9 @@ impl Update {
                     )),
                     error => error.into(),
                 })?;
-        let at = (
-            RemotePlace::Channel(port, channel),
-            started,
-            started.is_bare(),
-        );
+        let at = (RemotePlace::Channel(id), started, started.is_bare());
         let report = self.update(context, (&mut link, Some(&found)), at, firmware);
-        let ended = board.end_setup_at(port, channel);
+        let ended = board.end_setup_at(id);
         let report = report?;
         ended?;
         Ok(report)

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
@@ -270,8 +271,9 @@ fn judge(
     for port in driver.ports() {
         let layout = port.layout();
         for channel in 0..layout.channels {
-            let place = format!("port {}, channel {channel}", layout.instance);
-            let remote = driver.remote(layout.instance, channel);
+            let id = RemoteId::new(layout.instance, channel);
+            let place = id.to_string();
+            let remote = driver.remote(id);
             findings.extend(
                 remote
                     .iter()

@@ -161,16 +161,16 @@ fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), F
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
     let mut remotes = Vec::new();
-    for (port, remote) in board.remotes() {
+    for (id, remote) in board.remotes() {
         let started = &remote.started;
-        let (channel, mode) = (started.channel.index(), started.software_mode);
+        let mode = started.software_mode;
         let name = remote.descriptor.name;
-        let place = format!("port {port}, channel {channel}: {name}, mode {mode}");
+        let place = format!("{id}: {name}, mode {mode}");
         let digit = char::from_digit(mode.into(), 10).ok_or_else(|| {
             Failure::usage(format_args!("{place}: LinuxCNC takes modes 0 to 9 only"))
         })?;
-        let modes = ports.entry(port).or_insert(none);
-        if let Some(character) = modes.get_mut(usize::from(channel)) {
+        let modes = ports.entry(id.port).or_insert(none);
+        if let Some(character) = modes.get_mut(usize::from(id.channel)) {
             *character = digit;
         }
         remotes.push(place);

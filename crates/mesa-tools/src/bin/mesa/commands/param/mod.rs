@@ -7,6 +7,7 @@ mod one;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
+use mesa_hal::RemoteId;
 use mesa_hal::discovery::{DataRecord, RemoteDescriptor};
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_tools::setup::{Cabinet, RemotePlace};
@@ -134,7 +135,7 @@ fn split(text: &str) -> (Option<RemotePlace>, &str) {
     let with_place = || {
         let mut parts = text.splitn(3, '.');
         let (port, channel) = (parts.next()?, parts.next()?);
-        let place = RemotePlace::Channel(port.parse().ok()?, channel.parse().ok()?);
+        let place = RemotePlace::Channel(RemoteId::new(port.parse().ok()?, channel.parse().ok()?));
         Some((Some(place), parts.next()?))
     };
     with_place().unwrap_or((None, text))

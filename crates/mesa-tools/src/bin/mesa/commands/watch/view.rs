@@ -91,7 +91,7 @@ pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 4] {
         _ => ("?", counts),
     };
     [
-        format!("{}.{} {}", remote.port, remote.channel, remote.name),
+        format!("{}.{} {}", remote.id.port, remote.id.channel, remote.name),
         state.to_owned(),
         since,
         rest,

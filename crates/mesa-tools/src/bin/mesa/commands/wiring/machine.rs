@@ -159,10 +159,7 @@ pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
     let Some(remote) = remotes.find(|remote| remote.group == info.group) else {
         return "the board has not shown it yet".to_owned();
     };
-    let place = format!(
-        "the {} on port {}, channel {}",
-        remote.name, remote.port, remote.channel
-    );
+    let place = format!("the {} on {}", remote.name, remote.id);
     let reason = match remote.state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
         _ => None,
