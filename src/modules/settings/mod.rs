@@ -208,7 +208,7 @@ const LONGEST_STALE: u32 = 1_000;
 /// use mesa_hal::Settings;
 /// use mesa_hal::driver::PwmConfig;
 ///
-/// // Generator 6 is on an expansion connector: a spindle of 24000 rpm, direction on a pin of its own.
+/// // Generator 6, on an expansion connector: a spindle of 24000 rpm with a direction pin.
 /// let spindle = PwmConfig {
 ///     scale: Some(24_000.0),
 ///     ..PwmConfig::default()
