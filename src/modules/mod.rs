@@ -60,7 +60,7 @@ pub trait Module: Any + fmt::Debug + Send {
         let _ = cycle;
     }
 
-    /// Called after the write was sent at `now`; `arrived` is false if its arrival is unknown.
+    /// Called at `now`, after the write; `arrived` is false if the write failed or was omitted.
     fn written(&mut self, now: Instant, arrived: bool) {
         let _ = (now, arrived);
     }

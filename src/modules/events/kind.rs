@@ -95,7 +95,7 @@ pub enum EventKind {
     },
     /// A read found no HostMot2 board; the first of a row of failed reads.
     NotThere {
-        /// What stands where its cookie is to be.
+        /// Content of the cookie's address.
         found: u32,
     },
     /// A row is over: 10 s have passed without a further event, the remote went offline, or the

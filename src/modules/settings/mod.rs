@@ -280,7 +280,7 @@ pub enum Pace {
     ///
     /// The board's clock samples the inputs, independent of the host's scheduler, and the cycle is
     /// cheaper with one timer less on the host. Needs a bus with this function (Ethernet), and a
-    /// firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] must not be used in
+    /// firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] does not wait in
     /// such a cycle.
     ///
     /// A host that is late misses the beginning of a period, and gets the next one:
