@@ -9,7 +9,7 @@ use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Board<B> {
     /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
-    /// After [`discover`](Self::discover).
+    /// Call after [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
@@ -21,12 +21,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         RemoteTable::attach(self.pins(), remote, (port, channel))
     }
 
-    /// The handles of a whole card, whose first channel is `channel` (0 to 7) of `port`: of its
-    /// remotes, and of its encoders. After [`discover`](Self::discover).
+    /// The handles of a whole card, with `channel` (0 to 7) of `port` as its first channel: those
+    /// of its remotes and of its encoders. Call after [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its
-    /// parts is not there ([`attach`](Self::attach)).
+    /// parts does not exist ([`attach`](Self::attach)).
     pub fn attach_card<T: CardHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
         let stage = self.stages.get(usize::from(port));
         let remote = |channel| {
@@ -40,8 +40,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// The handles of the board's own functions.
     ///
     /// # Errors
-    /// [`AttachError`]: it is another board, its firmware lacks a module, or not all instances are
-    /// in use.
+    /// [`AttachError`]: the board is of another kind, its firmware lacks a module, or not all
+    /// instances are in use.
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
@@ -79,7 +79,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
-    /// The remote on `channel` (0 to 7) of `port` as it is now; `None` if none takes part there.
+    /// The current state of the remote on `channel` (0 to 7) of `port`; `None` if no remote takes
+    /// part there.
     pub fn remote(&self, port: u8, channel: u8) -> Option<RemoteStatus<'_>> {
         let port = self.cycle.parts.ports.get(usize::from(port))?;
         port.remote(Channel::new(channel)?)

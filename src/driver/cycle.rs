@@ -393,7 +393,7 @@ impl Cycle {
     /// Continues when all pins are inputs, if they had to be.
     pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
         if has_run && !self.is_running() {
-            // Nothing of what was put is written.
+            // The words that were put are not written.
             self.written(now, false);
             // Before the next write, which checks if the application has cleared the flag.
             self.publish();

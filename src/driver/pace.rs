@@ -91,7 +91,7 @@ impl Pacer {
         Answer { extra, at, result }
     }
 
-    /// Where the board paces but does not wait, waits until the previous cycle has taken `least`:
+    /// Waits until the previous cycle has taken `least`, where the board paces but does not wait:
     /// the application's loop would spin otherwise.
     fn rest<B: RegisterBus + Clock>(&self, bus: &mut B, least: Duration) {
         let (Pace::Board, Some(before)) = (self.pace, self.begun) else {

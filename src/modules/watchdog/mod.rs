@@ -121,7 +121,8 @@ impl Watchdog {
         self.sent_from = Some(now);
     }
 
-    /// The time that the cycle asked for last, as set by the parameter.
+    /// The time without a write after which the watchdog bites, as set by the parameter at the last
+    /// write.
     pub fn timeout(&self) -> Duration {
         Duration::from_nanos(self.timeout_ns.into())
     }
@@ -138,7 +139,7 @@ impl Watchdog {
         is_set_up
     }
 
-    /// Returns what the evidence of a read shows has happened to the board; `None` if the set-up
+    /// Evaluates the evidence of a read: returns the fault that it shows, or `None` if the set-up
     /// stands. `closely`: the read includes the extra registers; `is_certain`: all previous writes
     /// have arrived.
     pub(crate) fn examine(
