@@ -13,7 +13,7 @@ pub(super) struct Beats {
     period: Duration,
     /// Arrival of the last inputs.
     arrived: Option<Instant>,
-    /// The last interval was shorter than a period.
+    /// The last interval was clearly shorter than a period.
     was_short: bool,
     /// Mean of the last phase errors, early or late, in microseconds.
     mean_error_us: Option<f64>,

@@ -169,7 +169,8 @@ impl Cycle {
     /// included the extra registers.
     ///
     /// # Errors
-    /// No `HostMot2` answered, but this word; and the number of consecutive failed reads.
+    /// The word in place of the cookie, if no `HostMot2` answered, and the number of consecutive
+    /// failed reads.
     pub fn read(
         &mut self,
         now: Instant,
