@@ -37,8 +37,8 @@ pub(super) struct Connection {
     /// The level at which the connection counts as failed: everything is safe, and `io_error` set.
     packet_error_limit: Param<i32>,
     /// Deadline for a reply: up to 99 in per cent of the period, otherwise in nanoseconds; 0 or
-    /// less is 80 %. Until it is changed, the bus keeps its own deadline. Manual page hm2_eth(9),
-    /// `packet-read-timeout`.
+    /// less is 80 %. Until it is changed, the bus keeps its own deadline.
+    /// Manual page hm2_eth(9), `packet-read-timeout`.
     packet_read_timeout: Param<i32>,
     /// LinuxCNC's `packet-error-level`; set to 0 when the board has its set-up again.
     pub level: i32,

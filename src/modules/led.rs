@@ -2,8 +2,8 @@
 //!
 //! As delivered, Ethernet boards count packets on these LEDs, and the pins have no visible effect:
 //! give the LEDs to the FPGA first, with
-//! [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode). Manual: 7I97,
-//! "BOARD STATUS LEDS".
+//! [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode).
+//! Manual: 7I97, "BOARD STATUS LEDS".
 
 use alloc::format;
 use alloc::vec::Vec;

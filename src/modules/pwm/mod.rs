@@ -26,7 +26,7 @@ pub struct PwmPins {
     pub value: Output<f64>,
     /// While false, the output is zero (half scale in offset mode) whatever `value` is, and the
     /// generator's enable output is off, if it has one: the hardware's own enable does not affect
-    /// the PWM. FACTS 12.3.
+    /// the PWM (FACTS 12.3).
     pub enable: Output<bool>,
     /// 0 is half scale on the wire: for analog outputs of both signs. Initially true for the
     /// generators that drive analog outputs on the board, and false for all others.
@@ -63,8 +63,8 @@ pub struct Pwm {
     rate: PwmRate,
     master_rate: Setting,
     pdm_rate: Setting,
-    /// Bit n is generator n; 1 drives the enable pin low. The bits do not affect the PWM. FACTS
-    /// 12.3.
+    /// Bit n is generator n; 1 drives the enable pin low. The bits do not affect the PWM
+    /// (FACTS 12.3).
     enables: WriteSlot,
 }
 
