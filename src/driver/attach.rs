@@ -9,8 +9,8 @@ use crate::modules::serial::RemoteStatus;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// The handles of a remote, which has to be of their kind.
-    /// After [`discover`](Self::discover).
+    /// The handles of a remote, which has to be of their kind. Call after
+    /// [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
@@ -23,12 +23,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         RemoteTable::attach(self.pins(), found, remote)
     }
 
-    /// The handles of a whole card, of its remotes and of its encoders. `first` is the card's first
-    /// channel. After [`discover`](Self::discover).
+    /// The handles of a whole card with `first` as its first channel: those of its remotes and of its
+    /// encoders. Call after [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its
-    /// parts is not there ([`attach`](Self::attach)).
+    /// parts does not exist ([`attach`](Self::attach)).
     pub fn attach_card<T: CardHandles>(
         &self,
         first: impl Into<RemoteId>,
@@ -46,8 +46,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// The handles of the board's own functions.
     ///
     /// # Errors
-    /// [`AttachError`]: it is another board, its firmware lacks a module, or not all instances are
-    /// in use.
+    /// [`AttachError`]: the board is of another kind, its firmware lacks a module, or not all
+    /// instances are in use.
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
@@ -90,7 +90,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
-    /// The present status of a remote; `None` if none takes part there.
+    /// The current state of a remote; `None` if no remote takes part at this address.
     pub fn remote(&self, remote: impl Into<RemoteId>) -> Option<RemoteStatus<'_>> {
         let RemoteId { port, channel } = remote.into();
         let port = self.cycle.parts.ports.get(usize::from(port))?;

@@ -1,4 +1,4 @@
-//! Whether cycle and board run together, by when inputs arrive.
+//! Detection, from the arrival of inputs, that cycle and board run together.
 
 use core::time::Duration;
 
@@ -6,34 +6,34 @@ use super::Pace;
 use crate::bus::Instant;
 use crate::fraction::Fraction;
 
-/// When inputs have arrived.
+/// Arrival of inputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beats {
     pace: Pace,
     period: Duration,
-    /// When the last inputs arrived.
+    /// Arrival of the last inputs.
     arrived: Option<Instant>,
-    /// They came sooner after those before than periods do.
+    /// The last interval was clearly shorter than a period.
     was_short: bool,
-    /// The mean of the last phase errors, early or late, in microseconds.
+    /// Mean of the last phase errors, early or late, in microseconds.
     mean_error_us: Option<f64>,
-    /// Reads in a row in which cycle and board ran together.
+    /// Consecutive reads in which cycle and board ran together.
     locked_reads: u32,
 }
 
-/// Reads in a row that have to be in step: more than those in which the phase is set.
+/// Number of consecutive reads that have to be in step: more than those in which the phase is set.
 const LOCKED: u32 = 120;
 
 /// Weight of one read in the mean of phase errors.
 const WEIGHT: f64 = 1.0 / 16.0;
 
-/// How far the mean may be off, as a part of the period.
+/// Tolerance of the mean, as a part of the period.
 const TOLERANCE: f64 = 1.0 / 20.0;
 
-/// What the arrival of inputs says of the board's clock.
+/// State of the board's clock, from the arrival of inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Beat {
-    /// Periods that went by without inputs.
+    /// Periods that passed without inputs.
     pub missed: u64,
     /// The clock has not begun this cycle.
     pub is_unpaced: bool,
@@ -48,7 +48,7 @@ impl Beats {
         }
     }
 
-    /// Whether cycle and board run together, after a read that found the loop's phase at
+    /// True if cycle and board run together, after a read that found the loop's phase at
     /// `phase_error_us`. See [`CycleReport::locked`](super::CycleReport).
     pub fn lock(&mut self, beat: Beat, slack: Option<Duration>, phase_error_us: f64) -> bool {
         let is_in_step = match self.pace {
@@ -66,12 +66,12 @@ impl Beats {
         self.locked_reads >= LOCKED
     }
 
-    /// The board is not running.
+    /// Resets the lock, because the board is not running.
     pub fn unlock(&mut self) {
         (self.mean_error_us, self.locked_reads) = (None, 0);
     }
 
-    /// Inputs have arrived, which the board held back for `slack`.
+    /// Evaluates the arrival of inputs, which the board held back for `slack`.
     pub fn arrived(&mut self, now: Instant, slack: Option<Duration>) -> Beat {
         let before = self.arrived.replace(now);
         let (Pace::Board, Some(before)) = (self.pace, before) else {
@@ -81,10 +81,10 @@ impl Beats {
         let period = self.period.as_nanos();
         let rounded = since.as_nanos().saturating_add(period / 2);
         let passed = rounded.checked_div(period).unwrap_or(0);
-        // One interval is short when the inputs before were delayed on the way, but not two.
+        // Inputs that were delayed on the way make the next interval short, but not two in a row.
         let is_short = since < self.period.fraction(3, 4);
         let was_short = core::mem::replace(&mut self.was_short, is_short);
-        // It waited for longer than a period lasts.
+        // The board waited for longer than a period.
         let stands_still = slack.is_some_and(|slack| slack > self.period.fraction(9, 8));
         Beat {
             missed: u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX),

@@ -1,4 +1,4 @@
-//! From a bus to a driver: finding out what is there, setting it up, planning the cycle.
+//! From a bus to a driver: identification, set-up, planning of the cycle.
 
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
@@ -31,7 +31,7 @@ use crate::modules::{Module, RegisterError, Registrar, undriven};
 
 /// A board that is being configured: its firmware is known, and nothing is driven yet.
 ///
-/// Dropping it leaves the board driving nothing.
+/// Dropping it makes the board drive nothing.
 #[derive(Debug)]
 pub struct Board<B: RegisterBus + Clock> {
     pub(super) bus: Held<B>,
@@ -43,7 +43,7 @@ pub struct Board<B: RegisterBus + Clock> {
     is_discovered: bool,
 }
 
-/// Everything that a driver is planned from, but the bus.
+/// The plan of a driver, without the bus.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub firmware: HostMot2,
@@ -61,17 +61,17 @@ pub(super) struct Plan {
     pub remarks: Vec<Remark>,
     /// The kinds of modules that the application drives.
     claimed: Vec<Gtag>,
-    /// Where what happens is told.
+    /// Sink of the driver's events.
     pub events: Sink,
-    /// Kinds of remotes: those that were added, then those that are built in.
+    /// Kinds of remotes: the application's own, then the built-in ones.
     pub tables: Vec<&'static RemoteTable>,
 }
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// Finds out what firmware the board has, and registers the modules that this crate knows.
+    /// Identifies the firmware of the board, and registers the modules that this crate supports.
     ///
     /// # Errors
-    /// [`DriverError`]: the bus, the firmware, or settings that do not fit it.
+    /// [`DriverError`]: the bus, the firmware, or settings that do not fit the firmware.
     ///
     /// # Real time
     /// Not for the cycle. Bounded.
@@ -121,11 +121,11 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.add(Leds::register)
     }
 
-    /// Adds a part of the board: none, one or several instances of a module that `register` makes.
+    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
     ///
     /// # Errors
-    /// [`DriverError::Register`]: why it can not be used. [`DriverError::AddedLate`] after
-    /// [`discover`](Self::discover).
+    /// [`DriverError::Register`]: the module cannot be used, with the reason.
+    /// [`DriverError::AddedLate`] after [`discover`](Self::discover).
     pub fn add<M, I>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
@@ -150,12 +150,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(())
     }
 
-    /// What the board's firmware says of itself.
+    /// The description of the board's firmware.
     pub fn firmware(&self) -> &HostMot2 {
         &self.plan.firmware
     }
 
-    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
     pub fn name(&self) -> &str {
         &self.plan.name
     }
@@ -167,8 +167,8 @@ impl<B: RegisterBus + Clock> Board<B> {
 
     /// Sets the board up, starts the remotes and plans the cycle.
     ///
-    /// The remotes run then, with all outputs off, until the first write. If this fails, everything
-    /// that was started is stopped again.
+    /// The remotes then run, with all outputs off, until the first write. If the start fails,
+    /// everything that was started is stopped again.
     ///
     /// # Errors
     /// [`DriverError`].
@@ -188,9 +188,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
         }
-        // What is evidence has been added since the modules registered.
+        // The ports have added evidence since the modules registered.
         self.plan.image.check().map_err(RegisterError::from)?;
-        // The board's timer comes once in a period: a longer wait means that it stands still.
+        // The board's timer fires once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.plan.settings;
         let held = (pace == Pace::Board).then(|| period.fraction(5, 4));
         let frozen = self.plan.image.freeze(bus, held);
@@ -199,11 +199,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(frozen)
     }
 
-    /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
-    /// setup mode until the [start](Self::start): here their parameters are
+    /// Sets the board up, with everything off, and discovers its remotes. They stay in setup mode
+    /// until the [start](Self::start): in this stage their parameters are
     /// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter).
     ///
-    /// The first call does so; [`start`](Self::start) does, if nobody has.
+    /// Only the first call has an effect; [`start`](Self::start) calls it if the application has
+    /// not.
     ///
     /// # Errors
     /// [`DriverError`]. Everything that was started is stopped again.
@@ -218,7 +219,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     }
 
     fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
-        // I/O pins come last, when everybody has taken theirs.
+        // I/O pins come last, after all modules have taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
         self.is_discovered = true;
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
@@ -236,8 +237,8 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(())
     }
 
-    /// Writes the set-up, until the board has all of it. A reset in the middle leaves the end of it
-    /// without its beginning: pins that are driven, by modules that are not set up.
+    /// Writes the set-up, until the board has all of it. A reset in the middle of the set-up leaves
+    /// its end without its beginning: driven pins of modules that are not set up.
     fn set_up(&mut self) -> Result<(), DriverError<B::Error>> {
         for _ in 0..TRIES {
             self.plan
@@ -251,26 +252,26 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.expect_set_up("it was set up")
     }
 
-    /// Fails if the board has lost its set-up since it was written. Then it drives nothing.
+    /// Fails if the board has lost its set-up since it was written, and makes it drive nothing.
     fn expect_set_up(&mut self, during: &'static str) -> Result<(), DriverError<B::Error>> {
         if self.is_set_up().map_err(DriverError::Bus)? {
             return Ok(());
         }
-        // What fails here leaves the rest to the watchdog.
+        // If this fails, the watchdog does the rest.
         let _ = self.bus.release();
         Err(DriverError::Unsteady { during })
     }
 
-    /// Whether the board has not been reset since its set-up began. What is read in the middle of a
-    /// reset is no evidence, so the board has to describe itself as before first.
+    /// True if the board has not been reset since its set-up began. A read in the middle of a reset
+    /// is no evidence, so the board's description has to be unchanged as well.
     fn is_set_up(&mut self) -> Result<bool, B::Error> {
         let bus = &mut *self.bus;
         Ok(self.description.is_still(bus, Effort::Repeated)?
             && self.parts.watchdog.registers.are_at_first(bus)?)
     }
 
-    /// What a start that failed returns. What a port or a remote did after a reset is not its own
-    /// failure.
+    /// Stops everything after a failed start, and returns its error. A failure of a port or a
+    /// remote after a reset is reported as the reset.
     fn stopped(&mut self, error: DriverError<B::Error>) -> DriverError<B::Error> {
         let is_of_port = matches!(error, DriverError::Port(_) | DriverError::Missing(_));
         if is_of_port && let Err(reset @ DriverError::Unsteady { .. }) = self.expect_set_up(STARTED)
@@ -278,7 +279,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             return reset;
         }
         for stage in &mut self.stages {
-            // The error counts; whatever can still be stopped is stopped.
+            // Further errors are ignored; everything that can still be stopped is stopped.
             let _ = stage.port.on(&mut *self.bus).stop_all();
         }
         error
@@ -319,17 +320,17 @@ impl<B: RegisterBus + Clock> Board<B> {
     }
 }
 
-/// What is done after the set-up.
+/// The step after the set-up, for error texts.
 const STARTED: &str = "its remotes were started";
 
-/// How often a board is identified, or set up, that is reset meanwhile.
+/// Attempts to identify a board, or to set it up, when it is reset meanwhile.
 const TRIES: u32 = 3;
 
-/// A firmware, and the words that it is known by.
+/// A firmware, and the words that identify it.
 type Identified<B> = (HostMot2, Known<<B as RegisterBus>::List>);
 
-/// What firmware the board has, read twice with the same result: what is read around a reset is no
-/// firmware.
+/// Identifies the firmware of the board, read twice with the same result: words read around a reset
+/// do not identify a firmware.
 fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverError<B::Error>> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
@@ -343,7 +344,7 @@ fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverE
     Err(DriverError::Unsteady { during })
 }
 
-/// Refuses times that do not fit each other, and completes what follows the period.
+/// Refuses times that do not fit each other, and completes those that depend on the period.
 fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
     let period = settings.period;
     if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
@@ -383,7 +384,7 @@ impl Plan {
         }
     }
 
-    /// Lets something register, with pins of this group.
+    /// Calls `register` with a registrar for pins of this group.
     pub fn register<B: RegisterBus, T>(
         &mut self,
         bus: &mut B,

@@ -1,4 +1,4 @@
-//! The connection to the board: is it there, and how many exchanges fail.
+//! The connection to the board: presence of the board, and failed exchanges.
 
 use core::time::Duration;
 
@@ -9,44 +9,44 @@ use crate::hal::{GroupId, InOut, Input, Param, PinStore, Pins};
 use crate::hostmot2::{COOKIE, COOKIE_ADDRESS};
 use crate::modules::{RegisterError, Registrar};
 
-/// Less is never waited for a reply, whatever the application sets: as in LinuxCNC.
+/// Lower limit of the deadline for a reply, for any setting of the application: as in LinuxCNC.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 
-/// The connection by Ethernet: LinuxCNC's pins and parameters, and what is behind them.
+/// The connection by Ethernet: LinuxCNC's pins and parameters, and their state.
 #[derive(Debug)]
 pub(super) struct Connection {
     cookie: ReadSlot,
-    /// The group of the driver's own pins, which are valid whatever fails.
+    /// The group of the driver's own pins, which stay valid after any failure.
     group: GroupId,
     lost_writes: Input<u32>,
-    /// The connection failed for good; set it to false to try again.
+    /// The connection failed for good; set to false to try again.
     io_error: Param<bool>,
     /// This cycle had an error.
     packet_error: Input<bool>,
-    /// Reads and writes that failed, counted on from whatever it is set to.
+    /// Number of failed reads and writes, counted on from any value that the application sets.
     packet_error_total: InOut<u32>,
-    /// Rises by the increment for a read or write that failed, and falls by the decrement for a
-    /// read that did not, within 0 and the limit. Manual page hm2_eth(9).
+    /// Rises by the increment for a failed read or write, and falls by the decrement for a
+    /// successful read, within 0 and the limit. Manual page hm2_eth(9).
     packet_error_level: Input<i32>,
     /// The level is at the limit.
     packet_error_exceeded: Input<bool>,
-    /// By how much the level falls. LinuxCNC 2.9 made it read-only, against its manual page.
+    /// Decrement of the level. LinuxCNC 2.9 made it read-only, against its manual page.
     packet_error_decrement: Param<i32>,
-    /// By how much the level rises.
+    /// Increment of the level.
     packet_error_increment: Param<i32>,
     /// The level at which the connection counts as failed: everything is safe, and `io_error` set.
     packet_error_limit: Param<i32>,
-    /// How long a reply is waited for: up to 99 in per cent of the period, otherwise in
-    /// nanoseconds; 0 or less is 80 %. Until it is changed, the bus keeps its own deadline.
+    /// Deadline for a reply: up to 99 in per cent of the period, otherwise in nanoseconds; 0 or
+    /// less is 80 %. Until it is changed, the bus keeps its own deadline.
     /// Manual page hm2_eth(9), `packet-read-timeout`.
     packet_read_timeout: Param<i32>,
-    /// LinuxCNC's `packet-error-level`; 0 when the board has its set-up again.
+    /// LinuxCNC's `packet-error-level`; set to 0 when the board has its set-up again.
     pub level: i32,
-    /// LinuxCNC's `packet-read-timeout`, as it was last.
+    /// The last value of LinuxCNC's `packet-read-timeout`.
     read_timeout: i32,
 }
 
-/// What a failure adds to the level.
+/// Increment of the level for a failure.
 const INCREMENT: i32 = 2;
 const READ_TIMEOUT: i32 = 80;
 
@@ -74,7 +74,8 @@ impl Connection {
         })
     }
 
-    /// Whether the registers are those of a HostMot2; if not, what they are.
+    /// Checks that the registers are those of a HostMot2; the error is the word in place of its
+    /// cookie.
     pub fn check(&self, words: &Words) -> Result<(), u32> {
         match words.word(self.cookie) {
             COOKIE => Ok(()),
@@ -82,7 +83,7 @@ impl Connection {
         }
     }
 
-    /// How long a reply may take, when the application has changed that.
+    /// The deadline of a reply, if the application has changed it.
     pub fn new_deadline(&mut self, pins: &Pins, period: Duration) -> Option<Duration> {
         let timeout = pins.param(self.packet_read_timeout);
         if core::mem::replace(&mut self.read_timeout, timeout) == timeout {
@@ -97,7 +98,7 @@ impl Connection {
     }
 
     /// Counts an exchange; `true` when the error level has reached its limit. Each failure adds the
-    /// increment, each success takes the decrement off, and the level stays within 0 and the limit:
+    /// increment, each success subtracts the decrement, and the level stays within 0 and the limit:
     /// manual page hm2_eth(9).
     pub fn count_exchange(&mut self, pins: &mut PinStore, failed: bool) -> bool {
         if !failed && self.level == 0 && !pins.read(self.packet_error).value {
@@ -112,7 +113,7 @@ impl Connection {
             self.level.saturating_sub(less).clamp(0, limit)
         };
         if failed {
-            // From what the application may have set it to.
+            // Counted on from a value that the application may have set.
             let total = pins.read(self.packet_error_total).value;
             pins.publish(self.packet_error_total, total.saturating_add(1));
         }
@@ -123,13 +124,13 @@ impl Connection {
         failed && exceeded
     }
 
-    /// Whether the application has cleared the error.
+    /// True if the application has cleared the error.
     pub fn is_cleared(&self, pins: &Pins) -> bool {
         !pins.param(self.io_error)
     }
 
-    /// Shows the state of the board. Once, so that the error stays cleared when the application
-    /// clears it to go on.
+    /// Publishes the state of the board. Only once, so that the error stays cleared after the
+    /// application has cleared it to continue.
     pub fn show(&self, pins: &mut PinStore, state: BoardState) {
         let is_error = !matches!(state, BoardState::Running | BoardState::WatchdogBitten);
         pins.publish(self.io_error, is_error);

@@ -1,6 +1,7 @@
-//! The cycle, without a bus: what a read has brought means, and what is to be written.
+//! The cycle, without a bus: evaluates reads, and decides what to write.
 //!
-//! [`Driver`](super::Driver) exchanges what an [`Order`] asks for, and gives back what came of it.
+//! [`Driver`](super::Driver) does the exchanges that an [`Order`] asks for, and returns their
+//! outcome.
 
 use core::time::Duration;
 
@@ -14,7 +15,7 @@ use crate::modules::events::Sink;
 use crate::modules::{Module, ReadCycle, WriteCycle};
 use crate::tally::Tally;
 
-/// Everything that takes part in the cycle, and what is known of the board.
+/// All parts of the cycle, and the state of the board.
 ///
 /// # Real time
 /// No function allocates, and each takes a bounded time.
@@ -22,59 +23,59 @@ use crate::tally::Tally;
 pub(super) struct Cycle {
     pub words: Words,
     pub pins: PinStore,
-    /// Of the board's own pins.
+    /// The group of the board's own pins.
     pub group: GroupId,
     pub parts: Parts,
     pub statistics: DriverStatistics,
     pub events: Sink,
     connection: Connection,
     beats: Beats,
-    /// How late the last read was for the phase-locked loop.
+    /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
     state: BoardState,
-    /// The state that the pins show.
+    /// The state that was published last.
     shown: Option<BoardState>,
     rows: Rows,
-    /// Reads, and writes, in a row that failed.
+    /// Consecutive failed reads and writes.
     read_failures: u32,
     write_failures: u32,
-    /// Writes since the last read; the last one belongs to it.
+    /// Writes since the last read, including the one that belongs to it.
     writes_since_read: u32,
-    /// The next read holds all evidence: something happened since the last one that did which may
-    /// have blurred what every cycle reads.
+    /// The next read includes the extra evidence registers, because an event since the last full
+    /// check may have masked a reset.
     look_closely: bool,
-    /// Somebody asked for more than usual with the last write.
+    /// A module asked for the extra registers with the last write.
     wants_extra: bool,
-    /// Remotes get safe values for the last time: nothing is restarted instead.
+    /// Remotes get safe values for the last time, and no restart takes the place of that transfer.
     pub is_last: bool,
 }
 
-/// What is exchanged next in a write.
+/// The next exchange of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "the board waits for it"]
 pub(super) enum Order {
-    /// The whole set-up, if it is still the same firmware. Then [`Cycle::put`].
+    /// The whole set-up, if the same firmware still answers. Then [`Cycle::put`].
     SetUp,
-    /// Settings that drive pins, between two looks at the evidence. Then [`Cycle::guarded`].
+    /// Settings that drive pins, between two checks of the evidence. Then [`Cycle::guarded`].
     Guarded,
     /// All pins become inputs. Then [`Cycle::quiesced`].
     Quiesce {
         /// The board ran when the write began.
         has_run: bool,
     },
-    /// What every cycle writes. Then [`Cycle::sent`] or [`Cycle::write_failed`].
+    /// The writes of every cycle. Then [`Cycle::sent`] or [`Cycle::write_failed`].
     Cycle {
-        /// The next read holds more than usual.
+        /// The next read includes the extra registers.
         extra: bool,
         /// No settings are written, because the board is not set up.
         quiet: bool,
     },
-    /// Nothing any more.
+    /// No further exchange.
     Nothing,
 }
 
 impl Cycle {
-    /// A board that was set up just now, with all outputs off.
+    /// A board that has just been set up, with all outputs off.
     pub fn new(
         (words, pins, group): (Words, PinStore, GroupId),
         parts: Parts,
@@ -113,37 +114,38 @@ impl Cycle {
         self.state == BoardState::Running
     }
 
-    /// Writes in a row that failed.
+    /// Consecutive failed writes.
     pub fn write_failures(&self) -> u32 {
         self.write_failures
     }
 
-    /// Something has happened that may have blurred what every cycle reads.
+    /// Requests the extra evidence registers, after an event that may have masked a reset.
     pub fn look_closely(&mut self) {
         self.look_closely = true;
     }
 
-    /// Whether the last read has seen the last write arrive, and all evidence.
+    /// True if the last read has confirmed the last write, and all evidence.
     pub fn is_sure(&self) -> bool {
         !self.look_closely
     }
 
-    /// Whether the next read must hold more than usual.
+    /// True if the next read must include the extra registers.
     pub fn wants_closer_look(&self) -> bool {
         self.look_closely || self.wants_extra
     }
 
-    /// How long a reply may take, when the application has changed that.
+    /// The deadline of a reply, if the application has changed it.
     pub fn new_deadline(&mut self, period: Duration) -> Option<Duration> {
         self.connection.new_deadline(&self.pins, period)
     }
 
-    /// Whether the registers that were read are those of a `HostMot2`; if not, what they are.
+    /// Checks that the registers were read from a `HostMot2`; the error is the word in place of its
+    /// cookie.
     pub fn check(&self) -> Result<(), u32> {
         self.connection.check(&self.words)
     }
 
-    /// Everything ends at `now`.
+    /// Ends all rows and the events at `now`.
     pub fn end(&mut self, now: Instant) {
         self.rows.end(&self.events, now);
         for port in &mut self.parts.ports {
@@ -155,7 +157,7 @@ impl Cycle {
 
 /// A read.
 impl Cycle {
-    /// A read begins; whether it has to hold more than usual.
+    /// Begins a read; returns true if it has to include the extra registers.
     pub fn begin_read(&mut self) -> bool {
         self.statistics.reads.tally(1);
         self.writes_since_read = 0;
@@ -163,11 +165,12 @@ impl Cycle {
         self.wants_closer_look()
     }
 
-    /// Takes what a read brought at `at`, in a cycle that begins at `now`. `closely`: it held more than
-    /// usual.
+    /// Evaluates a read that arrived at `at`, in a cycle that begins at `now`. `closely`: it
+    /// included the extra registers.
     ///
     /// # Errors
-    /// No `HostMot2` answers, but this word; and how many reads in a row have failed.
+    /// The word in place of the cookie, if no `HostMot2` answered, and the number of consecutive
+    /// failed reads.
     pub fn read(
         &mut self,
         now: Instant,
@@ -184,7 +187,7 @@ impl Cycle {
         Ok(self.take(now, at, closely))
     }
 
-    /// A read failed as a whole; how many in a row.
+    /// Handles a read that failed as a whole; returns the number of consecutive ones.
     pub fn read_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
         self.pins.begin_cycle(now);
         self.count_failed_read(now, EventKind::ReadFailed { why })
@@ -203,7 +206,7 @@ impl Cycle {
         self.read_failures
     }
 
-    /// Everybody takes its inputs from an image that is sound.
+    /// Lets every module take its inputs from the valid image read at `at`.
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
         let reply = self.words.take_news();
         let certain = reply.certain;
@@ -223,7 +226,7 @@ impl Cycle {
         let watchdog = &mut self.parts.watchdog;
         let finding = watchdog.examine(&self.words, closely, at, certain);
         self.found(now, finding);
-        // What was read with bad evidence is not from the board that was set up.
+        // With bad evidence, the inputs are not those of a board that is set up.
         if was_running && !self.is_running() {
             self.not_read();
         } else {
@@ -241,7 +244,7 @@ impl Cycle {
         report
     }
 
-    /// Counts and tells what a read says of the bus.
+    /// Counts and reports the bus errors of a read.
     fn count(&mut self, at: Instant, reply: &Reply, report: &CycleReport) {
         self.statistics.lost_writes.tally(report.lost_writes);
         self.statistics.missed_periods.tally(report.missed_periods);
@@ -264,7 +267,7 @@ impl Cycle {
         self.rows.look(events, at);
     }
 
-    /// The serial ports first: they may find that the board was reset.
+    /// Lets the serial ports read first, because they may find that the board was reset.
     fn take_parts(&mut self, now: Instant, at: Instant, certain: bool, report: &mut CycleReport) {
         let is_running = self.is_running();
         let mut cycle = ReadCycle {
@@ -297,7 +300,7 @@ impl Cycle {
 
 /// A write.
 impl Cycle {
-    /// A write begins.
+    /// Begins a write.
     pub fn write(&mut self, now: Instant) -> Order {
         self.statistics.writes.tally(1);
         self.count_write(now);
@@ -308,7 +311,7 @@ impl Cycle {
         }
     }
 
-    /// Nobody reads what he acts on: as good as a read that failed, but for its cause.
+    /// Handles a write without a preceding read: inputs age as after a failed read.
     fn count_write(&mut self, now: Instant) {
         let missed = self.writes_since_read;
         self.writes_since_read = missed.saturating_add(1);
@@ -324,8 +327,8 @@ impl Cycle {
         }
     }
 
-    /// Whether the application has cleared the flag of what made everything safe, and with that
-    /// asks for the set-up to be written again.
+    /// True if the application has cleared the flag of the fault that made everything safe, and
+    /// thereby asks for the set-up to be written again.
     fn wants_restore(&self) -> bool {
         match self.state {
             BoardState::Running => false,
@@ -336,10 +339,10 @@ impl Cycle {
         }
     }
 
-    /// Everybody puts its outputs into the image.
+    /// Lets every module put its outputs into the image.
     pub fn put(&mut self, now: Instant) -> Order {
         if self.state == BoardState::OtherFirmware {
-            // What its registers do is not known.
+            // The meaning of its registers is unknown.
             self.written(now, false);
             return Order::Nothing;
         }
@@ -348,7 +351,7 @@ impl Cycle {
             words: &mut self.words,
             pins: &mut self.pins,
             now,
-            // A board that is not set up gets nothing of its set-up before it gets all of it.
+            // A board that is not set up gets its set-up as a whole, and no part of it before.
             hold: !is_running || self.is_last,
             changed: true,
             is_running,
@@ -372,14 +375,14 @@ impl Cycle {
         self.keep_quiet(now, is_running)
     }
 
-    /// Settings that drive pins were written, or not, because the board is not set up any more. What
-    /// did not arrive is tried again with the next write.
+    /// Continues after settings that drive pins were written, or were not, because the board is not
+    /// set up any more. Settings that did not arrive are written again with the next write.
     pub fn guarded(&mut self, now: Instant) -> Order {
         self.keep_quiet(now, true)
     }
 
-    /// All pins become inputs in each cycle in which the board is known not to be set up: whatever comes
-    /// late drives them for no longer.
+    /// Orders that all pins become inputs in each cycle in which the board is known not to be set
+    /// up, so that late packets drive them for a cycle at most.
     fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Order {
         if matches!(self.state, BoardState::WatchdogBitten | BoardState::Reset) {
             Order::Quiesce { has_run }
@@ -388,12 +391,12 @@ impl Cycle {
         }
     }
 
-    /// All pins are inputs, where they had to be.
+    /// Continues when all pins are inputs, if they had to be.
     pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
         if has_run && !self.is_running() {
-            // Nothing of what was put is written.
+            // The words that were put are not written.
             self.written(now, false);
-            // Before the next write, which looks whether the application has cleared it.
+            // Before the next write, which checks if the application has cleared the flag.
             self.publish();
             return Order::Nothing;
         }
@@ -403,7 +406,7 @@ impl Cycle {
         }
     }
 
-    /// The write of the cycle begins.
+    /// Notes the begin of the cycle's write.
     pub fn sending(&mut self, now: Instant) {
         self.parts.watchdog.sending(now);
         for port in &mut self.parts.ports {
@@ -411,13 +414,13 @@ impl Cycle {
         }
     }
 
-    /// The write of the cycle was sent.
+    /// Handles the cycle's write that was sent.
     pub fn sent(&mut self, now: Instant) {
         self.written(now, true);
         self.write_failures = 0;
     }
 
-    /// The write of the cycle failed as a whole; how many in a row.
+    /// Handles a cycle's write that failed as a whole; returns the number of consecutive ones.
     pub fn write_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
         self.written(now, false);
         self.statistics.write_errors.tally(1);
@@ -427,7 +430,7 @@ impl Cycle {
         self.write_failures = self.write_failures.saturating_add(1);
         if self.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
-            // Before the next write, which looks whether the application has cleared it.
+            // Before the next write, which checks if the application has cleared the flag.
             self.publish();
         }
         self.write_failures
@@ -439,17 +442,17 @@ impl Cycle {
         }
     }
 
-    /// Settings that drive pins are sent now, ...
+    /// Notes that settings that drive pins are about to be sent.
     pub fn sending_guarded(&mut self, now: Instant) {
         self.parts.watchdog.sending(now);
     }
 
-    /// ... were sent, ...
+    /// Notes that these settings were sent.
     pub fn sent_guarded(&mut self, now: Instant) {
         self.parts.watchdog.written(now, true);
     }
 
-    /// ... and the evidence after it is good.
+    /// Confirms these settings, after good evidence.
     pub fn confirm_guarded(&mut self) {
         if self.is_running() {
             self.words.guarded_sent();
@@ -457,20 +460,21 @@ impl Cycle {
     }
 }
 
-/// How everything becomes safe, and comes back.
+/// Safe states and recovery.
 impl Cycle {
-    /// All evidence was read alone. Everything becomes safe if the board is not set up any more.
+    /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
+    /// any more.
     pub fn looked(&mut self, now: Instant) {
         let finding = self.parts.watchdog.examine(&self.words, true, now, true);
         self.found(now, finding);
     }
 
-    /// Whether the evidence that was read is as the set-up leaves it.
+    /// True if the evidence is that of a fresh set-up.
     pub fn shows_set_up(&mut self) -> bool {
         self.parts.watchdog.is_set_up(&self.words)
     }
 
-    /// The board has its set-up back, which was begun at `now`.
+    /// Continues with a board that has its set-up back, which was begun at `now`.
     pub fn is_set_up_again(&mut self, now: Instant) {
         self.words.all_set();
         self.look_closely = true;
@@ -484,13 +488,14 @@ impl Cycle {
         self.write_failures = 0;
     }
 
-    /// Another firmware answers. The application has to clear the error before it is asked again.
+    /// Handles another firmware that answers. The application has to clear the flag before the
+    /// board is checked again.
     pub fn is_other_firmware(&mut self, now: Instant) {
         let state = BoardState::OtherFirmware;
         if core::mem::replace(&mut self.state, state) != state {
             self.events.tell(now, EventKind::OtherFirmware);
         }
-        // The flag again, also if it was shown before.
+        // Sets the flag again, even if it was published before.
         self.shown = None;
         self.publish();
     }
@@ -531,8 +536,8 @@ impl Cycle {
         }
     }
 
-    /// A board that is back without its set-up after it was not heard, or had bitten, was reset as well:
-    /// that is told beside what was first.
+    /// Notes that a board that was silent, or had bitten, and has lost its set-up, was reset as
+    /// well: the reset is reported in addition to the first fault.
     fn note_reset(&mut self, now: Instant) {
         let was_silent = matches!(self.state, BoardState::BusDown | BoardState::WatchdogBitten);
         if was_silent && self.parts.watchdog.shows_reset(&self.words) {
@@ -540,7 +545,7 @@ impl Cycle {
         }
     }
 
-    /// The board leaves the running state; everything is safe from now on.
+    /// Leaves the running state, if the board is in it; everything is safe from now on.
     fn fail(&mut self, now: Instant, state: BoardState) {
         if self.is_running() {
             self.enter(now, state);
@@ -564,7 +569,7 @@ impl Cycle {
         self.events.tell(now, kind);
     }
 
-    /// All inputs are not valid, all outputs safe until re-armed.
+    /// Makes all inputs invalid, and all outputs safe until re-armed.
     pub fn make_safe(&mut self) {
         self.pins.fault(self.group);
         for part in self.parts.each() {
@@ -583,7 +588,7 @@ impl Cycle {
     }
 }
 
-/// Whether every remote of every port is found stopped without a STOP command.
+/// True if every remote of every port was found stopped without a STOP command.
 fn appears_reset(ports: &[SerialPort]) -> bool {
     let mut appear = ports
         .iter()

@@ -1,4 +1,4 @@
-//! What goes wrong when a board is configured, and in the cycle.
+//! Errors of configuring a board, and of the cycle.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -15,7 +15,7 @@ use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::remote::ParameterError;
 use crate::sslbp::PortError;
 
-/// Why a board was not configured or started, or a parameter of a remote not read or written.
+/// Error of configuring or starting a board, or of reading or writing a parameter of a remote.
 ///
 /// If a start fails, everything that was started is stopped again.
 #[derive(Debug, thiserror::Error)]
@@ -24,21 +24,21 @@ pub enum DriverError<E: BusError> {
     /// The bus failed.
     #[error(transparent)]
     Bus(E),
-    /// The firmware is not one that this crate knows.
+    /// This crate does not support the firmware.
     #[error(transparent)]
     Identify(#[from] IdentifyError<E>),
-    /// A module can not be used.
+    /// A module cannot be used.
     #[error(transparent)]
     Register(#[from] RegisterError),
-    /// A serial port does not obey.
+    /// A serial port does not execute commands.
     #[error(transparent)]
     Port(PortError<E>),
-    /// The board was reset, or lost its power, in the middle of the start. It drives nothing.
+    /// The board was reset, or lost its power, during the start. It drives nothing.
     #[error(
         "the board was reset, or lost power, while {during}, and drives nothing: check its supply, and that no other program drives it; then start again"
     )]
     Unsteady {
-        /// What was done then.
+        /// The step of the start.
         during: &'static str,
     },
     /// A serial port was configured that the firmware does not have.
@@ -48,13 +48,13 @@ pub enum DriverError<E: BusError> {
     NoSuchPort {
         /// The port.
         port: u8,
-        /// How many there are.
+        /// Number of ports.
         ports: u8,
     },
-    /// A remote that is needed does not take part.
+    /// A required remote does not take part.
     #[error("{0}")]
     Missing(Remark),
-    /// There are no handles of a board or a remote, or no remote takes part there.
+    /// Handles do not exist for a board or a remote, or no remote takes part there.
     #[error(transparent)]
     Attach(#[from] AttachError),
     /// A parameter of a remote was not read or written.
@@ -62,21 +62,21 @@ pub enum DriverError<E: BusError> {
     Parameter {
         /// The remote.
         remote: RemoteId,
-        /// The parameter, as it was asked for.
+        /// The requested name of the parameter.
         name: Box<str>,
-        /// Why.
+        /// The reason.
         source: ParameterError<PortError<E>>,
     },
-    /// Something was added when the board was set up already.
+    /// A module was added after the board was set up.
     #[error("modules are added before `discover`, which sets the board up; add them first")]
     AddedLate,
-    /// The board was asked to pace the cycle, and can not.
+    /// The board should pace the cycle, and cannot.
     #[error("the board can not pace the cycle: {why}; let the host pace it (`Pace::Host`)")]
     NotPaced {
-        /// What is missing.
+        /// The missing function.
         why: &'static str,
     },
-    /// No cycle has this period.
+    /// The period is out of range.
     #[error(
         "a period of {} can not be kept: choose one of 1 us to 800 ms",
         Rounded(.period)
@@ -85,7 +85,7 @@ pub enum DriverError<E: BusError> {
         /// The period.
         period: Duration,
     },
-    /// The period can not feed a watchdog.
+    /// The period is too long to feed a watchdog.
     #[error(
         "{of} bites after {}, and is fed once in a period of {}; a write or transfer that is lost must \
          not let it bite, so it needs 2 x {} = {}: choose a longer time for it, or a shorter period",
@@ -95,16 +95,16 @@ pub enum DriverError<E: BusError> {
         Rounded(.needed)
     )]
     WatchdogTooShort {
-        /// Which watchdog, and what sets it.
+        /// Name of the watchdog, and of its setting.
         of: Box<str>,
-        /// Its time. Of a remote that does not say it, 50 ms.
+        /// The time of the watchdog; 50 ms for a remote without a known time.
         watchdog: Duration,
-        /// What it must be at least.
+        /// The least time that the period requires.
         needed: Duration,
         /// The period.
         period: Duration,
     },
-    /// A cycle is shorter than the transfers it must hold.
+    /// The period is shorter than the transfers in it.
     #[error(
         "port {port} needs up to {} for a transfer, and the period is {}: choose a longer period, or \
          spread the remotes over several ports",
@@ -114,36 +114,37 @@ pub enum DriverError<E: BusError> {
     PeriodTooShort {
         /// The port.
         port: u8,
-        /// What a transfer takes when all is well.
+        /// The usual duration of a transfer.
         needed: Duration,
         /// The period.
         period: Duration,
     },
-    /// The board did not confirm that its outputs are off, so that its watchdog was not given the time
-    /// that the call needs. Everything is safe until it is re-armed.
+    /// The board did not confirm that its outputs are off, so that its watchdog was not set to the
+    /// time that the call needs. Everything is safe until it is re-armed.
     #[error(
         "the board does not confirm that its outputs are off, because writes are lost; nothing else was \
          done, and everything is safe until re-armed: look at its link, then try again"
     )]
     NotConfirmed,
-    /// The board is not set up, so that its serial lines are no lines.
+    /// The board is not set up, so that its serial lines are not connected.
     #[error("{state}, and no remote can be reached: call `rearm` first")]
     NotRunning {
-        /// What it is.
+        /// The state of the board.
         state: BoardState,
     },
 }
 
-/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
+/// Number of times that a watchdog must be fed within its time: a write, or a transfer, may be
+/// lost.
 const WATCHDOG_FEEDS: u32 = 2;
 
-/// Names the watchdog of a remote, and what sets it.
+/// Returns the name of a remote's watchdog, and of its parameter.
 pub(super) fn remote_watchdog(remote: RemoteId) -> String {
     format!("{remote}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)")
 }
 
 impl<E: BusError> DriverError<E> {
-    /// Refuses a watchdog that the period can not feed.
+    /// Refuses a watchdog that is too short for the period.
     pub(super) fn check_watchdog(
         of: &str,
         watchdog: Duration,
@@ -178,39 +179,39 @@ impl<E: BusError> From<PortError<E>> for DriverError<E> {
     }
 }
 
-/// Why a cycle brought nothing.
+/// Error of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CycleError<E: BusError> {
     /// The read failed: no input was taken.
     #[error("read, failure {consecutive} in a row: {source}")]
     Read {
-        /// What the bus says.
+        /// The error of the bus.
         source: E,
-        /// How many reads in a row have failed, this one included.
+        /// Number of consecutive failed reads, including this one.
         consecutive: u32,
     },
     /// The write failed, or may have.
     #[error("write, failure {consecutive} in a row: {source}")]
     Write {
-        /// What the bus says.
+        /// The error of the bus.
         source: E,
-        /// How many writes in a row have failed, this one included.
+        /// Number of consecutive failed writes, including this one.
         consecutive: u32,
     },
-    /// What was read is not from a HostMot2 board: no input was taken.
+    /// The words that were read are not from a HostMot2 board: no input was taken.
     #[error(
         "address 0x0100 reads {found:#010X}, expected 0x55AACAFE (failure {consecutive} in a row): \
          the board has lost its firmware or its power"
     )]
     NotThere {
-        /// What is there.
+        /// The word in place of the cookie.
         found: u32,
-        /// How many reads in a row have failed, this one included.
+        /// Number of consecutive failed reads, including this one.
         consecutive: u32,
     },
-    /// Another board, or another firmware, answers than the driver was started with. It did not get
-    /// this driver's set-up.
+    /// Another board, or another firmware, answers than at the driver's start. It did not get this
+    /// driver's set-up.
     #[error(
         "another board, or another firmware, answers than this driver was started with, and gets none of its set-up: stop the driver and start it anew"
     )]
@@ -218,7 +219,8 @@ pub enum CycleError<E: BusError> {
 }
 
 impl<E: BusError> CycleError<E> {
-    /// What the bus says; of a board that is not there or another one, that it is the device's error.
+    /// The kind of the bus error; [`BusErrorKind::Device`] for a board that is absent or another
+    /// one.
     pub fn kind(&self) -> BusErrorKind {
         match self {
             Self::Read { source, .. } | Self::Write { source, .. } => source.kind(),

@@ -7,12 +7,12 @@ use super::pace::Answer;
 use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
 
-/// Between two polls of COMMAND.
+/// Pause between two polls of COMMAND.
 const POLL_PAUSE: Duration = Duration::from_micros(1);
 /// Ends the polling on a bus whose clock stands still.
 const MAX_POLLS: u32 = 100_000;
 
-/// Who answers where the board was.
+/// The device that answers at the board's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answering {
     /// The board with the firmware that was set up.
@@ -24,7 +24,7 @@ pub(super) enum Answering {
 }
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Reads the board once and takes what it brought.
+    /// Reads the board once and takes its inputs.
     ///
     /// # Errors
     /// [`CycleError::Read`] and [`CycleError::NotThere`]: no input was taken, all grow older.
@@ -64,20 +64,21 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Writes the outputs to the board and starts the transfers to its remotes.
     ///
-    /// A port's transfer is started only when the last read has seen the one before end; otherwise
-    /// its remotes keep what they have.
+    /// A port's transfer is started only when the last read has found the previous one complete;
+    /// otherwise the remotes of the port keep their data.
     ///
-    /// A write without a read before it is a cycle without news: ages grow. After
-    /// [`stale_after`](super::FaultPolicy::stale_after) of them in a row no input is valid and
+    /// A write without a preceding read is a cycle without new inputs: ages grow. After
+    /// [`stale_after`](super::FaultPolicy::stale_after) of them in a row all inputs are invalid and
     /// everything is safe until it is read again and re-armed: [`EventKind::NotRead`].
     ///
     /// # Errors
-    /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
+    /// [`CycleError::Write`]: the outputs may not have arrived; the next read detects that.
     ///
     /// # Real time
     /// One exchange, bounded by the bus. No allocation. In a cycle in which a module has changed a
-    /// setting that drives pins, as the direction or the open drain of an I/O pin, three exchanges
-    /// more: the evidence that the board is set up is read before and after they are written.
+    /// setting that drives pins, such as the direction or the open drain of an I/O pin, three
+    /// exchanges more: the evidence that the board is set up is read before and after the setting
+    /// is written.
     ///
     /// [`EventKind::NotRead`]: super::EventKind::NotRead
     pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
@@ -89,8 +90,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         result
     }
 
-    /// Exchanges what the cycle orders. What fails but the last of it is tried again with the next
-    /// write; this one goes on without it.
+    /// Does the exchanges that the cycle orders. A failed exchange other than the last one is
+    /// repeated with the next write; this write continues without it.
     fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
         let mut now = self.bus.now();
         let mut order = self.cycle.write(now);
@@ -144,8 +145,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    /// Writes settings that drive pins. That could drive what the rest of the set-up protects, so the
-    /// board shows before and after it that it is set up.
+    /// Writes settings that drive pins. They could drive pins that the rest of the set-up protects,
+    /// so the evidence of the set-up is checked before and after the write.
     fn write_guarded(&mut self) -> Result<(), B::Error> {
         self.forget_started();
         self.look()?;
@@ -163,7 +164,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    /// Reads all evidence alone.
+    /// Reads all evidence in a separate exchange.
     fn look(&mut self) -> Result<(), B::Error> {
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         self.exchanges.read_evidence(bus, words)?;
@@ -172,9 +173,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    /// Writes the set-up that the board has lost. If the board shows that it has it, it runs, and so
-    /// does its watchdog; else everything stays as it is. Another firmware gets nothing: its registers
-    /// have other meanings, and its pins other wires.
+    /// Writes the set-up that the board has lost. If the evidence then shows the set-up, the board
+    /// runs, and so does its watchdog; otherwise the state is unchanged. Another firmware gets no
+    /// part of it, because its registers have other meanings, and its pins other wires.
     pub(super) fn write_set_up(&mut self) -> Result<(), CycleError<B::Error>> {
         match self.set_up_same() {
             Ok(true) => Ok(()),
@@ -190,11 +191,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    /// Whether the board is the one that the driver was started with.
+    /// Detects if the board is the one that the driver was started with.
     pub(super) fn who_answers(&mut self) -> Result<Answering, B::Error> {
-        // What is read around a reset is no firmware: another one says so twice.
+        // A read around a reset is no evidence of another firmware, so that is read twice.
         for _ in 0..2 {
-            // An FPGA without its configuration could have it again in the middle of an exchange, and
+            // An FPGA without its configuration could get it back in the middle of an exchange, and
             // take the end of the set-up, which drives the pins, without its beginning.
             let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
             self.exchanges.read_status(bus, words)?;
@@ -208,10 +209,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(Answering::Other)
     }
 
-    /// False if another firmware answers.
+    /// Returns false if another firmware answers.
     fn set_up_same(&mut self) -> Result<bool, B::Error> {
         let now = self.bus.now();
-        // What was asked for before says nothing of the board as it is now.
+        // A reply that was requested before shows nothing of the board's present state.
         self.forget_started();
         match self.who_answers()? {
             Answering::Same => {}
@@ -229,13 +230,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if matches!(is_set_up, Ok(true)) {
             cycle.is_set_up_again(now);
         } else {
-            // It may be set up, and nobody feeds it.
+            // The board may be set up, and its watchdog is not fed.
             let _ = exchanges.quiesce(&mut **bus, &mut cycle.words);
         }
         is_set_up.map(|_| true)
     }
 
-    /// What was asked for ahead is of no use any more.
+    /// Discards the read that was requested ahead.
     pub(super) fn forget_started(&mut self) {
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         self.pacer.forget_started(bus, &self.exchanges, words);
@@ -257,13 +258,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    /// Sends the request of the next read ahead, which then only takes the reply: with several
-    /// boards, send all requests, then read all boards. LinuxCNC's `read-request`.
+    /// Sends the request of the next read ahead, so that the read only takes the reply: with
+    /// several boards, send all requests, then read all boards. LinuxCNC's `read-request`.
     ///
-    /// Call it when the board is to be sampled, after [`write`](Self::write) and right before
-    /// `read`. It does nothing where the [board paces](Pace::Board) or requests can not be in
-    /// flight, and when it fails, the next read says why.
-    ///
+    /// Call it at the time at which the board is to be sampled, after [`write`](Self::write) and
+    /// right before `read`. No effect where the [board paces](Pace::Board) or requests cannot be in
+    /// flight; if it fails, the next read returns the reason.
     /// # Real time
     /// One packet out. No allocation.
     pub fn request_read(&mut self) {
@@ -276,12 +276,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Waits until the transfers that the last write started are complete, or `limit` is over.
     ///
-    /// The "read-modify-write" of the manual's "NORMAL MODE OPERATION", and the way to measure how
-    /// long a transfer takes: the time goes into [`PortStatistics::doit`].
+    /// Used for the "read-modify-write" of the manual's "NORMAL MODE OPERATION", and for measuring
+    /// the duration of a transfer, which is recorded in [`PortStatistics::doit`].
     ///
     /// # Errors
-    /// Those of the bus. `Ok(false)` when the limit came first, and at once where the
-    /// [board paces](Pace::Board): it is asked for the next period already.
+    /// Those of the bus. `Ok(false)` when the limit came first, and at once where the [board
+    /// paces](Pace::Board), because the next period has already been requested.
     ///
     /// # Real time
     /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
@@ -292,7 +292,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.wait_ports(limit, SerialPort::poll)
     }
 
-    /// Waits until all ports are, or `limit` is over; not where the board paces.
+    /// Waits until `are` is true for all ports, or `limit` is over; not where the board paces.
     pub(super) fn wait_ports(
         &mut self,
         limit: Duration,
@@ -301,7 +301,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if self.pacer.pace == Pace::Board {
             return Ok(false);
         }
-        // A reply that was asked for ahead is older than what is waited for.
+        // A reply that was requested ahead is older than the awaited state.
         self.forget_started();
         let start = self.bus.now();
         for _ in 0..MAX_POLLS {

@@ -1,4 +1,4 @@
-//! The bus of a board that must not be left driving anything.
+//! The bus of a board whose outputs must not stay driven.
 
 use alloc::vec::Vec;
 use core::ops::{Deref, DerefMut};
@@ -7,14 +7,14 @@ use crate::bus::{Access, RegisterBus};
 use crate::hostmot2::IoPorts;
 use crate::modules::watchdog::WatchdogRegisters;
 
-/// A bus. When it is dropped, the board is [released](Self::release).
+/// A bus. Dropping it [releases](Self::release) the board.
 #[derive(Debug)]
 pub(super) struct Held<B: RegisterBus> {
-    /// `None` only when it was taken out.
+    /// `None` only after it was taken out.
     bus: Option<B>,
-    /// What leaves the board driving nothing, ...
+    /// The accesses that make the board drive nothing.
     release: Vec<Access>,
-    /// ... until it was written.
+    /// Their words; empty after they were written.
     words: Vec<u32>,
 }
 
@@ -32,8 +32,8 @@ impl<B: RegisterBus> Held<B> {
         }
     }
 
-    /// Leaves the board driving nothing: all pins are inputs, and the watchdog bites. Acknowledged,
-    /// so that a lost packet is repeated. Once.
+    /// Makes the board drive nothing: all pins are inputs, and the watchdog bites. Acknowledged, so
+    /// that a lost packet is repeated. Only once.
     pub fn release(&mut self) -> Result<(), B::Error> {
         let mut words = core::mem::take(&mut self.words);
         match &mut self.bus {
@@ -42,18 +42,18 @@ impl<B: RegisterBus> Held<B> {
         }
     }
 
-    /// Nothing is written any more: the board is another one.
+    /// Prevents the release: the board is another one.
     pub fn keep_off(&mut self) {
         self.words.clear();
     }
 
-    /// The bus itself, taken out once, before this is dropped.
+    /// Takes the bus out, once, before this is dropped.
     pub fn take(&mut self) -> B {
         self.bus.take().unwrap_or_else(|| gone())
     }
 }
 
-/// Only an owned driver can be shut down, and nothing of it is used afterwards.
+/// Unreachable: only an owned driver can be shut down, and no part of it is used afterwards.
 fn gone() -> ! {
     unreachable!("the bus is taken out last")
 }
@@ -76,7 +76,7 @@ impl<B: RegisterBus> DerefMut for Held<B> {
 
 impl<B: RegisterBus> Drop for Held<B> {
     fn drop(&mut self) {
-        // Nobody is left to tell; the watchdog does the rest.
+        // An error cannot be returned here; the watchdog makes the board safe.
         let _ = self.release();
     }
 }

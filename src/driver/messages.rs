@@ -1,9 +1,9 @@
-//! What a driver that has been built, or is dropped, writes to the log. Never in the cycle.
+//! Log messages of a driver that has been built, or is dropped. None in the cycle.
 
 use super::{Driver, StopError};
 use crate::bus::{Clock, RegisterBus};
 
-/// What was found, and what is odd about it.
+/// Logs the firmware and the remotes, and the remarks about them.
 pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     let firmware = driver.firmware();
     log::info!(
@@ -26,7 +26,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     }
 }
 
-/// What of a driver that nobody has stopped could not be stopped.
+/// Logs the parts of a dropped driver that could not be stopped.
 pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError<B::Error>) {
     log::error!(target: "mesa_hal", "{}: was dropped: {error}", driver.name());
 }

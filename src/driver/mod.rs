@@ -1,28 +1,30 @@
 //! The cycle: `read()` and `write()` on a planned image, faults, recovery, statistics.
 //!
-//! A [`Board`] is configured once, which finds out what is there and sets it up; it is started as a
-//! [`Driver`] on the planned registers of a cycle. Then the application calls, once in each period:
+//! A [`Board`] is configured once, which discovers its firmware and remotes and sets them up; it is
+//! started as a [`Driver`] on the planned registers of a cycle. Then the application does the
+//! following, once in each period:
 //!
-//! 1. [`Driver::read`]: one exchange. It is validated as a whole before any pin changes; then
-//!    each part of the board takes its inputs.
+//! 1. [`Driver::read`]: one exchange. It is validated as a whole before any pin changes; then each
+//!    part of the board takes its inputs.
 //! 2. its own work on [`Driver::pins`] and [`Driver::pins_mut`];
 //! 3. [`Driver::write`]: each part puts its outputs; one exchange, with DOIT after all data.
 //!
-//! The application waits for the next period between the two, or lets the board do that:
-//! [`Pace::Board`].
+//! The application waits for the next period between the write and the next read, or lets the board
+//! do that: [`Pace::Board`].
 //!
-//! This is the manual's "cyclic access with write before read": what is read are the replies to
-//! the last write. For read-modify-write call [`Driver::wait_transfers`] between `write` and `read`.
+//! The order is the manual's "cyclic access with write before read": a read delivers the replies to
+//! the last write. For read-modify-write call [`Driver::wait_transfers`] between `write` and
+//! `read`.
 //!
-//! # What can fail, and what happens then
-//! In short; fault by fault in [`faults`].
-//! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
-//!   them: the remote goes offline alone, its outputs are safe, and it is tried again with growing
-//!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
+//! # Faults and their effects
+//! A summary; all faults in detail are in [`faults`].
+//! - A transfer of a remote: its inputs are not taken, become invalid, and grow older. After too
+//!   many failures the remote goes offline alone, its outputs are safe, and it is tried again with
+//!   growing pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
 //! - A remote reports a fault: it goes offline at once and gets no frame, so that its own watchdog
 //!   switches all its outputs off, and it is started again afterwards. See [`FaultPolicy`],
 //!   [`RemoteStatus::faults`], [`RemoteStatus::first_fault`].
-//! - The bus: nothing is taken; when it fails too often, everything is safe. See
+//! - The bus: no input is taken; when it fails too often, everything is safe. See
 //!   [`Settings::bus_error_limit`].
 //! - The board's watchdog bites, or the board is reset: everything is safe. See [`BoardState`].
 //!
@@ -30,9 +32,9 @@
 //! [`Pins::rearm`](crate::hal::Pins::rearm), everything with [`Driver::rearm`].
 //!
 //! # Real time
-//! `read` and `write` do one exchange each, whose time the bus bounds; the rest is in proportion
-//! to the words of process data. They do not allocate, log, or panic, and they do not wait, but
-//! `read` for the next period of a board that paces.
+//! `read` and `write` do one exchange each, bounded in time by the bus; the rest is proportional to
+//! the words of process data. Both do not allocate, log, or panic, and do not wait, except `read`
+//! for the next period of a board that paces.
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
@@ -103,11 +105,11 @@ use cycle::Cycle;
 use held::Held;
 use pace::Pacer;
 
-/// A board with everything on it, in the cycle.
+/// A board with all its parts, in the cycle.
 ///
-/// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which say what could not be
-/// stopped: outputs of a remote that was [not reached](NotReached) may stay on. Dropping it does the
-/// same, and only logs that.
+/// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which return what could not be
+/// stopped: outputs of a remote that was [not reached](NotReached) may stay on. Dropping the driver
+/// does the same, and only logs the result.
 #[derive(Debug)]
 pub struct Driver<B: RegisterBus + Clock> {
     bus: Held<B>,
@@ -115,7 +117,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     name: String,
     exchanges: Exchanges<B>,
     cycle: Cycle,
-    /// What the firmware said of itself when it was set up.
+    /// The firmware's description of itself, as read when it was set up.
     description: Known<B::List>,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
@@ -124,7 +126,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     is_stopped: bool,
 }
 
-/// Everything that takes part in the cycle.
+/// All parts of the cycle.
 #[derive(Debug)]
 struct Parts {
     watchdog: Watchdog,
@@ -137,7 +139,7 @@ struct Parts {
 struct Part {
     module: Box<dyn Module>,
     group: GroupId,
-    /// The version of the outputs that were put.
+    /// The version of the outputs that were put last.
     version: Option<u64>,
 }
 
@@ -158,10 +160,10 @@ impl Parts {
     }
 }
 
-/// What an application asks.
+/// Functions for applications.
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Finds out what is there, sets it up, starts the remotes and plans the cycle:
-    /// [`Board::identify`] and [`Board::start`], for who needs nothing between them.
+    /// Discovers firmware and remotes, sets the board up, starts the remotes and plans the cycle:
+    /// [`Board::identify`] and [`Board::start`], for applications that need nothing between them.
     ///
     /// # Errors
     /// [`DriverError`]. Everything that was started is stopped again.
@@ -177,12 +179,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &self.cycle.pins
     }
 
-    /// All pins and parameters, to set them.
+    /// All pins and parameters, for setting them.
     pub fn pins_mut(&mut self) -> &mut Pins {
         &mut self.cycle.pins
     }
 
-    /// The modules of a kind, in the order in which they were added: for their pins.
+    /// The modules of a kind, in the order in which they were added, for access to their pins.
     ///
     /// ```no_run
     /// # fn pins(driver: &mesa_hal::Driver<mesa_hal_sim::SimFpga>) {
@@ -199,22 +201,22 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.group
     }
 
-    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The period it was planned for.
+    /// The period of the cycle, as planned.
     pub fn period(&self) -> Duration {
         self.pacer.period
     }
 
-    /// Who decides when a cycle begins.
+    /// The source of the cycle's timing.
     pub fn pace(&self) -> Pace {
         self.pacer.pace
     }
 
-    /// What the board's firmware says of itself.
+    /// The description of the board's firmware.
     pub fn firmware(&self) -> &HostMot2 {
         &self.firmware
     }
@@ -229,8 +231,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &self.missing
     }
 
-    /// What is odd about the remotes that run: where they differ from the built-in tables of their
-    /// kind, and problems of their tables that do not keep them from running.
+    /// Remarks about the remotes that run: differences from the built-in tables of their kind, and
+    /// problems of their tables that do not keep them from running.
     pub fn remarks(&self) -> &[Remark] {
         &self.remarks
     }
@@ -240,12 +242,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.state()
     }
 
-    /// What was counted so far.
+    /// The statistics so far.
     pub fn statistics(&self) -> DriverStatistics {
         self.cycle.statistics
     }
 
-    /// What happened, event by event: for this thread between two cycles, or for another one.
+    /// The driver's events: for this thread between two cycles, or for another one.
     ///
     /// ```
     /// # use mesa_hal::{Clock, Driver, Settings};
@@ -285,12 +287,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.events.events()
     }
 
-    /// The words of the last cycles, where [`Settings::trace`] asks for them.
+    /// The words of the last cycles, if [`Settings::trace`] asks for them.
     pub fn trace(&self) -> Option<&Trace> {
         self.trace.as_deref()
     }
 
-    /// Stops keeping words, so that those of the last cycles can be looked at.
+    /// Stops recording, so that the words of the last cycles can be examined.
     ///
     /// # Real time
     /// Constant time. No allocation.
@@ -300,8 +302,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    /// Gives the trace away, for example to a thread that writes it to a file. Nothing is kept then,
-    /// until it is [given back](Self::record).
+    /// Takes the trace out, for example for a thread that writes it to a file. Nothing is recorded
+    /// then, until a trace is [given back](Self::record).
     ///
     /// # Real time
     /// Constant time. No allocation.
@@ -309,8 +311,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.trace.take()
     }
 
-    /// Keeps the words of the cycles from now on in this trace, which was
-    /// [taken](Self::take_trace) from this driver; what it held is forgotten.
+    /// Records the words of the cycles from now on in this trace, which was
+    /// [taken](Self::take_trace) from this driver; its content is discarded.
     ///
     /// # Errors
     /// The trace, if another driver made it.
@@ -326,7 +328,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    /// What a cycle exchanges, for people who want to see it.
+    /// The lists of accesses of a cycle, for inspection.
     pub fn lists(&self) -> CycleLists<'_, B::List> {
         self.exchanges.lists()
     }

@@ -1,4 +1,4 @@
-//! Keeps the pace of the host, or of the board.
+//! Pacing of the cycle by the host or by the board.
 
 use core::time::Duration;
 
@@ -6,29 +6,29 @@ use super::Pace;
 use crate::bus::{Ask, Clock, Exchanges, Instant, RegisterBus, Words};
 use crate::fraction::Fraction;
 
-/// Keeps the pace.
+/// Pacing of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pacer {
     pub pace: Pace,
     pub period: Duration,
-    /// What was asked for ahead.
+    /// The read that was requested ahead.
     started: Option<Ask>,
-    /// When the last cycle began.
+    /// Begin of the last cycle.
     begun: Option<Instant>,
-    /// Reads in a row that failed.
+    /// Consecutive failed reads.
     failures: u32,
 }
 
-/// After this number of failures the board is asked at once: requests that it holds back would stand in a
-/// row there, with the writes between them, and outputs would come that many periods late.
+/// Number of failures after which reads are not held back any more: held requests would queue up in
+/// the board, with the writes between them, and outputs would be late by that many periods.
 const BEHIND: u32 = 2;
 
-/// What came of a read.
+/// Outcome of a read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer<E> {
-    /// It held more than usual.
+    /// The read included the extra registers.
     pub extra: bool,
-    /// When it came: the cycle may begin later.
+    /// Time of arrival; the cycle may begin later.
     pub at: Instant,
     pub result: Result<(), E>,
 }
@@ -42,8 +42,8 @@ impl Pacer {
         }
     }
 
-    /// What was asked for ahead is of no use any more. Waits for it, because the board holds back
-    /// everything that is sent meanwhile.
+    /// Discards the read that was requested ahead. Waits for its reply, because the board holds
+    /// back everything that is sent meanwhile.
     pub fn forget_started<B: RegisterBus>(
         &mut self,
         bus: &mut B,
@@ -51,12 +51,12 @@ impl Pacer {
         words: &mut Words,
     ) {
         if let Some(started) = self.started.take() {
-            // Whatever became of it, nothing waits in the board after it.
+            // After any outcome, nothing waits in the board any more.
             let _ = exchanges.finish(bus, words, started);
         }
     }
 
-    /// Reads the board: takes what was asked for ahead, or else asks for it.
+    /// Reads the board: takes the read that was requested ahead, or else requests one.
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
@@ -76,9 +76,9 @@ impl Pacer {
             Err(error) => (extra, Err(error)),
         };
         let at = bus.now();
-        // A read that failed may have done so without waiting, and a board may answer without
-        // waiting: nobody else would wait then. Not longer for one that was answered: inputs that
-        // were delayed on the way are followed by some that come soon.
+        // A failed read may return without waiting, and a board may answer without waiting: the
+        // pace is then kept here. After a good read only for half a period, because inputs that
+        // were delayed on the way are followed by early ones.
         let least = if result.is_err() {
             self.failures = self.failures.saturating_add(1);
             self.period
@@ -91,8 +91,8 @@ impl Pacer {
         Answer { extra, at, result }
     }
 
-    /// Where the board paces and does not, waits until the cycle before has taken `least`: the
-    /// application's loop would spin.
+    /// Waits until the previous cycle has taken `least`, where the board paces but does not wait:
+    /// the application's loop would spin otherwise.
     fn rest<B: RegisterBus + Clock>(&self, bus: &mut B, least: Duration) {
         let (Pace::Board, Some(before)) = (self.pace, self.begun) else {
             return;
@@ -107,7 +107,8 @@ impl Pacer {
         self.pace == Pace::Board && self.failures >= BEHIND
     }
 
-    /// Writes, and asks for the next inputs with it if the board paces. `quiet`: without settings.
+    /// Writes, and requests the next inputs with the write if the board paces. `quiet`: without
+    /// settings.
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
@@ -123,7 +124,8 @@ impl Pacer {
         Ok(())
     }
 
-    /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
+    /// Requests inputs ahead. If that fails, the next read requests them again, and returns the
+    /// error.
     pub fn start_read<B: RegisterBus>(
         &mut self,
         bus: &mut B,

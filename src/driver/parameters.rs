@@ -1,4 +1,4 @@
-//! Parameters that remotes keep: reading and writing them, which is only possible in setup mode.
+//! Parameters of remotes: reading and writing, which is only possible in setup mode.
 
 use core::time::Duration;
 
@@ -13,11 +13,11 @@ use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
 use crate::sslbp::{Port, PortError, PortLink, StartMode, StartedRemote};
 
-/// The board's watchdog while nobody feeds it: longer than everything can take together, accesses
-/// that are tried again included.
+/// Time of the board's watchdog while it is not fed: longer than all steps together, including
+/// repeated accesses.
 pub(super) const UNFED: Duration = Duration::from_secs(8);
 
-/// How often the board's watchdog is tried to be fed.
+/// Attempts to feed the board's watchdog.
 const TRIES: u32 = 3;
 
 /// A parameter of a remote.
@@ -53,7 +53,7 @@ impl Parameter<'_> {
         period: Duration,
     ) -> Result<u64, DriverError<E>> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
-        // 0 switches it off.
+        // 0 switches the watchdog off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
             let of = remote_watchdog(self.remote);
             DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
@@ -61,7 +61,8 @@ impl Parameter<'_> {
         Ok(raw)
     }
 
-    /// Starts its remote alone in setup mode, whatever ran before, and writes it.
+    /// Starts only the parameter's remote in setup mode, whatever ran before, and writes the
+    /// parameter.
     fn start_and_write<B: RegisterBus + Clock>(
         self,
         bus: &mut B,
@@ -85,12 +86,13 @@ impl Parameter<'_> {
 }
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// Reads a parameter of a remote. `name` is as the remote
-    /// spells it, or as LinuxCNC does. After [`discover`](Self::discover).
+    /// Reads a parameter of a remote. `name` is spelled as by the remote or as by LinuxCNC. Call
+    /// after [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
-    /// remote does not have it. [`DriverError::Port`], [`DriverError::Bus`]: the access failed.
+    /// remote does not have the parameter. [`DriverError::Port`], [`DriverError::Bus`]: the access
+    /// failed.
     pub fn read_remote_parameter(
         &mut self,
         remote: impl Into<RemoteId>,
@@ -103,17 +105,18 @@ impl<B: RegisterBus + Clock> Board<B> {
         read.map_err(|error| parameter.failed(error))
     }
 
-    /// Writes a parameter that a remote keeps, for example
-    /// `NVWatchDogTimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
-    /// does. After [`discover`](Self::discover): nothing is driven.
+    /// Writes a parameter that a remote stores, for example `NVWatchDogTimeout`, and reads it back.
+    /// `name` is spelled as by the remote or as by LinuxCNC. Call after
+    /// [`discover`](Self::discover): nothing is driven.
     ///
-    /// A non-volatile one is written only if it is another than before, and the remote uses it from
+    /// A non-volatile parameter is written only if its value changes, and the remote uses it from
     /// its next power-up on.
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
-    /// remote does not have it, or can not take the value. [`DriverError::WatchdogTooShort`]: it is
-    /// a watchdog's, and shorter than what the period feeds.
+    /// remote does not have the parameter, or cannot take the value.
+    /// [`DriverError::WatchdogTooShort`]: the time of a watchdog is shorter than the period
+    /// requires.
     pub fn write_remote_parameter(
         &mut self,
         remote: impl Into<RemoteId>,
@@ -134,23 +137,22 @@ impl<B: RegisterBus + Clock> Board<B> {
 }
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Writes a parameter that a remote keeps, for example
-    /// `nvwatchdogtimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
-    /// does.
+    /// Writes a parameter that a remote stores, for example `nvwatchdogtimeout`, and reads it back.
+    /// `name` is spelled as by the remote or as by LinuxCNC.
     ///
-    /// A remote takes parameters in setup mode only, which costs the machine this: everything that
-    /// the driver drives becomes safe, the port is stopped with all its remotes, and nothing else
-    /// is served until the call returns. Remotes of other ports go without process data for so
-    /// long that their watchdogs may bite; the board's own gets 8 s for the time. Afterwards the
+    /// A remote takes parameters in setup mode only, which affects the machine: everything that the
+    /// driver drives becomes safe, the port is stopped with all its remotes, and there is no other
+    /// exchange until the call returns. Remotes of other ports go without process data for a time
+    /// in which their watchdogs may bite; the board's own is set to 8 s meanwhile. Afterwards the
     /// remotes of the port are started again in the next cycles, and everything waits for
-    /// [`rearm`](Self::rearm). The same holds if it fails after the name and the value were checked.
-    /// Go on with the cycle at once: the board's watchdog has its usual time again.
+    /// [`rearm`](Self::rearm). The same holds if the call fails after the name and the value were
+    /// checked. Continue with the cycle at once: the board's watchdog has its usual time again.
     ///
-    /// A non-volatile parameter is written only if it is another than before, and the remote uses
-    /// it from its next power-up on.
+    /// A non-volatile parameter is written only if its value changes, and the remote uses it from
+    /// its next power-up on.
     ///
     /// # Errors
-    /// [`DriverError`]. If it is about port, remote, name or value, nothing was stopped.
+    /// [`DriverError`]. If it concerns port, remote, name or value, nothing was stopped.
     ///
     /// # Real time
     /// Not for the cycle: 2 ms for the START, some accesses of 40 us, and 10 to 130 ms more where
@@ -169,7 +171,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let record = parameter.record(status.pins)?.clone();
         let raw = parameter.check(&record, value, self.pacer.period)?;
         let started = *status.started;
-        // The remotes of other ports are not served either: all get safe values.
+        // The remotes of other ports get no process data either, so all of them get safe values.
         self.all_off()?;
         let usual = self.cycle.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
@@ -182,13 +184,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         result
     }
 
-    /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
-    /// the watchdog is restarted before it has the time.
+    /// Feeds the board's watchdog, once, for this time. A bite remains visible, and so does a
+    /// reset: the watchdog is restarted before it has the time.
     pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
         let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
-        // A long time that stays would look like a reset.
+        // Repeated, because a long time that stays would look like a reset.
         let mut fed = self.bus.exchange(&accesses, &mut words);
         for _ in 1..TRIES {
             if fed.is_err() {

@@ -1,4 +1,4 @@
-//! How everything becomes safe, and comes back.
+//! Recovery: re-arming of outputs, and restarts of remotes.
 
 use super::{CycleError, Driver, Rearmed};
 use crate::bus::{Clock, RegisterBus};
@@ -6,24 +6,24 @@ use crate::hostmot2::RemoteId;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Lets all outputs follow the application again, after whatever made them safe.
+    /// Lets all outputs follow the application again, after any fault that made them safe.
     ///
-    /// A board that has lost its set-up gets it back first, all of it in one exchange, and is asked
-    /// whether it has it; if it is the same firmware that answers. What was set before this call is
-    /// forgotten, be it before the fault, while it lasted or in the same cycle: outputs that were not
-    /// armed start from their safe values and follow what is set from now on.
+    /// A board that has lost its set-up gets it back first, all of it in one exchange, provided
+    /// that the same firmware answers; the board's evidence is then checked. Values set before this
+    /// call are discarded, whether before the fault, during it or in the same cycle: outputs that
+    /// were not armed start from their safe values and follow the values set from now on.
     ///
     /// After a bite or a reset the board's own outputs follow with the next good read, and remotes
-    /// when they run again: they are counted as coming, and armed by this call, unless a fault comes
-    /// before. What is set until then is forgotten as well. Other remotes that do not run yet are
-    /// counted as waiting only; so is everything, if the board has lost its set-up again meanwhile.
+    /// when they run again: this call arms them, and counts them as coming, unless a fault comes
+    /// first. Values set until then are discarded as well. Other remotes that do not run yet are
+    /// counted as waiting only; so are all groups if the board has lost its set-up again meanwhile.
     ///
     /// # Errors
-    /// Those of the bus, and [`CycleError::OtherFirmware`]; then nothing is armed.
+    /// Those of the bus, and [`CycleError::OtherFirmware`]; nothing is armed then.
     ///
     /// # Real time
-    /// As `write`, and eight more exchanges when the board has to be set up again, after the reply that
-    /// is waited for where the board paces. No allocation.
+    /// As `write`, and eight more exchanges when the board has to be set up again, after the reply
+    /// that is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if !self.cycle.is_running() {
             self.write_set_up()?;
@@ -32,10 +32,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(self.cycle.rearm(now))
     }
 
-    /// Restarts a remote in the next cycles, which clears the
-    /// faults it reports: at once, but for one that is offline not before its own watchdog must have
-    /// bitten. Its outputs are safe until it is re-armed. `false`, and nothing is done, if none takes
-    /// part there.
+    /// Restarts a remote in the next cycles, which clears the faults that it reports: a running remote
+    /// at once, one that is offline not before its own watchdog must have bitten. Its outputs are
+    /// safe until it is re-armed. Returns `false`, without any effect, if no remote takes part there.
     pub fn restart(&mut self, remote: impl Into<RemoteId>) -> bool {
         let RemoteId { port, channel } = remote.into();
         let now = self.bus.now();

@@ -1,4 +1,5 @@
-//! What a person should look at: remotes that are missing, or odd.
+//! Remarks for the operator: remotes that are missing or unusual, and parts of the board that are
+//! not driven.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -13,8 +14,8 @@ use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
 };
 
-/// Why a remote does not take part, what is odd about one that does, or what of the board itself is
-/// not driven.
+/// A remark about a remote that does not take part, an unusual remote, or a part of the board that
+/// is not driven.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{}{kind}", match .remote {
     Some(remote) => alloc::format!("{remote}: "),
@@ -23,83 +24,85 @@ use crate::sslbp::{
 pub struct Remark {
     /// The remote; `None` for the board itself.
     pub remote: Option<RemoteId>,
-    /// What it is.
+    /// The kind of the remark, with its data.
     pub kind: RemarkKind,
 }
 
-/// What a [`Remark`] is about.
+/// Kind of a [`Remark`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RemarkKind {
     /// A module of the firmware, or a part of one, is not driven. Its pins are plain I/O.
     #[error("{0}")]
     Undriven(Box<Undriven>),
-    /// Missing: there is no such channel.
+    /// Missing: the channel does not exist.
     #[error("this firmware has only {channels} channels on the port")]
     NoSuchChannel {
-        /// How many there are.
+        /// Number of channels.
         channels: u8,
     },
-    /// Missing: it did not start; the registers say why.
+    /// Missing: the remote did not start; the registers contain the reason.
     #[error(transparent)]
     DidNotStart(StartFailure),
-    /// Missing: it is another remote than was asked for.
+    /// Missing: the remote is not the configured one.
     #[error(transparent)]
     WrongRemote(IdentityError),
-    /// Missing: another remote answers than when it was discovered.
+    /// Missing: another remote answers than in discovery.
     #[error(
         "what answers ({found}) is not the {name} that was discovered, or says other things of itself; \
          no parameter was written: plug the right one in (is a plug loose?)"
     )]
     Changed {
-        /// Its name when it was discovered.
+        /// Name of the discovered remote.
         name: RemoteName,
-        /// The name of what answers.
+        /// Name of the remote that answers.
         found: RemoteName,
     },
-    /// Missing: its pins can not be made.
+    /// Missing: the pins cannot be made.
     #[error(transparent)]
     Pins(RemoteError),
-    /// A problem of its tables. It is missing if that leaves its process data uncertain, so that its
-    /// pins could be wrong.
+    /// A problem of the remote's tables. The remote is missing if its process data is uncertain
+    /// because of it, so that its pins could be wrong.
     #[error("{0}")]
     Tables(Problem),
-    /// It describes itself otherwise than the built-in table of its kind does. Its own description
-    /// decides (FACTS 8.5); terminals and ranges of the card's manual may not be true for it.
+    /// The remote's description differs from the built-in table of its kind. Its own description
+    /// takes precedence (FACTS 8.5); terminals and ranges of the card's manual may not be true for
+    /// it.
     #[error(
         "this {name} differs from the {title} that is known: {difference}. The remote is believed; \
          check terminals and ranges in the manual of its firmware"
     )]
     Table {
-        /// Its name.
+        /// Name of the remote.
         name: RemoteName,
-        /// The table.
+        /// Title of the table.
         title: &'static str,
         /// The difference.
         difference: Difference,
     },
-    /// It is the analog part of a 7I77, and the next channel has the field I/O: on the card's
-    /// connector the field I/O comes first (FACTS 8.1).
+    /// The analog part of a 7I77, with the field I/O on the next channel: on the card's connector
+    /// the field I/O comes first (FACTS 8.1).
     #[error(
         "this is the analog part of a 7I77, and the field I/O is on the next channel; a card's \
          connector has them the other way round: exchange the channels if the card is plugged to one"
     )]
     Swapped,
-    /// Missing: one part of a 7I77 does not answer, and the other one on the channel beside it does.
+    /// Missing: one part of a 7I77 does not answer, and the other one on a neighbouring channel
+    /// does.
     #[error(
         "no {part} answers, but the {other} on channel {beside} does, and a 7I77 has both: check the \
          card's cable and its power (field power too, where it is powered from there)"
     )]
     PartSilent {
-        /// What does not answer.
+        /// The part that does not answer.
         part: &'static str,
-        /// What answers.
+        /// The part that answers.
         other: &'static str,
-        /// Where that is.
+        /// The channel of the part that answers.
         beside: u8,
     },
-    /// Its own watchdog is off, or [slow](RemoteWatchdog::is_slow): when nothing reaches it any more,
-    /// its outputs stay on.
+    /// The remote's own watchdog is off, or [slow](RemoteWatchdog::is_slow): its outputs stay on
+    /// when it cannot be reached any more.
     #[error(
         "when nothing reaches this {name} any more, its outputs {}: set {WATCHDOG_PARAMETER} (50 ms as \
          delivered) and switch the card off and on",
@@ -109,13 +112,14 @@ pub enum RemarkKind {
         }
     )]
     SlowWatchdog {
-        /// Its name.
+        /// Name of the remote.
         name: RemoteName,
-        /// Its watchdog.
+        /// Watchdog of the remote.
         watchdog: RemoteWatchdog,
     },
-    /// The port has an older version of SSLBP than this crate is tried with
-    /// ([`PortParameters::is_old`]): of the first channel in use, for all of them.
+    /// The port has an older version of SSLBP than this crate was tested with
+    /// ([`PortParameters::is_old`]). Reported for the first channel in use, and valid for all of
+    /// them.
     #[error("the port has SSLBP {major}.{minor}: {}", PortParameters::OLD_VERSION)]
     OldSslbp {
         /// Major version.
@@ -123,22 +127,22 @@ pub enum RemarkKind {
         /// Minor version.
         minor: u8,
     },
-    /// Its name is that of a card whose parts differ in the unit number, and its unit number
-    /// is none of theirs: it has no terminals and no safe values of its own.
+    /// A remote with the name of a card whose parts differ in the unit number, and with a unit
+    /// number of no known part: it has no terminals and no safe values of its own.
     #[error(
         "a {name} with unit number {unit_number:#010x}, which belongs to no part of the card that is \
          known; its pins are made from its own description alone"
     )]
     UnknownPart {
-        /// Its name.
+        /// Name of the remote.
         name: RemoteName,
-        /// Its unit number.
+        /// Unit number of the remote.
         unit_number: u32,
     },
 }
 
 impl Remark {
-    /// Nothing answers on the channel: nothing is plugged in, or it has no power.
+    /// True if there is no answer on the channel: nothing is plugged in, or it has no power.
     pub fn is_silent(&self) -> bool {
         matches!(
             &self.kind,
@@ -158,7 +162,8 @@ impl Remark {
     }
 }
 
-/// Whether a remote that is started again tells the same as when it was discovered, but for CS.
+/// Checks that a remote that was started again has the same identity as in discovery, except for
+/// CS.
 pub(super) fn is_same(
     is: &StartedRemote,
     outcome: Result<StartedRemote, StartFailure>,
@@ -173,7 +178,7 @@ pub(super) fn is_same(
     }
 }
 
-/// Everything that is odd about a remote, of which this table is known.
+/// All remarks about a remote with this built-in table, if any.
 pub(super) fn on(
     discovered: &Discovered,
     tables: &[&'static RemoteTable],
@@ -198,8 +203,8 @@ pub(super) fn on(
     kinds
 }
 
-/// The channels of a port on which a 7I77 is plugged the wrong way round. Its analog part may as well
-/// follow the field I/O of the channel before.
+/// The channels of a port on which a 7I77 is plugged the wrong way round, unless its analog part
+/// could follow the field I/O of the previous channel.
 pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
     (0..MAX_CHANNELS).filter(|&channel| {
         is(remotes, Some(channel), &i7i77::ANALOG)
@@ -208,9 +213,10 @@ pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
     })
 }
 
-/// Why nothing answers on `channel` is less harmless if the other part of a 7I77 is beside it: on the
-/// card's connector the field I/O comes first, then the analog part (FACTS 8.1). `is` says whether a channel
-/// has a remote of a table. `None` if no part is missing there.
+/// Returns the remark for a channel without an answer next to the other part of a 7I77, which
+/// points to a fault: on the card's connector the field I/O comes first, then the analog part
+/// (FACTS 8.1). `is` returns true if a channel has a remote of a table. `None` if no part is
+/// missing there.
 pub fn silent_part(
     is: impl Fn(Option<u8>, &RemoteTable) -> bool,
     channel: u8,
@@ -231,7 +237,7 @@ pub fn silent_part(
     })
 }
 
-/// Whether a channel has a remote of that table.
+/// True if a channel has a remote of that table.
 pub(super) fn is(remotes: &[FoundRemote], channel: Option<u8>, table: &RemoteTable) -> bool {
     let mut remotes = remotes.iter();
     remotes.any(|remote| {

@@ -21,16 +21,16 @@ use crate::sslbp::{
     ProcessDataSizes, StartMode, StartedRemote,
 };
 
-/// What nothing is known of.
+/// The table for an absent remote of unknown kind.
 const ANY: RemoteTable = RemoteTable::new("remote of any kind", [0; 4], &[]);
 
 /// A serial port while its board is configured.
 #[derive(Debug)]
 pub(super) struct PortStage {
     pub port: Port,
-    /// The channels that are used.
+    /// The channels in use.
     configs: BTreeMap<u8, RemoteConfig>,
-    /// By channel.
+    /// The remotes that take part, by channel.
     remotes: Vec<FoundRemote>,
 }
 
@@ -53,10 +53,9 @@ impl PortStage {
     }
 }
 
-/// What discovery has found.
+/// Results of discovery.
 impl<B: RegisterBus + Clock> Board<B> {
-    /// The remotes that take part, with their addresses, port by port; optional ones that are absent
-    /// included.
+    /// The remotes that take part, with their addresses, port by port; absent optional ones included.
     pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &FoundRemote)> {
         let stages = self.stages.iter();
         stages.flat_map(|stage| {
@@ -69,13 +68,13 @@ impl<B: RegisterBus + Clock> Board<B> {
         })
     }
 
-    /// Remotes that were configured and do not take part, with the reason. They are looked for
+    /// Remotes that were configured and do not take part, with the reason. They are searched for
     /// again at the next start; see [`Presence::Optional`].
     pub fn missing(&self) -> &[Remark] {
         &self.plan.missing
     }
 
-    /// What is odd about the remotes that take part.
+    /// Remarks about the remotes that take part.
     pub fn remarks(&self) -> &[Remark] {
         &self.plan.remarks
     }
@@ -135,7 +134,7 @@ impl Plan {
                     )));
                 }
             }
-            // As in LinuxCNC, the pins of channels that are not used are plain I/O.
+            // As in LinuxCNC, the pins of unused channels are plain I/O.
             let is_used = |pin: PinDescriptor| {
                 let number = pin.secondary_pin & 0x0F;
                 let channel = number.checked_sub(1);
@@ -153,7 +152,7 @@ impl Plan {
         Ok(located)
     }
 
-    /// Resets a port and discovers its remotes, which are in setup mode then.
+    /// Resets a port and discovers its remotes, and leaves them in setup mode.
     pub fn discover<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
@@ -215,7 +214,7 @@ impl Plan {
         Ok(())
     }
 
-    /// A remote does not take part. Fails if the machine can not do without it.
+    /// Notes a remote that does not take part. Fails if the machine cannot do without it.
     fn miss<E: BusError>(
         &mut self,
         stage: &PortStage,
@@ -231,7 +230,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Makes the pins of a remote that is the right one and that is understood.
+    /// Makes the pins of a remote, if it is the right one and its tables are understood.
     fn candidate(
         &mut self,
         stage: &PortStage,
@@ -260,7 +259,7 @@ impl Plan {
         })
     }
 
-    /// Makes a remote that is not there: of the kind and in the software mode it is configured for.
+    /// Makes an absent remote, of the configured kind and software mode.
     fn absent(
         &mut self,
         stage: &PortStage,
@@ -301,7 +300,8 @@ impl Plan {
         })
     }
 
-    /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
+    /// Reads the parameters of a remote in setup mode. A parameter that cannot be read stays
+    /// unknown.
     fn read_parameters<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
@@ -340,7 +340,7 @@ impl Plan {
         let mut remotes = Vec::new();
         for mut remote in core::mem::take(&mut stage.remotes) {
             let is = remote.started;
-            // One that is absent has no outcome.
+            // An absent remote has no outcome.
             let outcome = if remote.is_absent {
                 None
             } else {
@@ -362,7 +362,7 @@ impl Plan {
         Ok(port)
     }
 
-    /// Whether the period is long enough for the transfers of a port, and short enough for the
+    /// Checks that the period is long enough for the transfers of a port, and short enough for the
     /// watchdogs of its remotes.
     fn check<E: BusError>(&self, port: &SerialPort) -> Result<(), DriverError<E>> {
         let period = self.settings.period;

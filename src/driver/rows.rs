@@ -1,11 +1,11 @@
-//! What may happen to a board in every cycle.
+//! Rows of events that may happen in every cycle.
 
 use crate::bus::Instant;
 use crate::modules::events::{Row, Sink};
 
 use super::Repeating;
 
-/// A row of each.
+/// One row for each kind.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rows {
     pub failed_reads: Row,
@@ -26,7 +26,7 @@ impl Rows {
         ]
     }
 
-    /// Ends those in which nothing has happened for long enough.
+    /// Ends the rows without new events for long enough.
     #[inline]
     pub fn look(&mut self, sink: &Sink, now: Instant) {
         for (row, what) in self.each() {
@@ -34,7 +34,7 @@ impl Rows {
         }
     }
 
-    /// Ends all of them.
+    /// Ends all rows.
     pub fn end(&mut self, sink: &Sink, now: Instant) {
         for (row, what) in self.each() {
             row.end(sink, now, what);

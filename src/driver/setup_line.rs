@@ -1,4 +1,4 @@
-//! One remote in setup mode at a baud rate of its own: for maintenance while a board is configured.
+//! One remote in setup mode at its own baud rate: for maintenance while a board is configured.
 
 use super::remark::{Remark, RemarkKind};
 use super::{Board, DriverError};
@@ -7,18 +7,18 @@ use crate::hostmot2::RemoteId;
 use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemote};
 
 impl<B: RegisterBus + Clock> Board<B> {
-    /// Stops the serial port of a remote and starts that remote alone, in setup mode, at this baud
-    /// rate: 115200 for a card whose jumper is in the setup position. Gives the line to it,
-    /// and what it tells; a remote of which only the bootloader answers tells neither unit number nor
-    /// tables.
+    /// Stops the serial port of a remote and starts only that remote, in setup mode, at this baud
+    /// rate: 115200 for a card with its jumper in the setup position. Returns the line to the
+    /// remote, and its identity; a remote with only a running bootloader reports neither unit number
+    /// nor tables.
     ///
-    /// After [`discover`](Self::discover), with the channel configured. The remotes that were
-    /// discovered on the port are stopped from here on; [`end_setup_at`](Self::end_setup_at) gives the
-    /// channel its usual baud rate back.
+    /// Call after [`discover`](Self::discover), with the channel configured. The remotes that were
+    /// discovered on the port are stopped from here on; [`end_setup_at`](Self::end_setup_at)
+    /// restores the usual baud rate of the channel.
     ///
     /// # Errors
-    /// [`DriverError::Missing`]: the remote does not start, with the reason. [`DriverError::Attach`]:
-    /// there is no such port or channel.
+    /// [`DriverError::Missing`]: the remote does not start, with the reason.
+    /// [`DriverError::Attach`]: there is no such port or channel.
     pub fn setup_at(
         &mut self,
         remote: impl Into<RemoteId>,
@@ -41,10 +41,10 @@ impl<B: RegisterBus + Clock> Board<B> {
         }
     }
 
-    /// Stops a serial port, and gives a channel of it the baud rate that a reset gives.
+    /// Stops a serial port, and restores the default baud rate of one of its channels.
     ///
     /// # Errors
-    /// The port does not do it, or is not there.
+    /// The port fails, or does not exist.
     pub fn end_setup_at(
         &mut self,
         remote: impl Into<RemoteId>,
@@ -56,7 +56,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(port.stop_all()?)
     }
 
-    /// A channel that its port has.
+    /// The line of an existing channel.
     fn line(&mut self, remote: RemoteId) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
         let stage = self.stages.get_mut(usize::from(remote.port));
         let line = stage

@@ -1,4 +1,4 @@
-//! The end: outputs off, ports stopped, watchdog bitten.
+//! Stopping: outputs off, ports stopped, watchdog bitten.
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -11,18 +11,17 @@ use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
 
-/// How often the last transfer is tried: over a network one packet may be lost.
+/// Attempts of the last transfer: over a network one packet may be lost.
 const LAST_TRIES: u32 = 3;
-/// How long a command in flight may take: a START waits 17 ms for a remote that does not
-/// answer (FACTS 5.7).
+/// Time for a command in flight: a START waits 17 ms for a remote that does not answer (FACTS 5.7).
 const LAST_COMMAND: Duration = Duration::from_millis(20);
 /// Ends the waiting on a bus whose clock stands still.
 const MOST_CYCLES: u32 = 1000;
-/// How long the last transfer, with which the remotes' outputs go off, may take.
+/// Time for the last transfer, which switches the remotes' outputs off.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
-/// A driver that has stopped, to be looked at: what it counted, its pins as they were last, its events
-/// and its trace. Nothing can be asked of its board any more.
+/// A stopped driver, for inspection: its statistics, its pins in their last state, its events and
+/// its trace. Without access to its board.
 #[derive(Debug)]
 pub struct Stopped<B: RegisterBus + Clock>(Driver<B>);
 
@@ -41,13 +40,13 @@ impl<B: RegisterBus + Clock> Deref for Stopped<B> {
     }
 }
 
-/// What of a driver could not be stopped. Everything else is.
+/// The parts of a driver that could not be stopped. All others are stopped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct StopError<E: BusError> {
     /// The first step that failed. The outputs of the board itself are off by its watchdog.
     pub failed: Option<PortError<E>>,
-    /// The remotes that may have an output on still.
+    /// The remotes that may still have an output on.
     pub not_reached: Vec<NotReached>,
 }
 
@@ -69,17 +68,18 @@ impl<E: BusError> fmt::Display for StopError<E> {
 
 impl<E: BusError> core::error::Error for StopError<E> {}
 
-/// A remote that may have an output on when the driver was stopped: it has not shown that it took its
-/// safe values, and its own watchdog, which switches it off, is not known to have bitten yet. A remote
-/// that was not driven, or has been offline for longer than that takes, is none.
+/// A remote that may have an output on when the driver was stopped: it has not confirmed its safe
+/// values, and its own watchdog, which switches the outputs off, is not known to have bitten yet.
+/// Remotes that were not driven, or have been offline for longer than the watchdog's time, are not
+/// included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {
-    /// The remote.
+    /// The address of the remote.
     pub remote: RemoteId,
-    /// Its name.
+    /// The name of the remote.
     pub name: RemoteName,
-    /// Its watchdog.
+    /// The watchdog of the remote.
     pub watchdog: RemoteWatchdog,
 }
 
@@ -112,14 +112,15 @@ impl fmt::Display for NotReached {
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
-    /// bites, so that the board drives nothing. Gives the bus back.
+    /// bites, so that the board drives nothing. Returns the bus.
     ///
-    /// Every step is tried, whatever became of those before. Dropping the driver does the same, and can
-    /// return nothing: what could not be stopped goes to the `log`, where there is one.
+    /// Every step is tried, whatever the result of the steps before. Dropping the driver does the
+    /// same, but cannot return anything: parts that could not be stopped are reported in the `log`,
+    /// if there is one.
     ///
     /// # Errors
-    /// [`StopError`]: the first error of all steps, and the remotes that were not reached, of which an
-    /// output may be on: until their own watchdogs bite, or for ever where those are off.
+    /// [`StopError`]: the first error of all steps, and the remotes that were not reached. An
+    /// output of these may be on: until their own watchdogs bite, or for ever where those are off.
     ///
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
@@ -129,7 +130,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         (stopped.into_bus(), result)
     }
 
-    /// The same, and the driver can be looked at afterwards.
+    /// Stops like [`shutdown`](Self::shutdown), and keeps the driver for inspection.
     ///
     /// # Errors
     /// As [`shutdown`](Self::shutdown).
@@ -179,7 +180,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn stop_board(&mut self) -> Result<(), PortError<B::Error>> {
         let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
-            // A remote that runs may have missed one.
+            // A running remote may have missed a transfer.
             let now = self.bus.now();
             let mut ports = self.cycle.parts.ports.iter();
             let missed = |port: &SerialPort| {
@@ -198,8 +199,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         first.and(released)
     }
 
-    /// Whether it is not the board that the driver was started with which answers, or no HostMot2: that
-    /// one has its watchdogs, and this one is not ours to touch. A board that runs is the same one.
+    /// True if another board, or no HostMot2, answers: such a board has watchdogs of its own, and
+    /// must not be written to. A running board is the same one.
     fn answers_as_another(&mut self) -> bool {
         if !self.cycle.is_running() {
             match self.who_answers() {
@@ -214,8 +215,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.state() == BoardState::OtherFirmware
     }
 
-    /// Switches everything off, and is sure that the board has heard it: only then it may go without
-    /// its usual watchdog.
+    /// Switches everything off, and makes sure that the board has received it: only then may the
+    /// board do without its usual watchdog time.
     pub(super) fn all_off(&mut self) -> Result<(), DriverError<B::Error>> {
         for _ in 0..LAST_TRIES {
             self.last_transfer()?;
@@ -224,7 +225,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     state: self.cycle.state(),
                 });
             }
-            // Its last read has seen its last write arrive.
+            // The last read has confirmed the last write.
             if self.cycle.is_sure() {
                 return Ok(());
             }
@@ -232,7 +233,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Err(DriverError::NotConfirmed)
     }
 
-    /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
+    /// Sends safe values to all remotes, so that their outputs go off without their own watchdogs.
     pub(super) fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
         self.cycle.is_last = true;
         let result = self.transfer_safe_values();
@@ -248,11 +249,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
         let begin = self.bus.now();
         self.cycle.make_safe();
-        // What fails in a wait fails in the read that follows, which reports it.
+        // A failing wait fails again in the following read, which returns the error.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
         for _ in 0..MOST_CYCLES {
             let _ = self.read()?;
-            // A port that is not seen idle gets nothing; the board's own outputs go off at once.
+            // A port that is not idle gets nothing; the board's own outputs go off at once.
             let mut ports = self.cycle.parts.ports.iter();
             let all_idle = ports.all(|port| port.is_idle(&self.cycle.words));
             self.cycle.make_safe();
@@ -263,7 +264,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let pause = self.pacer.period.min(LAST_COMMAND);
             let _ = self.wait_ports(pause, |port, words, _| port.is_idle(words));
         }
-        // Faults that the replies tell are to be known; the values were sent whatever this read says.
+        // Takes the faults in the replies; the values were sent whatever this read returns.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
         let _ = self.read();
         Ok(())
@@ -275,7 +276,7 @@ impl<B: RegisterBus + Clock> Drop for Driver<B> {
         if self.is_stopped {
             return;
         }
-        // Nobody is left to tell but the log; the watchdogs do the rest.
+        // An error can only be logged here; the watchdogs make the machine safe.
         let result = self.stop_all();
         #[cfg(feature = "log")]
         if let Err(error) = &result {

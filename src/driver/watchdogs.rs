@@ -1,32 +1,33 @@
-//! Whether the remotes' own watchdogs bite.
+//! Test of the remotes' own watchdogs.
 
 use super::{Driver, DriverError};
 use crate::bus::{Clock, RegisterBus};
 use crate::modules::serial::SerialPort;
 
-/// How often the remotes are asked what they report: a transfer may be lost.
+/// Number of queries for the remotes' reports: a transfer may be lost.
 const TRIES: u32 = 3;
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Lets all remotes that run go without process data for longer than their
-    /// [watchdogs](super::RemoteWatchdog) are said to take, with all outputs off, and looks whether
-    /// they report that these have bitten. One that does not counts as
-    /// [off](super::RemoteWatchdog::Off) from now on; one that was left alone for much longer than its
-    /// own time, because of another's or because the host was late, is known to bite within that.
+    /// Leaves all running remotes without process data for longer than the nominal time of their
+    /// [watchdogs](super::RemoteWatchdog), with all outputs off, and checks that they report a
+    /// bite. A remote that does not report one counts as [off](super::RemoteWatchdog::Off) from now
+    /// on; a remote that was left for much longer than its own time, because of another remote or
+    /// because the host was late, is known to bite within the longer time.
     ///
-    /// The parameter `NVWatchDogTimeout` says what a remote uses from its next power-up on. What it
-    /// uses until then it does not tell, so that one which was written since may be read as 50 ms
-    /// while none is in use. Those that are off or [slow](super::RemoteWatchdog::is_slow) by their
-    /// parameter stay what they are, and are not waited for. So do those of a port that is
-    /// switched off, which transfers nothing.
+    /// The parameter `NVWatchDogTimeout` contains the time that a remote uses from its next
+    /// power-up on. The time in use until then cannot be read, so that a parameter written since
+    /// the last power-up may read as 50 ms while no watchdog is in use. Watchdogs that are off or
+    /// [slow](super::RemoteWatchdog::is_slow) by their parameter stay so, and are not waited for.
+    /// The same holds for those of a port that is switched off, which transfers nothing.
     ///
-    /// It costs the machine what [`write_remote_parameter`](Self::write_remote_parameter) does:
-    /// everything becomes safe, remotes whose watchdogs have bitten are started again in the next
-    /// cycles, and everything waits for [`rearm`](Self::rearm). Go on with the cycle at once.
+    /// The effects on the machine are those of
+    /// [`write_remote_parameter`](Self::write_remote_parameter): everything becomes safe, remotes
+    /// whose watchdogs have bitten are started again in the next cycles, and everything waits for
+    /// [`rearm`](Self::rearm). Continue with the cycle at once.
     ///
     /// # Errors
-    /// Those of the bus, [`DriverError::NotRunning`] and [`DriverError::NotConfirmed`]; then nothing is
-    /// known of any watchdog.
+    /// Those of the bus, [`DriverError::NotRunning`] and [`DriverError::NotConfirmed`]; then
+    /// nothing is known of any watchdog.
     ///
     /// # Real time
     /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.4 s at most.

@@ -13,27 +13,28 @@ use crate::tally::Tally;
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DpllPins {
-    /// When the four timers rise, in microseconds from the read; negative is before it.
+    /// Times at which the four timers rise, in microseconds from the read; negative is before it.
     pub timer_us: [Output<f64>; 4],
     /// The loop's frequency in kHz.
     pub base_freq_khz: Output<f64>,
-    /// How late the last read was for the loop, in microseconds; negative is early. 0 where the board
-    /// paces the cycle, since the loop follows nobody then.
+    /// Lateness of the last read for the loop, in microseconds; negative is early. 0 where the
+    /// board paces the cycle, since the loop then runs free.
     pub phase_error_us: Input<f64>,
-    /// Time constant of its filter.
+    /// Time constant of the loop's filter.
     pub time_const: Output<u32>,
-    /// How much it may correct; 0 lets it run free.
+    /// The greatest phase error that counts, see [`DpllConfig::phase_limit`]; 0 lets the loop run
+    /// free.
     pub plimit: Output<u32>,
-    /// The width of its accumulator.
+    /// Width of the loop's accumulator, in bits.
     pub ddsize: Input<u32>,
-    /// Divides its clock.
+    /// Divisor of the loop's clock.
     pub prescale: Input<u32>,
 }
 
-/// The phase-locked loop: it times the board by the reads, or the reads by the board.
+/// The phase-locked loop: times the board by the reads, or the reads by the board.
 #[derive(Debug)]
 pub struct Dpll {
-    /// The handles of its pins.
+    /// The handles of the pins.
     pub pins: DpllPins,
     clock_hz: u32,
     dds_bits: u8,
@@ -41,15 +42,15 @@ pub struct Dpll {
     words: [u32; 5],
     /// In the order of the words.
     settings: [Setting; 5],
-    /// Where the board paces, nobody is followed: without these the loop runs free. Any access of the
-    /// first marks the thread's read and latches the phase, which it reads: the phase error. A write
-    /// of the second sets the phase.
+    /// The registers for following the host; `None` where the board paces, and the loop runs free.
+    /// Any access of the first register marks the thread's read and latches the phase, which the
+    /// register returns as the phase error. A write of the second sets the phase.
     following: Option<(ReadSlot, Setting)>,
     start: PhaseStart,
 }
 
 impl Dpll {
-    /// The loop of a firmware, if it has one and it is wanted.
+    /// Registers the loop of a firmware, if the firmware has one and the settings allow it.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
         let first = r.driven(&[Gtag::HM2DPLL]).first().copied();
         let Some(module) = first.filter(|_| !r.settings.no_dpll) else {
@@ -87,7 +88,7 @@ impl Dpll {
             setting(5, timers_34)?,
         ];
         let (phase, sync) = (module.register(1, 0)?, module.register(6, 0)?);
-        // What the loop follows comes first.
+        // First, because the loop follows the time of this access.
         let is_following = r.settings.pace == Pace::Host;
         let following =
             is_following.then(|| (r.image.read(Phase::First, sync), r.image.on_demand(phase)));
@@ -119,10 +120,11 @@ impl Module for Dpll {
         }
     }
 
-    /// A frequency that the loop can not have is counted, and the one before stays.
+    /// A frequency that the loop cannot reach is counted as refused, and the previous one stays.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         let [_, control_0, ..] = self.settings;
-        // Control 0 is written again, so that the loop forgets what it took for an error meanwhile.
+        // Control 0 is written again, so that the loop discards the error that it has accumulated
+        // meanwhile.
         if let Some((_, phase)) = self.following
             && let Some(word) = self.start.write()
         {
@@ -153,7 +155,7 @@ impl Module for Dpll {
         }
     }
 
-    /// The loop runs at another phase.
+    /// Sets the phase anew, since the loop runs at another phase.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
         self.start = PhaseStart::default();
     }
@@ -186,33 +188,34 @@ impl DpllPins {
     }
 }
 
-/// How the loop follows the thread.
+/// Settings for following the thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DpllConfig {
     /// Rate of the thread in Hz.
     pub hz: f64,
-    /// The greatest phase error that counts, in 2^-24 of a period: at most 0x7F_FFFF, half a period.
+    /// The greatest phase error that counts, in 2^-24 of a period: at most 0x7F_FFFF, half a
+    /// period.
     pub phase_limit: u32,
-    /// Steps of the accumulator from one step of the filter to the next, about 4200 of which make
-    /// a period. The greater, the slower.
+    /// Steps of the accumulator between two steps of the filter; a period has about 4200 of them. A
+    /// greater value makes the loop slower.
     pub time_constant: u16,
-    /// When the timers rise, in us from the thread's read; before it is negative.
+    /// Times at which the timers rise, in us from the thread's read; negative is before it.
     pub timers_us: [f64; 4],
 }
 
 impl DpllConfig {
-    /// The words of the registers for a loop with this clock and a DDS of `dds_bits`:
+    /// Returns the words of the registers for a loop with this clock and a DDS of `dds_bits`:
     /// - base rate, the phase step: Hz * 2^dds * prescale / clock;
-    /// - control 0: prescale, the clocks of a phase step, 2^30*clock / (2^dds * Hz) and at least 1, and
-    ///   phase limit. A write makes the loop forget its error, filter and integrator;
+    /// - control 0: prescale, the clocks of a phase step, 2^30*clock / (2^dds * Hz) and at least 1,
+    ///   and phase limit. A write makes the loop discard its error, filter and integrator;
     /// - control 1: time constant; the low byte reads the size of the DDS;
     /// - timers 2 and 1, timers 4 and 3.
     ///
-    /// All are truncated as LinuxCNC does, the timers toward zero.
+    /// All are truncated as in LinuxCNC, the timers toward zero.
     ///
     /// # Errors
-    /// The prescale and base rate that would be needed: one of them is out of reach, or the DDS is
-    /// not known.
+    /// The prescale and base rate that would be needed: one of them is out of range, or the size of
+    /// the DDS is unknown.
     pub fn words(&self, clock_hz: u32, dds_bits: u8) -> Result<[u32; 5], (f64, f64)> {
         let (hz, clock) = (self.hz, f64::from(clock_hz));
         let turn = libm::ldexp(1.0, i32::from(dds_bits)) * hz;
@@ -236,34 +239,35 @@ impl DpllConfig {
     }
 }
 
-/// A timer as a fraction of the period in 1/65536. The register says how long **before** the read
-/// the timer rises, so that its sign is the other one: -100 us of 1 ms are 0x1999 (FACTS 12.4).
-/// It is truncated toward zero, as LinuxCNC does: both signs have the same size. Whole periods are
-/// left out; what is not a number becomes 0.
+/// Returns a timer as a fraction of the period in 1/65536. The register holds the time **before**
+/// the read at which the timer rises, so that its sign is the opposite one: -100 us of 1 ms are
+/// 0x1999 (FACTS 12.4). The value is truncated toward zero, as in LinuxCNC, so that both signs have
+/// the same size. Whole periods are dropped; NaN becomes 0.
 fn timer_of(us: f64, hz: f64) -> u16 {
     let fraction = libm::trunc(-us * hz * 65_536.0 / 1e6);
     let within = fraction - 65_536.0 * libm::floor(fraction / 65_536.0);
     if within.is_nan() { 0 } else { within as u16 }
 }
 
-/// The phase error in us that the sync register reads, for a thread of `hz`: a signed fraction of
-/// the period in 1/2^32, positive if the thread reads late.
+/// The phase error in us from the word of the sync register, for a thread of `hz`: a signed
+/// fraction of the period in 1/2^32, positive if the thread reads late.
 fn phase_error_us(word: u32, hz: f64) -> f64 {
     f64::from(word as i32) / 4_294_967_296.0 / hz * 1e6
 }
 
-/// LinuxCNC does it for this number of periods: what a machine starts with is irregular.
+/// Number of periods in which the phase is set, as in LinuxCNC: the first periods of a machine are
+/// irregular.
 const PERIODS: u32 = 100;
 
 /// Sets the phase of the loop with each write, such that the next read finds it at 0.
 ///
 /// Left to itself, the loop takes seconds to get there, and rings (FACTS 12.4). LinuxCNC writes 0,
-/// after which the read is early by what passes from a read to its write. That is what the next read
-/// shows, and its mean is written from then on.
+/// which makes the read early by the time from a read to its write. The next read shows that time,
+/// and its mean is written from then on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct PhaseStart {
     writes: u32,
-    /// What is written, in 2^-32 of a period.
+    /// The phase to write, in 2^-32 of a period.
     phase: i32,
     /// Reads that followed a write.
     reads: i32,
@@ -271,7 +275,8 @@ struct PhaseStart {
 }
 
 impl PhaseStart {
-    /// The read after a write found the loop at this phase.
+    /// Takes the phase of the loop at a read, and corrects the phase to write if the read followed
+    /// a write.
     fn read(&mut self, phase: u32) {
         if core::mem::take(&mut self.is_written) && self.writes < PERIODS {
             self.reads = self.reads.saturating_add(1);
@@ -280,7 +285,7 @@ impl PhaseStart {
         }
     }
 
-    /// What this write sets the phase to, if it still does.
+    /// The phase that this write sets; `None` after the first [`PERIODS`].
     fn write(&mut self) -> Option<u32> {
         if self.writes == PERIODS {
             return None;
@@ -384,10 +389,10 @@ mod tests {
     #[test]
     fn the_phase_of_the_write_is_such_that_the_read_is_at_0() {
         let mut start = PhaseStart::default();
-        // Anything, before the phase was set.
+        // Any phase, before it was set for the first time.
         start.read(0x1234_5678);
         assert_eq!(start.write(), Some(0), "as LinuxCNC does");
-        // A tenth of a period, sometimes more and sometimes less, after the read.
+        // A tenth of a period after the read, with some variation.
         let tenth = u32::MAX / 10;
         for n in 1..PERIODS {
             let delay = tenth + n % 2 * 2_000;

@@ -1,4 +1,4 @@
-//! Why a module can not be used.
+//! Errors of registering a module.
 
 use alloc::string::String;
 
@@ -6,34 +6,34 @@ use crate::bus::ImageError;
 use crate::hal::PinError;
 use crate::hostmot2::HostMot2Error;
 
-/// Why a module was not registered.
+/// The reason why a module was not registered.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
-    /// The firmware does not have it, or has one that is not known, or an I/O pin can not be used as
-    /// asked for.
+    /// The firmware lacks the module, has an unknown version of it, or an I/O pin cannot be used as
+    /// requested.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
-    /// A pin can not be made.
+    /// A pin cannot be made.
     #[error("a pin of the board: {0}")]
     Pin(#[from] PinError),
-    /// A register can not be part of a cycle.
+    /// A register cannot be part of a cycle.
     #[error(transparent)]
     Image(#[from] ImageError),
     /// A register was not read.
     #[error("register {address:#06X} was not read, because the bus failed")]
     Peek {
-        /// The register.
+        /// The address of the register.
         address: u16,
     },
-    /// A setting that this firmware can not follow.
+    /// A setting that this firmware does not support.
     #[error("{what}: {found}, expected {expected}")]
     Setting {
-        /// What is set, and where.
+        /// The setting, and the field that contains it.
         what: &'static str,
-        /// What was asked for.
+        /// The requested value.
         found: String,
-        /// What is possible, and what to do otherwise.
+        /// The possible values, and an alternative.
         expected: String,
     },
 }

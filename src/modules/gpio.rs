@@ -1,4 +1,4 @@
-//! I/O pins: those that no module uses, and what can be set of those that one does.
+//! I/O pins: those that no module uses, and the settings of those that a module uses.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -12,18 +12,18 @@ pub use crate::hostmot2::GpioConfig;
 
 /// The pins and parameters of one I/O pin: `hm2_7i92.0.gpio.000.in` and so on.
 ///
-/// A pin that a module uses can not be set, and has a level only if the module reads it.
+/// A pin that a module uses cannot be set, and has a level only if the module reads it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpioPins {
-    /// The level, and its opposite; not of a pin that a module drives.
+    /// The level, and its opposite; absent for a pin that a module drives.
     pub input: Option<DigitalIn>,
-    /// The level to drive, before inversion; of a pin that no module uses.
+    /// The level to drive, before inversion; only for a pin that no module uses.
     pub out: Option<Output<bool>>,
-    /// Whether it is driven; of a pin that no module uses.
+    /// True if the pin is driven; only for a pin that no module uses.
     pub is_output: Option<Param<bool>>,
-    /// Inverts an output; not of a pin that a module reads.
+    /// Inverts an output; absent for a pin that a module reads.
     pub invert_output: Option<Param<bool>>,
-    /// Drives low only; not of a pin that a module reads.
+    /// Drives low only; absent for a pin that a module reads.
     pub is_opendrain: Option<Param<bool>>,
 }
 
@@ -33,14 +33,14 @@ pub struct Gpio {
     ports: Vec<Port>,
 }
 
-/// One port.
+/// An I/O port.
 #[derive(Debug)]
 struct Port {
     pins: Vec<(PinPlace, GpioPins)>,
-    /// As the modules have it, and before the application asks for anything.
+    /// The registers as the modules use them, before any setting of the application.
     setup: PortRegisters<u32>,
     levels: Option<ReadSlot>,
-    /// The levels that were taken last.
+    /// The last levels that were taken.
     taken: Option<u32>,
     data: Option<WriteSlot>,
     invert: Setting,
@@ -49,10 +49,11 @@ struct Port {
 }
 
 impl Gpio {
-    /// All I/O pins of a firmware: to be registered when all modules have taken theirs.
+    /// Registers all I/O pins of a firmware; called after all modules have taken their pins.
     ///
     /// # Errors
-    /// [`RegisterError`]: no I/O ports, or a pin that can not be used as [`Settings`] ask.
+    /// [`RegisterError`]: the firmware has no I/O ports, or a pin cannot be used as [`Settings`]
+    /// ask.
     ///
     /// [`Settings`]: crate::modules::Settings
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
@@ -117,7 +118,7 @@ impl GpioPins {
         Ok(made)
     }
 
-    /// Puts what the application asks of the pin into the words of its port.
+    /// Puts the outputs and settings of the pin into the words of its port.
     fn put(&self, words: &mut PortRegisters<u32>, place: PinPlace, pins: &mut PinStore) {
         if let (Some(output), Some(out)) = (self.is_output, self.out) {
             words.direction = place.put(words.direction, pins.param(output));
@@ -133,8 +134,8 @@ impl GpioPins {
 }
 
 impl Port {
-    /// Open drain comes last, and is cleared with the directions, because a pin with open drain is
-    /// driven whatever its direction (FACTS 12.2).
+    /// Registers a port. Open drain comes last, and is cleared with the directions, because a pin
+    /// with open drain is driven whatever its direction is (FACTS 12.2).
     fn new(
         r: &mut Registrar<'_>,
         IoPort { address, setup }: IoPort,
@@ -165,7 +166,7 @@ impl Port {
 }
 
 impl Module for Gpio {
-    /// Ports of which no pin has changed are passed over.
+    /// Skips the ports whose levels are unchanged.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         for port in &mut self.ports {
             let word = port.levels.map(|slot| cycle.words.word(slot));

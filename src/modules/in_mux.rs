@@ -1,4 +1,4 @@
-//! Filtered inputs with MPG counters: InMux (multiplexed) and InM (a pin each).
+//! Filtered inputs with MPG counters: InMux (multiplexed) and InM (one pin each).
 //!
 //! Source: FACTS 13.6.
 
@@ -15,58 +15,58 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 /// The pins of one input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InMuxInput {
-    /// Filtered.
+    /// The filtered level.
     pub filtered: DigitalIn,
-    /// As it is.
+    /// The level without filter.
     pub raw: DigitalIn,
-    /// Filtered for long, and not for short.
+    /// Uses the long filter instead of the short one.
     pub slow: Output<bool>,
 }
 
 /// The pins of one instance: `hm2_7i97.0.inmux.00.input-00` and so on.
 ///
-/// After the board was set up, at start and again after a bite or a reset, inputs are not valid
-/// before they have been scanned (raw), or scanned as often as their filter takes (filtered, and the
+/// After a set-up of the board, at start and again after a bite or a reset, inputs are invalid
+/// until they have been scanned (raw), or scanned as often as their filter takes (filtered, and the
 /// MPG counts on them): 0.5 ms with the short filter, 26 ms with the long one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct InMuxPins {
-    /// How often all inputs are scanned, in Hz.
+    /// Scan rate of all inputs, in Hz.
     pub scan_rate: Param<u32>,
     /// The long filter, in scans: 1 to 1023.
     pub slow_scans: Param<u32>,
     /// The short filter, in scans: 1 to 63.
     pub fast_scans: Param<u32>,
-    /// An MPG counts all four edges, and not one.
+    /// The MPG counts all four edges of a cycle, instead of one.
     pub mpg_4x: [Param<bool>; 4],
-    /// How many inputs there are.
+    /// Number of inputs.
     pub scan_width: Param<u32>,
     /// The inputs.
     pub inputs: Vec<InMuxInput>,
     /// The counts of the MPGs; MPG k is on inputs 2k and 2k+1.
     pub mpg_counts: [Input<i32>; 4],
-    /// Keep the counts at 0.
+    /// Keeps the counts at 0.
     pub mpg_resets: [Output<bool>; 4],
 }
 
-/// One instance of InMux or InM. The layouts are the same.
+/// One instance of InMux or InM, which have the same layout.
 #[derive(Debug)]
 pub struct InMux {
     /// InMux or InM.
     pub gtag: Gtag,
-    /// The handles of its pins.
+    /// The handles of the pins.
     pub pins: InMuxPins,
     clock_hz: u32,
-    /// As they were written last:
+    /// The last words that were written:
     /// - control;
     /// - the inputs with the long filter: bit n is input n;
     /// - bit 0 of each byte: counter k counts every edge (4X), else one per cycle (1X).
     words: [u32; 3],
     mpgs: [Mpg; 4],
-    /// What was published last.
+    /// The last published levels.
     shown: Option<Levels>,
-    /// The module was set up, and its scans and filters hold what was before, ...
+    /// The module was set up, and its scans and filters still contain levels from before.
     is_settling: bool,
-    /// ... which was read first then.
+    /// The time of the first read after that set-up.
     since: Option<Instant>,
     settings: [Setting; 3],
     filtered: ReadSlot,
@@ -75,7 +75,7 @@ pub struct InMux {
     mpg: ReadSlot,
 }
 
-/// The levels of all inputs, or which of them are not known yet: bit n is input n.
+/// The levels of all inputs, or the set of inputs without a valid level: bit n is input n.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Levels {
     filtered: u32,
@@ -89,8 +89,8 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
     module.check_layout(5, if module.instances > 1 { OF_EACH } else { found })
 }
 
-/// Scans until what is raw is of the present set-up: the one in progress, one whole, and the one in
-/// which it is taken over.
+/// Scans until the raw levels belong to the present set-up: the one in progress, a whole one, and
+/// the one in which its levels are taken over.
 const RAW_SCANS: u32 = 3;
 
 impl InMux {
@@ -133,19 +133,19 @@ impl InMux {
         })
     }
 
-    /// The inputs that are not known yet at `now`.
+    /// Returns the inputs that are not valid yet at `now`.
     fn unsettled(&mut self, now: Instant) -> Levels {
         if !self.is_settling {
             return Levels::default();
         }
         let [control, slow, _] = self.words;
         let since = now.since(*self.since.get_or_insert(now));
-        // A clock that is not known leaves nothing valid.
+        // With an unknown clock (0 Hz) no input becomes valid.
         let scan = Duration::try_from_secs_f64(1.0 / scan_hz(control, self.clock_hz));
         let scan = scan.unwrap_or(Duration::MAX);
         let is_over = |scans: u32| since >= scan.saturating_mul(scans.saturating_add(RAW_SCANS));
         let held = |is_over: bool, inputs: u32| if is_over { 0 } else { inputs };
-        // A filter counts to its end, whatever it held, and shows that one scan later.
+        // A filter counts to its end from any content, and shows the result one scan later.
         let short = is_over((control >> SHORT & LARGEST_SHORT).saturating_add(1));
         let long = is_over((control >> LONG).saturating_add(1));
         self.is_settling = !(short && long);
@@ -155,7 +155,7 @@ impl InMux {
         }
     }
 
-    /// Counts what the MPGs moved; those on inputs that are `held` stay where they are.
+    /// Counts the movements of the MPGs; the counts on inputs that are `held` stay unchanged.
     fn count(&mut self, pins: &mut PinStore, word: u32, held: u32) {
         let of_pins = self.pins.mpg_counts.iter().zip(self.pins.mpg_resets);
         let of_board = word.to_le_bytes().into_iter().zip([0, 2, 4, 6]);
@@ -181,7 +181,7 @@ impl Module for InMux {
             filtered: cycle.words.word(self.filtered),
             raw: cycle.words.word(self.raw),
         };
-        // What was withheld last is published once more.
+        // The levels withheld by the last read are published once more.
         if self.shown.replace(levels) != Some(levels) || was_settling {
             self.pins.publish(cycle.pins, levels, held);
         }
@@ -197,14 +197,15 @@ impl Module for InMux {
         }
     }
 
-    /// The counters may stand anywhere, and the counts go on from where they were.
+    /// Waits for the scans and filters again; the counters may contain any value, and the counts
+    /// continue from their last one.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
         (self.is_settling, self.since) = (true, None);
     }
 }
 
 impl InMuxPins {
-    /// `count` inputs.
+    /// Makes the pins for `count` inputs.
     fn new(
         r: &mut Registrar<'_>,
         (gtag, instance): (Gtag, u8),
@@ -249,7 +250,7 @@ impl InMuxPins {
         Ok(all)
     }
 
-    /// Control, filter and modes.
+    /// The words of control, filter and modes.
     fn words(&self, pins: &mut PinStore, clock_hz: u32) -> [u32; 3] {
         let slow = (0..).zip(self.inputs.iter().map(|input| input.slow));
         let slow = bits_of(pins, slow);
@@ -263,7 +264,7 @@ impl InMuxPins {
         [control, slow, u32::from_le_bytes(modes)]
     }
 
-    /// Publishes the levels, and takes back those that are `held`.
+    /// Publishes the levels, and withholds those that are `held`.
     fn publish(&self, pins: &mut PinStore, levels: Levels, held: Levels) {
         for (n, input) in self.inputs.iter().enumerate() {
             for (pair, word, held) in [
@@ -282,7 +283,8 @@ impl InMuxPins {
     }
 }
 
-/// An MPG's count, from a counter of 8 bits that must not move 128 counts or more between two reads.
+/// The count of an MPG, from a counter of 8 bits that must not move 128 counts or more between two
+/// reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Mpg {
     last: Option<u8>,
@@ -290,8 +292,8 @@ struct Mpg {
 }
 
 impl Mpg {
-    /// Takes what a cycle read. While the counter is held, or its count is kept at 0, what it moves
-    /// does not count.
+    /// Takes the counter of a cycle. Movements while the counter is held, or its count is kept at
+    /// 0, do not count.
     fn take(&mut self, now: u8, is_held: bool, is_reset: bool) {
         let last = self.last.replace(now).unwrap_or(now);
         if is_reset {
@@ -305,21 +307,21 @@ impl Mpg {
 
 /// Number of the last input in the control register; read only.
 const LAST_INPUT: u32 = 0x1F;
-/// All inputs inverted: the opto-isolators pull their lines low while current flows, which is to
+/// Inverts all inputs: the opto-isolators pull their lines low while current flows, which should
 /// read as true.
 const INVERT: u32 = 1 << 5;
-/// Rate divisor, ...
+/// Position of the rate divisor.
 const DIVISOR: u32 = 6;
 const LARGEST_DIVISOR: u32 = 0x3FF;
-/// ... and the scans that an input must be steady for: short filter, ...
+/// Position of the short filter, the number of scans for which an input must be steady.
 const SHORT: u32 = 16;
 const LARGEST_SHORT: u32 = 0x3F;
-/// ... and long filter.
+/// Position of the long filter.
 const LONG: u32 = 22;
 const LARGEST_LONG: u32 = 0x3FF;
 
-/// The control register for `inputs` inputs that are scanned `scan_hz` times a second, with these
-/// filters, in scans; what does not fit becomes the nearest.
+/// The control register for `inputs` inputs that are scanned `scan_hz` times per second, with these
+/// filters, in scans; a value that does not fit becomes the nearest that does.
 fn control((clock_hz, inputs): (u32, u32), scan_hz: u32, short: u32, long: u32) -> u32 {
     let channel_hz = f64::from(scan_hz) * f64::from(inputs);
     let divisor = libm::round(f64::from(clock_hz) / 4.0 / channel_hz) - 1.0;

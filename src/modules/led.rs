@@ -1,7 +1,7 @@
 //! The LEDs of the board: `hm2_7i97.0.led.CR01` and so on.
 //!
-//! As they come, Ethernet boards count packets on these LEDs, and the pins show nothing: give the
-//! LEDs to the FPGA first, with
+//! As delivered, Ethernet boards count packets on these LEDs, and the pins have no visible effect:
+//! give the LEDs to the FPGA first, with
 //! [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode).
 //! Manual: 7I97, "BOARD STATUS LEDS".
 
@@ -14,7 +14,7 @@ use crate::bus::{Setting, Stage};
 use crate::hal::Output;
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
-/// The user LEDs: CR01 to CR04 of the boards with Ethernet.
+/// Number of user LEDs: CR01 to CR04 of the Ethernet boards.
 const LEDS: usize = 4;
 
 /// The LEDs of a board.
@@ -51,7 +51,7 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
 }
 
 impl Module for Leds {
-    /// Written when it changes: an LED is not worth eight bytes in every packet.
+    /// Writes the word when it changes: the LEDs are not worth eight bytes in every packet.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         if !cycle.changed {
             return;

@@ -1,9 +1,9 @@
 //! The modules of a board: each is one file or folder with its registers, its pins and its cycle.
 //!
-//! A [`Module`] registers once what it reads, writes and is set up with, at a [`Registrar`], and then
-//! does one step after each read and one before each write. The board's watchdog and its serial
-//! ports are modules like the others, and an application can add modules that this crate does not
-//! know.
+//! A [`Module`] registers the registers that it reads, writes and is set up with, once, at a
+//! [`Registrar`], and then does one step after each read and one before each write. The board's
+//! watchdog and its serial ports are modules like the others, and an application can add modules
+//! that this crate does not support.
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
@@ -45,86 +45,87 @@ use crate::hal::{Output, PinStore};
 /// Every function is called at most once in a cycle, and must not allocate, wait or panic: a module
 /// is a state machine that does one step for each call.
 pub trait Module: Any + fmt::Debug + Send {
-    /// Takes its inputs from a read that is sound.
+    /// Takes the inputs from a valid read.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let _ = cycle;
     }
 
-    /// A read failed: nothing new is known.
+    /// Handles a failed read: there are no new inputs.
     fn not_read(&mut self, pins: &mut PinStore) {
         let _ = pins;
     }
 
-    /// Puts its outputs.
+    /// Puts the outputs.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         let _ = cycle;
     }
 
-    /// The write was sent at `now`; whether it `arrived`, or that is not known.
+    /// Called at `now`, after the write; `arrived` is false if the write failed or was omitted.
     fn written(&mut self, now: Instant, arrived: bool) {
         let _ = (now, arrived);
     }
 
-    /// Something made everything safe. The outputs of the board's own group are safe already.
+    /// Handles a fault that made everything safe. The outputs of the board's own group are safe
+    /// already.
     fn make_safe(&mut self, pins: &mut PinStore) {
         let _ = pins;
     }
 
-    /// The board has lost its set-up and got it back: counts may stand anywhere.
+    /// Called when the board has lost its set-up and got it back: counters may contain any value.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         let _ = (pins, now);
     }
 }
 
-/// What a module has after a read.
+/// Input of [`Module::read`].
 #[derive(Debug)]
 pub struct ReadCycle<'a> {
-    /// What was read.
+    /// The words that were read.
     pub words: &'a Words,
-    /// Where its inputs go.
+    /// The store that takes the inputs.
     pub pins: &'a mut PinStore,
-    /// When the registers were read.
+    /// Time at which the registers were read.
     pub now: Instant,
-    /// All writes have arrived, the newest last. Otherwise others than the newest may have been
-    /// executed, or the newest not: the network lost, delayed or duplicated packets.
+    /// All writes have arrived, the newest last. If false, older writes may have been executed
+    /// after the newest, or the newest not at all: the network lost, delayed or duplicated packets.
     pub certain: bool,
-    /// The board is set up, so that its lines are lines.
+    /// The board is set up, so that its serial lines are connected.
     pub is_running: bool,
     /// The report to the application.
     pub report: &'a mut CycleReport,
 }
 
-/// What a module has before a write.
+/// Input of [`Module::write`].
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct WriteCycle<'a> {
-    /// What is written: outputs, triggers and settings.
+    /// The words to write: outputs, triggers and settings.
     pub words: &'a mut Words,
-    /// Where its outputs come from.
+    /// The store with the outputs.
     pub pins: &'a mut PinStore,
-    /// When the write began.
+    /// Time at which the write began.
     pub now: Instant,
-    /// Nothing is to be started anew: the board is not set up, or safe values are sent for the last
+    /// Nothing new may be started: the board is not set up, or safe values are sent for the last
     /// time.
     pub hold: bool,
-    /// A pin or parameter of this module was set since its last write, or this is its first, or its
-    /// outputs have become safe or follow the application again. Otherwise everything that was put
-    /// stays as it is.
+    /// A pin or parameter of this module was set since its last write, or this is its first write,
+    /// or its outputs have become safe or follow the application again. If false, everything that
+    /// was put stays unchanged.
     pub changed: bool,
-    /// The board is set up, so that its watchdog may be fed.
+    /// The board is set up, so that its watchdog may be restarted.
     pub(crate) is_running: bool,
     pub(crate) wants_extra: bool,
 }
 
 impl WriteCycle<'_> {
-    /// The next read holds the [extra registers](crate::bus::ImagePlan::read_extra) as well.
+    /// Includes the [extra registers](crate::bus::ImagePlan::read_extra) in the next read.
     pub fn ask_extra(&mut self) {
         self.wants_extra = true;
     }
 }
 
-/// What the names of pins begin with that all instances of a module have in common: `encoder.`, and
-/// `encoder.bank-1.` of the second module whose instances are numbered with those of the first.
+/// Prefix of the names of pins that all instances of a module share: `encoder.`, and
+/// `encoder.bank-1.` for a second module whose instances are numbered with those of the first.
 pub(crate) fn bank_stem(name: &str, bank: usize) -> alloc::string::String {
     match bank {
         0 => alloc::format!("{name}."),
@@ -132,7 +133,7 @@ pub(crate) fn bank_stem(name: &str, bank: usize) -> alloc::string::String {
     }
 }
 
-/// The word in which the bit of each output is its number, modulo 32.
+/// Returns the word in which each output sets the bit of its number, modulo 32.
 pub(crate) fn bits_of(
     pins: &mut PinStore,
     outputs: impl IntoIterator<Item = (u8, Output<bool>)>,

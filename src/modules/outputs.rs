@@ -1,4 +1,4 @@
-//! Outputs: SSR, solid state relays that a drive isolates, and OutM, levels on pins.
+//! Outputs: SSR, solid-state relays with an isolated drive, and OutM, levels on pins.
 //!
 //! Source: FACTS 13.7.
 
@@ -16,31 +16,31 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 pub struct Outputs {
     /// SSR or OutM.
     pub gtag: Gtag,
-    /// The outputs, by number.
+    /// The outputs, in ascending order of their numbers.
     pub outputs: Vec<NumberedOutput>,
-    /// The frequency in Hz of the drive of the isolation; 0 switches all outputs off. OutM has none.
+    /// Frequency of the isolated drive in Hz; 0 switches all outputs off. Only with SSR.
     pub rate: Option<Output<u32>>,
     clock_hz: u32,
     data: WriteSlot,
-    /// What switches the relays: without it they are off whatever the data is.
+    /// The register of the drive: without drive the relays are off whatever the data is.
     drive: Option<Setting>,
 }
 
 /// The pins of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NumberedOutput {
-    /// Its number in its module, which names and bits of the register go by. A firmware need not
-    /// begin with 0.
+    /// The number within the module, used by names and by the bits of the register. A firmware need
+    /// not begin with 0.
     pub number: u8,
-    /// Closes the output, or puts it high; inverted, closed or high for false.
+    /// Closes the output, or sets it high; when inverted, false closes it or sets it high.
     pub out: DigitalOut,
 }
 
-/// The drive frequency that the relays are made for.
+/// The usual drive frequency of the relays.
 const DRIVE_HZ: u32 = 1_000_000;
 
 impl Outputs {
-    /// All instances of both kinds.
+    /// Registers all instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
         r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)
     }
@@ -61,7 +61,7 @@ impl Outputs {
         if gtag == Gtag::SSR {
             rate = Some(r.maker(&stem).switch("rate", DRIVE_HZ)?);
             let address = module.register(1, instance)?;
-            // Only when the pins are driven by the module.
+            // Zero until the pins are driven by the module.
             r.image.step(Stage::Configure, address, 0);
             drive = Some(
                 r.image
@@ -113,8 +113,8 @@ fn output(
     Ok(NumberedOutput { number, out })
 }
 
-/// The numbers of the outputs that have pins, rising. Their secondary pins are 0x81 (out-00) to
-/// 0xA0 (out-31), which is the reference of SSR and no output.
+/// The numbers of the outputs that have pins, in ascending order. Their secondary pins are 0x81
+/// (out-00) to 0xA0 (out-31); with SSR, 0xA0 is the reference and no output.
 fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
     let end = if gtag == Gtag::SSR { 0xA0 } else { 0xA1 };
     let pins = r.firmware.pins_of(gtag, instance);
@@ -145,8 +145,8 @@ impl Module for Outputs {
     }
 }
 
-/// The rate register of SSR: 11..0 divisor, 12 enable. Drive frequency clock/(n+2)/2, which is at most
-/// what was asked for if the divisor has room.
+/// Returns the rate register of SSR: 11..0 divisor, 12 enable. The drive frequency is
+/// clock/(n+2)/2, which is at most the requested one if the divisor is large enough.
 fn drive_rate(clock_hz: u32, drive_hz: u32) -> u32 {
     const ENABLE: u32 = 1 << 12;
     const LARGEST: u64 = 0xFFF;

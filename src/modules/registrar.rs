@@ -1,4 +1,4 @@
-//! Where a module registers what it reads, writes and is set up with.
+//! The place where a module registers the registers that it reads, writes and is set up with.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -17,52 +17,52 @@ use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DrivenModule {
     pub descriptor: ModuleDescriptor,
-    /// The number of its first instance among all of its kind, which pin descriptors and names count
-    /// from.
+    /// The number of its first instance among all instances of its kind; the base for pin
+    /// descriptors and names.
     pub first: u8,
 }
 
 impl DrivenModule {
-    /// The number of an instance among all of its kind.
+    /// The number of an instance among all instances of its kind.
     pub const fn number(&self, instance: u8) -> u8 {
         self.first.saturating_add(instance)
     }
 }
 
-/// What a module is made from.
+/// The environment in which a module is made.
 ///
-/// Registering a register says everything about it. Belongs to set-up: it allocates, and nothing is
-/// written to the board yet.
+/// Registering a register defines everything about it. Used during set-up: it allocates, and the
+/// board has not been written to yet.
 pub struct Registrar<'a> {
-    /// What the board's firmware says of itself.
+    /// The description of the board's firmware.
     pub firmware: &'a HostMot2,
-    /// What is known of this kind of board.
+    /// The table of this kind of board.
     pub board: &'static BoardTable,
-    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    /// Prefix of the pin names, for example `hm2_7i92.0`.
     pub name: &'a str,
-    /// What the application asks for: the period of the cycle, and more.
+    /// The settings of the application: the period of the cycle, and more.
     pub settings: &'a Settings,
-    /// The group of the module's pins, a part of that of the board: they are valid and armed together
-    /// with all of the board.
+    /// The group of the module's pins, a part of the board's group: its pins are valid and armed
+    /// together with all pins of the board.
     pub group: GroupId,
-    /// The group of the driver's own pins, which are valid whatever fails.
+    /// The group of the driver's own pins, which stay valid after any failure.
     pub(crate) status: GroupId,
-    /// Where pins are made.
+    /// The store in which pins are made.
     pub pins: &'a mut PinStore,
     pub(crate) io: &'a mut IoPorts,
-    /// Where what happened is told.
+    /// Sink of the driver's events.
     pub(crate) events: &'a Sink,
-    /// Where registers are registered.
+    /// The plan in which registers are registered.
     pub image: &'a mut ImagePlan,
-    /// The kinds of modules that were asked for, see [`module`](Self::module).
+    /// The kinds of modules that were requested, see [`module`](Self::module).
     pub(crate) claimed: &'a mut Vec<Gtag>,
     /// Reads a register.
     pub(crate) bus: &'a mut dyn FnMut(u16) -> Result<u32, RegisterError>,
 }
 
 impl Registrar<'_> {
-    /// What the firmware says of the first module of a kind; `None` if it has none. The kind counts as
-    /// driven from now on, and is not among the driver's
+    /// Returns the descriptor of the first module of a kind; `None` if the firmware has none. The
+    /// kind counts as driven from now on, and does not appear among the driver's
     /// [remarks](crate::driver::RemarkKind::Undriven).
     pub fn module(&mut self, gtag: Gtag) -> Option<ModuleDescriptor> {
         self.claimed.push(gtag);
@@ -86,7 +86,7 @@ impl Registrar<'_> {
             .collect()
     }
 
-    /// Makes something of each instance of these modules, as far as they are driven.
+    /// Makes one item for each instance of these modules, as far as they are driven.
     pub(crate) fn each_instance<T>(
         &mut self,
         kinds: &[Gtag],
@@ -101,14 +101,14 @@ impl Registrar<'_> {
         Ok(all)
     }
 
-    /// Makes pins of the module's [group](Self::group), whose names begin with the board's and `stem`:
-    /// `hm2_7i92.0.led.` for `led.`.
+    /// Makes pins in the module's [group](Self::group), with names that begin with the board's name
+    /// and `stem`: `hm2_7i92.0.led.` for `led.`.
     pub fn maker(&mut self, stem: &str) -> PinMaker<'_> {
         let stem = format!("{}.{stem}", self.name);
         PinMaker::new(self.pins, self.group, stem)
     }
 
-    /// The same for pins at a place on the board.
+    /// Makes pins like [`maker`](Self::maker), at a place on the board.
     pub fn maker_at(&mut self, stem: &str, place: Place) -> PinMaker<'_> {
         self.maker(stem).at(place)
     }
@@ -122,11 +122,11 @@ impl Registrar<'_> {
         (self.bus)(address)
     }
 
-    /// Gives instance `instance` of a module its I/O pins: those that it drives are driven by it from
+    /// Gives instance `instance` of a module its I/O pins: the module drives its outputs from
     /// [`Stage::Drive`](crate::bus::Stage::Drive) on.
     ///
     /// # Errors
-    /// [`RegisterError::Firmware`]: they are in use.
+    /// [`RegisterError::Firmware`]: the pins are in use.
     pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
         self.io
             .use_module(self.firmware, gtag, instance, |_| true)?;

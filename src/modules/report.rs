@@ -1,9 +1,9 @@
-//! What a cycle tells the application.
+//! The report of a cycle to the application.
 
 use core::fmt;
 use core::time::Duration;
 
-/// What one read brought. All counts are of this cycle.
+/// The outcome of one read. All counts are of this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 #[must_use = "a read can fail in part"]
@@ -11,46 +11,48 @@ use core::time::Duration;
 pub struct CycleReport {
     /// State of the board itself.
     pub board: BoardState,
-    /// Remotes with new, sound data.
+    /// Remotes with new, valid data.
     pub good: u32,
-    /// Remotes whose transfer failed.
+    /// Remotes with a failed transfer.
     pub failed: u32,
-    /// Remotes that went offline just now.
+    /// Remotes that went offline in this cycle.
     pub offline: u32,
-    /// Ports whose transfer was not complete: the period is too short.
+    /// Ports with an incomplete transfer: the period is too short.
     pub too_short: u32,
     /// Writes that the bus has lost since the last read.
     pub lost_writes: u64,
-    /// Packets of somebody else who drives the board as well, in the cycle in which it is noticed:
-    /// outputs follow him and you by turns. Nothing is made safe by itself, because somebody else would
-    /// override it in the next moment: stop the machine by what does not depend on this board.
+    /// Packets of a second master that drives the board as well, in the cycle in which it is
+    /// detected: outputs follow the second master and this driver by turns. The driver does not
+    /// make anything safe on its own, because the second master would override it at once: stop the
+    /// machine by means that do not depend on this board.
     pub others: u32,
-    /// Periods of the board that went by without a good read since the last one, where the
-    /// [board paces](crate::driver::Pace::Board): packets were lost, or the host was late.
+    /// Periods of the board without a good read since the last good one, where the [board
+    /// paces](crate::driver::Pace::Board): packets were lost, or the host was late.
     pub missed_periods: u64,
-    /// The board's clock has not begun this cycle, though the [board paces](crate::driver::Pace::Board):
-    /// it stands still, runs at another frequency than was planned, or the board did not wait for
-    /// it. Inputs are not taken at equal times.
+    /// The board's clock has not begun this cycle, though the [board
+    /// paces](crate::driver::Pace::Board): the clock stands still or runs at another frequency than
+    /// planned, or the board did not wait for it. Inputs are not taken at equal intervals.
     pub unpaced: bool,
-    /// What the host had left of the period when its packets were with the board, where the
-    /// [board paces](crate::driver::Pace::Board).
+    /// Rest of the period when the host's packets arrived at the board, where the [board
+    /// paces](crate::driver::Pace::Board).
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::some_seconds"))]
     pub slack: Option<Duration>,
     /// The cycle and the clock of the board's DPLL run together, and have for the last 120 reads,
-    /// so that the DPLL's timers sample as far before the read as they are set to. The timers'
-    /// samples are not to be relied upon before.
+    /// so that the DPLL's timers sample as far before the read as they are set to. Before that, the
+    /// timers' samples are not reliable.
     ///
-    /// Where the [host paces](crate::driver::Pace::Host), the mean of the phase error, early or late,
-    /// over some 16 reads is less than a twentieth of a period. That takes 120 to 200 periods from
-    /// the start: in the first 100 the phase is set, as LinuxCNC does, such that it is 0 at the read. Where the
-    /// [board paces](crate::driver::Pace::Board), its clock began all these cycles, and none was missed.
+    /// Where the [host paces](crate::driver::Pace::Host), the mean of the phase error, early or
+    /// late, over about 16 reads is less than a twentieth of a period. That takes 120 to 200
+    /// periods from the start: in the first 100 the phase is set, as in LinuxCNC, such that it is 0
+    /// at the read. Where the [board paces](crate::driver::Pace::Board), its clock began all these
+    /// cycles, and none was missed.
     ///
     /// `false` without a DPLL, and while the board is not running.
     pub locked: bool,
 }
 
 impl CycleReport {
-    /// Whether nothing went wrong in this cycle.
+    /// True if nothing went wrong in this cycle.
     pub const fn is_good(&self) -> bool {
         matches!(self.board, BoardState::Running)
             && self.failed == 0
@@ -69,23 +71,24 @@ impl CycleReport {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum BoardState {
-    /// All is well.
+    /// The board is set up and runs.
     #[default]
     Running,
-    /// The board's watchdog has bitten: all its I/O are inputs. Everything is safe until
+    /// The board's watchdog has bitten: all its I/O are inputs. All outputs are safe until
     /// [`Driver::rearm`](crate::driver::Driver::rearm).
     WatchdogBitten,
-    /// The board was reset or has lost power, or another program wrote its watchdog's time: it bites
-    /// with a time of his, and not with a silence of ours. Everything is safe until
-    /// [`Driver::rearm`](crate::driver::Driver::rearm).
+    /// The board was reset or has lost power, or another program wrote its watchdog's time, so that
+    /// the watchdog bit after that time, and not after a silence of this driver. All outputs are
+    /// safe until [`Driver::rearm`](crate::driver::Driver::rearm).
     Reset,
     /// The bus failed too often in too short a time, see
-    /// [`Settings::bus_error_limit`](crate::driver::Settings::bus_error_limit). Everything is safe, and the watchdog is not fed, until
-    /// [`Driver::rearm`](crate::driver::Driver::rearm).
+    /// [`Settings::bus_error_limit`](crate::driver::Settings::bus_error_limit). All outputs are
+    /// safe, and the watchdog is not fed, until [`Driver::rearm`](crate::driver::Driver::rearm).
     BusDown,
-    /// Another board, or another firmware, answered when it was to be set up again. Everything is safe,
-    /// and nothing is written, until [`Driver::rearm`](crate::driver::Driver::rearm) finds the one that
-    /// the driver was started with.
+    /// Another board, or another firmware, answered when the board was to be set up again. All
+    /// outputs are safe, and nothing is written, until
+    /// [`Driver::rearm`](crate::driver::Driver::rearm) finds the board that the driver was started
+    /// with.
     OtherFirmware,
 }
 

@@ -1,4 +1,4 @@
-//! What the built-in modules register on the firmwares of FACTS 9.2 and 9.3.
+//! The registrations of the built-in modules on the firmwares of FACTS 9.2 and 9.3.
 
 use super::events::Sink;
 use alloc::{string::ToString, vec::Vec};
@@ -17,7 +17,7 @@ use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
 use crate::sslbp::Layout;
 use mesa_hal_sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
-/// Everything that a module registers with.
+/// The environment that a module registers with.
 struct Bench {
     fpga: SimFpga,
     firmware: HostMot2,
@@ -98,7 +98,7 @@ fn encoders_are_set_up_at_the_rate_of_their_board() {
     assert_eq!(words[..2], [(0x3800, 98), (0x3A00, 14)]);
     assert_eq!(words[2..4], [(0x3700, 0), (0x3600, 0)]);
     assert_eq!(words[12..14], [(0x3714, 0), (0x3614, 0)]);
-    // Which timer of the DPLL latches them.
+    // The source that latches the counts: a timer of the DPLL.
     assert_eq!(words[14..], [(0x3B00, 0)]);
     assert_eq!(bench.outputs(), [0, 1 << 1, 0], "the select line");
 }
@@ -132,7 +132,7 @@ fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
     );
 }
 
-/// At rest when it is over: the mode without double buffering, the value, the mode.
+/// The set-up ends at rest: the mode without double buffering, the value, the mode.
 #[test]
 fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
     let mut bench = i7i97();
@@ -212,7 +212,7 @@ fn each_instance_of_outm_has_its_register() {
 
 #[test]
 fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
-    // A descriptor without instances is no module either.
+    // A descriptor without instances counts as missing too.
     let mut bench = Bench::new(machines::firmware_7i92_7i77());
     assert!(bench.register(Pwm::register).unwrap().is_empty());
     let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
@@ -343,6 +343,6 @@ fn an_io_pin_has_one_user() {
         again.unwrap_err().to_string(),
         "I/O pin 3 is used by a module or as plain I/O already: choose another one"
     );
-    // An instance without pins is used all the same: they may be local I/O pins.
+    // An instance without pins is accepted all the same: its pins may be local I/O.
     bench.register(|r| r.use_io(Gtag::SSR, 1)).unwrap();
 }

@@ -1,4 +1,4 @@
-//! The modules of a firmware that are not driven, and why.
+//! The modules of a firmware that are not driven, with the reason.
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -10,50 +10,50 @@ use crate::sslbp::{Layout, MAX_CHANNELS, MAX_PORTS};
 /// A module of a firmware, or a part of one, that is not driven. Its pins are plain I/O.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Undriven {
-    /// What kind of module it is.
+    /// The kind of the module.
     pub gtag: Gtag,
-    /// Its version.
+    /// The version of the module.
     pub version: u8,
-    /// How many instances its descriptor has.
+    /// Number of instances of the descriptor.
     pub instances: u8,
-    /// Why it is not driven.
+    /// The reason.
     pub reason: UndrivenReason,
-    /// Its I/O pins, by number.
+    /// The I/O pins of the module, by number.
     pub pins: Vec<u16>,
-    /// Its local I/O pins, by number.
+    /// The local I/O pins of the module, by number.
     pub local_pins: Vec<u16>,
 }
 
-/// Why a module is not driven.
+/// The reason why a module is not driven.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UndrivenReason {
-    /// This crate has nothing for this kind.
+    /// This crate has no driver for this kind.
     #[error("this crate does not drive it")]
     Unsupported,
-    /// Its version, or its registers, are not known.
+    /// The version, or the register layout, is unknown.
     #[error("{0}")]
     Unknown(HostMot2Error),
-    /// There is one for all of the board, and this is another.
+    /// A second module of a kind of which a board has only one.
     #[error("only the first one is driven")]
     Another,
-    /// It selects multiplexed encoders that are not there or not driven.
+    /// The module selects multiplexed encoders that do not exist or are not driven.
     #[error("no multiplexed encoder is driven")]
     NoEncoders,
-    /// A serial module: of its ports, this many are driven.
+    /// A serial module with more ports than can be driven.
     #[error("only {driven} of its ports are driven, of {most} that a board can have")]
     Ports {
-        /// The ports that are driven.
+        /// Number of driven ports.
         driven: u8,
-        /// The most that a board can have.
+        /// Greatest number of ports that a board can have.
         most: u8,
     },
     /// A serial port has more channels than can be driven.
     #[error("port {port} has {channels} channels, of which {MAX_CHANNELS} are driven")]
     Channels {
-        /// Its number.
+        /// The number of the port.
         port: u8,
-        /// How many channels have pins.
+        /// Number of channels with pins.
         channels: u8,
     },
 }
@@ -84,13 +84,13 @@ impl fmt::Display for Undriven {
     }
 }
 
-/// Checks that a module is of a kind, a version and a layout that is driven.
+/// Checks that kind, version and layout of a module are supported.
 ///
 /// # Errors
 /// [`UndrivenReason::Unsupported`] and [`UndrivenReason::Unknown`].
 pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
     let checked = match module.gtag {
-        // Without them no board is driven at all.
+        // A board without them is not driven at all.
         Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::MUX_SELECT => Ok(()),
         Gtag::ENCODER | Gtag::MUXED_ENCODER => encoder::check(module),
         Gtag::PWM => pwm::check(module),
@@ -104,11 +104,11 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
     checked.map_err(UndrivenReason::Unknown)
 }
 
-/// The modules that are driven once for all of the board.
+/// Kinds of which a board has a single module.
 const ONE_FOR_ALL: [Gtag; 4] = [Gtag::WATCHDOG, Gtag::IO_PORT, Gtag::HM2DPLL, Gtag::LED];
 
-/// What of a firmware is not driven, in the order of its descriptors. Modules of the kinds `claimed`
-/// are driven by the application.
+/// Returns the modules of a firmware that are not driven, in the order of its descriptors. Modules
+/// of the kinds `claimed` are driven by the application.
 ///
 /// A descriptor without instances has nothing to drive.
 pub fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
@@ -135,7 +135,7 @@ pub fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
             Some(reason) => {
                 let mut same = firmware.modules_of(module.gtag);
                 let is_last = same.all(|(other, _)| other <= first);
-                // Pins of instances that no module has belong to the last one; so do those of all.
+                // Pins of instances beyond those of the descriptors belong to the last module.
                 let end = if is_last {
                     u8::MAX
                 } else {
@@ -155,7 +155,7 @@ fn has_muxed(firmware: &HostMot2) -> bool {
     modules.any(|(_, module)| check(module).is_ok())
 }
 
-/// The ports and channels of a serial module that are too many.
+/// The ports and channels of a serial module beyond the supported number.
 fn undriven_serial(firmware: &HostMot2, module: &ModuleDescriptor, first: u8) -> Vec<Undriven> {
     let gtag = module.gtag;
     if !matches!(gtag, Gtag::SSERIAL | Gtag::SSERIAL_B) {
@@ -196,7 +196,7 @@ fn undriven_serial(firmware: &HostMot2, module: &ModuleDescriptor, first: u8) ->
 }
 
 impl Undriven {
-    /// `is_its` is asked for unit and serial channel of each pin of the module's kind.
+    /// Makes the entry. `is_its` returns true for unit and serial channel of the pins of the entry.
     fn new(
         firmware: &HostMot2,
         module: &ModuleDescriptor,

@@ -1,4 +1,5 @@
-//! The cycle alone: nothing is exchanged here after the start, and what is read is made up.
+//! Tests of the cycle alone: the words of reads are made up, and nothing is exchanged after the
+//! start.
 
 use super::*;
 use crate::bus::{Exchanged, Reply, Way};
@@ -10,7 +11,7 @@ const WATCHDOG_TIME: u16 = 0x0C00;
 const WATCHDOG_STATUS: u16 = 0x0D00;
 const MS: u64 = 1_000_000;
 
-/// A cycle of which all registers are known, at a time.
+/// A cycle with its registers and its time.
 struct Bench {
     driver: Driver<SimFpga>,
     registers: Vec<Exchanged>,
@@ -18,7 +19,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Has read and written a few times, with a bus.
+    /// A cycle after a few reads and writes on a bus.
     fn new() -> Self {
         let fpga = machines::six_axes_7i92(Motor::default());
         let mut driver = Driver::start(fpga, Settings::default()).expect("it is well");
@@ -49,7 +50,7 @@ impl Bench {
         Instant::from_nanos(self.now)
     }
 
-    /// A read that brings what was shown.
+    /// A read of the words that were shown.
     fn read(&mut self, reply: Reply) -> Result<CycleReport, (u32, u32)> {
         let now = self.now();
         let cycle = self.cycle();
@@ -58,7 +59,7 @@ impl Bench {
         cycle.read(now, now, closely)
     }
 
-    /// What is exchanged in a write, if none of it fails and the evidence stays as it is.
+    /// The orders of a write, if no exchange fails and the evidence is unchanged.
     fn write(&mut self) -> Vec<Order> {
         let now = self.now();
         let cycle = self.cycle();
@@ -99,7 +100,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
         assert_eq!(report.board, BoardState::Running, "{n}");
         assert!(usual(&bench.write()), "{n}");
     }
-    // Who is not sure of a write asks for more.
+    // After an uncertain write, the next read includes the extra registers.
     let lost = Reply {
         certain: false,
         lost_writes: 1,

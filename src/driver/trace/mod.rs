@@ -1,4 +1,4 @@
-//! The words of the last cycles: what was written and what was read, kept until somebody looks.
+//! The words of the last cycles, written and read, kept for later inspection.
 
 mod names;
 mod text;
@@ -15,25 +15,25 @@ use crate::bus::{Exchanged, Way};
 use crate::hostmot2::HostMot2;
 use crate::modules::events::Sink;
 
-/// What was written and read in the last cycles: see [`Settings::trace`](super::Settings::trace).
+/// The words written and read in the last cycles: see [`Settings::trace`](super::Settings::trace).
 ///
-/// `Display` says it for people, word by word where it has changed; [`csv`](Self::csv) is for
-/// programs, a line for each cycle.
+/// `Display` is meant for people and prints the words that have changed; [`csv`](Self::csv) is
+/// meant for programs and prints a line for each cycle.
 #[derive(Debug)]
 pub struct Trace {
-    /// What the names of the board's pins begin with.
+    /// Prefix of the names of the board's pins.
     board: String,
     settings: TraceSettings,
     /// The registers, in the order of the words of a cycle.
     columns: Vec<Column>,
-    /// How many of them are read; they come first.
+    /// Number of registers that are read; they come first.
     read: usize,
-    /// A ring: [`next`](Self::next) is the oldest if it is full.
+    /// A ring: the row at [`next`](Self::next) is the oldest if the ring is full.
     rows: Box<[Row]>,
     words: Box<[u32]>,
     next: usize,
     is_full: bool,
-    /// The cycle of the row `next` was read and not yet written.
+    /// The cycle of the row `next` has been read, and not yet written.
     is_open: bool,
     state: State,
     sink: Sink,
@@ -46,7 +46,7 @@ struct Column {
     name: Box<str>,
 }
 
-/// What became of a cycle.
+/// Outcome of a cycle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Row {
     cycle: u64,
@@ -56,7 +56,7 @@ struct Row {
     write: Outcome,
 }
 
-/// What became of an exchange.
+/// Outcome of an exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Outcome {
     #[default]
@@ -68,17 +68,17 @@ enum Outcome {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Recording,
-    /// So many cycles more.
+    /// Stops after this number of further cycles.
     Ending(u16, Cause),
     Frozen(Cause),
 }
 
-/// Why a trace was frozen.
+/// Reason why a trace was frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The application asked for it.
+    /// A request of the application.
     Asked,
-    /// This happened.
+    /// An event.
     Event(Event),
 }
 
@@ -92,7 +92,7 @@ impl fmt::Display for Cause {
 }
 
 impl Trace {
-    /// Room for the cycles of these exchanges.
+    /// Makes a trace for the cycles of these exchanges.
     pub(super) fn new<B: RegisterBus>(
         settings: TraceSettings,
         exchanges: &Exchanges<B>,
@@ -123,7 +123,7 @@ impl Trace {
         trace
     }
 
-    /// A read of a cycle has ended.
+    /// Records a cycle's read, after its end.
     pub(super) fn read(
         &mut self,
         (cycle, at): (u64, Instant),
@@ -146,7 +146,7 @@ impl Trace {
         self.notice();
     }
 
-    /// A write has ended, and with it the cycle.
+    /// Records a cycle's write, which ends the cycle.
     pub(super) fn written(
         &mut self,
         (cycle, at): (u64, Instant),
@@ -193,7 +193,7 @@ impl Trace {
         }
     }
 
-    /// Looks whether what is waited for has happened.
+    /// Begins to stop if a watched event has happened.
     fn notice(&mut self) {
         if self.state == State::Recording
             && let Some(event) = self.sink.caught()
@@ -208,14 +208,14 @@ impl Trace {
         }
     }
 
-    /// Forgets everything and records again.
+    /// Discards all rows and records again.
     pub(super) fn resume(&mut self) {
         (self.next, self.is_full, self.state) = (0, false, State::Recording);
         self.is_open = false;
         self.sink.watch(self.settings.freeze_on);
     }
 
-    /// Why it is frozen; `None` while it records.
+    /// The reason why the trace is frozen; `None` while it records.
     pub fn cause(&self) -> Option<Cause> {
         match self.state {
             State::Frozen(cause) => Some(cause),
@@ -223,7 +223,7 @@ impl Trace {
         }
     }
 
-    /// How many cycles it holds.
+    /// Number of recorded cycles.
     pub fn cycles(&self) -> usize {
         if self.is_full {
             self.rows.len()
@@ -232,14 +232,14 @@ impl Trace {
         }
     }
 
-    /// Where the row begins that is the next to be forgotten: behind that of a cycle which has been
-    /// read and not yet written.
+    /// Index of the row that will be overwritten next: the one after a cycle that has been read and
+    /// not yet written.
     fn ahead(&self) -> usize {
         self.next.saturating_add(self.is_open.into())
     }
 
-    /// A line of names, then a line for each cycle, oldest first. Times are in nanoseconds on the
-    /// clock of the bus, words in hexadecimal.
+    /// A table with a line of names, then a line for each cycle, oldest first. Times are in
+    /// nanoseconds on the clock of the bus, words in hexadecimal.
     pub fn csv(&self) -> impl fmt::Display + '_ {
         text::Csv(self)
     }
@@ -253,7 +253,7 @@ impl Trace {
         all.clone().skip(first).chain(all.take(first)).take(count)
     }
 
-    /// Whether it was made by the driver with this sink.
+    /// True if the driver with this sink made the trace.
     pub(super) fn is_of(&self, sink: &Sink) -> bool {
         self.sink.is_same(sink)
     }

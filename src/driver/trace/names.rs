@@ -1,4 +1,4 @@
-//! What registers are called.
+//! Names of registers.
 
 use alloc::format;
 use alloc::string::String;
@@ -6,11 +6,11 @@ use alloc::string::String;
 use crate::hostmot2::{COOKIE_ADDRESS, Gtag, HostMot2, ModuleDescriptor};
 use crate::sslbp::{Channel, Layout};
 
-/// Ports and instances are counted up to here.
+/// Number of ports that are searched.
 const MOST: u8 = 4;
 
-/// What a register is: the module by the name of its tag and the number of the instance, and the
-/// register by its name, or else by its number.
+/// Returns the name of a register: the module by the name of its tag and the number of the
+/// instance, and the register by its name, or else by its number.
 pub(super) fn name(firmware: &HostMot2, address: u16) -> String {
     if address == COOKIE_ADDRESS {
         return "HostMot2 cookie".into();
@@ -72,7 +72,7 @@ fn in_module(module: &ModuleDescriptor, address: u16) -> Option<String> {
     None
 }
 
-/// Registers that have names in the code of their modules.
+/// Names of registers, as in the code of their modules.
 fn known(gtag: Gtag, register: u8) -> Option<&'static str> {
     let names: &[&str] = match gtag {
         Gtag::WATCHDOG => &["time left", "status", "reset"],

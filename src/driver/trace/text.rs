@@ -32,8 +32,8 @@ impl fmt::Display for Trace {
 }
 
 impl Row {
-    /// Whether its words of this way are of its cycle: those of a read that brought something, and
-    /// those of a write that was tried.
+    /// True if the words of this direction belong to the row's cycle: those of a successful read,
+    /// and those of a write that was tried.
     fn knows(&self, way: Way) -> bool {
         match way {
             Way::Read => self.read == Outcome::Done,
@@ -43,7 +43,7 @@ impl Row {
 }
 
 impl Trace {
-    /// The words of one way, where they differ from those of the cycle before.
+    /// Prints the words of one direction that differ from those of the previous cycle.
     fn words(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -68,7 +68,7 @@ impl Trace {
     }
 }
 
-/// What became of an exchange, for people.
+/// Outcome of an exchange, for people.
 struct Exchange(&'static str, Outcome, Instant);
 
 impl fmt::Display for Exchange {
@@ -119,7 +119,7 @@ impl fmt::Display for Csv<'_> {
     }
 }
 
-/// Why an exchange failed, in words without a comma; nothing if it did not.
+/// Reason of a failed exchange, in words without a comma; empty if it did not fail.
 struct Why(Outcome);
 
 impl fmt::Display for Why {
@@ -131,7 +131,7 @@ impl fmt::Display for Why {
     }
 }
 
-/// What became of an exchange, for programs.
+/// Outcome of an exchange, for programs.
 fn word(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::NotTried => "not tried",

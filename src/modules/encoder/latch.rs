@@ -1,31 +1,32 @@
 //! One latch request, from the control word that asks for it to the evidence that it has happened.
 //!
-//! A latch that was taken leaves `JUST_ONCE` set and clears its enable bit (FACTS 12.5). That
-//! evidence is demanded in every stage, since writes on a network can be late, duplicate or lost:
+//! After a latch, `JUST_ONCE` is still set and the enable bit is cleared (FACTS 12.5). Every stage
+//! requires that evidence, since writes on a network can be late, duplicated or lost:
 //!
-//! - A late write of an older word without a request takes the request back: neither bit is left.
-//!   It is made again.
+//! - A late write of an older word without a request cancels the request: both bits are clear. The
+//!   request is written again.
 //! - A duplicate of the request itself, or the driver's own repetition of its settings, arms the
-//!   latch again after it was taken: both bits are set, but the latched count has changed. That
-//!   count is the one that was asked for. Where it happens to be the same as before, as after
-//!   homing twice to the same index, the movement over that index tells.
-//! - A late write of an earlier request leaves the same bits as this one. An exchange in which that
-//!   may have happened is no evidence.
-//! - After a gap between two reads in which the counter has wrapped around at the speed before, the
-//!   latched count may be 65,536 counts or more away from here. The request is made again.
+//!   latch again after it happened: both bits are set, but the latched count has changed. The
+//!   changed count is the requested one. Where it happens to equal the previous one, as after
+//!   homing twice to the same index, the movement over that index is the evidence.
+//! - A late write of an earlier request leaves the same bits as this one. An exchange in which such
+//!   a write may have been executed is no evidence.
+//! - After a gap between two reads in which the counter has wrapped around at the previous speed,
+//!   the latched count may be 65,536 counts or more away from the current one. The request is
+//!   written again.
 
 use super::registers::{bits, latched};
 use core::mem::take;
 
-/// What is to be latched, once.
+/// A one-shot latch request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum LatchRequest {
     /// Nothing.
     #[default]
     None,
-    /// The count becomes 0 where the index was: `index-enable` of LinuxCNC.
+    /// The count becomes 0 at the position of the index: `index-enable` of LinuxCNC.
     Index,
-    /// The count is latched at the probe's edge.
+    /// The count is latched at the edge of the probe.
     Probe,
 }
 
@@ -45,57 +46,58 @@ const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE | bits::CLEAR_O
 /// The bits of the control register that any request sets.
 const ANY_REQUEST: u32 = ENABLES | bits::JUST_ONCE;
 
-/// After this number of reads no packet of an earlier request or set-up is in flight any more.
+/// Number of reads after which no packet of an earlier request or set-up is in flight any more.
 pub(super) const HORIZON: u32 = 100;
 
-/// How far a request has come.
+/// Progress of a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Stage {
-    /// The control register still shows an earlier request, or is not known: nothing is written
-    /// until that is gone, so that its end is not taken for the end of this one.
+    /// The control register still shows an earlier request, or its content is unknown: nothing is
+    /// written until that request is gone, so that its end is not taken for the end of this one.
     #[default]
     Settling,
-    /// Not in the control register yet, as far as is known.
+    /// Not seen in the control register yet.
     Asked,
-    /// Was seen in the control register.
+    /// Seen in the control register.
     Armed,
 }
 
-/// An index that was passed.
+/// An index that was latched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Passed {
     /// The latched count, 16 bits of the counter.
     latched: u16,
-    /// Where it is, in counts without wrap-around: indexes that are 65,536 counts apart are latched
-    /// with the same count.
+    /// Its position in counts without wrap-around: indexes that are 65,536 counts apart have the
+    /// same latched count.
     at: i64,
     upwards: bool,
 }
 
-/// The request that an encoder works on.
+/// The current request of an encoder.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Latch {
     /// `None` once it has happened.
     pub wanted: LatchRequest,
     stage: Stage,
-    /// Whether the control register showed no request when it was read last.
+    /// The last read showed no request in the control register.
     is_clean: bool,
     /// The latched count before this request.
     before: u16,
-    /// The index that was latched last.
+    /// The last latched index.
     index: Option<Passed>,
-    /// The request before this one, ...
+    /// The previous request.
     previous: LatchRequest,
-    /// ... and for how many more reads a packet of it may be in flight.
+    /// Number of further reads during which a packet of the previous request may be in flight.
     previous_for: u32,
-    /// Since the last read, other writes than the newest may have been executed.
+    /// Writes other than the newest may have been executed since the last read.
     pub is_doubtful: bool,
-    /// Since the last read, the control word of this encoder was written, perhaps again and unchanged.
+    /// The control word of this encoder was written since the last read, perhaps repeated
+    /// unchanged.
     pub is_repeated: bool,
 }
 
 impl Latch {
-    /// Asks for a latch, or takes the request back.
+    /// Requests a latch, or cancels the request.
     pub fn request(&mut self, wanted: LatchRequest) {
         if wanted == self.wanted {
             return;
@@ -110,7 +112,7 @@ impl Latch {
         };
     }
 
-    /// The bits of the control word that ask for it.
+    /// The request bits of the control word.
     pub const fn bits(&self) -> u32 {
         match self.stage {
             Stage::Settling => 0,
@@ -118,21 +120,21 @@ impl Latch {
         }
     }
 
-    /// Whether the control register is not known to hold [`bits`](Self::bits): they have to be
+    /// True if the control register may not contain [`bits`](Self::bits), so that they have to be
     /// written again.
     pub fn is_unsettled(&self) -> bool {
         self.wanted != LatchRequest::None && self.stage != Stage::Armed
     }
 
-    /// The counter may have been reset.
+    /// Discards all evidence, because the counter may have been reset.
     pub fn forget(&mut self) {
         self.is_clean = false;
         self.index = None;
         self.stage = Stage::Settling;
     }
 
-    /// Takes a read that showed the same as the read before, if that can not make a difference:
-    /// nothing is asked for, and nothing was lately.
+    /// Skips a read that showed the same as the read before, if it cannot make a difference:
+    /// nothing is requested, and nothing was requested lately. Returns false for any other read.
     pub fn rests(&mut self) -> bool {
         let rests = self.wanted == LatchRequest::None && self.previous_for == 0;
         if rests {
@@ -141,9 +143,9 @@ impl Latch {
         rests
     }
 
-    /// Takes what a read showed, after the counter went `from` one count `to` another since the read
-    /// before, both without wrap-around; `behind` is how far a latched count is behind `to`, if that is
-    /// known. Gives the latched count once the latch has happened.
+    /// Evaluates the control register of a read. The counter went `from` one count `to` another
+    /// since the read before, both without wrap-around; `behind` returns the distance of a latched
+    /// count behind `to`, if it is known. Returns the latched count once the latch has happened.
     pub fn observe(
         &mut self,
         control: u32,
@@ -159,7 +161,7 @@ impl Latch {
         if self.wanted == LatchRequest::None || self.stage == Stage::Settling || is_other {
             self.stage = Stage::Settling;
             if self.is_clean {
-                // Nothing of an earlier request is in the register: the request can be written.
+                // Nothing of an earlier request is in the register, so this request can be written.
                 self.before = latched(control);
                 self.stage = Stage::Asked;
             }
@@ -186,15 +188,15 @@ impl Latch {
         Some(latched)
     }
 
-    /// Whether what this read shows comes from this request, and not from a late write of the one
-    /// before.
+    /// True if the register content of this read comes from this request, and not from a late write
+    /// of the previous one.
     fn is_trusted(&self) -> bool {
         let is_same = self.stage == Stage::Armed && self.previous == self.wanted;
         !self.is_doubtful || self.previous_for == 0 || is_same
     }
 
-    /// Whether the movement went over the index that was latched before, in the same direction,
-    /// while the latch was armed: it was taken with the same count.
+    /// True if the counter moved over the last latched index in the same direction while the latch
+    /// was armed: the index was then latched with the same count as before.
     fn has_passed_again(&self, from: i64, to: i64) -> bool {
         let Some(index) = self.index.filter(|index| index.latched == self.before) else {
             return false;

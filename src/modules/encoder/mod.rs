@@ -23,36 +23,38 @@ use pins::Command;
 pub use pins::{EncoderBankPins, EncoderPins};
 use state::{EncoderReading, EncoderSample, EncoderState};
 
-/// How encoders are set up.
+/// Set-up of the encoders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EncoderSetup {
-    /// How many are used; `None` for all that the firmware has. More than it has are refused.
+    /// Number of encoders in use; `None` for all that the firmware has. A number beyond that is
+    /// refused.
     pub count: Option<u8>,
     /// Rate of the multiplexer or of the filters, at the slowest [`TickRate::SLOWEST`]; `None` for
-    /// what the board is made for.
+    /// the rate of the board's table.
     pub rate: Option<TickRate>,
 }
 
 /// All encoders of a firmware.
 #[derive(Debug)]
 pub struct Encoders {
-    /// The pins of all encoders together.
+    /// The pins that all encoders share.
     pub bank: EncoderBankPins,
     axes: Vec<Encoder>,
     clock_hz: u32,
-    /// Samples of an encoder in a tick: of the two on a set of multiplexed pins, each is looked at in
-    /// every other tick.
+    /// Samples of an encoder per tick of the rate: 0.5 for multiplexed encoders, since each of the
+    /// two on a set of pins is sampled in every other tick.
     samples: f64,
-    /// Without a probe, its bits of the control register read 0 whatever was written (FACTS 12.5).
+    /// False if the firmware has no probe: its bits of the control register then read 0 after any
+    /// write (FACTS 12.5).
     has_probe: bool,
     /// The rate of the set-up.
     usual: TickRate,
     timestamp: ReadSlot,
     rate: Setting,
     timestamps: Setting,
-    /// Only with a DPLL.
+    /// Present only with a DPLL.
     timer: Option<Setting>,
 }
 
@@ -60,18 +62,18 @@ pub struct Encoders {
 struct Encoder {
     pins: EncoderPins,
     state: EncoderState,
-    /// The last read showed nothing new, and nothing is asked for: while no command changes, nothing
-    /// is to be written.
+    /// The last read showed nothing new, and no latch is requested: as long as no command changes,
+    /// there is nothing to write.
     rests: bool,
     command: Command,
-    /// What the pins show.
+    /// The last published reading.
     shown: Option<EncoderReading>,
     count: ReadSlot,
     control: ReadSlot,
     mode: Setting,
 }
 
-/// Secondary pin of the probe.
+/// Secondary pin number of the probe.
 const PROBE_PIN: u8 = 0x05;
 
 impl Encoders {
@@ -80,11 +82,12 @@ impl Encoders {
         self.axes.iter().map(|encoder| encoder.pins)
     }
 
-    /// The encoders of a firmware, as many as are wanted: multiplexed ones of version 2 to 4, others of
-    /// version 2 and 3; with 0x80 added those that have a probe.
+    /// Registers the encoders of a firmware, as many as the settings ask for: multiplexed ones of
+    /// version 2 to 4, others of version 2 and 3; encoders with a probe have 0x80 added to the
+    /// version.
     ///
-    /// Encoders of several modules, and of both kinds, are numbered through in the order of the
-    /// descriptors. What a second module has for all of its encoders is
+    /// Encoders of several modules, and of both kinds, are numbered consecutively in the order of
+    /// the descriptors. The shared pins of a second module are named
     /// `encoder.bank-1.sample-frequency`, and so on.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
         let modules = r.driven(&[Gtag::MUXED_ENCODER, Gtag::ENCODER]);
@@ -113,7 +116,7 @@ impl Encoders {
         Ok(banks)
     }
 
-    /// The first `count` encoders of a module, whose names begin with `first_number`.
+    /// The first `count` encoders of a module, with names counted from `first_number`.
     fn new(
         r: &mut Registrar<'_>,
         of_kind: &DrivenModule,
@@ -130,7 +133,8 @@ impl Encoders {
         take_pins(r, of_kind, count)?;
 
         let rate_register = module.register(4, 0)?;
-        // Descriptors do not count this register; firmware without it ignores what is written there.
+        // The register count of the descriptor does not include this register; firmware without it
+        // ignores writes there.
         let timer_register = rate_register
             .checked_add(module.register_stride)
             .filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some());
@@ -180,7 +184,7 @@ impl Encoders {
         })
     }
 
-    /// Writes what has changed of what all encoders have in common.
+    /// Writes the changed settings that all encoders share.
     fn write_common(&mut self, cycle: &mut WriteCycle<'_>) {
         let wanted = self.bank.common(cycle.pins, self.clock_hz, self.usual);
         let [ticks, samples] = [wanted.timestamps, wanted.rate].map(|rate| rate.hz(self.clock_hz));
@@ -206,7 +210,7 @@ impl Encoder {
         let (gtag, n) = (module.gtag, of_kind.number(instance).into());
         let places = r.board.encoder_places(r.firmware, gtag, n);
         let make = r.maker(&format!("encoder.{number:02}."));
-        // What the manuals of multiplexed encoders promise needs the short filter.
+        // The count rates in the manuals of multiplexed encoders need the short filter.
         let pins = EncoderPins::new(make, places, gtag != Gtag::MUXED_ENCODER)?;
         let config = pins.config(r.pins);
         let (count, control) = (module.register(0, instance)?, module.register(1, instance)?);
@@ -224,7 +228,7 @@ impl Encoder {
         })
     }
 
-    /// Takes a sample, and shows what has changed.
+    /// Takes a sample, and publishes the reading if it has changed.
     fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) {
         self.rests = self.state.rests(&sample);
         if self.rests {
@@ -266,10 +270,10 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
     module.expect_version(module.version & !ModuleDescriptor::WITH_PROBE, 2..=newest)
 }
 
-/// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the select
-/// line. Each card has one of its own, which carries the same signal (FACTS 12.7). Its unit is often
-/// that of the card's first encoder, but not in all firmwares; so all lines are driven where all
-/// encoders are used.
+/// Gives the encoders their I/O pins. Multiplexed encoders share pins in pairs, which carry the
+/// number of the pair, and need the select line. Each card has a line of its own, which carries the
+/// same signal (FACTS 12.7). Its unit is often that of the card's first encoder, but not in all
+/// firmwares; all lines are therefore driven where all encoders are used.
 fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<(), RegisterError> {
     let gtag = module.descriptor.gtag;
     let (first, end) = (module.first, module.number(count));
@@ -282,7 +286,7 @@ fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<
     let used = |unit: &u8| is_whole || *unit < end;
     let is_any_used = lines.iter().any(used);
     for unit in lines.into_iter().filter(|unit| !is_any_used || used(unit)) {
-        // A second module of this kind has the lines of the first.
+        // A second module of this kind shares the lines of the first.
         if first == 0 {
             r.use_io(Gtag::MUX_SELECT, unit)?;
         }
@@ -305,7 +309,7 @@ impl Module for Encoders {
         }
     }
 
-    /// Pins are looked at when one of them has changed; a latch goes on by itself.
+    /// Reads the pins only when one of them has changed; a pending latch continues by itself.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         if cycle.changed {
             self.write_common(cycle);
@@ -315,7 +319,8 @@ impl Module for Encoders {
         }
     }
 
-    /// The counters may stand anywhere, and the counts go on from where they were.
+    /// Takes the next read as a new start: the counters may contain any value, and the counts
+    /// continue from their last one.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
         for encoder in &mut self.axes {
             encoder.state.resume();

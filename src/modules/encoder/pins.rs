@@ -1,4 +1,4 @@
-//! The pins of encoders, and what they ask for.
+//! The pins of encoders, and their translation to commands and settings.
 
 use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
@@ -21,37 +21,38 @@ pub struct EncoderPins {
     pub velocity: Input<f64>,
     /// Units of position per minute.
     pub velocity_rpm: Input<f64>,
-    /// While on, each edge of the probe latches the count. Where the firmware has no probe, nothing
-    /// is latched, and each cycle in which it is on is counted as a refused value.
+    /// While true, each edge of the probe latches the count. In firmware without a probe nothing is
+    /// latched, and each cycle in which the pin is true is counted as a refused value.
     pub probe_enable: Output<bool>,
-    /// The probe's rising edge counts, and not the falling one.
+    /// The rising edge of the probe latches, instead of the falling one.
     pub probe_invert: Output<bool>,
-    /// A quadrature sequence error was seen.
+    /// A quadrature sequence error was detected.
     pub quad_error: Input<bool>,
-    /// Watches for sequence errors; turning it off clears `quad-error`, and the error in the board.
+    /// Detects sequence errors; turning it off clears `quad-error`, and the error in the board.
     pub quad_error_enable: Output<bool>,
-    /// The encoder turns at nine tenths or more of `max-count-rate`, beyond which counts are garbage
-    /// and no error tells.
+    /// The encoder turns at nine tenths or more of `max-count-rate`, beyond which counts are
+    /// garbage and no error is indicated.
     pub near_max_count_rate: Input<bool>,
-    /// A now.
+    /// Level of A.
     pub input_a: Input<bool>,
-    /// B now.
+    /// Level of B.
     pub input_b: Input<bool>,
-    /// Index now.
+    /// Level of the index.
     pub input_index: Input<bool>,
-    /// The index counts at its rising edge, and not at its falling one.
+    /// The index is taken at its rising edge, instead of its falling one.
     pub index_invert: Param<bool>,
-    /// The index counts only while the index mask is active.
+    /// The index is taken only while the index mask is active.
     pub index_mask: Param<bool>,
     /// The index mask is active low.
     pub index_mask_invert: Param<bool>,
-    /// Step and direction, and not quadrature.
+    /// Counts step and direction, instead of quadrature.
     pub counter_mode: Param<bool>,
-    /// 15 samples of filter, and not 3, which costs four fifths of `max-count-rate`. Off at first on
-    /// multiplexed encoders, whose manuals promise rates that only the short filter comes near to;
-    /// LinuxCNC has it on.
+    /// Filters over 15 samples instead of 3, which costs four fifths of `max-count-rate`. Initially
+    /// off for multiplexed encoders, because only the short filter comes near to the rates in their
+    /// manuals; on in LinuxCNC.
     pub filter: Param<bool>,
-    /// The most counts in a second that are followed, by sample frequency and filter.
+    /// The highest count rate that can be followed, in counts per second, from sample frequency and
+    /// filter.
     pub max_count_rate: Param<f64>,
     /// Seconds without a count after which velocity is 0: 0 to 3600.
     pub vel_timeout: Param<f64>,
@@ -60,18 +61,18 @@ pub struct EncoderPins {
 /// The largest `vel-timeout`, in seconds.
 const LONGEST_IDLE: f64 = 3600.0;
 
-/// What an encoder is asked for in each cycle.
+/// The command of an encoder for one cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Command {
     pub reset: bool,
     pub request: LatchRequest,
-    /// The probe is not there: it is counted as a refused value.
+    /// The pins ask for a probe that the firmware does not have: counted as a refused value.
     pub refuses_probe: bool,
 }
 
 impl EncoderPins {
-    /// Each is at the terminals of what it shows: `places` are those of A, B and index. Most are of
-    /// A and B together, and what is no signal of the encoder is at none.
+    /// Makes the pins, each at the terminals of its signal: `places` are those of A, B and index.
+    /// Most pins belong to A and B together; pins without a signal have no terminal.
     pub(super) fn new(
         make: PinMaker<'_>,
         places: [Place; 3],
@@ -125,7 +126,7 @@ impl EncoderPins {
         Ok(pins)
     }
 
-    /// How the encoder is to count, by its parameters.
+    /// The configuration that the parameters and `probe-invert` ask for.
     pub(super) fn config(&self, pins: &mut PinStore) -> EncoderConfig {
         // Despite the name, true means the rising edge: manual page hostmot2(9), `index-invert`
         // and `probe-invert`.
@@ -151,8 +152,8 @@ impl EncoderPins {
         }
     }
 
-    /// What the pins ask of the encoder. A request for a probe that is not there is not made: in the control register it would look as if
-    /// it had happened at once (FACTS 12.5).
+    /// The command that the pins ask for. A request for a probe that does not exist is not made: in
+    /// the control register it would look as if it had happened at once (FACTS 12.5).
     pub(super) fn command(
         &self,
         pins: &mut PinStore,
@@ -176,8 +177,8 @@ impl EncoderPins {
         }
     }
 
-    /// Shows a reading. When the index came, `index-enable` goes off, but for one that the application
-    /// has switched on since the last write.
+    /// Publishes a reading. When the index was latched, `index-enable` goes off, unless the
+    /// application has switched it on since the last write.
     pub(super) fn publish(&self, pins: &mut PinStore, reading: &EncoderReading) {
         pins.publish(self.counter.rawcounts, reading.rawcounts as i32);
         if let Some(pin) = self.counter.count_unsure {
@@ -205,39 +206,40 @@ impl EncoderPins {
     }
 }
 
-/// The pins of all encoders together.
+/// The pins that all encoders share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderBankPins {
     /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
-    /// what each of them is sampled at. What the clock can not be divided to becomes the next lower
-    /// rate.
+    /// the sample rate of each encoder. A rate that the clock cannot be divided to becomes the next
+    /// lower one.
     pub sample_frequency: Output<u32>,
-    /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4; as many
-    /// periods of the clock as are nearest, at most 15.
+    /// Delay of the sample after the multiplex edge in ns, for muxed encoders of version 4; rounded
+    /// to the nearest number of clock periods, at most 15.
     pub muxed_skew: Option<Output<u32>>,
-    /// Time stamps of about 10 MHz, and not 1 MHz: for frequencies, and periods up to 1 ms.
-    /// Velocities begin anew when this changes.
+    /// Time stamps of about 10 MHz instead of 1 MHz: for frequency counting, and for cycle periods
+    /// up to 1 ms. The velocity estimate restarts when this changes.
     pub hires_timestamp: Output<bool>,
-    /// What latches the counts: 0 the DPLL's reference, 1 to 4 its timers, -1 nothing. Only with a
-    /// DPLL.
+    /// Source that latches the counts: 0 the DPLL's reference, 1 to 4 its timers, -1 none. Only
+    /// with a DPLL.
     pub timer_number: Option<Output<i32>>,
 }
 
-/// What all encoders have in common.
+/// The settings that all encoders share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Common {
     /// Rate of the multiplexer or of the filters.
     pub rate: TickRate,
-    /// In the rate register as well.
+    /// Delay after the multiplex edge; part of the rate register.
     pub skew: u32,
     /// Rate of the time stamps.
     pub timestamps: TickRate,
-    /// What latches the counts.
+    /// Word of the timer register: the source that latches the counts.
     pub timer: u32,
 }
 
 impl EncoderBankPins {
-    /// `muxed_version` is that of multiplexed encoders.
+    /// Makes the pins; `muxed_version` is the module version of multiplexed encoders, `None` for
+    /// others.
     pub(super) fn new(
         mut make: PinMaker<'_>,
         sample_hz: u32,
@@ -259,8 +261,8 @@ impl EncoderBankPins {
         })
     }
 
-    /// What the pins ask for now. `usual` is the rate of the set-up, which need not be one that its
-    /// rounded frequency gives.
+    /// The settings that the pins ask for. `usual` is the rate of the set-up, which its rounded
+    /// frequency need not lead back to.
     pub(super) fn common(&self, pins: &mut PinStore, clock_hz: u32, usual: TickRate) -> Common {
         let sample_hz = pins.fetch(self.sample_frequency);
         let is_usual = sample_hz == usual.hz(clock_hz) as u32;

@@ -1,11 +1,11 @@
 //! Layouts of the encoder registers.
 //!
-//! The count register reads the count modulo 65536, and in its high half the time stamp counter when
-//! the count changed last. The control register is the mode in its low half ([`bits`]), and the
+//! The count register contains the count modulo 65536, and in its high half the time stamp of the
+//! last count change. The control register contains the mode in its low half ([`bits`]), and the
 //! latched count in its high half.
 
-/// How long after the edge of the multiplexer the inputs are sampled: bits 31..28 of the rate
-/// register, in periods of the clock. The nearest to a time, at most 15 periods.
+/// Delay of the input samples after the edge of the multiplexer: bits 31..28 of the rate register,
+/// in periods of the clock. Rounded to the nearest, at most 15 periods.
 ///
 /// Source: LinuxCNC, hostmot2 driver, `muxed-skew`.
 pub(super) fn mux_skew(clock_hz: u32, ns: u32) -> u32 {
@@ -14,8 +14,8 @@ pub(super) fn mux_skew(clock_hz: u32, ns: u32) -> u32 {
     (periods.min(15) as u32) << 28
 }
 
-/// What latches the counts: 0 the DPLL's reference, 1 to 4 one of its timers; anything else nothing,
-/// so that counts are those of the moment they are read in.
+/// Word of the latch source: 0 the DPLL's reference, 1 to 4 one of its timers; anything else none,
+/// so that counts are those of the time of the read.
 ///
 /// Source: LinuxCNC, hostmot2 driver, `encoder.timer-number`.
 pub(super) const fn latch_timer(timer: i32) -> u32 {
@@ -26,7 +26,7 @@ pub(super) const fn latch_timer(timer: i32) -> u32 {
     }
 }
 
-/// The count that was latched, modulo 65536.
+/// The latched count, modulo 65536.
 pub(super) const fn latched(control: u32) -> u16 {
     (control >> 16) as u16
 }
@@ -47,7 +47,7 @@ pub(super) mod bits {
     pub const USE_INDEX_MASK: u32 = 1 << 9;
     /// The index mask is active low; else high.
     pub const INDEX_MASK_POLARITY: u32 = 1 << 8;
-    /// Latch or clear once; the enable bit reads back 0 when it has happened.
+    /// Latch or clear once; the enable bit reads back 0 afterwards.
     pub const JUST_ONCE: u32 = 1 << 6;
     /// Clear the count on index.
     pub const CLEAR_ON_INDEX: u32 = 1 << 5;
@@ -55,11 +55,11 @@ pub(super) mod bits {
     pub const LATCH_ON_INDEX: u32 = 1 << 4;
     /// The index is active high; else low.
     pub const INDEX_POLARITY: u32 = 1 << 3;
-    /// The index input now.
+    /// Level of the index input.
     pub const INDEX: u32 = 1 << 2;
-    /// The B input now.
+    /// Level of the B input.
     pub const B: u32 = 1 << 1;
-    /// The A input now.
+    /// Level of the A input.
     pub const A: u32 = 1;
 }
 

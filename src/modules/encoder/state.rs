@@ -1,4 +1,4 @@
-//! One encoder, cycle by cycle: counts, index and velocity.
+//! State of one encoder: counts, index and velocity.
 
 use super::latch::{HORIZON, Latch, LatchRequest};
 use super::pins::Command;
@@ -6,7 +6,7 @@ use super::registers::bits;
 use super::velocity::VelocityEstimator;
 use crate::bus::Instant;
 
-/// What a cycle read of one encoder, in one exchange.
+/// The registers of one encoder, as read in one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EncoderSample {
     /// The count register.
@@ -15,102 +15,108 @@ pub struct EncoderSample {
     pub control: u32,
     /// The low 16 bits of the time-stamp counter.
     pub timestamp: u16,
-    /// When the exchange was.
+    /// Time of the exchange.
     pub at: Instant,
 }
 
-/// How an encoder counts.
+/// Configuration of an encoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EncoderConfig {
     /// The control word, without any latch or clear.
     pub mode: u32,
-    /// Counts for one unit of position: finite, and not 0.
+    /// Counts for one unit of position: finite and nonzero.
     pub scale: f64,
-    /// Velocity is 0 when no count came for this time, in seconds.
+    /// Time without a count after which velocity is 0, in seconds.
     pub idle_time: f64,
 }
 
-/// What an encoder shows after a cycle.
+/// The values of an encoder after a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "independent conditions, each shown on its own"
 )]
 pub struct EncoderReading {
-    /// Counts since the start, whatever was reset or indexed.
+    /// Counts since the start, independent of reset and index.
     pub rawcounts: i64,
     /// Counts since the last reset or index.
     pub count: i64,
-    /// `count` by scale, in units of position.
+    /// `count / scale`, in units of position.
     pub position: f64,
     /// In units of position per second.
     pub velocity: f64,
     /// Counts for one unit of position.
     pub scale: f64,
-    /// `count` when the latch that was asked for happened; kept until the next one.
+    /// `count` at the last requested latch; kept until the next one.
     pub latched: Option<i64>,
-    /// The index that was asked for has come.
+    /// The requested index was latched in this read.
     pub index_came: bool,
-    /// Both inputs changed at once while errors were watched: counts may be wrong. Kept until they
-    /// are not watched.
+    /// Both inputs changed at once while error detection was on: counts may be wrong. Kept until
+    /// detection is turned off.
     pub quadrature_error: bool,
-    /// The counter was set up again, or may have been: within 100 reads after a set-up, what an exchange
-    /// showed was in doubt. Or the time between two reads was so long that the encoder may have moved
-    /// 32768 counts or more. Or it was near the greatest rate that is followed, and seems to have stopped
-    /// from one read to the next, as beyond that rate. `count` may be wrong. Kept until the next reset, or
-    /// the next index that came between two reads without such doubt or gap.
+    /// `count` may be wrong, for one of these reasons:
+    /// - The counter was set up again, or may have been: an exchange within 100 reads after a
+    ///   set-up was in doubt.
+    /// - The time between two reads was long enough for a movement of 32768 counts or more.
+    /// - The encoder was near the highest rate that can be followed, and seemed to stop from one
+    ///   read to the next, as it does beyond that rate.
+    ///
+    /// Kept until the next reset, or the next index latched between two reads without such doubt or
+    /// gap.
     pub is_unsure: bool,
-    /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
-    /// are garbage, and no error tells (FACTS 12.6).
+    /// The encoder turns at nine tenths or more of the highest rate that can be followed: beyond
+    /// that rate counts are garbage, and no error is indicated (FACTS 12.6).
     pub is_near_max: bool,
-    /// The inputs now: A, B, index.
+    /// Levels of the inputs: A, B, index.
     pub inputs: [bool; 3],
 }
 
 /// The state of one encoder: 64-bit counts, index and probe latch, velocity.
 ///
-/// Once per cycle: [`read`](Self::read) with what was read, then [`control`](Self::control) for
-/// what is to be written.
+/// Once per cycle, call [`read`](Self::read) with the registers that were read, then
+/// [`control`](Self::control) for the word to write.
 ///
 /// The counter in the FPGA has 16 bits: if the encoder moves 32768 counts or more between two
-/// reads, counts are wrong. That it may have done so shows in [`EncoderReading::is_unsure`].
+/// reads, counts are wrong. [`EncoderReading::is_unsure`] indicates that this may have happened.
 ///
 /// # Real time
 /// Constant time, no allocation.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderState {
-    /// How it counts; the control word follows with the next write.
+    /// Configuration; the control word follows with the next write.
     pub config: EncoderConfig,
-    /// The latch that is asked for.
+    /// The requested latch.
     pub latch: Latch,
-    /// Quadrature errors are watched. Otherwise each one is cleared in the board.
+    /// Detects quadrature errors. If false, each error is cleared in the board.
     pub watches_errors: bool,
-    /// The next read is looked at closely: a command or the configuration may have changed.
+    /// The next read is evaluated in full: a command or the configuration may have changed.
     pub is_awake: bool,
-    /// Time stamps in a second.
+    /// Time stamps per second.
     tick_hz: f64,
-    /// Samples in a second: it counts at most once a sample.
+    /// Samples per second, which is also the upper limit of the count rate.
     sample_hz: f64,
-    /// A shorter gap between two reads is neither ambiguous nor lets time stamps wrap unseen.
+    /// A gap between two reads below this limit is neither ambiguous nor lets time stamps wrap
+    /// unseen.
     short_gap_ns: u64,
-    /// The read before, and the time stamp counter then, without wrap-around.
+    /// The previous sample, with its time stamp without wrap-around.
     last: Option<(EncoderSample, u64)>,
-    /// What it shows, as far as it is kept from read to read.
+    /// The current values, as far as they are kept from read to read.
     reading: EncoderReading,
-    /// The error of the control register is an old one, which is cleared and not shown until it is
-    /// gone.
+    /// The error in the control register is an old one, which is cleared, and not published until
+    /// it is gone.
     clears_error: bool,
-    /// For how many more reads a packet of the last set-up may be in flight. If one is executed again,
-    /// the counter is cleared, and the select line of multiplexed encoders is not driven meanwhile.
+    /// Number of further reads during which a packet of the last set-up may be in flight. If such a
+    /// packet is executed again, the counter is cleared, and the select line of multiplexed
+    /// encoders is not driven meanwhile.
     set_up_for: u32,
-    /// For so many reads counts may be wrong because of such a packet: the one that it came before, and
-    /// the next one, because the write between them drives the line again.
+    /// Number of further reads in which counts may be wrong because of such a packet: the read
+    /// after it, and the next one, because the write between them drives the line again.
     disturbed_for: u8,
     velocity: VelocityEstimator,
 }
 
 impl EncoderState {
-    /// A counter at 0, whose time stamps are microseconds.
+    /// A counter at 0, with time stamps in microseconds.
     pub fn new(config: EncoderConfig) -> Self {
         Self {
             config,
@@ -121,29 +127,30 @@ impl EncoderState {
         }
     }
 
-    /// Changes how many time stamps and samples there are in a second. With another rate of the time
-    /// stamps velocity begins anew, since times before and after can not be compared; counts go on.
+    /// Changes the rates of time stamps and samples, per second. With another rate of the time
+    /// stamps the velocity estimate restarts, since times before and after cannot be compared;
+    /// counts continue.
     pub fn set_rates(&mut self, tick_hz: f64, sample_hz: f64) {
         if tick_hz != self.tick_hz {
             self.velocity = VelocityEstimator::default();
         }
         (self.tick_hz, self.sample_hz) = (tick_hz, sample_hz);
         let seconds = AMBIGUOUS / sample_hz.max(tick_hz).max(1.0);
-        // Less by a thousandth: a gap as long as this is none that has to be looked at closely.
+        // A thousandth less than the limit: a gap of exactly the limit has to be evaluated in full.
         self.short_gap_ns = (seconds * 0.999e9) as u64;
     }
 
-    /// The most counts in a second that are followed: each level of A and B lasts for two counts, and
-    /// has to last for as many samples as the filter is long. For multiplexed encoders that is
-    /// clock / (3 (n + 2)), or clock / (15 (n + 2)) with the long filter. Beyond it counts are garbage,
-    /// and no error tells (FACTS 12.6).
+    /// The highest rate that can be followed, in counts per second: each level of A and B lasts for
+    /// two counts, and has to last for the number of samples of the filter. For multiplexed
+    /// encoders that is clock / (3 (n + 2)), or clock / (15 (n + 2)) with the long filter. Beyond
+    /// it counts are garbage, and no error is indicated (FACTS 12.6).
     pub fn max_count_rate(&self) -> f64 {
         let is_long = self.config.mode & bits::FILTER != 0;
         2.0 * self.sample_hz / if is_long { 15.0 } else { 3.0 }
     }
 
-    /// Takes a read that shows nothing new of an encoder that stands still and is not asked for
-    /// anything; false for any other, which has to be [read](Self::read).
+    /// Skips a read that shows nothing new of an encoder at standstill without a request. Returns
+    /// false for any other read, which has to be passed to [`read`](Self::read).
     pub fn rests(&mut self, sample: &EncoderSample) -> bool {
         let Some((last, ticks)) = &mut self.last else {
             return false;
@@ -169,7 +176,7 @@ impl EncoderState {
         true
     }
 
-    /// Makes the count 0 here.
+    /// Makes the current count 0.
     pub fn reset(&mut self) {
         let EncoderReading {
             count, is_unsure, ..
@@ -178,7 +185,7 @@ impl EncoderState {
         (*count, *is_unsure) = (0, false);
     }
 
-    /// Does what is asked for with this write.
+    /// Takes the command of this write.
     pub fn follow(&mut self, command: Command) {
         if command.reset {
             self.reset();
@@ -186,8 +193,9 @@ impl EncoderState {
         self.latch.request(command.request);
     }
 
-    /// Takes the next read as a new start: counts go on from here, whatever the counter in the FPGA
-    /// shows then. For when it may have been reset, or moved by 32768 counts or more unseen.
+    /// Takes the next read as a new start: counts continue from here, whatever the counter in the
+    /// FPGA contains then. Used when the counter may have been reset, or moved by 32768 counts or
+    /// more unseen.
     pub fn resume(&mut self) {
         self.reading.is_unsure |= self.last.is_some();
         self.last = None;
@@ -196,12 +204,13 @@ impl EncoderState {
         self.velocity = VelocityEstimator::default();
     }
 
-    /// The control word to write in this cycle.
+    /// Returns the control word to write in this cycle.
     pub fn control(&mut self) -> u32 {
         self.clears_error |= !self.watches_errors;
         let request = self.latch.bits();
         let shown = self.last.map_or(0, |(last, _)| last.control);
-        // Writing a 1 clears it. Not while a latch may be armed, which the write would arm again.
+        // Writing a 1 clears the error. Omitted while a latch may be armed, since the write would
+        // arm it again.
         let clear = if self.clears_error && request == 0 {
             shown & bits::QUADRATURE_ERROR
         } else {
@@ -210,13 +219,13 @@ impl EncoderState {
         self.config.mode | request | clear
     }
 
-    /// Takes what a cycle read. The first call after [`new`](Self::new) sets the start.
+    /// Takes the sample of a cycle. The first call after [`new`](Self::new) sets the start.
     pub fn read(&mut self, sample: EncoderSample) -> EncoderReading {
         self.is_awake = false;
         let input = |bit| sample.control & bit != 0;
         let has_error = input(bits::QUADRATURE_ERROR);
         let (last, ticks) = self.last.unwrap_or((sample, sample.timestamp.into()));
-        // As the multiplexer makes when its select line begins to be driven.
+        // The multiplexer causes such an error when its select line begins to be driven.
         self.clears_error |= self.last.is_none();
         self.clears_error &= has_error;
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
@@ -225,7 +234,7 @@ impl EncoderState {
         let is_ambiguous = gap * self.sample_hz >= AMBIGUOUS;
         let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
         self.reading.is_unsure |= is_ambiguous || is_disturbed;
-        // At twice the last speed it has wrapped around.
+        // Allows for twice the last speed: beyond that, the counter may have wrapped around.
         let is_lost = 2.0 * self.velocity.velocity.abs() * gap >= AMBIGUOUS;
         self.advance(last, ticks, sample);
         let index_came = self.check_latch(sample, from, (is_ambiguous || is_disturbed, is_lost));
@@ -244,8 +253,8 @@ impl EncoderState {
         self.reading
     }
 
-    /// Whether a packet of the last set-up may have been executed again between the last two reads, or
-    /// before them.
+    /// True if a packet of the last set-up may have been executed again between the last two reads,
+    /// or before them.
     fn may_be_set_up_again(&mut self) -> bool {
         if self.set_up_for > 0 && self.latch.is_doubtful {
             self.disturbed_for = 2;
@@ -256,8 +265,8 @@ impl EncoderState {
         is_disturbed
     }
 
-    /// Whether counts stopped to come from one read to the next, at a rate near to the greatest one: the
-    /// encoder is beyond that rate rather than still.
+    /// True if counts stopped from one read to the next, at a rate near the highest one: the
+    /// encoder is then beyond that rate rather than still.
     fn has_gone_beyond(&self, change: i64, elapsed: u64) -> bool {
         let fewest = 0.5 * NEAR * self.max_count_rate() * (elapsed as f64 / self.tick_hz);
         self.reading.is_near_max && fewest >= FEWEST && (change.unsigned_abs() as f64) < fewest
@@ -267,7 +276,8 @@ impl EncoderState {
         let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
         let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.tick_hz);
-        // A change after the time stamp counter was read would look 65535 ticks old.
+        // The age of a change that came after the time stamp counter was read would wrap to 65535
+        // ticks.
         let age = sample.timestamp.wrapping_sub((sample.count >> 16) as u16);
         let age = if age > u16::MAX - READ_SKEW { 0 } else { age };
         let elapsed = ticks.saturating_sub(last_ticks);
@@ -281,7 +291,8 @@ impl EncoderState {
         self.last = Some((sample, ticks));
     }
 
-    /// Makes the count 0 at an index that came, and keeps where a probe did. Whether an index came.
+    /// Sets the count to 0 at a latched index, and keeps the position of a latched probe. Returns
+    /// true if an index was latched.
     fn check_latch(
         &mut self,
         sample: EncoderSample,
@@ -305,20 +316,21 @@ impl EncoderState {
     }
 }
 
-/// The part of the greatest count rate from which on it is near.
+/// Fraction of the highest count rate that counts as near to it.
 const NEAR: f64 = 0.9;
 
-/// So many counts at least have to be missing before an encoder is taken to be beyond that rate.
+/// Least number of missing counts for which an encoder is taken to be beyond that rate.
 const FEWEST: f64 = 4.0;
 
-/// This number of counts between two reads may as well be as many in the other direction.
+/// Number of counts between two reads that is the same in either direction.
 const AMBIGUOUS: f64 = 32_768.0;
 
-/// How many ticks later than the time stamp counter a count may have been read.
+/// Greatest number of ticks by which a count may be read later than the time stamp counter.
 const READ_SKEW: u16 = 256;
 
-/// The time stamp counter without wrap-around: the value with these low 16 bits that is nearest to
-/// `elapsed` ticks after `last` by the clock of the bus, since cycles may have been missed.
+/// Extends a time stamp without wrap-around: returns the value with these low 16 bits that is
+/// nearest to `elapsed` ticks after `last` by the clock of the bus, since cycles may have been
+/// missed.
 fn extend_ticks(last: u64, timestamp: u16, elapsed: f64) -> u64 {
     let step = u64::from(timestamp.wrapping_sub(last as u16));
     let wraps = libm::round((elapsed - step as f64) / 65_536.0).max(0.0) as u64;

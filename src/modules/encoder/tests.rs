@@ -1,4 +1,4 @@
-//! Pins of an encoder, cycle by cycle.
+//! The pins of an encoder, cycle by cycle.
 
 use super::latch::LatchRequest;
 use super::registers::bits;
@@ -44,7 +44,7 @@ impl Machine {
         self.pins.group_good(self.group);
     }
 
-    /// A write; what the control register is set to.
+    /// A write. Returns the content of the control register.
     fn write(&mut self) -> u32 {
         let (handles, pins) = (&self.handles, &mut self.pins);
         let command = handles.command(pins, &mut self.state, true);
@@ -81,7 +81,7 @@ fn index_enable_goes_off_when_the_index_came_and_not_before() {
     let idle = m.write();
     m.read(100, idle);
 
-    // Switched on after the write: the read that follows must not take it for granted.
+    // Switched on after the write: the read that follows must not take the request as done.
     m.pins.set(counter.index_enable, true);
     m.read(200, idle);
     assert!(m.pins.read(counter.index_enable).value, "only asked for");
@@ -91,7 +91,7 @@ fn index_enable_goes_off_when_the_index_came_and_not_before() {
     assert!(m.pins.read(counter.index_enable).value, "still waiting");
     assert_eq!(m.state.latch.wanted, LatchRequest::Index);
     m.write();
-    // The gateware takes the request back and has latched 350.
+    // The gateware clears the enable bit and has latched 350.
     let taken = asked & 0xFFFF & !bits::LATCH_ON_INDEX;
     m.read(400, 350 << 16 | taken);
     assert!(!m.pins.read(counter.index_enable).value);

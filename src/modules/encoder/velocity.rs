@@ -2,12 +2,12 @@
 
 /// Estimates velocity from the times of count changes, for speeds far below one count per cycle.
 ///
-/// - While counts come, velocity is counts by time between changes.
-/// - While none come, it is at most one count by the time since the last change, so that it decays
-///   towards zero as a stopping axis does; after the idle time it is zero.
-/// - The first counts after a standstill give no more than what is certain: their first one only
-///   marks a start, since when it set out is not known.
-/// - A single count back is an edge that dithers, or a turn: velocity is zero there.
+/// - While counts arrive, velocity is the number of counts divided by the time between changes.
+/// - While none arrive, velocity is at most one count divided by the time since the last change, so
+///   that it decays towards zero as a stopping axis does; after the idle time it is zero.
+/// - The first counts after a standstill give no more than is certain: the first of them only marks
+///   the start, because the beginning of the movement is not known.
+/// - A single count back is a dithering edge, or a turn: velocity is zero there.
 ///
 /// # Real time
 /// Constant time, no allocation.
@@ -15,7 +15,8 @@
 pub struct VelocityEstimator {
     /// In counts/s.
     pub velocity: f64,
-    /// In ticks; `None` if it stands still, and did so long enough that time alone changes nothing.
+    /// Time of the last change in ticks; `None` after a standstill long enough that time alone
+    /// changes nothing.
     pub last_change: Option<u64>,
 }
 
@@ -23,8 +24,8 @@ impl VelocityEstimator {
     /// Takes a cycle's count change into account.
     ///
     /// - `change`: counts since the last call.
-    /// - `changed_at`: when the last of them came, in ticks; only looked at if `change` is not 0.
-    /// - `previous` and `now`: the call before and this one, in ticks.
+    /// - `changed_at`: the time of the last of these counts, in ticks; ignored if `change` is 0.
+    /// - `previous` and `now`: the times of the previous call and of this one, in ticks.
     /// - `hz`: ticks per second. `idle_time`: in seconds.
     pub fn update(
         &mut self,
@@ -36,7 +37,7 @@ impl VelocityEstimator {
     ) {
         let seconds = |from: u64, to: u64| to.saturating_sub(from) as f64 / hz;
         if change != 0 {
-            // Without a last change, all of them came after the call before.
+            // Without a known last change, all of them arrived after the previous call.
             let first = if self.last_change.is_some() {
                 0
             } else {

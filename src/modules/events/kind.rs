@@ -10,10 +10,11 @@ use crate::bus::BusErrorKind;
 use crate::modules::serial::OfflineReason;
 use crate::sslbp::Failure;
 
-/// What happened.
+/// The kind of an event.
 ///
-/// What may happen in every cycle, [`Repeating`], is told once of a row of it, and once more for each
-/// other reason; how many they were is told when the row is over: [`Repeated`](Self::Repeated).
+/// Events that may happen in every cycle, [`Repeating`], are reported once for a row of them, and
+/// once more for each other reason; their number is reported when the row is over:
+/// [`Repeated`](Self::Repeated).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -24,7 +25,7 @@ pub enum EventKind {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
-        /// Why.
+        /// The reason.
         failure: Failure,
     },
     /// A remote went offline: its outputs are safe until it is re-armed.
@@ -32,7 +33,7 @@ pub enum EventKind {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
-        /// Why, this time. The first reason since it was re-armed last stays in
+        /// The reason this time. The first reason since the remote was re-armed last stays in
         /// [`RemoteStatus::first_fault`](crate::driver::RemoteStatus::first_fault).
         reason: OfflineReason,
     },
@@ -41,7 +42,7 @@ pub enum EventKind {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
-        /// Why.
+        /// The reason.
         reason: OfflineReason,
     },
     /// A remote that was offline transfers again, with safe outputs until it is re-armed.
@@ -56,24 +57,24 @@ pub enum EventKind {
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
     },
-    /// A remote that had been offline follows the application again; why it went offline is forgotten.
+    /// A remote that had been offline follows the application again; its first fault is cleared.
     RemoteRearmed {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
     },
-    /// The board's watchdog was found to have bitten: the host was late, or another program let it.
-    /// Everything is safe.
+    /// The board's watchdog was found to have bitten: the host was late, or another program let it
+    /// bite. Everything is safe.
     WatchdogBitten,
-    /// The board was found to have been reset, or to have lost power, or the time of its watchdog is not
-    /// ours: another program wrote it. Everything is safe.
+    /// The board was found to have been reset, or to have lost power, or another program wrote the
+    /// time of its watchdog. Everything is safe.
     BoardReset,
     /// The bus failed too often in too short a time. Everything is safe.
     BusDown,
     /// The board got back the set-up that it had lost.
     BoardSetUp,
-    /// Another board, or another firmware, answers than the driver was started with. It got none of the
-    /// driver's set-up, and everything stays safe.
+    /// Another board, or another firmware, answers than at the driver's start. It gets no part of
+    /// the driver's set-up, and everything stays safe.
     OtherFirmware,
     /// [`Driver::rearm`](crate::driver::Driver::rearm) let outputs follow the application again.
     Rearmed {
@@ -84,60 +85,60 @@ pub enum EventKind {
     },
     /// A read failed; the first of a row with this reason.
     ReadFailed {
-        /// What the bus said.
+        /// The error of the bus.
         why: BusErrorKind,
     },
     /// A read found no HostMot2 board; the first of a row of failed reads.
     NotThere {
-        /// What stands where its cookie is to be.
+        /// Content of the cookie's address.
         found: u32,
     },
-    /// A row is over: 10 s have gone by without another, the remote went offline, or the driver stops.
-    /// Not told of what was told one by one.
+    /// A row is over: 10 s have passed without a further event, the remote went offline, or the
+    /// driver stops. Not reported if all events of the row were reported one by one.
     Repeated {
-        /// What there was a row of.
+        /// The kind of the row.
         #[cfg_attr(feature = "serde", serde(flatten))]
         what: Repeating,
-        /// How many, those included that were told.
+        /// Number of events, including those that were reported.
         count: u32,
-        /// From the first to the last, in whole milliseconds.
+        /// Time from the first to the last, in whole milliseconds.
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
         lasted: Duration,
     },
     /// A write failed; the first of a row with this reason.
     WriteFailed {
-        /// What the bus said.
+        /// The error of the bus.
         why: BusErrorKind,
     },
     /// Writes are known to be lost; the first of a row.
     LostWrites {
-        /// How many in this cycle.
+        /// Number in this cycle.
         count: u32,
     },
-    /// Periods went by without a good read, where the [board paces](crate::driver::Pace::Board); the
+    /// Periods passed without a good read, where the [board paces](crate::driver::Pace::Board); the
     /// first of a row.
     MissedPeriods {
-        /// How many in this cycle.
+        /// Number in this cycle.
         count: u32,
     },
     /// The queue was full: from this event on, until it was empty again, events were dropped.
     Dropped {
-        /// How many.
+        /// Number of dropped events.
         count: u32,
     },
-    /// Somebody else drives the board as well; the first of a row.
+    /// A second master drives the board as well; the first of a row.
     OtherMaster {
-        /// How many packets were his when he was noticed.
+        /// Number of its packets when it was detected.
         packets: u32,
     },
-    /// The application writes and does not read: no input is valid, and everything is safe.
+    /// The application writes and does not read: all inputs are invalid, and everything is safe.
     NotRead {
-        /// Writes since the last read.
+        /// Number of writes since the last read.
         writes: u32,
     },
 }
 
-/// What may happen in every cycle.
+/// Events that may happen in every cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -157,7 +158,7 @@ pub enum Repeating {
     LostWrites,
     /// [`EventKind::MissedPeriods`].
     MissedPeriods,
-    /// [`EventKind::OtherMaster`], of which each second tells its packets.
+    /// [`EventKind::OtherMaster`], which reports its packets every second.
     OtherMaster,
 }
 
@@ -175,7 +176,8 @@ impl fmt::Display for Repeating {
 }
 
 bitflags! {
-    /// Kinds of events, as [what freezes a trace](crate::driver::TraceSettings::freeze_on).
+    /// Kinds of events, as in
+    /// [`TraceSettings::freeze_on`](crate::driver::TraceSettings::freeze_on).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct EventMask: u32 {
         /// [`EventKind::TransferFailed`].
@@ -220,7 +222,7 @@ bitflags! {
         const OTHER_FIRMWARE = 1 << 19;
         /// [`EventKind::NotRead`].
         const NOT_READ = 1 << 20;
-        /// Everything after which outputs are safe until they are re-armed.
+        /// Events after which outputs are safe until they are re-armed.
         const OUTPUTS_SAFE = Self::REMOTE_OFFLINE.bits()
             | Self::WATCHDOG_BITTEN.bits()
             | Self::BOARD_RESET.bits()
@@ -230,7 +232,7 @@ bitflags! {
 }
 
 impl EventKind {
-    /// Its bit.
+    /// The bit of this kind.
     pub const fn mask(&self) -> EventMask {
         match self {
             Self::TransferFailed { .. } => EventMask::TRANSFER_FAILED,
@@ -257,7 +259,7 @@ impl EventKind {
         }
     }
 
-    /// Whether something is wrong, or was lost. The others tell that something is well again, or over.
+    /// True if the event is a fault or a loss. All others report a recovery, or the end of a row.
     pub const fn is_fault(&self) -> bool {
         let well = EventMask::REMOTE_BACK
             .union(EventMask::REMOTE_UP)
@@ -268,7 +270,7 @@ impl EventKind {
         !well.contains(self.mask())
     }
 
-    /// The remote that the event is about, if it is about one.
+    /// The remote of an event about one; `None` for other events.
     pub const fn remote(&self) -> Option<RemoteId> {
         match *self {
             Self::TransferFailed { remote, .. }

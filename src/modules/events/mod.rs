@@ -1,4 +1,4 @@
-//! What happened: events, and the queue from which the application takes them.
+//! Events, and the queue from which the application takes them.
 
 mod kind;
 mod queue;
@@ -15,19 +15,19 @@ use core::fmt;
 
 use crate::bus::Instant;
 
-/// Something that happened in the cycle, and when.
+/// An event of the cycle, with its time.
 ///
-/// `Display` says it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: offline: ...`.
+/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: offline: ...`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Event {
-    /// When it was noticed, on the clock of the bus.
+    /// Time of detection, on the clock of the bus.
     pub at: Instant,
-    /// The cycle in which it was noticed: the number of the call of
+    /// The cycle of detection: the number of the call of
     /// [`Driver::read`](crate::driver::Driver::read), from 1 on. 0 is before the first.
     pub cycle: u64,
-    /// What it is.
+    /// The kind of the event, with its data.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub kind: EventKind,
 }

@@ -12,31 +12,32 @@ use crate::bus::Instant;
 /// The words of an event.
 type Slot = [AtomicU32; WORDS];
 
-/// A ring of events: one thread at a time puts in, any number take out.
+/// A ring of events: one thread at a time puts events in, any number of threads take them out.
 ///
-/// The side of the cycle neither waits nor tries again: when the ring is full, the newest events are
-/// dropped and counted, because the first ones tell how it began; until somebody has taken all that
-/// are kept and then how many were dropped. So what is taken is always in order.
+/// The side of the cycle neither waits nor retries: when the ring is full, the newest events are
+/// dropped and counted, because the first ones show how a fault began. Dropping ends when all kept
+/// events have been taken, and then their number as [`EventKind::Dropped`]. Events are therefore
+/// always taken in order.
 struct Queue {
-    /// What the names of the board's pins begin with.
+    /// Prefix of the names of the board's pins.
     board: Box<str>,
-    /// As many as a power of two.
+    /// The number of slots is a power of two.
     slots: Box<[Slot]>,
-    /// The number of the next event to be taken out, ...
+    /// The number of the next event to take out.
     head: AtomicUsize,
-    /// ... and to be put in.
+    /// The number of the next event to put in.
     tail: AtomicUsize,
-    /// How many were dropped so far, ...
+    /// Number of events dropped so far.
     dropped: AtomicU32,
-    /// ... and how many of these somebody knows of.
+    /// Part of these that has been reported.
     known: AtomicU32,
-    /// When the first was dropped that nobody knows of.
+    /// Time and cycle of the first dropped event that has not been reported.
     first_dropped: Slot,
     /// The number of the cycle: its low and its high half.
     cycle: [AtomicU32; 2],
-    /// Nothing is put in any more.
+    /// No further event is put in.
     has_ended: AtomicBool,
-    /// The kinds of events of which the first is caught.
+    /// The kinds of events that are watched for; the first such event is caught.
     watched: AtomicU32,
     has_caught: AtomicBool,
     caught: Slot,
@@ -58,7 +59,7 @@ impl Queue {
         let dropped = self.dropped.load(Ordering::Relaxed);
         let is_dropping = dropped != self.known.load(Ordering::Acquire);
         let tail = self.tail.load(Ordering::Relaxed);
-        // What was taken out before is not read any more.
+        // Taken events are not read any more.
         let used = tail.wrapping_sub(self.head.load(Ordering::Acquire));
         if is_dropping || used >= self.slots.len() {
             if !is_dropping {
@@ -72,7 +73,7 @@ impl Queue {
         }
     }
 
-    /// Keeps the first event that is watched.
+    /// Catches the first watched event.
     fn watch(&self, event: Event) {
         let watched = EventMask::from_bits_retain(self.watched.load(Ordering::Relaxed));
         if watched.contains(event.kind.mask()) && !self.has_caught.load(Ordering::Relaxed) {
@@ -83,7 +84,8 @@ impl Queue {
 
     fn pop(&self) -> Option<Event> {
         loop {
-            // Before the tail: all events that were put in before these were dropped are seen.
+            // Loaded before the tail, so that all events put in before these were dropped are
+            // visible.
             let dropped = self.dropped.load(Ordering::Acquire);
             let head = self.head.load(Ordering::Acquire);
             if head == self.tail.load(Ordering::Acquire) {
@@ -94,14 +96,14 @@ impl Queue {
             let taken = self
                 .head
                 .compare_exchange(head, next, Ordering::AcqRel, Ordering::Relaxed);
-            // Otherwise somebody else has taken it, and it may have been overwritten.
+            // Otherwise another thread has taken it, and the slot may have been overwritten.
             if taken.is_ok() && event.is_some() {
                 return event;
             }
         }
     }
 
-    /// The ring is empty: how many were dropped that nobody knows of.
+    /// Takes the number of dropped events that has not been reported, when the ring is empty.
     fn pop_dropped(&self, dropped: u32) -> Option<Event> {
         let known = self.known.load(Ordering::Acquire);
         let count = dropped.wrapping_sub(known);
@@ -109,7 +111,7 @@ impl Queue {
             return None;
         }
         let first = take(&self.first_dropped);
-        // Nothing else is put there before somebody knows.
+        // The slot is not overwritten before the number is reported.
         let told = self
             .known
             .compare_exchange(known, dropped, Ordering::AcqRel, Ordering::Relaxed);
@@ -146,7 +148,8 @@ impl fmt::Debug for Queue {
     }
 }
 
-/// Where the parts of a driver put what happened. All of them are in one thread.
+/// The side of the queue into which the parts of a driver put events. All of them are in one
+/// thread.
 ///
 /// # Real time
 /// A bounded number of stores. No allocation, no lock.
@@ -154,7 +157,7 @@ impl fmt::Debug for Queue {
 pub(crate) struct Sink(Arc<Queue>);
 
 impl Sink {
-    /// A queue with room for so many events, or some more; at least for one.
+    /// A queue for this number of events, rounded up to a power of two; at least for one.
     pub fn new(board: &str, room: u16) -> Self {
         let places = usize::from(room).max(1).next_power_of_two();
         Self(Arc::new(Queue {
@@ -173,7 +176,7 @@ impl Sink {
         }))
     }
 
-    /// The cycle with this number begins.
+    /// Sets the number of the cycle that begins.
     #[inline]
     pub fn begin_cycle(&self, number: u64) {
         let [low, high] = &self.0.cycle;
@@ -181,80 +184,81 @@ impl Sink {
         high.store((number >> 32) as u32, Ordering::Relaxed);
     }
 
-    /// Something happened.
+    /// Puts an event into the queue.
     #[cold]
     pub fn tell(&self, at: Instant, kind: EventKind) {
         let cycle = self.0.cycle();
         self.0.push(Event { at, cycle, kind });
     }
 
-    /// Something happened that is not told again: only who watches notices.
+    /// Passes an event that is not reported again to [`watch`](Self::watch) only.
     pub fn pass_over(&self, at: Instant, kind: EventKind) {
         let cycle = self.0.cycle();
         self.0.watch(Event { at, cycle, kind });
     }
 
-    /// From now on the first event of these kinds is caught.
+    /// Catches the first event of these kinds from now on.
     pub fn watch(&self, kinds: EventMask) {
         self.0.has_caught.store(false, Ordering::Relaxed);
         self.0.watched.store(kinds.bits(), Ordering::Relaxed);
     }
 
-    /// The event that was caught. It stays until the next call of [`watch`](Self::watch).
+    /// The caught event. It stays until the next call of [`watch`](Self::watch).
     pub fn caught(&self) -> Option<Event> {
         let has_caught = self.0.has_caught.load(Ordering::Relaxed);
         has_caught.then(|| take(&self.0.caught)).flatten()
     }
 
-    /// Nothing is put in any more.
+    /// Marks the end: no further event is put in.
     pub fn end(&self) {
         self.0.has_ended.store(true, Ordering::Release);
     }
 
-    /// Whether both put into the same queue.
+    /// True if both put events into the same queue.
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
-    /// For who takes them out.
+    /// The side that takes events out.
     pub fn events(&self) -> Events {
         Events(Arc::clone(&self.0))
     }
 }
 
-/// What happened since it was asked last: an iterator that takes events out of the driver's queue,
-/// and ends when the queue is empty. It can be asked again later, until the driver
-/// [has stopped](Self::has_ended).
+/// The events since the last call: an iterator that takes events out of the driver's queue, and
+/// ends when the queue is empty. It can be used again later, until the driver [has
+/// stopped](Self::has_ended).
 ///
-/// It may go to another thread, which takes events while the cycle runs; the cycle never waits for
-/// it. Several share the queue: each event goes to one of them. When the queue is full, newer
-/// events are dropped and counted, until all that are kept were taken: [`EventKind::Dropped`].
+/// The iterator may move to another thread, which takes events while the cycle runs; the cycle
+/// never waits for it. Clones share the queue: each event goes to one of them. When the queue is
+/// full, newer events are dropped and counted until all kept events have been taken:
+/// [`EventKind::Dropped`].
 ///
 /// # Real time
-/// Taking one is bounded but where several threads take at the same moment. No allocation.
+/// Taking an event is bounded, unless several threads take events at the same time. No allocation.
 #[derive(Clone, Debug)]
 pub struct Events(Arc<Queue>);
 
 impl Events {
-    /// What the names of the board's pins begin with, for example `hm2_7i92.0`.
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
     pub fn board(&self) -> &str {
         &self.0.board
     }
 
-    /// Whether its driver has stopped, so that nothing comes after the events that are in the queue. Ask
-    /// this first and take the events then: none is left.
+    /// True if the driver has stopped, so that no event follows those in the queue. Call this first
+    /// and take the events afterwards: none is then left.
     ///
-    /// Nothing wakes a thread that waits for events, because the cycle would pay for it: look again
+    /// A thread that waits for events is not woken, because that would cost the cycle time: poll
     /// after a pause, as in the example of [`Driver::events`](crate::driver::Driver::events).
     pub fn has_ended(&self) -> bool {
         self.0.has_ended.load(Ordering::Acquire)
     }
 
-    /// Takes all events, and writes them to the log: faults as warnings, the others as information, all
-    /// with the target `mesa_hal`.
+    /// Takes all events, and writes them to the log: faults as warnings, the others as information,
+    /// all with the target `mesa_hal`.
     ///
     /// # Real time
-    /// Not for the cycle: what the log does with it is its own affair.
+    /// Not for the cycle: the time that the logger takes is unknown.
     #[cfg(feature = "log")]
     pub fn log(&mut self) {
         while let Some(event) = self.next() {
@@ -314,7 +318,7 @@ mod tests {
         let tell = |n: u32| sink.tell(Instant::from_nanos(n.into()), lost(n));
         (1..=9).for_each(tell);
         assert_eq!(events.by_ref().take(2).count(), 2);
-        // There is room; but those would come before the ones that were dropped.
+        // There is room, but these events would come before the dropped ones.
         (10..=11).for_each(tell);
         assert_eq!(kinds(&mut events.by_ref().take(2)), [lost(3), lost(4)]);
         let dropped = events.next().expect("how many");
@@ -338,7 +342,7 @@ mod tests {
         assert_eq!(events.next(), None);
     }
 
-    /// Kept and dropped are all there are, whoever takes them and when.
+    /// Kept and dropped events add up to all events, independent of the taking threads.
     #[test]
     fn threads_that_are_too_slow_know_of_every_event() {
         const COUNT: u32 = 200_000;
@@ -405,7 +409,7 @@ mod tests {
                         continue;
                     };
                     match event.kind {
-                        // Every word of it is of the same event.
+                        // All words belong to the same event.
                         EventKind::Rearmed { armed, waiting } => {
                             assert_eq!(u64::from(armed), event.at.as_nanos());
                             assert_eq!(u64::from(waiting), event.cycle);
@@ -429,7 +433,7 @@ mod tests {
             let waiting = n ^ 0x5555;
             put(n, EventKind::Rearmed { armed: n, waiting });
         }
-        // For the one that did not get the last.
+        // For the thread that did not get the last event.
         put(0, EventKind::BusDown);
         put(0, EventKind::BusDown);
         let mut all: Vec<u32> = takers

@@ -1,32 +1,33 @@
-//! What happens again and again: a row of it is told once, and at its end how many there were.
+//! Rows of repeated events: the first one is reported, and at the end of the row their number.
 
 use core::time::Duration;
 
 use super::{EventKind, Repeating, Sink};
 use crate::bus::Instant;
 
-/// A row is over when nothing has been added for so long. A network that loses a packet in a thousand
-/// gives one row, and not the log of a whole night; one that recovers is told soon.
+/// A row ends when nothing has been added for this time. A network that loses a packet in a
+/// thousand gives one row, and not the log of a whole night; the end of a fault is still reported
+/// soon.
 const QUIET: Duration = Duration::from_secs(10);
 
-/// A row, open or not.
+/// A row, open or closed.
 ///
 /// # Real time
 /// Constant time. No allocation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Row {
-    /// How many so far; 0: there is none.
+    /// Number of events so far; 0 if the row is closed.
     count: u32,
-    /// Of these, those that were told.
+    /// Number of those that were reported one by one.
     told: u32,
-    /// The reasons that were told, by their bits.
+    /// The reasons that were reported, by their bits.
     reasons: u32,
     first: Instant,
     last: Instant,
 }
 
 impl Row {
-    /// It happened, `count` times in a cycle. Told if it is the first with its reason.
+    /// Adds `count` events of a cycle. Reports them if they are the first with their reason.
     #[cold]
     pub fn add(&mut self, sink: &Sink, now: Instant, count: u32, kind: EventKind) {
         if self.count == 0 {
@@ -48,7 +49,7 @@ impl Row {
         self.count > 0
     }
 
-    /// Ends it if nothing was added for long enough.
+    /// Ends the row if nothing was added for long enough.
     #[inline]
     pub fn look(&mut self, sink: &Sink, now: Instant, what: Repeating) {
         if self.is_open() && now.since(self.last) >= QUIET {
@@ -56,7 +57,7 @@ impl Row {
         }
     }
 
-    /// Ends it, and tells how many there were if that was not told.
+    /// Ends the row, and reports the number of its events unless all of them were reported.
     #[cold]
     pub fn end(&mut self, sink: &Sink, now: Instant, what: Repeating) {
         let row = core::mem::take(self);

@@ -8,10 +8,10 @@ use crate::hostmot2::RemoteId;
 use crate::modules::serial::OfflineReason;
 use crate::sslbp::Failure;
 
-/// The words of an event: time, cycle, what, and two that say more.
+/// Number of words of an event: time, cycle, kind, and two for its fields.
 pub(super) const WORDS: usize = 7;
 
-/// All kinds of errors, in an order of this file's own.
+/// All kinds of bus errors, in the order of their numbers in an event.
 const BUS_ERRORS: [BusErrorKind; 10] = [
     BusErrorKind::Late,
     BusErrorKind::Lost,
@@ -53,7 +53,7 @@ impl Event {
 }
 
 impl EventKind {
-    /// A number of its own for each reason with which it may repeat.
+    /// A number for each reason with which an event may repeat.
     pub(super) fn reason(self) -> u32 {
         match self {
             Self::NotThere { .. } => (BUS_ERRORS.len() as u32).saturating_add(1),
@@ -65,7 +65,8 @@ impl EventKind {
         }
     }
 
-    /// The number of its bit, port, channel and a number, and what these need.
+    /// The words of a kind: number of its bit, port, channel and a number in the first, and two for
+    /// its fields.
     fn to_words(self) -> [u32; 3] {
         let RemoteId { port, channel } = self.remote().unwrap_or(RemoteId::new(0, 0));
         let (number, one, other) = match self {

@@ -1,11 +1,12 @@
-//! From frequencies and fractions of full scale to registers.
+//! Conversions from frequencies and fractions of full scale to registers.
 
-/// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
+/// The PDM rate register: clock*n/65536. PDM always has 12 bits, and takes 4096 ticks for a full
+/// cycle.
 pub(super) fn pdm_word(clock_hz: u32, hz: u32) -> u16 {
     to_rate(f64::from(hz) * 65_536.0 / f64::from(clock_hz))
 }
 
-/// The master rate register, and the width of the duty that goes with it.
+/// The master rate register, and the width of the duty that belongs to it.
 ///
 /// PWMClock = clock*n/65536; PWM rate = PWMClock/2^bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -17,13 +18,13 @@ pub struct PwmRate {
 }
 
 impl PwmRate {
-    /// The highest frequency in Hz that a clock allows: 9 bits are left of the duty then.
+    /// The highest frequency in Hz that a clock allows, with 9 bits of duty.
     pub(super) fn fastest(clock_hz: u32) -> u32 {
         (u64::from(clock_hz).saturating_mul(u16::MAX.into()) >> 25) as u32
     }
 
-    /// The widest duty that gives `hz`; what the hardware can not do becomes the nearest that it
-    /// can, values that are not finite the slowest.
+    /// Returns the rate with the widest duty that gives `hz`; a frequency that the hardware cannot
+    /// reach becomes the nearest that it can, and NaN becomes the slowest.
     pub fn new(clock_hz: u32, hz: f64) -> Self {
         let rate_of =
             |bits: u8| libm::round(hz * f64::from(1_u32 << bits) * 65_536.0 / f64::from(clock_hz));
@@ -36,38 +37,39 @@ impl PwmRate {
     }
 }
 
-/// At least 1, since 0 would stop the outputs where they are. `NaN` becomes 1 as well.
+/// At least 1, since 0 would stop the outputs at their current level. `NaN` becomes 1 as well.
 fn to_rate(rate: f64) -> u16 {
     (libm::round(rate).clamp(0.0, f64::from(u16::MAX)) as u16).max(1)
 }
 
-/// The carry of a fraction is added to the duty without saturation, and outlives a load: with more
-/// than this, a step to full scale has one period of 0 %. Mesa's VHDL, `dpwmpdmgenh`.
+/// Distance of the largest dithered duty from full scale, in steps. The carry of the fraction is
+/// added to the duty without saturation, and outlives a load: with a larger duty, a step to full
+/// scale has one period of 0 %. Mesa's VHDL, `dpwmpdmgenh`.
 const DITHER_HEADROOM: f64 = 1.0625;
-/// What a duty that dithers keeps at its usual frequency.
+/// Least number of bits that a dithered duty has at its usual frequency.
 pub(super) const DITHER_BITS: u8 = 11;
-/// The output type of which the duty has 12 bits.
+/// The output type with a duty of 12 bits.
 pub(super) const PDM: i32 = 3;
-/// A change of a value waits for the end of a period.
+/// Mode bit: a change of a value waits for the end of a period.
 pub(super) const DOUBLE_BUFFERED: u32 = 1 << 5;
 const DITHER: u32 = 1 << 6;
 
-/// From fractions of full scale to duties.
+/// Conversion from fractions of full scale to duties.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PwmShape {
     /// Bits of the duty: 9 to 12.
     pub bits: u8,
-    /// What the output pins do: see [`PwmPins::output_type`](super::PwmPins::output_type).
+    /// Use of the output pins: see [`PwmPins::output_type`](super::PwmPins::output_type).
     pub output_type: i32,
-    /// 0 is half scale, and direction is not used. What the 7I97 needs.
+    /// 0 is half scale, and direction is not used. Needed by the 7I97.
     pub offset: bool,
-    /// Use the fraction of the duty too: only module version 1 can.
+    /// Uses the fraction of the duty too: only with module version 1.
     pub dither: bool,
 }
 
 impl PwmShape {
-    /// The mode register: bits 1..0 width, 4..3 output, 5 double buffered, 6 dither. Values are always
-    /// double buffered.
+    /// Returns the mode register: bits 1..0 width, 4..3 output, 5 double buffered, 6 dither. Values
+    /// are always double buffered.
     pub const fn mode(&self) -> u32 {
         let output = match self.output_type {
             2 => 2,
@@ -79,8 +81,8 @@ impl PwmShape {
         self.bits.saturating_sub(9) as u32 & 3 | output << 3 | DOUBLE_BUFFERED | dither
     }
 
-    /// The value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. The pin's rules keep
-    /// `fraction` within -1 to 1; the duty saturates, so that nothing ever wraps.
+    /// Returns the value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. The pin's
+    /// rules keep `fraction` within -1 to 1; the duty saturates, so that it never wraps.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -96,7 +98,7 @@ impl PwmShape {
         } else {
             steps - 1.0
         };
-        // Whole steps, or with 16 bits of fraction if it dithers.
+        // Whole steps, or with dither 16 more bits of fraction.
         let word = if self.dither {
             (duty.min(largest) * 65_536.0 + 0.5) as u32
         } else {
@@ -128,7 +130,7 @@ mod tests {
         assert_eq!((slow.bits, slow.rate), (12, 64_425));
         let fast = PwmRate::new(CLOCK, 96_000.0);
         assert_eq!((fast.bits, fast.rate), (11, 64_425));
-        // One step of 4096 at each tick, as LinuxCNC counts.
+        // One step of 4096 at each tick, as in LinuxCNC.
         assert_eq!(pdm_word(CLOCK, 6_000_000), 1_966);
     }
 
@@ -207,7 +209,7 @@ mod tests {
         assert_eq!(signed.encode(0.0), 0);
     }
 
-    /// The fraction that a word stands for.
+    /// The fraction that a word represents.
     fn decode(shape: PwmShape, word: u32) -> f64 {
         let steps = f64::from(1_u32 << shape.bits);
         let duty = f64::from(word & 0x0FFF_FFFF) / 65_536.0;

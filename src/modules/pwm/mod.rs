@@ -24,56 +24,56 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 pub struct PwmPins {
     /// The value; full scale is `scale`.
     pub value: Output<f64>,
-    /// While it is false the output is zero (half scale in offset mode), whatever `value` says, and
-    /// the generator's enable output is off, if it has one: the hardware's own enable leaves the
-    /// PWM as it is. FACTS 12.3.
+    /// While false, the output is zero (half scale in offset mode) whatever `value` is, and the
+    /// generator's enable output is off, if it has one: the hardware's own enable does not affect
+    /// the PWM (FACTS 12.3).
     pub enable: Output<bool>,
-    /// 0 is half scale on the wire: for analog outputs of both signs. At first it is true of the
-    /// generators that drive analog outputs on the board, and false of all others.
+    /// 0 is half scale on the wire: for analog outputs of both signs. Initially true for the
+    /// generators that drive analog outputs on the board, and false for all others.
     pub offset_mode: Param<bool>,
-    /// The value that is full scale.
+    /// The value at full scale.
     pub scale: Param<f64>,
-    /// 1 PWM on the first pin and direction on the second; 2 PWM on the first for positive, on the
-    /// second for negative values; 3 pulse density and direction, with 12 bits; 4 direction and PWM.
-    /// Any other counts as 1.
+    /// 1: PWM on the first pin and direction on the second; 2: PWM on the first pin for positive,
+    /// on the second for negative values; 3: pulse density and direction, with 12 bits; 4:
+    /// direction and PWM. Any other value counts as 1.
     pub output_type: Param<i32>,
 }
 
-/// The pins of all generators together.
+/// The pins that all generators share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PwmBankPins {
     /// PWM frequency in Hz.
     pub pwm_frequency: Param<u32>,
-    /// Frequency of the PDM clock in Hz, of which each tick is one step of 4096; as LinuxCNC has it.
+    /// Frequency of the PDM clock in Hz, each tick of which is one step of 4096; as in LinuxCNC.
     pub pdm_frequency: Param<u32>,
 }
 
 /// All PWM generators.
 #[derive(Debug)]
 pub struct Pwm {
-    /// The pins of all generators together.
+    /// The pins that all generators share.
     pub bank: PwmBankPins,
     generators: Vec<Generator>,
     clock_hz: u32,
-    /// The fraction of the duty is used: module version 1.
+    /// Uses the fraction of the duty: module version 1.
     dithers: bool,
-    /// The frequencies that were asked for last, of PWM and PDM, ...
+    /// The last requested frequencies, of PWM and PDM.
     hz: (u32, u32),
-    /// ... and what the hardware makes of the first.
+    /// The rate in the hardware for the requested PWM frequency.
     rate: PwmRate,
     master_rate: Setting,
     pdm_rate: Setting,
-    /// Bit n is generator n; 1 drives the enable pin low. They do nothing else: the PWM goes on.
-    /// FACTS 12.3.
+    /// Bit n is generator n; 1 drives the enable pin low. The bits do not affect the PWM
+    /// (FACTS 12.3).
     enables: WriteSlot,
 }
 
 #[derive(Debug)]
 struct Generator {
     pins: PwmPins,
-    /// The generators that must be enabled for this one to be.
+    /// Bit mask of the generators that must be enabled for this one to run.
     enabled_by: u32,
-    /// As it was written last.
+    /// The shape that was written last.
     shape: PwmShape,
     value: WriteSlot,
     mode: Setting,
@@ -85,11 +85,11 @@ impl Pwm {
         self.generators.iter().map(|generator| generator.pins)
     }
 
-    /// The generators of each PWM module of a firmware: version 0, or 1, which dithers. They are at
-    /// rest when the set-up is over, without waiting for the end of a period.
+    /// Registers the generators of each PWM module of a firmware: version 0, or 1, which dithers.
+    /// They are at rest at the end of the set-up, without waiting for the end of a period.
     ///
-    /// Generators of several modules are numbered through. What a second module has for all of its
-    /// generators is `pwmgen.bank-1.pwm_frequency`, and so on.
+    /// Generators of several modules are numbered consecutively. The shared pins of a second module
+    /// are named `pwmgen.bank-1.pwm_frequency`, and so on.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
         let modules = r.driven(&[Gtag::PWM]);
         let all = modules
@@ -188,7 +188,7 @@ impl Pwm {
     }
 }
 
-/// Checks layout and version: 0, or 1. The register of the enables has a bit for 32 generators.
+/// Checks layout and version: 0 or 1. The enable register has 32 bits, one for each generator.
 pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
     const MOST: u8 = 32;
     module.check_layout(5, 0x3)?;
@@ -204,8 +204,8 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
 }
 
 impl DrivenModule {
-    /// The instance whose enable output switches the drive of generator `number` too, if one of this
-    /// module does.
+    /// The instance of this module whose enable output also switches the drive of generator
+    /// `number`, if there is one.
     fn leader(&self, r: &Registrar<'_>, number: u8) -> Option<u8> {
         let leader = r.board.pwm.switched_by(number)?;
         let instance = leader.checked_sub(self.first)?;
@@ -228,7 +228,7 @@ impl Module for Pwm {
             if shape != generator.shape {
                 generator.shape = shape;
                 cycle.words.set(generator.mode, shape.mode());
-                // The set-up that is written again holds what is at rest in this mode.
+                // A repeated set-up writes the value that is at rest in this mode.
                 cycle.words.put_safe(generator.value, shape.encode(0.0));
             }
             let fraction = cycle.pins.fetch(generator.pins.value);
@@ -255,7 +255,7 @@ impl Generator {
         let pins = PwmPins::new(r, number, table)?;
         let shape = pins.shape(r.pins, bits, module.version >= 1);
         let (value, mode) = (module.register(0, instance)?, module.register(1, instance)?);
-        // A value that is double buffered would wait for the end of a period.
+        // A double-buffered value would wait for the end of a period.
         r.image
             .step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
         let bit = |n: u8| 1 << (n & 31);
@@ -282,7 +282,7 @@ impl PwmPins {
         let value = Spec {
             unit: table.unit.into(),
             range: Some((-full_scale, full_scale)),
-            // Fetched, it is a fraction of full scale.
+            // The fetched value is a fraction of full scale.
             full_scale: Some(FullScale {
                 scale,
                 min: -1.0,

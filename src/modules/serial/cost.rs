@@ -1,16 +1,16 @@
-//! What attempts to bring remotes back may cost their neighbours.
+//! Limits the cost of restart attempts for the other remotes of a port.
 
 use core::time::Duration;
 
 use super::FaultPolicy;
 use crate::bus::Instant;
 
-/// What attempts have cost the other remotes of a port, and what they may.
+/// Time that attempts have taken from the other remotes of a port, and its limit.
 ///
 /// An attempt that takes [`USUAL`](Self::USUAL) is paid off after the longest pause of the policy;
-/// while more than [`CREDIT`](Self::CREDIT) is owed, no further one begins. So in any minute no
-/// more than 320 ms go to attempts with the default policy, whatever happens to however many
-/// remotes.
+/// while more than [`CREDIT`](Self::CREDIT) is owed, no further attempt begins. With the default
+/// policy, attempts therefore take at most 320 ms of any minute, whatever the number of failing
+/// remotes and the kind of their faults.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cost {
     owed: Duration,
@@ -19,13 +19,13 @@ pub(crate) struct Cost {
 }
 
 impl Cost {
-    /// An attempt at a remote that does not answer, in a cycle of 1 ms (FACTS 5.7).
+    /// Duration of an attempt at a remote that does not answer, in a cycle of 1 ms (FACTS 5.7).
     const USUAL: Duration = Duration::from_millis(20);
     const CREDIT: Duration = Duration::from_millis(60);
-    /// What counts at most for one: an attempt that was interrupted does not end.
+    /// Upper limit for a single attempt, since an interrupted attempt has no end.
     const LONGEST: Duration = Duration::from_millis(60);
 
-    /// Whether another attempt may begin.
+    /// True if another attempt may begin.
     pub fn allows(&self, now: Instant, policy: &FaultPolicy) -> bool {
         self.owed_at(now, policy) <= Self::CREDIT
     }
@@ -34,7 +34,7 @@ impl Cost {
         self.began.get_or_insert(now);
     }
 
-    /// The port can transfer again.
+    /// Ends the attempt, when the port can transfer again.
     pub fn end(&mut self, now: Instant, policy: &FaultPolicy) {
         if let Some(began) = self.began.take() {
             let took = now.since(began).min(Self::LONGEST);

@@ -1,4 +1,4 @@
-//! One remote in the cycle: whether it takes part, why not, and when it is tried again.
+//! State of one remote in the cycle: participation, reason for being offline, and next attempt.
 
 use crate::hostmot2::RemoteId;
 use core::time::Duration;
@@ -13,30 +13,30 @@ use crate::tally::Tally;
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
 
-/// What a remote on a channel is doing.
+/// State of the remote on a channel.
 ///
-/// A remote that is offline gets no frame: neither process data nor a START, until the time of
-/// its [watchdog](super::RemoteWatchdog) and a fifth more is over since its last frame. By then
-/// its outputs are off, all of them, whatever the last frame set and whatever fault it has. After a
-/// START that succeeds it gets safe values until it is re-armed.
+/// A remote that is offline gets no frame: neither process data nor a START, until the time of its
+/// [watchdog](super::RemoteWatchdog) and a fifth more is over since its last frame. By then all its
+/// outputs are off, whatever the last frame set and whatever fault it has. After a successful START
+/// it gets safe values until it is re-armed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(tag = "state", rename_all = "kebab-case"))]
 pub enum RemoteState {
-    /// It transfers process data.
+    /// The remote transfers process data.
     Running,
-    /// It is offline; the driver tries to bring it back at the given time.
+    /// The remote is offline; the driver tries to restart it at the given time.
     Offline {
-        /// Why: the first reason since it was re-armed last, until another device is found in its
-        /// place.
+        /// The first reason since the remote was re-armed last, until another device is found in
+        /// its place.
         reason: OfflineReason,
-        /// When it is tried next, at the earliest; `None`: when the application asks for it.
+        /// Earliest time of the next attempt; `None`: when the application asks for it.
         next_attempt: Option<Instant>,
     },
-    /// It is being restarted.
+    /// The remote is being restarted.
     Restarting {
-        /// Why it was offline.
+        /// The reason why it was offline.
         reason: OfflineReason,
     },
 }
@@ -45,48 +45,50 @@ pub enum RemoteState {
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Debug)]
 pub(crate) struct Health {
-    /// What START found. Of one that has never run, what is known of its kind: 0 for a unit
-    /// number or tables that are not known, and of the unit number the class in the top byte.
+    /// The identity that START reported. For a remote that has never run, the known part of its
+    /// kind: 0 for an unknown unit number or unknown tables, and the class of the unit number in
+    /// the top byte.
     pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
     pub outputs: Outputs,
     pub state: RemoteState,
-    /// Why it went offline last.
+    /// The last reason for going offline.
     pub cause: Option<OfflineReason>,
-    /// Why it went offline first since it was re-armed.
+    /// The first reason for going offline since the remote was re-armed.
     pub first_fault: Option<OfflineReason>,
     pub restarts: u64,
     /// LinuxCNC's `fault-count`: rises with failures, falls with good transfers.
     pub fault_count: u32,
-    /// What it reported last.
+    /// The faults that it reported last.
     pub faults: RemoteFaults,
-    /// It has run before, so that its sizes are known to be right, and it can have been stopped.
+    /// The remote has run before, so that its sizes are known to be right, and it can have been
+    /// stopped.
     pub has_run: bool,
-    /// The board got its set-up back, and this one has not transferred since: it comes up because of
-    /// that, unless it has a fault of its own.
+    /// The board got its set-up back, and the remote has not transferred since: it comes up because
+    /// of that, unless it has a fault of its own.
     pub comes_with_board: bool,
-    /// It is left out of transfers until then. After a failed one the line needs an idle interval,
-    /// in which a late reply or extra characters show themselves: a transfer at once could have
-    /// the reply of the one before (FACTS 5.4).
+    /// The remote is left out of transfers until this time. After a failed transfer the line needs
+    /// an idle interval, in which a late reply or extra characters become visible: an immediate
+    /// transfer could receive the reply to the one before (FACTS 5.4).
     pub rest_until: Instant,
-    /// The transfer before failed, too.
+    /// The previous transfer failed too.
     has_just_failed: bool,
-    /// The failed transfers of which the first was told.
+    /// Current row of failed transfers; its first one has been reported as an event.
     failures: Row,
-    /// How long to wait before the next attempt to bring it back; it doubles with each.
+    /// Time to wait before the next restart attempt; doubles with each attempt.
     pause: Duration,
-    /// Nothing is sent to it before: its watchdog must have bitten.
+    /// Nothing is sent to the remote before this time, by which its watchdog must have bitten.
     pub silent_until: Instant,
-    /// The application asked for the next attempt, so that it is made whatever it costs.
+    /// The application asked for the next attempt, which is therefore made whatever it costs.
     pub is_asked_for: bool,
     /// The last attempt failed, so that the next one is likely to take long.
     pub has_failed: bool,
-    /// Where what happens to it is told, and its port.
+    /// Sink of the remote's events, and the number of its port.
     pub told: Option<(Sink, u8)>,
 }
 
 impl Health {
-    /// A remote that runs.
+    /// Returns the state of a running remote.
     pub fn new(started: StartedRemote, watchdog: RemoteWatchdog, policy: &FaultPolicy) -> Self {
         Self {
             started,
@@ -111,15 +113,15 @@ impl Health {
         }
     }
 
-    /// It was never there.
+    /// Marks a remote that was absent at start-up: offline, never started.
     pub fn absent(mut self, now: Instant, policy: &FaultPolicy) -> Self {
         (self.has_run, self.has_failed) = (false, true);
         self.go_offline(now, OfflineReason::Absent, 0, policy);
         self
     }
 
-    /// It goes offline, or stays so for one more reason; the next attempt is planned. `good`:
-    /// transfers since it was started.
+    /// Takes the remote offline, or adds a reason to one that is offline, and plans the next
+    /// attempt. `good`: transfers since it was started.
     pub fn go_offline(
         &mut self,
         now: Instant,
@@ -127,8 +129,8 @@ impl Health {
         good: u64,
         policy: &FaultPolicy,
     ) {
-        // A remote whose watchdog has bitten has switched its outputs off, and one that is absent
-        // got no frame. A START that fails may have fed it again.
+        // A remote with a bitten watchdog has switched its outputs off, and an absent one got no
+        // frame. A failed START may have fed the watchdog again.
         let silence = match reason {
             OfflineReason::Watchdog | OfflineReason::Absent => Duration::ZERO,
             _ => self.watchdog.silence(),
@@ -141,9 +143,9 @@ impl Health {
         }
         let may_drive =
             self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none();
-        // It may have outputs on, which nothing but a START switches off.
+        // Its outputs may be on, and only a START switches them off.
         self.is_asked_for |= may_drive && policy.automatic;
-        // The first attempt after a fault that a START clears waits for nothing but the silence.
+        // The first attempt after a fault that a START clears waits only for the silence.
         let is_first = self.pause == policy.first_backoff;
         let wait = if self.is_asked_for || is_first && reason.is_cleared_by_start() {
             Duration::ZERO
@@ -156,8 +158,8 @@ impl Health {
         self.show(now, reason, next_attempt);
     }
 
-    /// The application asks for a restart at once: of one that runs without a fault now, of
-    /// another one when its outputs must be off.
+    /// Requests a restart: at once for a remote that runs without a fault, for any other one as
+    /// soon as its outputs must be off.
     pub fn ask_for_restart(&mut self, now: Instant, policy: &FaultPolicy) {
         self.pause = policy.first_backoff;
         self.is_asked_for = true;
@@ -170,7 +172,8 @@ impl Health {
         }
     }
 
-    /// The application has switched its port off; it is tried when it is on again.
+    /// Stops the remote because the application has switched its port off; it is tried again when
+    /// the port is on.
     pub fn stop_for_good(&mut self, now: Instant) {
         self.is_asked_for = true;
         let bitten = now.after(self.watchdog.silence());
@@ -204,7 +207,7 @@ impl Health {
         };
     }
 
-    /// A restart begins.
+    /// Marks the begin of a restart.
     pub fn restarting(&mut self) {
         self.is_asked_for = false;
         if let RemoteState::Offline { reason, .. } = self.state {
@@ -212,9 +215,9 @@ impl Health {
         }
     }
 
-    /// Why what answered START is not this one: by interface registers 0 to 2, its unit number, name
-    /// and tables. Of one that has never run, its kind counts as far as it is known, unless its unit
-    /// number is, and its sizes are still to be compared.
+    /// Returns the reason to refuse the remote that answered START, from interface registers 0 to
+    /// 2: its unit number, name and tables. For a remote that has never run, the known part of its
+    /// kind is compared, with the unit number if it is known, and its sizes are compared later.
     pub fn refuses(&self, [unit_number, name, found]: [u32; 3]) -> Option<OfflineReason> {
         let StartedRemote {
             gtoc,
@@ -233,7 +236,8 @@ impl Health {
         (are_known && found != expected).then_some(OfflineReason::OtherTables { found, expected })
     }
 
-    /// It runs again. From now on it is this one, and no other of its kind.
+    /// Marks the remote as running and stores the identity that START reported; any other unit is
+    /// refused from now on.
     pub fn restarted(&mut self, now: Instant, told: [u32; 3]) {
         let is = self.started;
         self.started = StartedRemote::new((is.channel, is.software_mode), told, is.sizes, is.cs);
@@ -255,7 +259,7 @@ impl Health {
         self.tell(now, kind);
     }
 
-    /// Its outputs follow the application (again): what was before is history.
+    /// Clears the first fault, because the outputs follow the application (again).
     pub fn armed(&mut self, now: Instant) {
         if self.first_fault.take().is_some() {
             let remote = self.remote_id();
@@ -263,9 +267,9 @@ impl Health {
         }
     }
 
-    /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
-    /// data. After another failure the idle interval between them is one as well. It is told if it is
-    /// the remote's own.
+    /// Counts a failed transfer: adds `increment` to LinuxCNC's `fault-count` for each cycle
+    /// without data. After another failure, the idle interval between the two counts as a cycle as
+    /// well. The failure is reported as an event if it is the remote's own.
     pub fn count_fault(&mut self, now: Instant, own: Option<Failure>, increment: u32) {
         let remote = self.remote_id();
         if let (Some((sink, _)), Some(failure)) = (&self.told, own) {
@@ -278,7 +282,7 @@ impl Health {
         self.fault_count = self.fault_count.saturating_add(more);
     }
 
-    /// A good transfer.
+    /// Counts a good transfer.
     pub fn count_good(&mut self, now: Instant, decrement: u32) {
         self.has_just_failed = false;
         self.fault_count = self.fault_count.saturating_sub(decrement);
@@ -288,7 +292,8 @@ impl Health {
         }
     }
 
-    /// Failed transfers that were not told are told now, as a number.
+    /// Ends the row of failed transfers, and reports the number of those without an event of their
+    /// own.
     pub fn end_row(&mut self, now: Instant) {
         let what = self.failed_transfers();
         if let Some((sink, _)) = &self.told {
@@ -301,14 +306,14 @@ impl Health {
         Repeating::FailedTransfers { remote }
     }
 
-    /// Whether a transfer has failed that good ones have not made up for, or of whose row the end has
-    /// not come.
+    /// True if failed transfers are not yet made up for by good ones, or if their row is still
+    /// open.
     pub const fn is_troubled(&self) -> bool {
         self.fault_count > 0 || self.has_just_failed || self.failures.is_open()
     }
 
-    /// True if it runs, or is offline for nothing but what a board does that has lost its set-up: no
-    /// transfers, and a watchdog that bites because of that.
+    /// True if the remote runs, or is offline only because the board has lost its set-up: without
+    /// transfers, and with a watchdog that has bitten for that reason.
     pub fn is_of_board(&self) -> bool {
         use OfflineReason::{BoardDown, NotRunning, Requested, Watchdog};
         let is_of_board = |cause| {
@@ -328,7 +333,7 @@ impl Health {
         self.started.channel
     }
 
-    /// Its port and channel.
+    /// The address of the remote.
     fn remote_id(&self) -> RemoteId {
         let port = self.told.as_ref().map_or(0, |(_, port)| *port);
         RemoteId::new(port, self.channel().index())

@@ -1,104 +1,105 @@
-//! Why a remote is offline.
+//! Reasons why a remote is offline.
 
 use super::Failure;
 use crate::sslbp::RemoteName;
 use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 
-/// Why a remote is offline.
+/// Reason why a remote is offline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum OfflineReason {
-    /// It was not there when the driver was started.
+    /// The remote was absent when the driver was started.
     #[error("it was absent at the start; plug it in")]
     Absent,
     /// Too many transfers failed in too short a time.
     #[error("too many failed transfers, the last: {0}")]
     TooManyFailures(Failure),
-    /// Its channel does not run any more.
+    /// The channel does not run any more.
     #[error("its channel does not run: {0}")]
     NotRunning(CsStatus),
-    /// Its watchdog has bitten or it lost power: it needs a START.
+    /// The watchdog of the remote has bitten or it lost power: it needs a START.
     #[error("its watchdog has bitten or its power was off; it is restarted in its mode")]
     Watchdog,
-    /// It does not know its software mode any more.
+    /// The remote has lost its software mode.
     #[error("it does not know its software mode any more")]
     IllegalMode,
-    /// Its field power is missing, too low or too high.
+    /// The field power of the remote is missing, too low or too high.
     #[error("{0}: check its field power")]
     FieldPower(
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
-    /// It reported another fault: over-temperature, over-current, no enable, communication.
+    /// The remote reported another fault: over-temperature, over-current, no enable, communication.
     #[error("it reported {0}; check its loads and its supply, then re-arm it")]
     Reported(
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
-    /// START did not succeed; CS says how far it came.
+    /// START did not succeed; CS contains its progress.
     #[error("it did not start: {0}")]
     DidNotStart(CsStatus),
-    /// Another device is on its channel.
+    /// Another device is on the channel.
     #[error(
         "another device answers ({name}, unit number {unit_number:#010X}); it is not taken over: \
          plug the right one in, or build the driver anew"
     )]
     AnotherDevice {
-        /// Its name.
+        /// The name of the device.
         name: RemoteName,
-        /// Its unit number.
+        /// The unit number of the device.
         unit_number: u32,
     },
-    /// The right device is on its channel, with tables in another place: another firmware.
+    /// The right device is on the channel, with tables in another place: another firmware.
     #[error(
         "its tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has another \
          firmware; build the driver anew with it plugged in"
     )]
     OtherTables {
-        /// Interface register 2 after START: its GTOC and PTOC.
+        /// Interface register 2 after START: GTOC and PTOC of the device.
         found: u32,
-        /// What its pins are made for.
+        /// The tables for which the pins are made.
         expected: u32,
     },
-    /// The right device is on its channel, with other process data: another firmware.
+    /// The right device is on the channel, with other process data: another firmware.
     #[error(
         "its process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another firmware; \
          build the driver anew with it plugged in",
         found.rx, found.tx, expected.rx, expected.tx
     )]
     OtherSizes {
-        /// What it exchanges.
+        /// The sizes of the device.
         found: ProcessDataSizes,
-        /// What its pins are made for.
+        /// The sizes for which the pins are made.
         expected: ProcessDataSizes,
     },
     /// The port never finished a command.
     #[error("the port never finished a command")]
     PortStuck,
-    /// The application switched its port off.
+    /// The application switched the port off.
     #[error("its port is switched off")]
     Stopped,
     /// The application asked for a restart.
     #[error("the application asked for a restart")]
     Requested,
-    /// Nothing was heard of it while everything was safe because of the board, whose lines are dead when
-    /// its watchdog has bitten or it was reset. That says nothing of the remote.
+    /// The remote did not answer while everything was safe because of the board, whose lines are
+    /// dead when its watchdog has bitten or it was reset. Indicates nothing about the remote.
     #[error("the board does not run, and its lines may be dead with it; re-arm")]
     BoardDown,
 }
 
 impl OfflineReason {
-    /// Why a remote that reports these faults goes offline.
+    /// The reason for a remote that reports these faults.
     ///
-    /// All of them alike: a remote with a fault does not take outputs over, and every transfer
-    /// feeds its watchdog, so that what was on stays on while transfers go on (FACTS 1.5).
+    /// Every fault takes the remote offline: a remote with a fault does not take new outputs, and
+    /// every transfer feeds its watchdog, so that outputs that are on stay on while transfers
+    /// continue (FACTS 1.5).
     pub(super) fn of_faults(faults: RemoteFaults) -> Self {
         let voltage = RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE);
         if faults.contains(RemoteFaults::ILLEGAL_MODE) {
             Self::IllegalMode
         } else if faults.contains(RemoteFaults::WATCHDOG) {
-            // After a loss of power its software mode is another one, and with it the meaning of
-            // its data.
+            // After a loss of power the remote has another software mode, and with it its data has
+            // another meaning.
             Self::Watchdog
         } else if faults.intersects(voltage) {
             Self::FieldPower(faults)
@@ -107,17 +108,18 @@ impl OfflineReason {
         }
     }
 
-    /// Whether it is a fault that a START clears.
+    /// True for a fault that a START clears.
     pub(super) const fn is_cleared_by_start(&self) -> bool {
         matches!(self, Self::Watchdog | Self::IllegalMode | Self::Reported(_))
     }
 
-    /// Whether the application wants it, so that nothing is wrong.
+    /// True if the application requested it, so that there is no fault.
     pub(super) const fn is_asked_for(&self) -> bool {
         matches!(self, Self::Stopped | Self::Requested)
     }
 
-    /// Whether what answers is not what was expected: more important than why it went.
+    /// True if another device answers than expected, which is more important than why the remote
+    /// went offline.
     pub(super) const fn is_about_identity(&self) -> bool {
         matches!(
             self,
@@ -126,9 +128,9 @@ impl OfflineReason {
     }
 }
 
-/// As numbers, which other threads can take without a lock.
+/// Conversion to numbers, which other threads can take without a lock.
 impl OfflineReason {
-    /// A number of its own, from 0 on, and two that say more.
+    /// A number for the variant, from 0 on, and two for its fields.
     pub(crate) fn to_words(self) -> (u8, u32, u32) {
         let sizes = |sizes: ProcessDataSizes| u32::from_le_bytes([sizes.rx, sizes.tx, 0, 0]);
         match self {
@@ -152,7 +154,7 @@ impl OfflineReason {
         }
     }
 
-    /// Of numbers that [`to_words`](Self::to_words) gave.
+    /// The reason for numbers from [`to_words`](Self::to_words).
     pub(crate) fn from_words((number, one, other): (u8, u32, u32)) -> Option<Self> {
         let faults = RemoteFaults::from_bits_retain(one as u8);
         let sizes = |word: u32| {
@@ -194,7 +196,7 @@ pub(crate) mod tests {
     use super::*;
     use alloc::vec::Vec;
 
-    /// One with each number, whatever it says more.
+    /// One reason of each variant, with these fields.
     pub(crate) fn every_reason(one: u32, other: u32) -> Vec<OfflineReason> {
         let numbers = 0..=u8::MAX;
         let reasons = numbers.map_while(|number| OfflineReason::from_words((number, one, other)));

@@ -8,7 +8,7 @@ use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore};
 use crate::modules::{RegisterError, Registrar};
 use crate::sslbp::{Link, Machine, RemoteFaults};
 
-/// What LinuxCNC shows of a port, and switches.
+/// The pins that LinuxCNC has for a port.
 ///
 /// Source: FACTS 8.6.
 #[derive(Debug)]
@@ -16,26 +16,27 @@ pub(super) struct PortPins {
     run: Output<bool>,
     fault_count: Input<u32>,
     port_state: Input<u32>,
-    /// LinuxCNC's step within a state: 1 while remotes are being stopped for a restart, 2 while they
-    /// are being started, else 0.
+    /// LinuxCNC's step within a state: 1 while remotes are being stopped for a restart, 2 while
+    /// they are being started, else 0.
     port_state2: Input<u32>,
-    /// LinuxCNC's step within a parameter access. There are none in the cycle, so it stays 0, as
-    /// LinuxCNC's does.
+    /// LinuxCNC's step within a parameter access. The cycle does not access parameters, so it stays
+    /// 0, as in LinuxCNC.
     port_state3: Input<u32>,
     transfers: Input<u64>,
     too_short: Input<u32>,
     fault_inc: Param<u32>,
     fault_dec: Param<u32>,
     fault_lim: Param<u32>,
-    /// What the application sets is a part of the driver's own group, whose version changes when it is set.
+    /// The group of the pins that the application sets: a part of the driver's own group, whose
+    /// version changes when a pin is set.
     part: GroupId,
     fetched: Option<u64>,
-    /// What seldom changes, as the pins show it: fault count, state, step, too short.
+    /// The last published values that rarely change: fault count, state, step, too short.
     shown: Option<(u32, u32, u32, u64)>,
 }
 
 /// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
-/// `run` is false; the others as LinuxCNC 2.9 was seen to go through them).
+/// `run` is false; the others as observed with LinuxCNC 2.9).
 fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
     let running = recovery.running;
     let has_transferred = |channel| machine.link(channel).good > 0;
@@ -114,19 +115,19 @@ impl PortPins {
     }
 }
 
-/// What is known about the state of a remote, as pins. They belong to the group of the driver's
-/// own pins, which stays valid while the remote fails: that is what they are for.
+/// The state of a remote, as pins. They belong to the group of the driver's own pins, which stays
+/// valid while the remote fails, so that they can report the failure.
 #[derive(Debug)]
 pub(crate) struct RemoteFaultPins {
     running: Input<bool>,
     faults: [Input<bool>; FAULTS.len()],
     failures: Input<u64>,
     restarts: Input<u64>,
-    /// What they show, in this order.
+    /// The last published values, in the order of the pins.
     shown: Option<(bool, RemoteFaults, u64, u64)>,
 }
 
-/// The faults a remote reports, and the names of their pins.
+/// The faults that a remote reports, and the names of their pins.
 const FAULTS: [(RemoteFaults, &str); 8] = [
     (RemoteFaults::WATCHDOG, "fault-watchdog"),
     (RemoteFaults::NO_ENABLE, "fault-no-enable"),
@@ -139,7 +140,7 @@ const FAULTS: [(RemoteFaults, &str); 8] = [
 ];
 
 impl RemoteFaultPins {
-    /// `group` is that of the driver's own pins.
+    /// Makes the pins; `group` is that of the driver's own pins.
     pub fn new(pins: &mut PinStore, group: GroupId, prefix: &str) -> Result<Self, PinError> {
         let mut make = PinMaker::new(pins, group, format!("{prefix}."));
         let mut faults = [Input::default(); FAULTS.len()];

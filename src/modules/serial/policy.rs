@@ -1,63 +1,63 @@
-//! When a remote goes offline, and what may be done to bring it back.
+//! Limits at which a remote goes offline, and limits of the attempts to restart it.
 
 use core::time::Duration;
 
-/// When a remote goes offline, and how it comes back.
+/// Rules for taking remotes offline, and for their recovery.
 ///
 /// # What is promised
-/// - A remote that reports any fault goes offline with the reply that reports it. It gets no frame of
-///   any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches *all* its
-///   outputs off: 50 ms after that reply for a remote as it is delivered, within 60 ms at most; for
-///   one with another watchdog within that time and a fifth more. They stay off until the
-///   application re-arms the remote: through the cause of the fault going away, attempts to start
-///   it, and [`Driver::shutdown`](crate::driver::Driver::shutdown). A remote whose watchdog is
-///   switched off is started again at once instead, which switches its outputs off unless START can
-///   not clear the fault.
+/// - A remote that reports any fault goes offline with the reply that reports it. It gets no frame
+///   of any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches
+///   *all* its outputs off: 50 ms after that reply for a remote as delivered, within 60 ms at most;
+///   for a remote with another watchdog time within that time and a fifth more. The outputs stay
+///   off until the application re-arms the remote: even if the cause of the fault goes away, during
+///   attempts to start it, and during [`Driver::shutdown`](crate::driver::Driver::shutdown). A
+///   remote whose watchdog is switched off is started again at once instead, which switches its
+///   outputs off unless START cannot clear the fault.
 /// - A remote whose transfers fail goes offline when its `fault-count` reaches `fault_lim`, with
-///   the same silence and the same end.
-/// - A START follows when the silence is over, at the earliest, and sends safe values only. If it
-///   fails, the next one follows after a pause that doubles from
-///   `first_backoff` to `longest_backoff`; it begins anew after 1000 good transfers.
-/// - Attempts take the port from the other remotes: 2 to 4 cycles if the remote is there (2 more the
-///   first time that one runs which was absent at the start: its sizes are read), 17 ms if not, as
-///   the gateware does it (FACTS 5.7). So they are limited for the port as a whole,
-///   whatever its remotes do: when attempts have taken 60 ms, further ones wait until one of 20 ms
-///   for each `longest_backoff` is paid off. With the defaults that is less than 0.6 % of any
-///   minute, and no gap is longer than one attempt: measured in
+///   the same silence and the same result.
+/// - A START follows at the earliest when the silence is over, and sends safe values only. If it
+///   fails, the next one follows after a pause that doubles from `first_backoff` to
+///   `longest_backoff`; the pause is reset after 1000 good transfers.
+/// - Attempts take the port from the other remotes: 2 to 4 cycles if the remote is present (2 more
+///   for the first start of a remote that was absent at start-up, whose sizes are read), 17 ms if
+///   not, because of the gateware (FACTS 5.7). Attempts are therefore limited for the port as a
+///   whole, independent of the state of its remotes: when attempts have taken 60 ms, further ones
+///   wait until an attempt of 20 ms for each `longest_backoff` is paid off. With the defaults that
+///   is less than 0.6 % of any minute, and no gap is longer than one attempt: measured in
 ///   [`neighbours`](crate::driver::neighbours). A remote that comes back is found within
-///   `longest_backoff` and one attempt. An attempt that the application asks for is made at once,
-///   when the silence is over.
+///   `longest_backoff` and one attempt. An attempt that the application requests is made as soon as
+///   the silence is over.
 ///
 /// The counters are LinuxCNC's `fault-inc`, `fault-dec` and `fault-lim`, kept for each remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct FaultPolicy {
-    /// What a failed transfer adds to the remote's `fault-count`.
+    /// Increment of the remote's `fault-count` for a failed transfer.
     pub fault_inc: u32,
-    /// What a good transfer takes away.
+    /// Decrement for a good transfer.
     pub fault_dec: u32,
-    /// The `fault-count` at which it goes offline.
+    /// The `fault-count` at which the remote goes offline.
     pub fault_lim: u32,
-    /// Whether remotes that are offline are tried again by themselves.
+    /// Retries remotes that are offline without a request of the application.
     pub automatic: bool,
-    /// Time before the first attempt. The first one after a fault that START may clear (watchdog,
-    /// mode, over-current, over-temperature …) follows when the silence is over.
+    /// Time before the first attempt. The first attempt after a fault that START may clear
+    /// (watchdog, mode, over-current, over-temperature …) follows when the silence is over.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub first_backoff: Duration,
-    /// The time between attempts doubles up to this. It also says how often attempts may disturb
-    /// the other remotes in the long run: once in this time.
+    /// Upper limit of the time between attempts, which doubles up to this. In the long run,
+    /// attempts disturb the other remotes at most once in this time.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub longest_backoff: Duration,
-    /// How long a channel is left out of transfers after a failed one, at least
-    /// [`SHORTEST_REST`](Self::SHORTEST_REST). In this time a late reply shows itself as late; one
-    /// that comes even later can not be distinguished from the reply to the next request. It is
-    /// three quarters of the period if that is longer.
+    /// Time for which a channel is left out of transfers after a failed one, at least
+    /// [`SHORTEST_REST`](Self::SHORTEST_REST). A late reply within this time is recognised as late;
+    /// one that comes even later cannot be distinguished from the reply to the next request. Three
+    /// quarters of the period are used if that is longer.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub rest: Duration,
-    /// Inputs, of remotes and of the board itself, are valid while they are younger than so many cycles:
-    /// 1 to 1000. Also writes without a [read](crate::driver::Driver::read), after which everything is
-    /// safe.
+    /// Age limit of inputs, of remotes and of the board itself, in cycles: inputs are valid while
+    /// they are younger, 1 to 1000. Also the number of writes without a
+    /// [read](crate::driver::Driver::read) after which everything becomes safe.
     pub stale_after: u32,
 }
 

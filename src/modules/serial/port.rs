@@ -22,19 +22,19 @@ use crate::tally::Tally;
 /// A serial port in the cycle.
 #[derive(Debug)]
 pub struct SerialPort {
-    /// Whoever uses it for something else calls [`taken_over`](Self::taken_over) then.
+    /// Call [`taken_over`](Self::taken_over) after using the port outside the cycle.
     pub(crate) port: Port,
     slots: Slots,
     doit: WriteSlot,
     pub(crate) recovery: Recovery,
     remotes: Vec<Served>,
     pins: PortPins,
-    /// How long its transfers take according to the remotes' sizes.
+    /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
 }
 
-/// Where the registers of a port are in the image. Those of channels without a remote are not asked
-/// for.
+/// Positions of the registers of a port in the image. Registers of channels without a remote are
+/// not read.
 #[derive(Debug)]
 struct Slots {
     command: ReadSlot,
@@ -44,9 +44,9 @@ struct Slots {
 }
 
 impl SerialPort {
-    /// Registers COMMAND, DATA, CS and the interface registers that carry data. COMMAND is read
-    /// before the data it vouches for, and written after all data. `port` runs in normal mode, with
-    /// all `remotes` started but those that are absent.
+    /// Registers COMMAND, DATA, CS and the interface registers with process data. COMMAND is read
+    /// before the data that it validates, and written after all data. `port` runs in normal mode,
+    /// with all `remotes` started except the absent ones.
     pub(crate) fn register(
         r: &mut Registrar<'_>,
         (mut port, parameters): (Port, PortParameters),
@@ -101,12 +101,12 @@ impl SerialPort {
         })
     }
 
-    /// The write of the cycle begins: what it starts may be executed from now on.
+    /// Notes the begin of the cycle's write: the commands in it may be executed from now on.
     pub(crate) fn sending(&mut self, now: Instant) {
         self.port.machine.sending(now);
     }
 
-    /// Looks at COMMAND alone: whether a transfer is complete, or none is in flight.
+    /// Evaluates COMMAND alone: returns true if a transfer is complete, or none is in flight.
     pub(crate) fn poll(&mut self, words: &Words, now: Instant) -> bool {
         let is_complete = self.is_idle(words);
         if is_complete {
@@ -115,12 +115,12 @@ impl SerialPort {
         is_complete || !is_transferring(&self.port.machine)
     }
 
-    /// Whether COMMAND was 0 when it was read last.
+    /// True if the last read of COMMAND was 0.
     pub(crate) fn is_idle(&self, words: &Words) -> bool {
         words.word(self.slots.command) == 0
     }
 
-    /// What was before the outputs of a remote follow the application (again) is history.
+    /// Clears the first fault of remotes whose outputs follow the application (again).
     fn note_armed(&mut self, pins: &PinStore, now: Instant) {
         let marked = self.recovery.marked;
         if marked.is_empty() {
@@ -135,15 +135,15 @@ impl SerialPort {
         self.recovery.update();
     }
 
-    /// All remotes were stopped, and the port was used for something else: they are restarted in the
-    /// next cycles.
+    /// Restarts all remotes in the next cycles, after they were stopped and the port was used
+    /// outside the cycle.
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.taken_over();
         self.recovery.taken_over();
         self.restart(self.recovery.known, pins, now);
     }
 
-    /// A parameter of a remote was written and read back.
+    /// Takes the value of a remote's parameter that was written and read back.
     pub(crate) fn parameter_written(
         &mut self,
         pins: &mut PinStore,
@@ -158,16 +158,16 @@ impl SerialPort {
         }
     }
 
-    /// How long nothing may be sent to the remotes that run, so that their watchdogs must have bitten;
-    /// `None` if there is none whose watchdog is waited for.
+    /// Time for which nothing may be sent to the running remotes, so that their watchdogs must have
+    /// bitten; `None` if no remote has a watchdog worth waiting for.
     pub(crate) fn silence(&self) -> Option<Duration> {
         let running = self.recovery.remotes.iter().filter(|r| r.is_running());
         let quick = running.filter(|remote| !remote.watchdog.is_slow());
         quick.map(|remote| remote.watchdog.silence()).max()
     }
 
-    /// The channels whose remotes transfer, and go on to. Those of a port that was switched off are about
-    /// to stop: nobody asks them any more.
+    /// The channels whose remotes transfer, and will continue to. Remotes of a port that was
+    /// switched off are about to stop, and their replies are not evaluated any more.
     pub(crate) fn running(&self) -> ChannelMask {
         if self.recovery.run {
             self.recovery.running
@@ -176,9 +176,10 @@ impl SerialPort {
         }
     }
 
-    /// Nothing was sent to these remotes for their [silence](Self::silence), and then they were asked:
-    /// the watchdog of one that did not report its bite counts as off. Those that did are restarted.
-    /// `silence` is for how long; one whose own time is much shorter may use any up to that.
+    /// Judges the watchdogs of remotes that got no frame for their [silence](Self::silence), and
+    /// were queried then: the watchdog of a remote that did not report its bite counts as off.
+    /// Remotes that did are restarted. `silence` is the duration; a remote with a much shorter time
+    /// of its own may use any time up to that.
     pub(crate) fn judge_watchdogs(
         &mut self,
         asked: ChannelMask,
@@ -190,7 +191,7 @@ impl SerialPort {
             if !asked.contains(health.channel()) || health.watchdog.is_slow() {
                 continue;
             }
-            // Beside another fault, which is why it went offline, the bite is told as well.
+            // Another fault may be the reason for going offline; the bite is reported beside it.
             let is_told = health.faults.contains(RemoteFaults::WATCHDOG);
             let is_cause = health.cause == Some(OfflineReason::Watchdog);
             let has_bitten = (is_cause || is_told) && !health.is_running();
@@ -205,8 +206,8 @@ impl SerialPort {
         self.restart(not_running, pins, now);
     }
 
-    /// Remotes that come up because the board has its set-up again are armed with their first good
-    /// transfer. True if that is new of one.
+    /// Arms the remotes that come up because the board has its set-up again, with their first good
+    /// transfer. True if that is new for one of them.
     pub(crate) fn arm_what_comes(&self, pins: &mut PinStore) -> bool {
         let remotes = self.remotes.iter().zip(&self.recovery.remotes);
         let coming = remotes.filter(|(_, health)| health.comes_with_board);
@@ -215,15 +216,16 @@ impl SerialPort {
         })
     }
 
-    /// Nothing comes any more: failed transfers that were not told are told now.
+    /// Ends the rows of failed transfers, and reports their numbers.
     pub(crate) fn end_rows(&mut self, now: Instant) {
         for health in &mut self.recovery.remotes {
             health.end_row(now);
         }
     }
 
-    /// Restarts remotes in the next cycles, whatever their pauses, but not before their outputs must
-    /// be off: it clears their faults. Their outputs are safe from now on until they are re-armed.
+    /// Restarts remotes in the next cycles, regardless of their pauses, but not before their
+    /// outputs must be off; this clears their faults. Their outputs are safe from now on until they
+    /// are re-armed.
     pub(crate) fn restart(&mut self, mask: ChannelMask, pins: &mut PinStore, now: Instant) {
         for remote in &mut self.remotes {
             if mask.contains(remote.channel) {
@@ -252,8 +254,8 @@ impl Module for SerialPort {
                 }
                 served.take(cycle);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
-                // The reply can be the late one to the transfer that failed before: nothing on the
-                // wire numbers them (FACTS 5.4).
+                // The reply can be the late one to the transfer that failed before: replies carry
+                // no number on the wire (FACTS 5.4).
                 let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
                 let cycles = cycle.pins.cycle().saturating_sub(due);
                 cycle.pins.group_good_since(group, cycles, started);
@@ -270,7 +272,7 @@ impl Module for SerialPort {
                 served.unanswered = Some((due, outcome.started));
             }
             if health.comes_with_board && !health.is_of_board() {
-                // A fault of its own voids what it was to be armed by.
+                // A fault of its own cancels the arming with the board.
                 health.comes_with_board = false;
                 cycle.pins.disarm(group);
             }
@@ -325,14 +327,14 @@ impl Module for SerialPort {
         self.port.machine.written(now, arrived);
     }
 
-    /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
+    /// Fails all remotes together: inputs invalid, outputs safe until re-armed.
     fn make_safe(&mut self, pins: &mut PinStore) {
         for remote in &self.remotes {
             pins.fault(remote.pins.group);
         }
     }
 
-    /// All remotes that do not run are restarted in the next cycles.
+    /// Restarts all remotes that do not run, in the next cycles.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.doubt();
         for health in &mut self.recovery.remotes {
@@ -347,19 +349,19 @@ impl Module for SerialPort {
     }
 }
 
-/// What an application asks.
+/// Functions for applications.
 impl SerialPort {
-    /// Its registers.
+    /// The registers of the port.
     pub fn layout(&self) -> &Layout {
         self.port.layout()
     }
 
-    /// What it did so far.
+    /// The statistics so far.
     pub fn statistics(&self) -> &PortStatistics {
         &self.recovery.statistics
     }
 
-    /// Its remotes, by channel.
+    /// The remotes, by channel.
     pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
         let remotes = self.remotes.iter().zip(&self.recovery.remotes);
         remotes.map(|(served, health)| {
@@ -379,8 +381,8 @@ impl SerialPort {
         })
     }
 
-    /// Remotes that may have an output on which was on before the last write: the last read brought no
-    /// good transfer of theirs, and nothing else says that all are off.
+    /// Remotes that may have an output on which was on before the last write: the last read
+    /// delivered no good transfer of them, and no other evidence shows that all outputs are off.
     pub(crate) fn not_reached(&self, now: Instant) -> impl Iterator<Item = RemoteStatus<'_>> {
         let pairs = self.remotes.iter().zip(&self.recovery.remotes);
         let not =
@@ -396,7 +398,7 @@ impl SerialPort {
     }
 }
 
-/// The registers of a port as a read brought them.
+/// The registers of a port, as read.
 impl Observed for (&Words, &Slots) {
     fn command(&self) -> u32 {
         self.0.word(self.1.command)

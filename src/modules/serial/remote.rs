@@ -13,29 +13,29 @@ use crate::sslbp::{
     Channel, ChannelRegisters, MAX_INTERFACE_REGISTERS, StartedRemote, software_mode_word,
 };
 
-/// Interface registers of one direction.
+/// Number of interface registers of one direction.
 const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 
-/// The parameter that holds a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
+/// Name of the parameter for a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
 /// PARAMETERS".
 pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
-/// A remote that takes part: as it was found, or, while it is absent, as its table describes it.
+/// A remote that takes part: as found, or, while absent, as described by its table.
 #[derive(Debug)]
 pub struct FoundRemote {
-    /// What START found; of one that is absent, what it has to find: 0 for a unit number or
-    /// tables that are not known, and of the unit number the class in the top byte.
+    /// The identity that START reported. For an absent remote, the expected identity: 0 for an
+    /// unknown unit number or unknown tables, and the class of the unit number in the top byte.
     pub started: StartedRemote,
-    /// What discovery found out about it; of one that is absent, what its table says.
+    /// The description from discovery; for an absent remote, from its table.
     pub descriptor: RemoteDescriptor,
-    /// Its pins.
+    /// The pins of the remote.
     pub pins: RemotePins,
-    /// It was not there, and may come up when it is plugged in.
+    /// The remote was absent, and may come up when it is plugged in.
     pub is_absent: bool,
 }
 
 impl FoundRemote {
-    /// How long its outputs stay on without process data.
+    /// The remote's own watchdog: the time for which its outputs stay on without process data.
     pub fn watchdog(&self) -> RemoteWatchdog {
         RemoteWatchdog::of(&self.pins)
     }
@@ -52,13 +52,13 @@ pub(super) struct Served {
     outputs: Vec<WriteSlot>,
     mode: Setting,
     mode_word: u32,
-    /// The last read brought a good transfer.
+    /// The last read delivered a good transfer.
     pub has_news: bool,
-    /// The last transfer, if it failed: the cycle in which its data was due, and when it was started.
+    /// The last transfer, if it failed: the cycle in which its data was due, and its start time.
     pub unanswered: Option<(u64, Instant)>,
-    /// The version of the outputs that are in the image.
+    /// The version of the outputs in the image.
     put: Option<u64>,
-    /// Those are not all 0, as they are after START.
+    /// The outputs in the image are not all 0, which they are after START.
     pub drives: bool,
 }
 
@@ -103,14 +103,14 @@ impl Served {
         self.pins.take_inputs(cycle.pins, &words);
     }
 
-    /// It went offline: what it counted may be anywhere when it comes back.
+    /// Handles that the remote went offline: its counters may contain any value when it comes back.
     pub fn lost(&mut self, pins: &mut PinStore) {
         pins.fault(self.pins.group);
         self.unanswered = None;
         self.pins.restarted();
     }
 
-    /// Puts the outputs into the image, unless they are there already.
+    /// Puts the outputs into the image, unless they are unchanged.
     pub fn put(&mut self, cycle: &mut WriteCycle<'_>) {
         let version = cycle.pins.output_version(self.pins.group);
         if version.is_some() && version == self.put {
@@ -125,7 +125,7 @@ impl Served {
         }
     }
 
-    /// Its software mode is written with its START.
+    /// Sets the software mode, which is written with START.
     pub fn put_mode(&self, cycle: &mut WriteCycle<'_>) {
         cycle.words.set(self.mode, self.mode_word);
         cycle.words.repeat(self.mode);

@@ -1,31 +1,32 @@
-//! What is counted of a port.
+//! Port statistics.
 
 use crate::tally::Tally;
 use core::time::Duration;
 
-/// What a port did since the driver was built.
+/// Statistics of a port since the driver was built.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct PortStatistics {
-    /// Transfers that are complete, of all channels together.
+    /// Complete transfers, of all channels together.
     pub transfers: u64,
-    /// Reads that found a transfer not complete: the period is too short.
+    /// Reads that found an incomplete transfer: the period is too short.
     pub too_short: u64,
-    /// Transfers of which it is not known whether they happened, because the bus lost a write.
+    /// Transfers that may or may not have happened, because the bus lost a write.
     pub unknown: u64,
-    /// Times that COMMAND never became 0 and had to be freed.
+    /// Number of times that COMMAND never became 0 and had to be freed.
     pub stuck: u64,
     /// Attempts to restart channels.
     pub starts: u64,
-    /// How long transfers took, where somebody waited for their end.
+    /// Durations of transfers, where
+    /// [`Driver::wait_transfers`](crate::driver::Driver::wait_transfers) waited for their end.
     pub doit: TimeHistogram,
 }
 
 /// Number of buckets of one microsecond.
 const BUCKETS: usize = 512;
 
-/// Times, counted in microseconds.
+/// Histogram of times, in microseconds.
 #[derive(Clone, Debug)]
 pub struct TimeHistogram {
     buckets: [u32; BUCKETS],
@@ -59,18 +60,18 @@ impl TimeHistogram {
         }
     }
 
-    /// How many were counted.
+    /// Number of recorded times.
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// The shortest and the longest; `None` if none was counted.
+    /// The shortest and the longest time; `None` if none was recorded.
     pub const fn range(&self) -> Option<(Duration, Duration)> {
         self.range
     }
 
-    /// The time that `percent` of them did not exceed, to the microsecond; the longest one for
-    /// those above half a millisecond.
+    /// The time that `percent` of the recorded times did not exceed, to the microsecond; above half
+    /// a millisecond, the longest time.
     pub fn percentile(&self, percent: u8) -> Option<Duration> {
         let (min, max) = self.range?;
         let of_hundred = self.count.saturating_mul(percent.min(100).into());
@@ -81,12 +82,12 @@ impl TimeHistogram {
             seen >= wanted
         });
         let time = bucket.map_or(max, |micros| Duration::from_micros(micros as u64));
-        // A bucket begins at whole microseconds, which may be below the shortest time.
+        // A bucket begins at a whole microsecond, which may be below the shortest time.
         Some(time.clamp(min, max))
     }
 }
 
-/// What people ask of it: the count, and times in seconds, `null` where none was counted.
+/// The count, and times in seconds, `null` where none was recorded.
 #[cfg(feature = "serde")]
 impl serde::Serialize for TimeHistogram {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

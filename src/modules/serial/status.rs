@@ -1,49 +1,49 @@
-//! A remote as it is now, for the application.
+//! Current state of a remote, for the application.
 
 use super::{FailureCounts, OfflineReason, RemoteState, RemoteWatchdog};
 use crate::discovery::RemoteDescriptor;
 use crate::remote::RemotePins;
 use crate::sslbp::{RemoteFaults, StartedRemote};
 
-/// A remote as it is now.
+/// Current state of a remote.
 ///
-/// With the feature `serde` it is `Serialize`: of its pins what their names begin with, and nothing of
-/// its own description, which is in the inventory (`mesa_tools::inventory`).
+/// With the feature `serde` it is `Serialize`: the pins are represented by their prefix, and the
+/// description is omitted, since it is part of the inventory (`mesa_tools::inventory`).
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteStatus<'a> {
-    /// What START found; of one that was absent at the start and has not been plugged in yet,
-    /// what is expected.
+    /// The identity that START reported; for a remote that was absent at the start and has not been
+    /// plugged in yet, the expected one.
     pub started: &'a StartedRemote,
-    /// What discovery found out about it.
+    /// The description from discovery.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub descriptor: &'a RemoteDescriptor,
-    /// Its pins, and their group, to re-arm it.
+    /// The pins, and their group, to re-arm it.
     #[cfg_attr(
         feature = "serde",
         serde(serialize_with = "crate::serial_form::prefix")
     )]
     pub pins: &'a RemotePins,
-    /// What it is doing.
+    /// The current state.
     pub state: RemoteState,
-    /// Why it went offline first since it was re-armed last; later reasons do not replace it.
-    /// `None` while nothing has happened since.
+    /// The first reason for going offline since the last re-arming; later reasons do not replace
+    /// it. `None` if the remote has not gone offline since.
     pub first_fault: Option<OfflineReason>,
-    /// How long its outputs stay on without process data: its own watchdog.
+    /// The remote's own watchdog: the time for which its outputs stay on without process data.
     ///
-    /// A period longer than that can not feed it.
+    /// A period longer than that cannot feed it.
     pub watchdog: RemoteWatchdog,
-    /// What it reported with its last reply, or START found when it could not clear it.
+    /// The faults that it reported with its last reply, or that START could not clear.
     #[cfg_attr(
         feature = "serde",
         serde(serialize_with = "crate::serial_form::flags::serialize")
     )]
     pub faults: RemoteFaults,
-    /// Transfers of its own so far, failed ones included.
+    /// Transfers of this remote so far, failed ones included.
     pub transfers: u64,
-    /// Its failures so far.
+    /// Failures so far.
     pub failures: &'a FailureCounts,
-    /// How often it was restarted.
+    /// Number of restarts.
     pub restarts: u64,
 }

@@ -1,4 +1,4 @@
-//! A remote's own watchdog: what switches its outputs off when it gets no process data.
+//! A remote's own watchdog, which switches its outputs off when it gets no process data.
 
 use core::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::bus::Instant;
 use crate::fraction::Fraction;
 use crate::remote::RemotePins;
 
-/// How long a remote's outputs stay on without process data, as far as it is known.
+/// The time for which a remote's outputs stay on without process data, as far as it is known.
 ///
 /// Source: manual 7I77, "WATCHDOG TIMEOUT", "ANALOG SECTION WATCHDOG"; FACTS 1.5.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -16,23 +16,23 @@ use crate::remote::RemotePins;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum RemoteWatchdog {
-    /// Its parameter `NVWatchDogTimeout` says this time. The remote uses it from its next power-up
-    /// on, so one that was changed since is not in use yet.
+    /// The time in the parameter `NVWatchDogTimeout`. A remote uses it from its next power-up on,
+    /// so a changed value is not in use yet.
     Known(#[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))] Duration),
-    /// It has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
+    /// The remote has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
-    /// It never bites: its parameter is 0, or it did not bite when that was
-    /// [tried](crate::Driver::prove_watchdogs). Nothing switches its outputs off when it can not be
-    /// reached, or when it has a fault that START does not clear.
+    /// The watchdog never bites: its parameter is 0, or it did not bite in a
+    /// [test](crate::Driver::prove_watchdogs). Nothing switches the outputs off when the remote
+    /// cannot be reached, or when it has a fault that START does not clear.
     Off,
 }
 
 impl RemoteWatchdog {
-    /// The time of remotes as they are delivered.
+    /// The default time of remotes as delivered.
     pub const USUAL: Duration = Duration::from_millis(50);
 
-    /// As far as the remote's parameter says: its first value counts as well, because that is in use
-    /// until the next power-up.
+    /// The watchdog according to the remote's parameter, including the parameter's first value,
+    /// which stays in use until the next power-up.
     pub(super) fn of(pins: &RemotePins) -> Self {
         let parameter = pins.parameter(WATCHDOG_PARAMETER);
         let millis = parameter.and_then(|parameter| parameter.first.zip(parameter.known));
@@ -41,14 +41,14 @@ impl RemoteWatchdog {
         })
     }
 
-    /// Whether it is off, or longer than a second: too long for a person to wait for an output that
-    /// nothing else switches off.
+    /// True if the watchdog is off, or longer than a second: too long for a person to wait for an
+    /// output that nothing else switches off.
     pub fn is_slow(self) -> bool {
         self.time().is_none_or(|time| time > Duration::from_secs(1))
     }
 
-    /// The longer one of two values of `NVWatchDogTimeout`, in milliseconds, where it is not known
-    /// which the remote uses.
+    /// The longer one of two values of `NVWatchDogTimeout`, in milliseconds, where it is unknown
+    /// which one the remote uses.
     pub fn longer_of(one: u64, other: u64) -> Self {
         match one.min(other) {
             0 => Self::Off,
@@ -56,7 +56,7 @@ impl RemoteWatchdog {
         }
     }
 
-    /// After this time without process data its outputs are off; `None`: they stay on.
+    /// The time without process data after which the outputs are off; `None`: they stay on.
     pub const fn time(self) -> Option<Duration> {
         match self {
             Self::Known(time) => Some(time),
@@ -65,23 +65,25 @@ impl RemoteWatchdog {
         }
     }
 
-    /// How long nothing is sent to a remote that is offline, so that its watchdog must have
-    /// bitten: a fifth more than its time, for the tolerance of its clock. None at all for one that
-    /// never bites.
+    /// The time for which nothing is sent to a remote that is offline, so that its watchdog must
+    /// have bitten: a fifth more than its time, for the tolerance of its clock. Zero for a watchdog
+    /// that never bites.
     pub fn silence(self) -> Duration {
         self.time()
             .map_or(Duration::ZERO, |time| time.fraction(6, 5))
     }
 }
 
-/// Whether a remote has an output on, as far as it is known from what it got and what it told.
+/// State of a remote's outputs, as far as it is known from the frames sent to it and its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outputs {
-    /// None is on: what it took last is 0, as after START, or it told that its watchdog has bitten.
+    /// All outputs are off: the last data it took is 0, as after START, or it reported that its
+    /// watchdog has bitten.
     Off,
-    /// None is on from then on: it gets nothing, and its watchdog must have bitten.
+    /// All outputs are off from this time on: the remote gets no frame, and its watchdog must have
+    /// bitten by then.
     OffFrom(Instant),
-    /// One may be on.
+    /// An output may be on.
     Driven,
 }
 
@@ -94,8 +96,8 @@ impl Outputs {
         }
     }
 
-    /// It gets nothing more, for this reason; its watchdog, if that is known, has bitten at `bitten`. A
-    /// START that follows switches nothing on.
+    /// Handles that nothing more is sent to the remote, for this reason; its watchdog, if its time
+    /// is known, has bitten at `bitten`. A START that follows switches nothing on.
     pub fn silent(&mut self, reason: OfflineReason, watchdog: RemoteWatchdog, bitten: Instant) {
         *self = match (*self, reason, watchdog) {
             (_, OfflineReason::Watchdog, _) => Self::Off,

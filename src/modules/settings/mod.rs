@@ -1,4 +1,4 @@
-//! What an application asks for before a board is configured.
+//! The settings of an application, given before a board is configured.
 
 use alloc::collections::BTreeMap;
 use alloc::format;
@@ -19,13 +19,13 @@ use crate::hal::is_scale;
 use crate::hostmot2::board_table::BoardTable;
 use crate::sslbp::MAX_CHANNELS;
 
-/// What a driver is to be.
+/// Settings of a driver.
 ///
-/// With the feature `serde` they can be kept in a file: times in seconds, kinds of remotes by the titles
-/// of their tables, and what is left out is as by default. Tables of the application's own are no part
-/// of it.
+/// With the feature `serde` they can be kept in a file: times in seconds, kinds of remotes by the
+/// titles of their tables; omitted fields have their default. The application's own tables are not
+/// included.
 ///
-/// Everything has a default that fits a board on the bench: all ports with all their channels in
+/// All fields have defaults that fit a board on the bench: all ports with all their channels in
 /// mode 0, all encoders, 1 ms.
 ///
 /// ```
@@ -44,62 +44,63 @@ use crate::sslbp::MAX_CHANNELS;
 pub struct Settings {
     /// The number of the board in pin names, for several boards of a kind; 0 by default.
     pub board_number: u8,
-    /// The period of the cycle: what the transfers must fit into, and what feeds the watchdogs. 1 us
-    /// to 800 ms; 1 ms by default.
+    /// The period of the cycle, in which the transfers must fit and the watchdogs are fed. 1 us to
+    /// 800 ms; 1 ms by default.
     ///
-    /// What is not set otherwise follows it: the board's [`watchdog`](Self::watchdog), and the
-    /// deadline of a reply, which is 80 % of it.
+    /// Unless set otherwise, these follow the period: the board's [`watchdog`](Self::watchdog), and
+    /// the deadline of a reply, which is 80 % of the period.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub period: Duration,
-    /// Who decides when a cycle begins; the host by default.
+    /// The source of the cycle's timing; the host by default.
     pub pace: Pace,
-    /// The time after which the board's watchdog bites without a write. `None`, the default: five
-    /// periods, and at least 5 ms. It runs from the first write on.
+    /// The time without a write after which the board's watchdog bites. `None`, the default: five
+    /// periods, and at least 5 ms. The watchdog runs from the first write on.
     ///
-    /// Less than two periods are refused, because one write that is lost must not let it bite; and so
-    /// is more than 4.29 s.
+    /// Less than two periods are refused, because a single lost write must not cause a bite; more
+    /// than 4.29 s are refused too.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::some_seconds"))]
     pub watchdog: Option<Duration>,
-    /// Which channels of serial ports are used, and how, by the number of the port.
+    /// The channels of serial ports in use and their configuration, by the number of the port.
     ///
-    /// A port that is not in it is used with the default: whatever is there, in mode 0. One that the
-    /// firmware does not have is refused.
+    /// A port without an entry uses the default: any remotes, in mode 0. A port that the firmware
+    /// does not have is refused.
     pub serial_ports: BTreeMap<u8, SerialConfig>,
-    /// When remotes go offline, and how they come back.
+    /// Limits at which remotes go offline, and their recovery.
     pub fault_policy: FaultPolicy,
-    /// How the encoders are set up.
+    /// Set-up of the encoders.
     pub encoders: EncoderSetup,
-    /// The PWM frequency of all generators in Hz. `None`, the default, is what the board is made
-    /// for: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it (75 kHz on a 7I97T);
-    /// else 20 kHz. What the firmware's clock does not allow is refused.
+    /// The PWM frequency of all generators in Hz. `None`, the default, is the board's usual
+    /// frequency: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it (75 kHz on a
+    /// 7I97T); else 20 kHz. A frequency that the firmware's clock does not allow is refused.
     pub pwm_hz: Option<u32>,
-    /// How PWM generators begin, by their number. The others begin as the board needs them where they
-    /// drive its analog outputs, and else as LinuxCNC's do: sign and magnitude, scale 1. A generator
-    /// that the firmware does not have is refused.
+    /// Initial parameters of PWM generators, by their number. Generators without an entry begin as
+    /// the board needs them if they drive its analog outputs, and else with LinuxCNC's values: sign
+    /// and magnitude, scale 1. A generator that the firmware does not have is refused.
     pub pwm: BTreeMap<u8, PwmConfig>,
-    /// How I/O pins begin, by their number: pins that no module uses. The others are inputs.
+    /// Initial state of I/O pins that no module uses, by their number. Pins without an entry are
+    /// inputs.
     pub gpio: Vec<(u16, GpioConfig)>,
-    /// Leaves the phase-locked loop alone: for a period that it can not follow.
+    /// Leaves the phase-locked loop unused: for a period that it cannot follow.
     pub no_dpll: bool,
-    /// The number of reads or writes in a row whose failure makes everything safe; at least 1, and
+    /// The number of consecutive failed reads or writes that makes everything safe; at least 1, and
     /// 5 by default.
     ///
-    /// Fewer in a row do it, too, when others failed shortly before: failures are counted as
-    /// LinuxCNC counts them, on the pin `packet-error-level`. A failure adds
-    /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
+    /// Fewer consecutive failures are enough if others happened shortly before: failures are
+    /// counted as in LinuxCNC, on the pin `packet-error-level`. A failure adds
+    /// `packet-error-increment` (2), a successful read subtracts `packet-error-decrement` (1), and
     /// `packet-error-limit` is set to this number of increments: 10.
     pub bus_error_limit: u32,
-    /// How many [events](crate::driver::Driver::events) are kept until somebody takes them, or some
-    /// more; 255 by default. Each takes 28 bytes.
+    /// Number of [events](crate::driver::Driver::events) that are kept until they are taken,
+    /// rounded up to a power of two; 255 by default. Each takes 28 bytes.
     pub event_room: u16,
-    /// Keeps the words of the last cycles, to see afterwards what led to a fault. `None`, the default:
-    /// nothing is kept, and nothing is paid for.
+    /// Keeps the words of the last cycles, to find the cause of a fault afterwards. `None`, the
+    /// default: nothing is kept, at no cost.
     pub trace: Option<TraceSettings>,
-    /// Kinds of boards that this crate does not know. They count before those that are built in.
+    /// Kinds of boards that this crate does not know. They take precedence over the built-in ones.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub boards: Vec<&'static BoardTable>,
-    /// Kinds of remotes that this crate does not know: they name terminals, units and safe values.
-    /// They count before those that are built in.
+    /// Kinds of remotes that this crate does not know, with their terminals, units and safe values.
+    /// They take precedence over the built-in ones.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub remotes: Vec<&'static RemoteTable>,
 }
@@ -128,15 +129,15 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The time after which the board's watchdog bites: what is set, or else five periods, and at least
-    /// 5 ms.
+    /// Returns the time after which the board's watchdog bites: the one that is set, or else five
+    /// periods, and at least 5 ms.
     pub fn watchdog_time(&self) -> Duration {
         let follows = self.period.saturating_mul(5);
         let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
         self.watchdog.unwrap_or(follows.max(usual))
     }
 
-    /// Refuses numbers that mean nothing, whatever the board.
+    /// Refuses values that are invalid for any board.
     pub(crate) fn check(&self) -> Result<(), RegisterError> {
         let refused = |what, found, expected: &str| {
             let expected = expected.into();
@@ -198,16 +199,16 @@ impl Settings {
     }
 }
 
-/// The most cycles that old inputs may count as valid.
+/// Greatest number of cycles for which old inputs may count as valid.
 const LONGEST_STALE: u32 = 1_000;
 
-/// How a PWM generator begins. `None` is what the board needs, or LinuxCNC's value.
+/// Initial parameters of a PWM generator. `None` is the value that the board needs, or LinuxCNC's.
 ///
 /// ```
 /// use mesa_hal::Settings;
 /// use mesa_hal::driver::PwmConfig;
 ///
-/// // Generator 6 is on an expansion connector: a spindle of 24000 rpm, direction on a pin of its own.
+/// // Generator 6, on an expansion connector: a spindle of 24000 rpm with a direction pin.
 /// let spindle = PwmConfig {
 ///     scale: Some(24_000.0),
 ///     ..PwmConfig::default()
@@ -224,28 +225,28 @@ const LONGEST_STALE: u32 = 1_000;
 pub struct PwmConfig {
     /// The parameter [`output-type`](super::pwm::PwmPins::output_type).
     pub output_type: Option<i32>,
-    /// The parameter [`offset-mode`](super::pwm::PwmPins::offset_mode): with it the pin is high half
-    /// of the time while the value is 0 and while the generator is not enabled.
+    /// The parameter [`offset-mode`](super::pwm::PwmPins::offset_mode): with it the pin is high
+    /// half of the time while the value is 0 and while the generator is not enabled.
     pub offset_mode: Option<bool>,
-    /// The parameter [`scale`](super::pwm::PwmPins::scale): the value that is full scale. Its size is
-    /// also the limit of the value.
+    /// The parameter [`scale`](super::pwm::PwmPins::scale): the value at full scale. Its magnitude
+    /// is also the limit of the value.
     pub scale: Option<f64>,
 }
 
-/// What the parameter `watchdog.timeout_ns` holds.
+/// Greatest value of the parameter `watchdog.timeout_ns`.
 const LONGEST_WATCHDOG: Duration = Duration::from_nanos(u32::MAX as u64);
 
-/// What a [`Trace`](crate::driver::Trace) keeps, and when it stops.
+/// Size of a [`Trace`](crate::driver::Trace), and the events that stop it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct TraceSettings {
-    /// How many cycles are kept, at least 1. Each takes 40 bytes and 4 for each register.
+    /// Number of cycles that are kept, at least 1. Each takes 40 bytes and 4 for each register.
     pub cycles: u16,
-    /// How many cycles follow the one in which it was frozen by an event; less than `cycles`.
+    /// Number of cycles kept after the one in which an event froze the trace; less than `cycles`.
     pub after: u16,
-    /// The events that freeze it. It can be frozen by
-    /// [call](crate::driver::Driver::freeze_trace) as well.
+    /// The events that freeze the trace.
+    /// [`Driver::freeze_trace`](crate::driver::Driver::freeze_trace) freezes it as well.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))]
     pub freeze_on: EventMask,
 }
@@ -261,13 +262,13 @@ impl Default for TraceSettings {
     }
 }
 
-/// Who decides when a cycle begins.
+/// The source of the cycle's timing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Pace {
-    /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
-    /// follows these reads; [`CycleReport::locked`] is true when it does.
+    /// The application, which waits for its own period, then calls [`Driver::read`]. A DPLL on the
+    /// board follows these reads; [`CycleReport::locked`] is true when it does.
     ///
     /// [`CycleReport::locked`]: crate::driver::CycleReport::locked
     /// [`Driver::read`]: crate::driver::Driver::read
@@ -275,24 +276,25 @@ pub enum Pace {
     Host,
     /// The board's clock. [`Driver::write`] asks for the next inputs at once, the board holds the
     /// request back until its DPLL begins the next period, and [`Driver::read`] returns when the
-    /// inputs have come: the application has nothing to wait for.
+    /// inputs have arrived: the application needs no wait of its own.
     ///
-    /// The inputs are sampled by the board's clock, whatever the host's scheduler does, and a
-    /// timer less on the host makes the cycle cheaper. It needs a bus that can do it (Ethernet),
-    /// and a firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] has no place
-    /// in such a cycle.
+    /// The board's clock samples the inputs, independent of the host's scheduler, and the cycle is
+    /// cheaper with one timer less on the host. Needs a bus with this function (Ethernet), and a
+    /// firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] does not wait in
+    /// such a cycle.
     ///
-    /// A host that is late misses the beginning of a period, and gets the next:
-    /// [`CycleReport::missed_periods`]. What it has left of a period is in
-    /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
-    /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
-    /// for 120 periods, [`CycleReport::locked`] is true.
+    /// A host that is late misses the beginning of a period, and gets the next one:
+    /// [`CycleReport::missed_periods`]. [`CycleReport::slack`] is the rest of the period.
+    /// [`CycleReport::unpaced`] indicates a clock that stands still, or that was set to another
+    /// frequency than the driver was built for. When the host has kept pace for 120 periods,
+    /// [`CycleReport::locked`] is true.
     ///
-    /// A cycle is one packet out and one back: its reply acknowledges its own writes. It is two out
-    /// where a setting has changed, which is written ahead together with all outputs. The first read,
-    /// before which nothing was written, is held back alone. After two reads in a row that failed,
-    /// outputs are written alone and nothing is held back until a read succeeds: what a stalled
-    /// network delivers at once would stand in a row in the board.
+    /// A cycle is one packet out and one back: its reply acknowledges its own writes. When a
+    /// setting has changed, a cycle is two packets out: the setting is written ahead together with
+    /// all outputs. The first read, with no write before it, is held back alone. After two
+    /// consecutive failed reads, outputs are written alone and nothing is held back until a read
+    /// succeeds: otherwise the packets that a stalled network delivers at once would queue up in
+    /// the board.
     ///
     /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
     ///
@@ -306,11 +308,11 @@ pub enum Pace {
     Board,
 }
 
-/// Which channels of a serial port are used, and how.
+/// The channels of a serial port in use, and their configuration.
 ///
-/// It can be parsed from what LinuxCNC takes for `sserial_port_0=`: a digit for each channel, its
-/// software mode, or `x` for a channel that is not used. Channels that are not named are used in
-/// mode 0. The I/O pins of a channel that is not used (RX, TX, TXEN) are plain I/O pins.
+/// Can be parsed from the value of LinuxCNC's `sserial_port_0=`: a digit for each channel, its
+/// software mode, or `x` for an unused channel. Channels beyond the end of the text are used in
+/// mode 0. The I/O pins of an unused channel (RX, TX, TXEN) are plain I/O pins.
 ///
 /// ```
 /// use mesa_hal::boards::i7i77;
@@ -331,7 +333,7 @@ pub enum Pace {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct SerialConfig {
-    /// The channels that are used, 0 to 7. Other numbers are refused at the start.
+    /// The channels in use, 0 to 7. Other numbers are refused at the start.
     pub channels: BTreeMap<u8, RemoteConfig>,
 }
 
@@ -345,59 +347,60 @@ impl Default for SerialConfig {
     }
 }
 
-/// What is expected of the remote on a channel. By default anything may be there, or nothing; it
-/// is started in software mode 0.
+/// The expected remote on a channel. By default any remote, or none, is accepted; it is started in
+/// software mode 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct RemoteConfig {
-    /// The software mode it is started in.
+    /// The software mode in which the remote is started.
     pub mode: u8,
-    /// What happens if it is absent, or another.
+    /// Handling of an absent or different remote.
     pub presence: Presence,
-    /// What it must be: name and part of the card, which tells parts of a card apart that share a
-    /// name, as a 7I77's field I/O and analog part do. Swapped channels are then an error that says
-    /// so. `None`: anything.
+    /// The required kind: name and part of the card, which distinguishes parts of a card that share
+    /// a name, as a 7I77's field I/O and analog part do. Swapped channels are then reported as
+    /// such. `None`: any kind.
     #[cfg_attr(
         feature = "serde",
         serde(deserialize_with = "crate::serial_form::kind::deserialize")
     )]
     pub kind: Option<&'static RemoteTable>,
-    /// The unit number it must have: printed on the card's label.
+    /// The required unit number, which is printed on the card's label.
     pub unit_number: Option<u32>,
 }
 
-/// What happens if a remote is absent at the start.
+/// Handling of a remote that is absent at the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Presence {
-    /// The rest runs, and it is reported as missing.
+    /// The rest runs, and the remote is reported as missing.
     #[default]
     Any,
-    /// The driver does not start: the machine can not do without it.
+    /// The driver does not start: the machine cannot do without the remote.
     Required,
-    /// Its pins are made from the table of its kind, never valid and with safe outputs. It comes up
-    /// when it is plugged in later, and waits to be armed then.
+    /// The pins of the remote are made from the table of its kind, invalid and with safe outputs.
+    /// The remote comes up when it is plugged in later, and then waits to be armed.
     ///
-    /// What is plugged in has to be what the table says: name, part of the card, size of the process
-    /// data, and the place of its tables of contents where the table knows that; and it has to have the
-    /// unit number, if one is given. Anything else stays offline, and says what was expected and found. Another firmware with process data of the same
-    /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
-    /// may have another meaning, use a table of your own with [`Contents`](crate::discovery::Contents).
-    /// Its parameters have no pins.
+    /// A remote that is plugged in must match the table: name, part of the card, size of the
+    /// process data, and the position of its tables of contents if the table contains it; and it
+    /// must have the unit number, if one is given. Any other remote stays offline, with the
+    /// expected and found values in the reason. Another firmware with process data of the same size
+    /// is detected only by the position of its tables, which the built-in tables do not contain: if
+    /// its data may have another meaning, use a table of your own with
+    /// [`Contents`](crate::discovery::Contents). Parameters of the remote have no pins.
     Optional,
 }
 
-/// Why a text is not what it is to be.
+/// Error of parsing a text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what} '{found}': expected {expected}")]
 pub struct ParseError {
-    /// What it was to be.
+    /// The expected kind of value.
     pub what: &'static str,
     /// The text.
     pub found: String,
-    /// What it may be.
+    /// The valid texts.
     pub expected: &'static str,
 }
 

@@ -1,19 +1,19 @@
-//! The watchdog: makes all pins inputs when the host falls silent, and shows whether the board is
-//! still the one that was set up.
+//! The watchdog: makes all pins inputs when the host falls silent, and provides the evidence that
+//! the set-up of the board still stands.
 //!
 //! # Evidence
-//! Two registers are read in every cycle. The *status* is set by a bite, and the *time* reads what is
-//! left of it: 0x8000_0000 after a reset, 0xFFFF_FFFF after a bite, and otherwise no more than was
-//! written (FACTS 12.1). No single exchange makes both look right again:
+//! Two registers are read in every cycle. The *status* is set by a bite, and the *time* reads the
+//! rest of the time: 0x8000_0000 after a reset, 0xFFFF_FFFF after a bite, and otherwise at most the
+//! written value (FACTS 12.1). No single exchange restores both:
 //!
 //! - A write of the cycle restarts the watchdog, which bites if its time was never written.
-//! - A write that holds a new time restarts it first, so that a reset shows in the status.
-//! - The set-up clears the status and leaves a time that is longer than any that is used; only the
-//!   write after it sets the true time.
+//! - A write with a new time restarts it first, so that a reset shows in the status.
+//! - The set-up clears the status and leaves a time that is longer than any time of the cycle; only
+//!   the write after it sets the true time.
 //!
-//! After whatever could have blurred this, the directions of the pins are read as well, which a
-//! reset and a bite clear. All of it is read after the inputs: what was read before good evidence is
-//! from a board that was set up.
+//! After every event that may have masked a reset, the directions of the pins are read as well,
+//! which a reset and a bite clear. The evidence is read after the inputs: inputs read before good
+//! evidence come from a board that was set up.
 
 mod registers;
 
@@ -28,21 +28,22 @@ use crate::hal::{InOut, Param, PinStore, Pins};
 /// The board's watchdog.
 #[derive(Debug)]
 pub struct Watchdog {
-    /// Its registers.
+    /// The registers of the watchdog.
     pub registers: WatchdogRegisters,
-    /// Its pins.
+    /// The pins of the watchdog.
     pub pins: WatchdogPins,
     timeout_ns: u32,
-    /// No shorter time is taken, because the period could not feed it.
+    /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
+    /// cycle.
     shortest: Duration,
     stage: Stage,
-    /// The longest time that was written in the cycle.
+    /// The longest time that the cycle has written.
     longest: u32,
-    /// Whether the next write keeps it running, ...
+    /// The next write restarts the watchdog.
     is_fed: bool,
-    /// ... and when the last one did.
+    /// Start of the last write that restarted it.
     fed: Option<Instant>,
-    /// When the write began: the host may stand still between that and its end.
+    /// Start of the current write: the host may be suspended between that and its end.
     sent_from: Option<Instant>,
     status: ReadSlot,
     time_left: ReadSlot,
@@ -53,26 +54,27 @@ pub struct Watchdog {
 /// The watchdog's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WatchdogPins {
-    /// It has bitten; set it to false to go on.
+    /// The watchdog has bitten; set to false to continue.
     pub has_bit: InOut<bool>,
-    /// Nanoseconds without a write after which it bites. Less than two periods are taken as two
-    /// periods, because a write that is lost must not let it bite.
+    /// Nanoseconds without a write after which the watchdog bites. Values below two periods are
+    /// raised to two periods, because a single lost write must not cause a bite.
     pub timeout_ns: Param<u32>,
 }
 
-/// What the time register is expected to read.
+/// Expected content of the time register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// It was set up, and the cycle has not begun.
+    /// The first set-up was written, and the cycle has not begun: disabled.
     Disabled,
-    /// The board was set up again.
+    /// The board was set up again: the longest time.
     Held,
-    /// In the cycle.
+    /// The cycle runs: a time of the cycle.
     Running,
 }
 
 impl Watchdog {
-    /// The watchdog of a firmware. To be registered first: its time is the first write of the set-up.
+    /// Registers the watchdog of a firmware. Must be registered first: its time is the first write
+    /// of the set-up.
     ///
     /// # Errors
     /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
@@ -86,14 +88,14 @@ impl Watchdog {
             timeout_ns: make.setting("timeout_ns", timeout_ns)?,
         };
         let (time, status, reset) = (registers.time, registers.status, registers.reset);
-        // At first it must not bite before the cycle feeds it: discovery takes seconds. If it runs, it
-        // bites now (FACTS 12.1).
+        // Initially disabled, so that it does not bite before the cycle feeds it: discovery takes
+        // seconds. A running watchdog bites at this write (FACTS 12.1).
         let (at_first, again) = (WatchdogRegisters::DISABLED, WatchdogRegisters::LONGEST);
         r.image.opening(time, at_first, again);
         // Older firmware starts with a bite.
         r.image.closing(status, Some(0), 0);
-        // If the board was reset in the middle of it, the time is lost again, and the watchdog bites.
-        // One that is disabled stays so (FACTS 12.1).
+        // If the board was reset in the middle of the set-up, the time is lost again, and this
+        // write makes the watchdog bite. A disabled watchdog stays disabled (FACTS 12.1).
         let pet = WatchdogRegisters::PET;
         r.image.closing(reset, Some(pet), pet);
         Ok(Self {
@@ -114,17 +116,18 @@ impl Watchdog {
         })
     }
 
-    /// A write begins that may restart it.
+    /// Notes the start of a write that may restart the watchdog.
     pub(crate) fn sending(&mut self, now: Instant) {
         self.sent_from = Some(now);
     }
 
-    /// Its time as it was written last.
+    /// The time without a write after which the watchdog bites, as set by the parameter at the last
+    /// write.
     pub fn timeout(&self) -> Duration {
         Duration::from_nanos(self.timeout_ns.into())
     }
 
-    /// Whether the evidence is as the set-up leaves it; if so, the cycle goes on from there.
+    /// True if the evidence is that of a fresh set-up; the cycle then continues from there.
     pub(crate) fn is_set_up(&mut self, words: &Words) -> bool {
         let time = words.word(self.time_left);
         let is_held = is_counting(time) && time > self.longest;
@@ -136,8 +139,9 @@ impl Watchdog {
         is_set_up
     }
 
-    /// What the evidence in a read shows has happened to the board; `None` if it is set up.
-    /// `closely`: the read holds more than usual; `is_certain`: all writes before have arrived.
+    /// Evaluates the evidence of a read: returns the fault that it shows, or `None` if the set-up
+    /// stands. `closely`: the read includes the extra registers; `is_certain`: all previous writes
+    /// have arrived.
     pub(crate) fn examine(
         &mut self,
         words: &Words,
@@ -167,14 +171,15 @@ impl Watchdog {
         None
     }
 
-    /// Whether it is as a reset leaves it: without a bite, and without the time that a set-up gives it.
+    /// True if the evidence is that of a reset: no bite, and no time from a set-up.
     pub(crate) fn shows_reset(&self, words: &Words) -> bool {
         let (status, time) = (words.word(self.status), words.word(self.time_left));
         self.stage != Stage::Disabled && !has_bitten(status) && !WatchdogRegisters::runs(time)
     }
 
-    /// After a reset the next write makes the watchdog bite at once, without a time of its own; a
-    /// bite of a board that was set up needs a silence that is longer than its time.
+    /// Finds the cause of a bite. After a reset the next write makes the watchdog bite at once,
+    /// without a time of its own; a bite of a board that was set up needs a silence longer than its
+    /// time.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
         let timeout = self.registers.timeout_of(self.longest);
         let was_fed = |fed: Instant| timeout.is_some_and(|timeout| now.since(fed) < timeout);
@@ -185,25 +190,25 @@ impl Watchdog {
         }
     }
 
-    /// Whether the application has cleared the bite.
+    /// True if the application has cleared the bite.
     pub(crate) fn is_cleared(&self, pins: &Pins) -> bool {
         !pins.read(self.pins.has_bit).value
     }
 
-    /// Publishes whether it has bitten.
+    /// Publishes `has_bit`.
     pub(crate) fn show(&self, pins: &mut PinStore, has_bitten: bool) {
         pins.publish(self.pins.has_bit, has_bitten);
     }
 }
 
 impl Module for Watchdog {
-    /// Restarts it, unless everything has to stay safe; and gives it its time, if it has none yet, or
-    /// another one.
+    /// Restarts the watchdog, unless everything has to stay safe; and writes its time, if the
+    /// watchdog has none yet, or the time has changed.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         let timeout_ns = cycle.pins.param(self.pins.timeout_ns);
         let is_new = core::mem::replace(&mut self.timeout_ns, timeout_ns) != timeout_ns;
         self.is_fed = cycle.is_running;
-        // Restarted without a time, it would bite.
+        // A restart without a time would cause a bite.
         let is_restarted = self.is_fed && self.stage != Stage::Disabled;
         let word = if is_restarted {
             WatchdogRegisters::PET
@@ -229,13 +234,13 @@ impl Module for Watchdog {
     }
 }
 
-/// The counter stops below 0.
+/// True while the counter runs; it stops below 0.
 fn is_counting(time: u32) -> bool {
     time != 0 && WatchdogRegisters::runs(time)
 }
 
-/// What is read where an FPGA has lost its configuration in the middle of the exchange, after it has
-/// shown what it is. A bite sets a single bit.
+/// Status of an FPGA that has lost its configuration in the middle of the exchange, after its
+/// identity was read. A bite sets a single bit.
 const NO_FPGA: u32 = u32::MAX;
 
 fn has_bitten(status: u32) -> bool {

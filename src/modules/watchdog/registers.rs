@@ -8,7 +8,7 @@ use crate::hostmot2::{Gtag, HostMot2, HostMot2Error};
 /// The registers of the watchdog.
 ///
 /// A bite clears the direction and open-drain registers: all I/O become inputs with pull-ups, and
-/// stay so until the ports are set up again. The other registers of the ports stay as they are.
+/// stay so until the ports are set up again. The other registers of the ports are unchanged.
 ///
 /// The watchdog also bites when it is [disabled](Self::DISABLED) while it runs, and when it is
 /// restarted before it was ever given a time. After a bite both are harmless.
@@ -16,41 +16,41 @@ use crate::hostmot2::{Gtag, HostMot2, HostMot2Error};
 /// Source: FACTS 13.2, 12.1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WatchdogRegisters {
-    /// Address of the time register: bites (value + 2) clocks after it was written, or the watchdog
-    /// was restarted; bit 31 disables. It reads what is left: 0x8000_0000 after a reset, 0xFFFF_FFFF
-    /// after a bite.
+    /// Address of the time register. The watchdog bites (value + 2) clocks after the time was
+    /// written or the watchdog was restarted; bit 31 disables it. Reads the rest of the time:
+    /// 0x8000_0000 after a reset, 0xFFFF_FFFF after a bite.
     pub time: u16,
-    /// Address of the status register, see [`HAS_BIT`](Self::HAS_BIT): 0 forgets a bite.
+    /// Address of the status register, see [`HAS_BIT`](Self::HAS_BIT): writing 0 clears a bite.
     pub status: u16,
-    /// Address of the register that [`PET`](Self::PET) is written to.
+    /// Address of the restart register, see [`PET`](Self::PET).
     pub reset: u16,
-    /// What the time is counted in.
+    /// Clock of the time register.
     pub clock_hz: u32,
 }
 
 impl WatchdogRegisters {
     /// The word that restarts the watchdog.
     pub const PET: u32 = 0x5A00_0000;
-    /// The bit of the status that is set by a bite.
+    /// The bit of the status that a bite sets.
     pub const HAS_BIT: u32 = 1;
-    /// The time with which it never bites.
+    /// The time that disables the watchdog.
     pub const DISABLED: u32 = 0xFFFF_FFFF;
-    /// The time with which it bites after three clocks.
+    /// The time that makes it bite after three clocks.
     pub const AT_ONCE: u32 = 1;
     /// The longest time: 21 s at 100 MHz.
     pub const LONGEST: u32 = Self::DISABLE - 1;
 
-    /// The time that integrators know as the usual one.
+    /// The usual timeout in LinuxCNC.
     pub const DEFAULT_TIMEOUT: Duration = Duration::from_millis(5);
 
     const DISABLE: u32 = 1 << 31;
     /// Clocks from a write to the bite, less the value.
     const EXTRA: u32 = 2;
 
-    /// The watchdog of a firmware.
+    /// Registers of the watchdog of a firmware.
     ///
     /// # Errors
-    /// The firmware has none, or one that is not known.
+    /// The firmware has no watchdog, or one of unknown layout.
     pub fn locate(firmware: &HostMot2) -> Result<Self, HostMot2Error> {
         let module = firmware.require(Gtag::WATCHDOG)?;
         module.check_layout(3, 0)?;
@@ -63,15 +63,15 @@ impl WatchdogRegisters {
     }
 
     /// The word for a time, rounded down, at least two clocks; times that do not fit become the
-    /// longest there is, never "disabled".
+    /// longest possible, never "disabled".
     pub fn time_for(&self, timeout: Duration) -> u32 {
-        // 96 and 32 bits: can not overflow.
+        // 96 and 32 bits: cannot overflow.
         let clocks = timeout.as_nanos().saturating_mul(self.clock_hz.into()) / 1_000_000_000;
         let value = clocks.saturating_sub(Self::EXTRA.into());
         value.min(Self::LONGEST.into()) as u32
     }
 
-    /// The time that a word stands for; `None` if it disables the watchdog.
+    /// The time of a word; `None` if it disables the watchdog.
     pub fn timeout_of(&self, time: u32) -> Option<Duration> {
         if !Self::runs(time) {
             return None;
@@ -83,8 +83,8 @@ impl WatchdogRegisters {
         ))
     }
 
-    /// Whether the watchdog is as the first set-up leaves it, before the cycle: disabled, and without a
-    /// bite. A reset leaves another time.
+    /// True if the watchdog is in the state after the first set-up, before the cycle: disabled, and
+    /// without a bite. A reset leaves another time.
     ///
     /// # Errors
     /// Those of the bus.
@@ -93,8 +93,8 @@ impl WatchdogRegisters {
         Ok(bus.read(self.time)? == Self::DISABLED && status & Self::HAS_BIT == 0)
     }
 
-    /// Whether the watchdog runs with this time, or has it left: it is neither disabled, nor bitten,
-    /// nor as after a reset.
+    /// True if a watchdog with this word in its time register runs: it is neither disabled, nor
+    /// bitten, nor in the state after a reset.
     pub const fn runs(time: u32) -> bool {
         time & Self::DISABLE == 0
     }

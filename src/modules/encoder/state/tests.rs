@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 const HZ: f64 = 1e6;
 
-/// What the hardware would show: a wide counter, and when it changed last.
+/// The registers that the hardware would show: a wide counter, and the time of its last change.
 #[derive(Default)]
 struct Hardware {
     count: i64,
@@ -84,7 +84,7 @@ fn run_at(speed: f64, seconds: f64) -> f64 {
         hardware.now_us = us;
         let count = (speed * us as f64 / 1e6).floor() as i64;
         if count != hardware.count {
-            // The time at which the last of them came, as a stamp of whole microseconds.
+            // The time of the last count, as a stamp of whole microseconds.
             let edge = if speed > 0.0 { count } else { count + 1 };
             hardware.changed_us = (edge as f64 / speed * 1e6).ceil() as u64;
             hardware.count = count;
@@ -176,7 +176,7 @@ fn the_end_of_one_request_is_not_taken_for_the_end_of_the_next() {
     encoder.latch.request(LatchRequest::Index);
     hardware.control = 0x1848 | (5 << 16);
     encoder.read(hardware.step(8, 1_000));
-    // Asked for again at once, while the register still shows the end of the first request.
+    // Requested again at once, while the register still shows the end of the first request.
     encoder.latch.request(LatchRequest::Index);
     assert_eq!(encoder.control(), 0x1808);
     encoder.read(hardware.step(8, 1_000));
@@ -224,7 +224,7 @@ fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
     encoder.latch.request(LatchRequest::Index);
     hardware.count = 0;
     encoder.resume();
-    // What the register shows after a reload must not pass for an index.
+    // The register content after a reload must not be taken for an index.
     hardware.control = 0x1848 | (7 << 16);
     let reading = encoder.read(hardware.step(0, 1_000));
     assert_eq!((reading.rawcounts, reading.count), (20_000, 20_000));
@@ -291,7 +291,7 @@ fn a_late_write_of_a_probe_request_is_no_index() {
         hardware.control = control;
         let reading = encoder.read(hardware.step(10, 1_000));
         assert_eq!((reading.count, reading.latched), (20, None), "{control:#x}");
-        // Before the request is made again, the other one has to be gone.
+        // The other request has to be gone before this one is written again.
         assert_eq!(
             (encoder.control(), encoder.latch.is_unsettled()),
             (0x1808, true)
@@ -317,7 +317,7 @@ fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_o
         hardware.control = 0x1808 | 15 << 16;
         encoder.read(hardware.step(10, 1_000));
         encoder.latch.request(LatchRequest::Index);
-        // Either this request's end, or that of a duplicate of the one before.
+        // The end of this request, or that of a duplicate of the previous one.
         hardware.control = 0x1848 | 35 << 16;
         encoder.latch.is_doubtful = disturbed;
         encoder.read(hardware.step(10, 1_000));
@@ -354,8 +354,8 @@ fn while_a_packet_of_the_set_up_may_come_again_a_doubtful_exchange_leaves_counts
 }
 
 proptest! {
-    /// An encoder of which reads that show nothing new are passed over says the same as one that looks
-    /// at all of them.
+    /// An encoder that skips reads without news gives the same readings as one that evaluates every
+    /// read.
     #[test]
     fn a_read_that_is_passed_over_would_have_changed_nothing(
         steps in prop::collection::vec(
@@ -471,7 +471,8 @@ fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
 
 #[test]
 fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_brakes_is_not() {
-    // 6 million samples in a second and the long filter: 800 counts in a millisecond are the most.
+    // The highest rate with 6 million samples per second and the long filter is 800 counts per
+    // millisecond.
     let run = |changes: &[i64]| {
         let (mut hardware, mut encoder) = (Hardware::default(), encoder());
         encoder.set_rates(HZ, 6e6);
@@ -483,7 +484,7 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
         let beyond = [600, 740, 740, 1, 0, 0].map(|change| way * change);
         let unsure: Vec<_> = run(&beyond).iter().map(|seen| seen.is_unsure).collect();
         assert_eq!(unsure, [false, false, false, true, true, true]);
-        // Half of its speed in 3 ms.
+        // Slows down to half its speed in 3 ms.
         let brakes = [740, 740, 620, 500, 380, 260, 140, 20, 0].map(|change| way * change);
         assert!(run(&brakes).iter().all(|seen| !seen.is_unsure));
         let slower = [600, 600, 1, 0].map(|change| way * change);
@@ -498,7 +499,8 @@ fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_
     encoder.set_rates(HZ, 1e6);
     encoder.read(hardware.step(1_000, 1_000));
     encoder.read(hardware.step(1_000, 1_000));
-    // The index was 131,560 counts before the end: the same latched count as 488 counts behind it.
+    // The index was 131,560 counts before the end: the same latched count as for an index 488
+    // counts before it.
     let sample = hardware.step(150_000, 160_000);
     let latched = (hardware.count - 131_560) as u16;
     hardware.control = 0x1848 | u32::from(latched) << 16;
@@ -506,7 +508,7 @@ fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_
     let reading = encoder.read(EncoderSample { control, ..sample });
     assert_eq!((reading.index_came, reading.is_unsure), (false, true));
     assert_eq!(encoder.latch.wanted, LatchRequest::Index);
-    // What is in the control register of the request before has to be gone first.
+    // The previous request has to be gone from the control register first.
     hardware.control = encoder.control();
     assert_eq!(hardware.control, 0x1808);
     encoder.read(hardware.step(10, 1_000));

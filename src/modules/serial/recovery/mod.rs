@@ -1,5 +1,5 @@
-//! The remotes of a port in the cycle: which operation is next, who is offline, and how they come
-//! back. A layer on [`Machine`]: it knows neither bus nor pins.
+//! The remotes of a port in the cycle: the next operation, the remotes that are offline, and their
+//! recovery. A layer on [`Machine`], independent of bus and pins.
 
 mod restart;
 #[cfg(test)]
@@ -19,34 +19,34 @@ use crate::sslbp::{
 };
 use crate::tally::Tally;
 
-/// What a read means.
+/// The result of a read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Outcome {
-    /// Channels whose data is new and sound.
+    /// Channels with new, valid data.
     pub good: ChannelMask,
     /// Channels with a transfer whose data must not be used.
     pub failed: ChannelMask,
-    /// Channels that went offline just now.
+    /// Channels that went offline with this read.
     pub offline: ChannelMask,
     /// The transfer was not complete in time.
     pub too_short: bool,
-    /// When the transfer was started that `good` and `failed` are about, and how many reads could
-    /// not take it before.
+    /// Start of the transfer to which `good` and `failed` belong, and the number of earlier reads
+    /// that found it incomplete.
     pub started: Instant,
     pub reads_before: u32,
 }
 
-/// How far the restart of channels is. They are restarted together, because every attempt takes
-/// the others' transfers away for a while.
+/// Progress of a restart. Channels are restarted together, because every attempt suspends the
+/// transfers of the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Restart {
     None,
-    /// Stopped; the others get a transfer before the START, which takes long.
+    /// Stopped; the other channels get a transfer before the START, which takes long.
     Stopped(ChannelMask),
-    /// The others have had it.
+    /// The other channels have had that transfer.
     OthersServed(ChannelMask),
     Starting,
-    /// Started; the sizes of these are looked at, which have not run before. RX is known first.
+    /// Started; the sizes of these channels, which have not run before, are being read, RX first.
     Measuring {
         mask: ChannelMask,
         rx: Option<u8>,
@@ -60,25 +60,26 @@ pub(crate) struct Recovery {
     pub remotes: Vec<Health>,
     /// Channels with a remote.
     pub known: ChannelMask,
-    /// Those that transfer.
+    /// Channels that transfer.
     pub running: ChannelMask,
-    /// Those with failures that good transfers have not made up for, or that are still to be told.
+    /// Channels with failures that good transfers have not made up for, or with an open row of
+    /// failures.
     troubled: ChannelMask,
-    /// Those that run, and were offline since they were armed last.
+    /// Channels that run, and were offline since they were armed last.
     pub marked: ChannelMask,
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
     /// The board is set up, so that a failed transfer is the remote's own.
     pub is_board_running: bool,
-    /// The board was set up again, and no remote was seen to run since: that they are stopped is from
-    /// before.
+    /// The board was set up again, and no remote has transferred since: remotes found stopped were
+    /// stopped before.
     is_set_up_again: bool,
     /// The port is switched off, and safe values were sent to its remotes.
     is_safe_sent: bool,
     pub statistics: PortStatistics,
     restart: Restart,
-    /// Restarts wait at least until then, so that the other channels are served meanwhile.
+    /// Restarts wait at least until this time, so that the other channels transfer meanwhile.
     no_restart_before: Instant,
     cost: Cost,
     no_free_before: Instant,
@@ -86,7 +87,7 @@ pub(crate) struct Recovery {
     is_measured: bool,
 }
 
-/// The way out is not tried more often than this.
+/// Least time between two attempts to free COMMAND.
 const BETWEEN_FREES: Duration = Duration::from_secs(1);
 
 impl Recovery {
@@ -120,14 +121,15 @@ impl Recovery {
         recovery
     }
 
-    /// Something other than good transfers has happened.
+    /// Updates the masks after any event other than a good transfer.
     pub fn update(&mut self) {
         self.running = self.mask(Health::is_running);
         self.troubled = self.mask(Health::is_troubled);
         self.marked = self.mask(|remote| remote.is_running() && remote.first_fault.is_some());
     }
 
-    /// The board is set up again: what failed meanwhile, and who stopped, was not the remotes' own.
+    /// Resets the counters after the board was set up again: failures and stops meanwhile were not
+    /// the remotes' own.
     pub fn set_up_again(&mut self) {
         self.is_set_up_again = true;
         for remote in &mut self.remotes {
@@ -148,12 +150,12 @@ impl Recovery {
         remotes.filter(move |remote| mask.contains(remote.channel()))
     }
 
-    /// Whether the next read must show the interface registers as START leaves them.
+    /// True if the next read must include the interface registers, as START leaves them.
     pub fn needs_start_data(&self) -> bool {
         self.restart == Restart::Starting
     }
 
-    /// How far a restart is: 1 STOP, 2 START, 0 none.
+    /// Progress of a restart: 1 STOP, 2 START, 0 none.
     pub fn restart_step(&self, machine: &Machine) -> u32 {
         match self.restart {
             Restart::Starting | Restart::Measuring { .. } => 2,
@@ -162,7 +164,7 @@ impl Recovery {
         }
     }
 
-    /// The largest `fault-count` of its remotes.
+    /// The largest `fault-count` of the remotes.
     pub fn fault_count(&self) -> u32 {
         if self.troubled.is_empty() {
             return 0;
@@ -171,8 +173,8 @@ impl Recovery {
         counts.max().unwrap_or(0)
     }
 
-    /// Whether every remote that has run was found stopped, without a STOP command and since the board
-    /// was set up; `None` if none has run.
+    /// True if every remote that has run was found stopped, without a STOP command and since the
+    /// board was set up; `None` if none has run.
     pub fn appears_reset(&self) -> Option<bool> {
         let mut ran = self.remotes.iter().filter(|remote| remote.has_run);
         let is_stopped = |remote: &Health| {
@@ -183,7 +185,7 @@ impl Recovery {
         Some(!self.is_set_up_again && is_stopped(first) && ran.all(is_stopped))
     }
 
-    /// Counts the time of a transfer that is polled for and is complete.
+    /// Records the duration of a transfer that is polled for and is complete.
     pub fn transfer_complete(&mut self, machine: &Machine, now: Instant) {
         if let Some((Operation::Transfer(_), issued)) = machine.in_flight()
             && !core::mem::replace(&mut self.is_measured, true)
@@ -192,7 +194,7 @@ impl Recovery {
         }
     }
 
-    /// Takes what a read showed. `certain`: all writes before it have arrived, once and in order.
+    /// Evaluates a read. `certain`: all previous writes have arrived, once and in order.
     pub fn observe(
         &mut self,
         machine: &mut Machine,
@@ -219,7 +221,8 @@ impl Recovery {
                 }
                 (outcome.started, outcome.reads_before) =
                     (complete.sent_from, complete.reads_before);
-                // Not of those for which a restart was asked while it was in flight.
+                // Without remotes for which a restart was requested while the transfer was in
+                // flight.
                 outcome.good = complete.good.intersection(self.running);
                 self.is_set_up_again &= outcome.good.is_empty();
                 if complete.good == mask && self.troubled.is_empty() {
@@ -229,7 +232,7 @@ impl Recovery {
             }
             Operation::Stop(_) => self.stopped(machine, now, &complete, seen),
             Operation::Start(..) => self.started(machine, now, &complete),
-            // Otherwise it is read again.
+            // If uncertain, the size is read again.
             Operation::ReadLocal(_) if complete.certain => {
                 self.measured(machine, now, seen.data() as u8);
             }
@@ -266,7 +269,8 @@ impl Recovery {
                     Some(OfflineReason::of_faults(faults))
                 }
                 Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs)),
-                // Nothing failed on the wire: the network lost a write, and its cycle is missed.
+                // No failure on the wire: the network lost a write, and the remote misses its
+                // cycle.
                 Verdict::Good | Verdict::Failed(Failure::Doubtful) => None,
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
@@ -288,12 +292,13 @@ impl Recovery {
         outcome.failed = outcome.failed.difference(outcome.offline);
     }
 
-    /// Begins what comes with this write; [`Machine::written`] must follow. Output data belongs to a
-    /// transfer; otherwise what was written before must be repeated unchanged, because a transfer
-    /// that still runs may be reading it.
+    /// Begins the operation of this write; [`Machine::written`] must follow. Output data belongs to
+    /// a transfer; without one, the data of the previous write must be repeated unchanged, because
+    /// a transfer that still runs may be reading it.
     ///
-    /// `hold`: channels are not restarted. The board is not set up, and that needs writes that would
-    /// set it up in part; or all that run are to get safe values now.
+    /// `hold`: channels are not restarted, because the board is not set up, and a restart needs
+    /// writes that would set it up in part; or because all running remotes are to get safe values
+    /// now.
     pub fn next(&mut self, machine: &mut Machine, now: Instant, hold: bool) -> Option<Operation> {
         let operation = if machine.is_idle() {
             self.choose(now, hold)
@@ -317,7 +322,7 @@ impl Recovery {
 
     fn choose(&mut self, now: Instant, hold: bool) -> Option<Operation> {
         let running = self.running;
-        // What rests has failed.
+        // Only remotes with failures rest.
         let ready = if self.troubled.is_empty() {
             running
         } else {
@@ -326,7 +331,7 @@ impl Recovery {
         let transfer = |mask: ChannelMask| (!mask.is_empty()).then_some(Operation::Transfer(mask));
         if !self.run {
             self.end_restart(now);
-            // Outputs are safe already, and a last transfer takes that to the remotes.
+            // Outputs are safe already; a last transfer sends them to the remotes.
             if !running.is_empty() && !core::mem::replace(&mut self.is_safe_sent, true) {
                 return transfer(running);
             }
@@ -368,12 +373,12 @@ impl Recovery {
     }
 }
 
-/// Whether a transfer is in flight.
+/// True if a transfer is in flight.
 pub(crate) fn is_transferring(machine: &Machine) -> bool {
     matches!(machine.in_flight(), Some((Operation::Transfer(_), _)))
 }
 
-/// Whether a STOP is in flight.
+/// True if a STOP is in flight.
 pub(crate) fn is_stopping(machine: &Machine) -> bool {
     matches!(machine.in_flight(), Some((Operation::Stop(_), _)))
 }

@@ -1,4 +1,4 @@
-//! How remotes come back: STOP, START, and what START found.
+//! Restart of remotes: STOP, START, and evaluation of the identity that START reports.
 
 use core::time::Duration;
 
@@ -10,12 +10,12 @@ use crate::sslbp::{
     ChannelMask, ComState, Complete, CsStatus, Machine, Observed, Operation, ProcessDataSizes,
 };
 
-/// Other remotes' watchdogs allow 50 ms without process data (FACTS 1.5); a restart takes up to
-/// 18 ms, and this much lies between two.
+/// Least time between two restarts. Other remotes' watchdogs allow 50 ms without process data
+/// (FACTS 1.5), and a restart takes up to 18 ms.
 const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
 
 impl Recovery {
-    /// Tries remotes again at once, whatever their pauses; not before their outputs must be off.
+    /// Restarts remotes regardless of their pauses, but not before their outputs must be off.
     pub fn restart_now(&mut self, mask: ChannelMask, now: Instant) {
         let policy = self.policy;
         for remote in self.each(mask) {
@@ -24,13 +24,15 @@ impl Recovery {
         self.update();
     }
 
-    /// The port was used for something else: all remotes are stopped.
+    /// Discards a restart in progress: the port was used outside the cycle, and all remotes are
+    /// stopped.
     pub fn taken_over(&mut self) {
         self.restart = Restart::None;
         self.cost = Cost::default();
     }
 
-    /// COMMAND had to be freed: what was sent to whom is not known.
+    /// Takes all remotes offline: COMMAND had to be freed, and which remotes got which data is
+    /// unknown.
     pub(super) fn all_offline(&mut self, machine: &Machine, now: Instant) {
         self.end_restart(now);
         for remote in &mut self.remotes {
@@ -39,7 +41,7 @@ impl Recovery {
         }
     }
 
-    /// Channels whose time to be tried again has come.
+    /// Channels whose next attempt is due.
     pub(super) fn due(&self, now: Instant) -> ChannelMask {
         if self.running == self.known || now < self.no_restart_before {
             return ChannelMask::NONE;
@@ -55,8 +57,8 @@ impl Recovery {
         if due.is_empty() || !self.is_free(due) && !self.cost.allows(now, &self.policy) {
             return ChannelMask::NONE;
         }
-        // One START that waits for a remote which does not answer takes as long as one that waits
-        // for several: those that did not answer before are all tried with the first of them.
+        // A single START takes as long for several remotes that do not answer as for one: all those
+        // that did not answer before are tried with the first of them.
         let failed = self.mask(|remote| remote.has_failed);
         if due.intersection(failed).is_empty() {
             return due;
@@ -66,7 +68,8 @@ impl Recovery {
         due.union(failed.intersection(silent))
     }
 
-    /// Nobody else is there, or the application has asked for it: the cost does not count.
+    /// True if no other remote runs, or the application has requested the attempt: its cost does
+    /// not count.
     fn is_free(&self, due: ChannelMask) -> bool {
         let asked = self.mask(|remote| remote.is_asked_for);
         self.running.is_empty() || !due.intersection(asked).is_empty()
@@ -88,7 +91,7 @@ impl Recovery {
         self.cost.end(now, &self.policy);
     }
 
-    /// A restart goes on with `next`, which is about the channels of `mask`, if there are any.
+    /// Continues a restart with `next` for the channels of `mask`, or ends it if there are none.
     fn go_on(&mut self, now: Instant, mask: ChannelMask, next: Restart) {
         if mask.is_empty() {
             self.end_restart(now);
@@ -97,7 +100,7 @@ impl Recovery {
         }
     }
 
-    /// STOP is complete.
+    /// Evaluates a complete STOP.
     pub(super) fn stopped(
         &mut self,
         machine: &Machine,
@@ -116,7 +119,7 @@ impl Recovery {
         self.go_on(now, mask, Restart::Stopped(mask));
     }
 
-    /// START is complete.
+    /// Evaluates a complete START.
     pub(super) fn started(&mut self, machine: &Machine, now: Instant, complete: &Complete) {
         if self.restart == Restart::Starting {
             self.no_restart_before = now.after(BETWEEN_RESTARTS);
@@ -127,7 +130,7 @@ impl Recovery {
             let link = machine.link(channel);
             let problem = if complete.bad.contains(channel) {
                 remote.has_failed = true;
-                // What the last step of START read of the remote's faults is in CS (FACTS 4.1).
+                // CS contains the remote's faults, as read by the last step of START (FACTS 4.1).
                 if link.cs.state() == ComState::CheckFaults {
                     remote.faults = link.cs.remote_faults();
                 }
@@ -148,7 +151,7 @@ impl Recovery {
         self.go_on(now, mask, Restart::Measuring { mask, rx: None });
     }
 
-    /// A size of a remote that has not run before was read.
+    /// Takes a size of a remote that has not run before.
     pub(super) fn measured(&mut self, machine: &Machine, now: Instant, size: u8) {
         let Restart::Measuring { mask, rx } = self.restart else {
             return;
@@ -177,7 +180,7 @@ impl Recovery {
         self.go_on(now, mask, Restart::Measuring { mask, rx: None });
     }
 
-    /// The application has switched the port off.
+    /// Stops all remotes, because the application has switched the port off.
     pub(super) fn stop_for_good(
         &mut self,
         running: ChannelMask,

@@ -6,7 +6,7 @@ const TWO: Channel = Channel::ALL[2];
 const SIZES: ProcessDataSizes = ProcessDataSizes { rx: 5, tx: 2 };
 
 impl Rig {
-    /// With a third remote that is absent at the start, of which its kind is known.
+    /// With a third remote that is absent at the start, of a known kind.
     fn with_absent() -> Self {
         let mut rig = Self::new();
         let [unit_number, name, tables] = told(2);
@@ -25,7 +25,8 @@ impl Rig {
         rig
     }
 
-    /// Cycles until the START of channel 2, which finds what `cs` and `sizes` say; its state then.
+    /// Runs cycles until the START of channel 2, which finds `cs` and `sizes`; returns the state
+    /// afterwards.
     fn attempt(&mut self, cs: u32, sizes: ProcessDataSizes) -> RemoteState {
         while self.cycle() != 0x0904 {}
         self.seen.cs[2] = cs;
@@ -48,7 +49,7 @@ impl Rig {
     }
 }
 
-/// What was absent at the start runs when it is plugged in, and waits for nothing but its attempt.
+/// A remote that was absent at the start runs when it is plugged in, with its next attempt.
 #[test]
 fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
     let mut rig = Rig::with_absent();
@@ -67,7 +68,7 @@ fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
     assert_eq!(rig.attempt(CHATTER, SIZES), RemoteState::Running);
     rig.write();
     assert_eq!(rig.read().good.bits(), 7);
-    // From now on it is this one: another of its kind is another device.
+    // The identity is now fixed: another remote of its kind is another device.
     rig.seen.cs[2] = STOPPED;
     rig.write();
     rig.read();
@@ -114,7 +115,7 @@ fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
     );
 }
 
-/// The sizes are read again when the answer may be another read's.
+/// The sizes are read again when the reply may belong to another read.
 #[test]
 fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
     let mut rig = Rig::with_absent();

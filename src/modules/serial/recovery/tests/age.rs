@@ -1,4 +1,4 @@
-//! How old what a transfer brings may be.
+//! The age of the data of a transfer.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn what_a_transfer_brings_is_as_old_as_the_begin_of_its_write() {
     rig.read();
     let begun = rig.now;
     rig.machine.sending(begun);
-    // The host stands still before the write returns.
+    // The host is suspended before the write returns.
     rig.now = rig.now.after(Duration::from_millis(5));
     rig.write();
     assert_eq!(rig.read().started, begun);

@@ -19,12 +19,12 @@ const PARAMETERS: PortParameters = PortParameters {
     clock_hz: 100_000_000,
 };
 
-/// What START tells of the remote on a channel.
+/// The interface registers of the remote on a channel after START.
 fn told(channel: u8) -> [u32; 3] {
     [0x7700 + u32::from(channel), 0x3737_4937, 0x04A4_049A]
 }
 
-/// As START leaves it.
+/// The remote as START leaves it.
 fn started(channel: Channel) -> StartedRemote {
     let [unit_number, name, tables] = told(channel.index());
     StartedRemote {
@@ -39,7 +39,7 @@ fn started(channel: Channel) -> StartedRemote {
     }
 }
 
-/// The registers that a machine sees.
+/// The registers that a machine reads.
 #[derive(Default)]
 struct Registers {
     command: u32,
@@ -124,7 +124,7 @@ impl Rig {
             .state
     }
 
-    /// One cycle in which all goes well; what was written.
+    /// One cycle without faults. Returns the word that was written.
     fn cycle(&mut self) -> u32 {
         self.read();
         self.write()
@@ -238,7 +238,7 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
     ));
 }
 
-/// Its outputs are safe from the call on, and a group that is valid could be armed.
+/// The outputs are safe from the call on; a good transfer could arm a valid group again.
 #[test]
 fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     for trouble in [0, 1] {
@@ -252,8 +252,8 @@ fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     }
 }
 
-/// A fault in it has the outputs off before the START that clears it, and no more: nothing else would
-/// try again.
+/// With a fault in that transfer, the outputs are off before the START that clears it. There is
+/// only one START, because nothing else would try again.
 #[test]
 fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings() {
     for (cs, at_least) in [(0x0842_2140, 60), (0x0142_2140, 0), (STOPPED, 60)] {
@@ -348,7 +348,7 @@ fn a_bitten_watchdog_restarts_the_remote_at_once() {
     assert_eq!(rig.write(), 0x0802);
 }
 
-/// Its outputs stay on as long as anything is sent to it; its watchdog takes 50 ms.
+/// The outputs stay on as long as any frame reaches the remote; its watchdog takes 50 ms.
 #[test]
 fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
     for bit in 1..8 {
@@ -359,7 +359,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
         assert_eq!((outcome.good.bits(), outcome.offline.bits()), (1, 2));
         let told = rig.now;
         assert_eq!(rig.write(), 0x1001);
-        // Whatever the application asks for.
+        // A request of the application does not shorten the silence.
         rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
         assert_eq!(rig.until_not_doit(), 0x0802);
         assert_eq!(rig.now.since(told), Duration::from_millis(60), "bit {bit}");
@@ -387,7 +387,7 @@ fn the_silence_follows_the_watchdog_of_the_remote() {
     }
 }
 
-/// A remote that is faulty again as soon as it runs disturbs the others less and less.
+/// A remote that reports its fault again after each START is tried less and less often.
 #[test]
 fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often() {
     let mut rig = Rig::new();
