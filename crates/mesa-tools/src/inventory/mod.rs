@@ -113,8 +113,8 @@ pub struct Module {
 pub struct Pin {
     /// Number of the pin.
     pub number: u16,
-    /// Terminals of the pin, for example `TB3 pin 4 AOUT0`; empty for a pin that is not available
-    /// at a terminal as it is.
+    /// Terminals of the pin, for example `TB3 pin 4 AOUT0`; empty for a pin without a direct way to
+    /// a terminal.
     pub terminals: String,
     /// Function of the pin in the module that uses it; `I/O` for a pin without a module.
     pub function: String,

@@ -371,7 +371,7 @@ fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
     memory.access(None, read).map(|byte| byte as u8)
 }
 
-/// One readable text for each fault.
+/// Each fault as text.
 fn words(faults: RemoteFaults) -> Vec<String> {
     let bits = (0..8)
         .map(|bit| 1 << bit)

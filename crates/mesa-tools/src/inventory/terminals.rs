@@ -5,7 +5,7 @@ use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
 
 /// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector.
-/// Empty for a pin that is not available at a terminal as it is.
+/// Empty for a pin without a direct way to a terminal.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     if !board.terminals.is_empty() {

@@ -115,7 +115,7 @@ pub enum News {
     Changed(AnyValue),
     /// Another input changed instead; its number.
     Instead(usize),
-    /// This input changes by itself, and is ignored until it is quiet.
+    /// The input with this number changes by itself, and is ignored until it is quiet.
     Restless(usize),
     /// The counter counts up and down without getting anywhere: one of A and B does not arrive.
     Dithers,
