@@ -1,4 +1,4 @@
-//! Whether a board and its remotes are well.
+//! Condition of a board and its remotes.
 
 use core::time::Duration;
 
@@ -9,10 +9,10 @@ use mesa_hal::ethernet::{Counters, Identity};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::lbp16::registers::{eeprom, read_only};
 
-/// Of the answers, one in so many may be lost before a machine stops.
+/// Tolerance for lost or late replies: a machine runs with up to one in this number.
 const LOSS: u32 = 200;
 
-/// The firmware of the network side.
+/// Judges the firmware of the Ethernet side.
 pub fn firmware(identity: &Identity) -> Finding {
     let version = identity.firmware_version;
     let figure = format!("{}, network firmware {version}", identity.card);
@@ -27,7 +27,7 @@ pub fn firmware(identity: &Identity) -> Finding {
     Finding::new(Verdict::Look, "firmware", figure, advice)
 }
 
-/// What the board has counted.
+/// Judges the board's error counters.
 pub fn errors(counters: &Counters) -> Finding {
     let check = "errors counted";
     let counted = [
@@ -53,7 +53,7 @@ pub fn errors(counters: &Counters) -> Finding {
     Finding::new(Verdict::Look, check, some.join(", "), advice)
 }
 
-/// Packets that were lost, and how long answers took.
+/// Judges lost packets and response times.
 pub fn round_trips(trips: &RoundTrips, period: Duration) -> [Finding; 2] {
     [loss(trips), latency(trips, period)]
 }
@@ -83,7 +83,7 @@ fn latency(trips: &RoundTrips, period: Duration) -> Finding {
         trips.late,
         Rounded(&period)
     );
-    // What the driver takes for the deadline of a reply.
+    // Deadline that the driver sets for a reply.
     let room = period * 4 / 5;
     let verdict = if trips.asked() == trips.lost {
         Verdict::Unknown
@@ -102,10 +102,10 @@ fn latency(trips: &RoundTrips, period: Duration) -> Finding {
     Finding::new(verdict, check, figure, advice)
 }
 
-/// The time of a watchdog, against the period that feeds it; `None`: it never bites. `whose` is what is
-/// looked at.
+/// Judges a watchdog's time against the period that feeds it; `None`: it never bites. `whose` names
+/// the watchdog.
 pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Finding {
-    /// A machine that nobody controls moves for so long.
+    /// Longest acceptable time for a machine to move without control.
     const LONG: Duration = Duration::from_millis(200);
     let check = format!("{whose} against period");
     let Some(time) = time else {
@@ -130,8 +130,7 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
     Finding::good(check, figure)
 }
 
-/// A remote that was found: whether it runs, its faults, its field power, its watchdog. `place` is
-/// where it is.
+/// Judges a remote: its state and faults, its field power, its watchdog. `place` names its place.
 pub fn remote(place: &str, status: &RemoteStatus<'_>, period: Duration) -> [Finding; 3] {
     let name = &status.descriptor.name;
     let place = format!("{place}, {name}");
@@ -177,7 +176,8 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
     }
 }
 
-/// `is_measured`: one of its values is the voltage. Whoever measures none reports no fault of it.
+/// `is_measured`: the voltage is part of the process data. A remote that does not measure it
+/// reports no fault of it.
 fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding {
     let check = format!("{place}: field power");
     let (figure, advice) = if faults.contains(RemoteFaults::LOW_VOLTAGE) {
@@ -195,8 +195,8 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
     Finding::new(Verdict::Bad, check, figure, advice)
 }
 
-/// A channel without a remote that takes part. That nothing answers is no fault of its own: many boards
-/// have channels that nobody uses.
+/// Judges a channel without a participating remote. Silence alone is no fault: many boards have
+/// unused channels.
 pub fn missing(remark: &Remark) -> Finding {
     if let (true, Some(remote)) = (remark.is_silent(), remark.remote) {
         let check = remote.to_string();
@@ -208,7 +208,7 @@ pub fn missing(remark: &Remark) -> Finding {
     Finding::new(Verdict::Bad, "missing remote", remark.to_string(), advice)
 }
 
-/// What is odd about a remote that runs, or what of the firmware is not driven.
+/// Judges an anomaly of a running remote, or a module of the firmware that is not driven.
 pub fn odd(remark: &Remark) -> Finding {
     if matches!(remark.kind, RemarkKind::Undriven(_)) {
         let advice = "nothing to do if nothing is connected to its pins; else load a firmware without it, or \

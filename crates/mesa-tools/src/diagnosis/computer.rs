@@ -1,13 +1,13 @@
-//! Whether a computer can keep a period.
+//! Ability of a computer to keep a period.
 
 use super::{Finding, Host, IdleState, Interrupt, Limits, Verdict};
 
-/// The priority that a cycle needs, to run before interrupt threads of other devices.
+/// Priority that a cycle needs to run before the interrupt threads of other devices.
 const PRIORITY: u64 = 50;
-/// A state that a CPU comes back from in this time does no harm, in microseconds.
+/// Wake-up time of an idle state that does no harm, in microseconds.
 const WAKE_US: u32 = 20;
 
-/// Everything that can be read without rights. `interface` is that of the board.
+/// Judges all figures that are readable without special rights. `interface` is that of the board.
 pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
     let mut findings = vec![
         kernel(host.is_realtime()),
@@ -25,7 +25,7 @@ pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
     findings
 }
 
-/// The kernel.
+/// Judges the kernel.
 pub fn kernel(is_realtime: Option<bool>) -> Finding {
     let check = "kernel";
     match is_realtime {
@@ -41,7 +41,7 @@ pub fn kernel(is_realtime: Option<bool>) -> Finding {
     }
 }
 
-/// Whether a thread may run before others.
+/// Judges the highest realtime priority of a thread.
 pub fn priority(limits: Option<Limits>) -> Finding {
     let check = "realtime priority";
     match limits {
@@ -59,7 +59,7 @@ pub fn priority(limits: Option<Limits>) -> Finding {
     }
 }
 
-/// Whether memory can be kept from being swapped out.
+/// Judges the limit of locked memory, which is never swapped out.
 pub fn memory(limits: Option<Limits>) -> Finding {
     let check = "locked memory";
     match limits {
@@ -81,7 +81,7 @@ pub fn memory(limits: Option<Limits>) -> Finding {
     }
 }
 
-/// Whether a CPU is kept for the cycle.
+/// Judges the isolation of a CPU for the cycle.
 pub fn isolated(cpus: Option<&[usize]>, isolated: Option<&[usize]>) -> Finding {
     let check = "isolated CPUs";
     match (cpus, isolated) {
@@ -104,7 +104,7 @@ pub fn isolated(cpus: Option<&[usize]>, isolated: Option<&[usize]>) -> Finding {
     }
 }
 
-/// Whether the CPUs change their speed.
+/// Judges the frequency control of the CPUs.
 pub fn governor(governors: &[String]) -> Finding {
     let check = "CPU frequency";
     let Some(slow) = governors.iter().find(|governor| *governor != "performance") else {
@@ -126,7 +126,7 @@ pub fn governor(governors: &[String]) -> Finding {
     )
 }
 
-/// How deep idle CPUs sleep.
+/// Judges the idle states of the CPUs.
 pub fn idle(states: &[IdleState]) -> Finding {
     let check = "CPU idle states";
     let on = states.iter().filter(|state| !state.is_disabled);
@@ -153,7 +153,7 @@ pub fn idle(states: &[IdleState]) -> Finding {
     }
 }
 
-/// Where the interrupts of the network card run.
+/// Judges the CPUs of the network card's interrupts.
 pub fn interrupts(interface: &str, interrupts: &[Interrupt], cpus: usize) -> Finding {
     let check = "NIC interrupts";
     let known: Vec<_> = interrupts
@@ -181,7 +181,7 @@ pub fn interrupts(interface: &str, interrupts: &[Interrupt], cpus: usize) -> Fin
     Finding::new(Verdict::Look, check, figure, advice)
 }
 
-/// Whether packets are held back to save interrupts.
+/// Judges interrupt coalescing, which holds packets back to save interrupts.
 pub fn coalescing(interface: &str, held_back_ns: Option<u64>) -> Finding {
     let check = "NIC interrupt coalescing";
     let own = format!(

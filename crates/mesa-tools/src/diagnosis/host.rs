@@ -1,45 +1,44 @@
-//! Figures of a Linux computer, as its files tell them.
+//! Figures of a Linux computer, from its `/proc` and `/sys`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A Linux computer: reads `/proc` and `/sys` below a root directory, without rights.
+/// A Linux computer: reads `/proc` and `/sys` below a root directory, without special rights.
 #[derive(Clone, Debug)]
 pub struct Host {
     root: PathBuf,
 }
 
-/// What a program may ask of the scheduler and of memory. Source: `/proc/self/limits` and
-/// `/proc/self/status`.
+/// Scheduling and memory limits of a program. Source: `/proc/self/limits` and `/proc/self/status`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// The highest priority of `SCHED_FIFO`, 0 to 99.
+    /// Highest `SCHED_FIFO` priority, 0 to 99.
     pub priority: u64,
-    /// Bytes that it may lock in memory; `None`: any number.
+    /// Maximum number of locked bytes; `None`: unlimited.
     pub memory: Option<u64>,
-    /// It has the capability `CAP_SYS_NICE`: any priority.
+    /// True with the capability `CAP_SYS_NICE`: any priority.
     pub may_schedule: bool,
-    /// It has the capability `CAP_IPC_LOCK`: any number of bytes.
+    /// True with the capability `CAP_IPC_LOCK`: any number of bytes.
     pub may_lock: bool,
 }
 
-/// A state that an idle CPU goes to. Source: `cpuidle` of `/sys/devices/system/cpu/cpu0`.
+/// Idle state of a CPU. Source: `cpuidle` of `/sys/devices/system/cpu/cpu0`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IdleState {
-    /// Its name: `C6`.
+    /// Name of the state: `C6`.
     pub name: String,
-    /// How long the CPU takes to come back, in microseconds.
+    /// Wake-up time of the CPU, in microseconds.
     pub latency_us: u32,
-    /// It is switched off.
+    /// True if the state is switched off.
     pub is_disabled: bool,
 }
 
 /// An interrupt of a network card. Source: `/proc/interrupts`, `/proc/irq`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Interrupt {
-    /// Its number.
+    /// Number of the interrupt.
     pub number: u32,
-    /// The CPUs that it may run on; empty if that can not be read.
+    /// CPUs that the interrupt may run on; empty if unreadable.
     pub cpus: Vec<usize>,
 }
 
@@ -52,12 +51,12 @@ impl Host {
         Self::below("/")
     }
 
-    /// One whose files are below a directory.
+    /// A computer whose files are below a directory.
     pub fn below(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
 
-    /// Where its files are.
+    /// Root directory of the files.
     pub fn root(&self) -> &Path {
         &self.root
     }
@@ -67,7 +66,7 @@ impl Host {
         Some(text.trim().to_owned())
     }
 
-    /// Whether its kernel preempts everything (`PREEMPT_RT`).
+    /// True if the kernel is fully preemptible (`PREEMPT_RT`).
     pub fn is_realtime(&self) -> Option<bool> {
         if let Some(text) = self.text("sys/kernel/realtime") {
             return Some(text == "1");
@@ -76,7 +75,7 @@ impl Host {
         Some(version.contains("PREEMPT_RT") || version.contains("PREEMPT RT"))
     }
 
-    /// What this program may ask for.
+    /// Limits of this program.
     pub fn limits(&self) -> Option<Limits> {
         let limits = self.text("proc/self/limits")?;
         let soft = |name: &str| {
@@ -104,17 +103,17 @@ impl Host {
         })
     }
 
-    /// The CPUs that are in use.
+    /// CPUs that are online.
     pub fn cpus(&self) -> Option<Vec<usize>> {
         Some(list(&self.text("sys/devices/system/cpu/online")?))
     }
 
-    /// The CPUs that the kernel keeps free of programs that did not ask for them.
+    /// CPUs that the kernel keeps free of programs that did not request them.
     pub fn isolated(&self) -> Option<Vec<usize>> {
         Some(list(&self.text("sys/devices/system/cpu/isolated")?))
     }
 
-    /// Who decides how fast each CPU runs; empty where nobody does.
+    /// Frequency governor of each CPU; empty without frequency control.
     pub fn governors(&self) -> Vec<String> {
         let cpus = self.cpus().unwrap_or_default().into_iter();
         let governors = cpus.filter_map(|cpu| {
@@ -125,7 +124,7 @@ impl Host {
         governors.collect()
     }
 
-    /// The states that an idle CPU goes to; empty where it has none.
+    /// Idle states of a CPU; empty if it has none.
     pub fn idle_states(&self) -> Vec<IdleState> {
         let states = (0..16).map_while(|state| {
             let text = |name: &str| {
@@ -142,7 +141,7 @@ impl Host {
         states.collect()
     }
 
-    /// The interrupts of a network interface: those with its name, or of its device.
+    /// Interrupts of a network interface: those with its name, and those of its device.
     pub fn interrupts(&self, interface: &str) -> Vec<Interrupt> {
         let device = format!("sys/class/net/{interface}/device/msi_irqs");
         let of_device = fs::read_dir(self.root.join(device)).into_iter().flatten();
@@ -174,8 +173,8 @@ impl Host {
         interrupts.collect()
     }
 
-    /// How long the kernel itself holds packets back, in nanoseconds: `gro_flush_timeout`, which counts
-    /// only while `napi_defer_hard_irqs` is not 0.
+    /// Time for which the kernel itself holds packets back, in nanoseconds: `gro_flush_timeout`,
+    /// which applies only while `napi_defer_hard_irqs` is not 0.
     pub fn held_back_ns(&self, interface: &str) -> Option<u64> {
         let number = |name: &str| -> Option<u64> {
             self.text(&format!("sys/class/net/{interface}/{name}"))?
@@ -191,9 +190,9 @@ impl Host {
     }
 }
 
-/// The numbers of a list such as `0-2,5`; what is none is left out.
+/// Parses a list of numbers such as `0-2,5`; skips parts that are not numbers.
 fn list(text: &str) -> Vec<usize> {
-    /// More than any computer has.
+    /// Limit of a CPU's number, above that of any computer.
     const MOST: usize = 4096;
     let parts = text.split(',').filter_map(|part| {
         let (first, last) = part

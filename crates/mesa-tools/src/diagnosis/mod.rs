@@ -1,8 +1,8 @@
-//! What is wrong with a board, its network and its computer: figures, and what they mean.
+//! Diagnosis of a board, its network and its computer: figures and verdicts on them.
 //!
-//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] those of the way to a board;
-//! the functions of [`computer`], [`network`] and [`board`] are pure: they take figures, and give
-//! [`Finding`]s. [`wiring`] guides whoever checks the wires of a cabinet.
+//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] those of the connection
+//! to a board; the functions of [`computer`], [`network`] and [`board`] are pure: they turn figures
+//! into [`Finding`]s. [`wiring`] guides an operator through a check of a cabinet's wires.
 
 pub mod board;
 pub mod computer;
@@ -14,37 +14,37 @@ pub mod wiring;
 pub use host::{Host, IdleState, Interrupt, Limits};
 pub use round_trips::RoundTrips;
 
-/// How a figure is judged, from good to bad.
+/// Verdict on a figure, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Verdict {
-    /// As it should be.
+    /// In order.
     Ok,
-    /// It could not be found out.
+    /// The figure could not be determined.
     Unknown,
-    /// A machine can run so, but worse than it could: worth a look.
+    /// A machine runs with this figure, but could run better: worth a look.
     Look,
-    /// A machine does not run so, or not safely.
+    /// A machine does not run with this figure, or not safely.
     Bad,
 }
 
-/// One figure, and what it means.
+/// A figure and its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Finding {
-    /// What was looked at.
+    /// Name of the check.
     pub check: String,
-    /// What was found.
+    /// Figure found.
     pub figure: String,
-    /// What it means.
+    /// Verdict on the figure.
     pub verdict: Verdict,
-    /// What to do; none if it is good.
+    /// Advice; `None` for a good figure.
     pub advice: Option<String>,
 }
 
 impl Finding {
-    /// A figure that is as it should be.
+    /// Creates the finding for a figure that is in order.
     pub fn good(check: impl Into<String>, figure: impl Into<String>) -> Self {
         Self {
             check: check.into(),
@@ -54,7 +54,7 @@ impl Finding {
         }
     }
 
-    /// A figure that something should be done about.
+    /// Creates the finding for a figure that needs attention.
     pub fn new(
         verdict: Verdict,
         check: impl Into<String>,
@@ -69,7 +69,7 @@ impl Finding {
     }
 }
 
-/// The worst of several verdicts; [`Verdict::Ok`] of none.
+/// Returns the worst of several verdicts; [`Verdict::Ok`] without any.
 pub fn worst<'a>(findings: impl IntoIterator<Item = &'a Finding>) -> Verdict {
     let verdicts = findings.into_iter().map(|finding| finding.verdict);
     verdicts.max().unwrap_or(Verdict::Ok)

@@ -1,11 +1,11 @@
-//! Whether packets find the way to a board.
+//! Reachability of a board over the network.
 
 use core::net::Ipv4Addr;
 
 use super::{Finding, Verdict};
 use mesa_hal::transport::network::{Interface, Network, Way};
 
-/// The way to `address`, and the state of the interface that it leads through.
+/// Judges the route to `address`, and the state of its interface.
 pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
     let check = "network route";
     let bad = |figure: String, advice: String| Finding::new(Verdict::Bad, check, figure, advice);
@@ -69,7 +69,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
     }
 }
 
-/// The interface that the way to an address leads through.
+/// Returns the interface of the route to an address.
 pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     match network.way_to(address) {
         Way::Direct(route) | Way::Gateway(route) => Some(&route.interface),
@@ -77,7 +77,7 @@ pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     }
 }
 
-/// What to type.
+/// Command that adds a suitable address to an interface.
 fn add(network: &Network, address: Ipv4Addr) -> String {
     let own = Ipv4Addr::from_bits(match address.to_bits() {
         bits if bits & 0xFF == 1 => bits + 1,

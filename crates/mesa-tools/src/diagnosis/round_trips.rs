@@ -1,38 +1,39 @@
-//! How long a board takes to answer, measured.
+//! Measurement of a board's response times.
 
 use core::time::Duration;
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, Clock, RegisterBus};
 
-/// HostMot2's cookie, which every firmware has.
+/// Address of HostMot2's cookie, which every firmware has.
 const COOKIE: u16 = 0x0100;
 
-/// Questions and answers, one in each period.
+/// Requests and their replies, one in each period.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RoundTrips {
-    /// How long the answers took, the shortest first.
+    /// Response times, in ascending order.
     times: Vec<Duration>,
-    /// Questions without any answer.
+    /// Requests without a reply.
     pub lost: u32,
-    /// Answers that took longer than a period.
+    /// Replies that took longer than a period.
     pub late: u32,
 }
 
 impl RoundTrips {
-    /// From what was measured.
+    /// Creates the statistics from measured values.
     pub fn new(mut times: Vec<Duration>, lost: u32, late: u32) -> Self {
         times.sort_unstable();
         Self { times, lost, late }
     }
 
-    /// Reads one register so many times, one in each period, once each; ends early when `go_on` says
-    /// so. Writes nothing to the FPGA. The deadline of the bus is a period from then on.
+    /// Reads one register in `exchanges` requests, one in each period, without repeating a lost
+    /// one; ends early when `go_on` returns false. Writes nothing to the FPGA. Leaves the deadline
+    /// of the bus at one period.
     ///
     /// # Errors
-    /// What is no question of time: the board is not reachable.
+    /// Any bus error other than a lost or late reply: the board is not reachable.
     ///
     /// # Real time
-    /// Not for the cycle. Takes a period for each.
+    /// Not for the cycle. Takes one period for each request.
     pub fn measure<B: RegisterBus + Clock>(
         bus: &mut B,
         exchanges: u32,
@@ -65,12 +66,13 @@ impl RoundTrips {
         Ok(Self::new(times, lost, late))
     }
 
-    /// Questions asked.
+    /// Number of requests.
     pub fn asked(&self) -> u32 {
         self.times.len() as u32 + self.lost + self.late
     }
 
-    /// What this share of the answers, 0 to 1, did not exceed; zero if none came.
+    /// Returns the response time that the given share of the replies, 0 to 1, did not exceed; zero
+    /// without replies.
     pub fn quantile(&self, share: f64) -> Duration {
         let rank = (self.times.len() as f64 * share).ceil() as usize;
         let at = rank.clamp(1, self.times.len().max(1)) - 1;

@@ -1,17 +1,17 @@
-//! Why an inventory was not taken.
+//! Errors of an inventory.
 
 use mesa_hal::bus::BusError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::sslbp::PortError;
 
-/// Why an inventory was not taken.
+/// Error of an inventory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InventoryError<E: BusError> {
-    /// What answers is no board with HostMot2, or none answers.
+    /// No board with HostMot2 answered.
     #[error(transparent)]
     Identify(#[from] IdentifyError<E>),
-    /// The firmware lacks what every board has, or has a module that is not known.
+    /// The firmware lacks a required module, or contains an unknown one.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
     /// A serial port failed.
@@ -20,15 +20,15 @@ pub enum InventoryError<E: BusError> {
     /// The bus failed.
     #[error(transparent)]
     Bus(E),
-    /// A software mode is asked for on a port that is not there.
+    /// A software mode is requested for a serial port that does not exist.
     #[error("no serial port {port}, the firmware has {ports}; leave the mode out, or correct it")]
     NoSuchPort {
         /// The port.
         port: u8,
-        /// How many there are.
+        /// Number of ports in the firmware.
         ports: u8,
     },
-    /// A software mode is asked for on a channel that is not there.
+    /// A software mode is requested for a channel that does not exist.
     #[error(
         "no channel {channel} on serial port {port}, which has {channels}; leave the mode out, or \
          correct it"
@@ -38,7 +38,7 @@ pub enum InventoryError<E: BusError> {
         port: u8,
         /// The channel.
         channel: u8,
-        /// How many there are.
+        /// Number of channels on the port.
         channels: u8,
     },
 }

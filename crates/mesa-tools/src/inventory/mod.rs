@@ -1,6 +1,7 @@
-//! The inventory of a board: what it is, and what is plugged into it. Plain data, to be shown or sent.
+//! Inventory of a board: its identity, its firmware and its remotes, as plain data to be shown or
+//! sent.
 //!
-//! With the feature `serde` everything here is `Serialize`: it is what `mesa info --json` prints.
+//! With the feature `serde` all types here implement `Serialize`; `mesa info --json` prints them.
 
 mod error;
 mod take;
@@ -20,7 +21,7 @@ use mesa_hal::lbp16::Space;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Inventory {
-    /// What a person should look at, one sentence each; empty where all is well.
+    /// Findings that need attention, one sentence each; empty if all is in order.
     pub findings: Vec<String>,
     /// The Ethernet side, if the board has one.
     pub ethernet: Option<Ethernet>,
@@ -34,14 +35,14 @@ pub struct Inventory {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Ethernet {
-    /// Who it is.
+    /// Identity of the board.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub identity: Identity,
-    /// What the user LEDs show.
+    /// Source of the user LEDs.
     pub leds: LedMode,
-    /// What they show after a restart.
+    /// Source of the user LEDs after a restart.
     pub leds_at_start: LedMode,
-    /// What it counted since it was reset.
+    /// Counters since the last reset of the board.
     pub counters: Counters,
     /// Its memory spaces.
     pub memory: Vec<Memory>,
@@ -51,40 +52,40 @@ pub struct Ethernet {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Memory {
-    /// Its number, 0 to 7.
+    /// Number of the space, 0 to 7.
     pub space: u8,
-    /// Its own name.
+    /// Name of the space.
     pub name: String,
-    /// Its size in bytes.
+    /// Size in bytes.
     pub bytes: u64,
-    /// Whether it can be written.
+    /// True if the space can be written.
     pub writable: bool,
 }
 
-/// What the firmware of the FPGA says of itself.
+/// Description of the FPGA's firmware, as the firmware contains it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Firmware {
-    /// The board it is for: `MESA7I97`.
+    /// Name of the board that the firmware is for: `MESA7I97`.
     pub board: String,
-    /// I/O pins.
+    /// Number of I/O pins.
     pub io_pins: u32,
-    /// Connectors that they are on.
+    /// Number of connectors of these pins.
     pub connectors: u32,
     /// The slow clock, in hertz.
     pub clock_low_hz: u32,
     /// The fast clock, in hertz.
     pub clock_high_hz: u32,
-    /// What is odd about it.
+    /// Anomalies of the description.
     pub warnings: Vec<String>,
-    /// Its modules.
+    /// Modules of the firmware.
     pub modules: Vec<Module>,
-    /// What stands behind the end of its module descriptors, in words: widths of input modules, and
-    /// modules that a host has nothing to do with.
+    /// Readable content behind the end of the module descriptors: widths of input modules, and
+    /// modules without a function for a host.
     pub trailing: Vec<String>,
-    /// Its pins, by number.
+    /// Pins by number.
     pub pins: Vec<Pin>,
-    /// Its local I/O pins, by number: they end on the board.
+    /// Local I/O pins by number, which end on the board.
     pub local_pins: Vec<Pin>,
 }
 
@@ -92,17 +93,17 @@ pub struct Firmware {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Module {
-    /// Its name.
+    /// Name of the module.
     pub module: String,
-    /// Its number.
+    /// Number of the module (its general function tag).
     pub gtag: u8,
-    /// Its version.
+    /// Version of the module.
     pub version: u8,
-    /// How many there are.
+    /// Number of instances.
     pub instances: u8,
-    /// Address of its registers.
+    /// Base address of the module's registers.
     pub base: u16,
-    /// Its clock, in hertz.
+    /// Clock of the module, in hertz.
     pub clock_hz: u32,
 }
 
@@ -110,29 +111,29 @@ pub struct Module {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Pin {
-    /// Its number.
+    /// Number of the pin.
     pub number: u16,
-    /// The terminals it is at, for example `TB3 pin 4 AOUT0`; empty if it does not leave the board as
-    /// it is.
+    /// Terminals of the pin, for example `TB3 pin 4 AOUT0`; empty for a pin without a direct way to
+    /// a terminal.
     pub terminals: String,
-    /// The module that uses it, or that none does.
+    /// Function of the pin in the module that uses it; `I/O` for a pin without a module.
     pub function: String,
-    /// Which way it goes.
+    /// Direction of the pin.
     pub direction: PinDirection,
-    /// Whether a module drives it.
+    /// True if a module drives the pin.
     pub driven_by_module: bool,
 }
 
-/// Which way a pin of the FPGA goes.
+/// Direction of a pin of the FPGA.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum PinDirection {
-    /// A module reads it.
+    /// Read by a module.
     In,
-    /// A module drives it.
+    /// Driven by a module.
     Out,
-    /// It belongs to no module.
+    /// Used by no module.
     Either,
 }
 
@@ -140,13 +141,13 @@ pub enum PinDirection {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct SerialPort {
-    /// Its number.
+    /// Number of the port.
     pub port: u8,
     /// Version of its SSLBP firmware: `1.43`.
     pub sslbp: String,
-    /// Its clock, in hertz.
+    /// Clock of the port, in hertz.
     pub clock_hz: u32,
-    /// Its channels.
+    /// Channels of the port.
     pub channels: Vec<Channel>,
 }
 
@@ -154,56 +155,57 @@ pub struct SerialPort {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Channel {
-    /// Its number, 0 to 7.
+    /// Number of the channel, 0 to 7.
     pub channel: u8,
-    /// What is there.
+    /// The remote, or the reason for its absence.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub found: Found,
 }
 
-/// What is on a channel.
+/// Result of a channel's discovery.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Found {
     /// A remote.
     Remote(Box<Remote>),
-    /// Nothing that started, and why.
+    /// No remote started, and the reason.
     NotStarted(String),
 }
 
-/// A remote, and what it tells of itself.
+/// A remote, as it describes itself.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Remote {
-    /// Its name: `7I77`.
+    /// Name of the remote: `7I77`.
     pub name: String,
-    /// The part of a card that it is known as: `7I77 field I/O`.
+    /// Title of the known card part that the remote matches: `7I77 field I/O`.
     pub known_as: Option<&'static str>,
-    /// Its unit number, which is on the card's label.
+    /// Unit number, which is on the card's label.
     pub unit_number: u32,
-    /// The software mode it was started in.
+    /// Software mode that the remote was started in.
     pub software_mode: u8,
-    /// Bytes it receives in a cycle.
+    /// Bytes that the remote receives in a cycle.
     pub rx_size: u8,
-    /// Bytes it sends in a cycle.
+    /// Bytes that the remote sends in a cycle.
     pub tx_size: u8,
-    /// It does not describe itself: what is here is from a table of `mesa-hal`.
+    /// True if the remote does not describe itself, so that the data are from a table of
+    /// `mesa-hal`.
     pub built_in_table: bool,
-    /// What it reports now, in words: faults of field power, outputs, watchdog; its watchdog bites
-    /// while it is not driven.
+    /// Readable faults that the remote reports now: field power, outputs, watchdog. The watchdog
+    /// bites while the remote is not driven.
     pub faults: Vec<String>,
-    /// Its modes.
+    /// Modes of the remote.
     pub modes: Vec<Mode>,
-    /// What a cycle transfers.
+    /// Process data that a cycle transfers.
     pub process_data: Vec<Element>,
-    /// What it keeps.
+    /// Parameters of the remote.
     pub parameters: Vec<Parameter>,
-    /// Where it differs from the table of its kind.
+    /// Differences from the table of its kind.
     pub differences: Vec<String>,
-    /// What is wrong with what it says of itself.
+    /// Problems in the remote's own description.
     pub problems: Vec<String>,
-    /// Accesses that this took.
+    /// Number of memory accesses for the discovery.
     pub memory_accesses: u32,
 }
 
@@ -211,12 +213,12 @@ pub struct Remote {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Mode {
-    /// Its number.
+    /// Number of the mode.
     pub index: u8,
-    /// `hardware`, `software` or `other`: who sets it.
+    /// `hardware`, `software` or `other`: the way the mode is set.
     #[cfg_attr(feature = "serde", serde(rename = "type"))]
     pub set_by: &'static str,
-    /// Its name.
+    /// Name of the mode.
     pub name: String,
 }
 
@@ -224,10 +226,10 @@ pub struct Mode {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Element {
-    /// What it is.
+    /// The element's record.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub data: Data,
-    /// Where its bits are on the card.
+    /// Terminals of the element's bits on the card.
     pub terminals: Vec<Terminal>,
 }
 
@@ -237,7 +239,7 @@ pub struct Element {
 pub struct Terminal {
     /// Connector and pin: `TB8 pin 3`.
     pub place: String,
-    /// The manual's name: `INPUT2`.
+    /// Signal name in the manual: `INPUT2`.
     pub signal: String,
 }
 
@@ -245,14 +247,14 @@ pub struct Terminal {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Parameter {
-    /// What it is.
+    /// The parameter's record.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub data: Data,
-    /// Its value in its unit; `None` if it could not be read.
+    /// Value in the parameter's unit; `None` if it could not be read.
     pub value: Option<f64>,
-    /// The same as the remote keeps it.
+    /// Raw value in the remote's memory.
     pub raw: Option<u64>,
-    /// Why it could not be read.
+    /// Reason for a failed read.
     pub error: Option<String>,
 }
 
@@ -260,40 +262,40 @@ pub struct Parameter {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Data {
-    /// Its name.
+    /// Name of the record.
     pub name: String,
-    /// Its bits.
+    /// Number of bits.
     pub bits: u8,
-    /// How they are meant.
+    /// Type of the value.
     #[cfg_attr(feature = "serde", serde(rename = "type"))]
     pub data_type: String,
-    /// Whether it survives a power cycle.
+    /// True if the value survives a power cycle.
     pub nonvolatile: bool,
     /// `input`, `output` or `bidirectional`, seen from the host.
     pub direction: &'static str,
-    /// The least value.
+    /// Smallest value.
     pub min: f32,
-    /// The largest value.
+    /// Largest value.
     pub max: f32,
-    /// The unit.
+    /// Unit of the value.
     pub unit: String,
-    /// Where it is in the remote's memory.
+    /// Address in the remote's memory.
     pub address: u16,
 }
 
 impl Ethernet {
-    /// What the Ethernet side of a board says. Writes nothing.
+    /// Reads the Ethernet side of a board. Writes nothing.
     ///
     /// # Errors
-    /// [`EthernetError`]: what answers is no board, or nothing does.
+    /// [`EthernetError`]: no board answers.
     ///
     /// # Real time
-    /// Not for the cycle. Some exchanges.
+    /// Not for the cycle. Takes several exchanges.
     pub fn read<B: Lbp16Board>(
         board: &mut EthernetBoard<'_, B>,
     ) -> Result<Self, EthernetError<B::Error>> {
         let identity = board.identity()?;
-        // Before anything is asked that the board may count as an error.
+        // Before any request that the board may count as an error.
         let counters = board.counters()?;
         let mut memory = Vec::new();
         let spaces = (0..8).map(Space::from_bits);
@@ -340,7 +342,7 @@ impl Ethernet {
 }
 
 impl Remote {
-    /// What is to be said of a watchdog that leaves outputs on.
+    /// Finding about a watchdog that leaves outputs on.
     fn slow_watchdog(&self) -> Option<String> {
         let mut parameters = self.parameters.iter();
         let name = mesa_hal::modules::serial::WATCHDOG_PARAMETER;
@@ -359,7 +361,7 @@ impl Remote {
 }
 
 impl Inventory {
-    /// Its remotes, with their port and channel.
+    /// Remotes with their port and channel.
     pub fn remotes(&self) -> impl Iterator<Item = (u8, u8, &Remote)> {
         self.serial_ports.iter().flat_map(|port| {
             let channels = port.channels.iter();
@@ -370,7 +372,7 @@ impl Inventory {
         })
     }
 
-    /// Says what a person should look at.
+    /// Collects the findings.
     fn judge(&mut self) {
         let mut findings = core::mem::take(&mut self.findings);
         findings.extend(self.ethernet.iter().flat_map(Ethernet::findings));
@@ -378,7 +380,7 @@ impl Inventory {
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));
         for (port, channel, remote) in self.remotes() {
             let place = format!("port {port}, channel {channel}, {}", remote.name);
-            // The watchdog has bitten in each remote that nobody drives.
+            // In a remote that is not driven the watchdog has always bitten.
             let faults = remote
                 .faults
                 .iter()
@@ -403,7 +405,7 @@ impl Inventory {
         self.findings = findings;
     }
 
-    /// The judgement in a line: `in order: MESA7I97, 1 remote`.
+    /// Verdict in one line: `in order: MESA7I97, 1 remote`.
     pub fn judgement(&self) -> impl fmt::Display {
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let what = format!(

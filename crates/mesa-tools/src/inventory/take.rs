@@ -1,4 +1,4 @@
-//! Taking the inventory: identification, then discovery port by port.
+//! Taking an inventory: identification, then discovery port by port.
 
 use core::time::Duration;
 use std::collections::BTreeMap;
@@ -22,17 +22,20 @@ use mesa_hal::sslbp::{
     PortPlace, RemoteAccess, StartFailure, StartFailureReason,
 };
 
-/// Longer than the inventory of a port takes, however bad its wires are.
+/// Watchdog time during the inventory of a port: longer than the inventory takes with the worst
+/// wiring.
 const AT_MOST: Duration = Duration::from_secs(40);
 
 type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 
 /// Takes the inventory of a board.
 ///
-/// `modes` are the software modes to start remotes in, by port and channel; 0 for the others.
-/// `goes_on` is asked before each port: once it says no, the ports that are left are left out.
+/// `modes` contains the software modes to start remotes in, by port and channel; others start in
+/// mode
+/// 0. `goes_on` is called before each port; once it returns false, the remaining ports are left
+///    out.
 ///
-/// It stops the serial ports and leaves all pins as inputs: not for a machine that is running.
+/// The inventory stops the serial ports and leaves all pins as inputs: not for a running machine.
 ///
 /// # Errors
 /// [`InventoryError`].
@@ -76,7 +79,8 @@ pub fn take<B: RegisterBus + Clock>(
     Ok(inventory)
 }
 
-/// What a program has left that ended without stopping the board: read before anything is changed.
+/// State left behind by a program that ended without stopping the board: read before anything is
+/// changed.
 fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option<String>, B> {
     let bus_failed = InventoryError::Bus;
     let watchdog = WatchdogRegisters::locate(firmware)?;
@@ -90,12 +94,12 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
                 continue;
             };
             let cs = CsStatus(bus.read(registers.cs).map_err(bus_failed)?);
-            // In setup mode it would drive nothing.
+            // A remote in setup mode drives nothing, so it does not count as running.
             runs |= matches!(cs.state(), ComState::Chatter | ComState::ProcessData);
         }
     }
     let has_bitten = status & WatchdogRegisters::HAS_BIT != 0;
-    // A bite makes all pins inputs: what is an output was made one since.
+    // A watchdog bite turns all pins into inputs, so present outputs were configured after it.
     Ok(match (drives, runs, has_bitten) {
         (false, false, _) => None,
         (false, true, true) => Some(
@@ -112,7 +116,7 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
     })
 }
 
-/// A mode for a channel that does not exist is a slip of the pen.
+/// Refuses a mode for a channel that does not exist, which is a typing error.
 fn check_modes<B: RegisterBus>(
     firmware: &HostMot2,
     modes: &BTreeMap<(u8, u8), u8>,
@@ -182,7 +186,7 @@ fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> Pin {
     }
 }
 
-/// A port, and what of its channels a person should look at.
+/// A port, and findings about its channels.
 type PortTaken = (SerialPort, Vec<String>);
 
 /// A serial port of the firmware, and the software modes to start remotes in.
@@ -199,8 +203,8 @@ impl PortOf<'_> {
         let mut io_ports = IoPorts::locate(self.firmware)?;
         let inputs = io_ports.clone();
         let watchdog = WatchdogRegisters::locate(self.firmware)?;
-        // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
-        // is left to do that, it shall.
+        // A bite during discovery would turn the port's pins into inputs, hence the long time. If
+        // this program ends early, the bite is wanted.
         for (address, word) in [
             (watchdog.time, watchdog.time_for(AT_MOST)),
             (watchdog.reset, WatchdogRegisters::PET),
@@ -212,7 +216,7 @@ impl PortOf<'_> {
         io_ports.use_module(self.firmware, gtag, unit, |_| true)?;
         io_ports.apply(bus).map_err(bus_failed)?;
         let taken = self.take_channels(bus);
-        // Also when that has failed; what it failed of is worth more than what this may fail of.
+        // Restored after a failure as well; the error of that failure then takes precedence.
         let restored = inputs.apply(bus);
         let port = taken?;
         restored.map_err(bus_failed)?;
@@ -224,7 +228,7 @@ impl PortOf<'_> {
     fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
         let mut port = Port::new(self.place.layout);
         let taken = take_remotes(bus, &mut port, self.modes);
-        // Also when that has failed: nothing is left running.
+        // Stopped after a failure as well, so that nothing is left running.
         let stopped = port.on(bus).stop_all();
         let report = taken?;
         stopped?;
@@ -280,8 +284,8 @@ fn take_remotes<B: RegisterBus + Clock>(
     Ok((port, findings))
 }
 
-/// Why a channel on which nothing started is not in order: nothing need be plugged in, but what answers
-/// has to start, and so has each part of a card of which another does.
+/// Finding about a channel on which nothing started. An empty channel is in order; a remote that
+/// answers has to start, and so has each part of a card of which another part started.
 fn not_started(
     starts: &[(Line, u8)],
     outcomes: &[Result<Discovered, StartFailure>],
@@ -302,7 +306,7 @@ fn not_started(
     silent_part(is, line.index()).map(|kind| kind.to_string())
 }
 
-/// What was found, and what its parameters are.
+/// Reads the parameters and faults of a discovered remote.
 fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Remote {
     let descriptor = found.descriptor;
     let channel = found.started.channel;
@@ -311,7 +315,7 @@ fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Disc
     let mut problems: Vec<String> = found.problems.iter().map(ToString::to_string).collect();
     problems.extend(found.read_error);
     let faults = if found.started.ptoc == 0 {
-        // Remotes older than discovery have no such location.
+        // Remotes older than discovery do not have this location.
         RemoteFaults::empty()
     } else {
         present_faults(&mut memory).map_or_else(
@@ -359,7 +363,7 @@ fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Disc
     }
 }
 
-/// What it reports after what it reported before was cleared: faults stay until then.
+/// Faults present now: latched faults stay until cleared, so they are cleared before the read.
 fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
     let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
     memory.access(None, clear)?;
@@ -367,7 +371,7 @@ fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
     memory.access(None, read).map(|byte| byte as u8)
 }
 
-/// Each fault in words.
+/// Each fault as text.
 fn words(faults: RemoteFaults) -> Vec<String> {
     let bits = (0..8)
         .map(|bit| 1 << bit)

@@ -1,11 +1,11 @@
-//! Where the FPGA's I/O pins come out of the board.
+//! Terminals of the FPGA's I/O pins.
 
 use mesa_hal::boards::{BoardTable, DB25};
 use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
 
-/// What I/O pin `number` is at: terminals of the board itself, or the pin of a connector that has no
-/// name here; empty where it does not leave the board as it is.
+/// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector.
+/// Empty for a pin without a direct way to a terminal.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     if !board.terminals.is_empty() {
@@ -24,7 +24,7 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     }
 }
 
-/// The terminals behind a pin that a module of the board uses.
+/// Terminals of a pin that a module of the board uses.
 fn of_module(board: &BoardTable, firmware: &HostMot2, pin: PinDescriptor) -> Vec<Place> {
     let unit = u16::from(pin.unit);
     let function = u16::from(pin.secondary_pin & 0x7F);

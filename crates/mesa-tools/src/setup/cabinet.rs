@@ -1,4 +1,4 @@
-//! The parameters of all remotes at once: read, kept in a file, compared, and put back.
+//! Parameters of all remotes together: reading, saving, comparing and restoring.
 
 use core::convert::Infallible;
 use core::error::Error;
@@ -12,31 +12,31 @@ use mesa_hal::driver::{Board, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
 
-/// Remotes in setup mode, whose parameters can be read and written: those of a [`Board`] after
+/// Remotes in setup mode with readable and writable parameters: those of a [`Board`] after
 /// [`discover`](Board::discover), or the one on a serial port
 /// ([`SerialCabinet`](super::SerialCabinet)).
 pub trait Cabinet {
-    /// Why a parameter was not read or written.
+    /// Error of an access to a parameter.
     type Error: Error + 'static;
 
-    /// What is there, with its place.
+    /// Returns the remotes with their places.
     fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)>;
 
     /// Reads a parameter: its bits, right-justified.
     ///
     /// # Errors
-    /// The remote does not have it, or an access failed.
+    /// The remote does not have the parameter, or an access failed.
     fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, Self::Error>;
 
     /// Writes a parameter, and reads it back.
     ///
     /// # Errors
-    /// The remote does not have it, can not take the value, or an access failed.
+    /// The remote does not have the parameter, cannot take the value, or an access failed.
     fn write(&mut self, place: RemotePlace, name: &str, value: AnyValue)
     -> Result<(), Self::Error>;
 }
 
-/// Where a remote is.
+/// Place of a remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RemotePlace {
     /// On a channel of a board's serial port.
@@ -88,9 +88,9 @@ fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<RemoteId, 
     }
 }
 
-/// What the remotes of a cabinet keep in non-volatile memory.
+/// Non-volatile parameters of a cabinet's remotes.
 ///
-/// Only that: what is lost without power is not worth keeping, and may drive something.
+/// Volatile ones are not saved: they are lost without power anyway, and may drive something.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -101,29 +101,29 @@ pub struct SavedCabinet {
     pub remotes: Vec<SavedRemote>,
 }
 
-/// What a remote keeps in non-volatile memory.
+/// Non-volatile parameters of a remote.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct SavedRemote {
-    /// Where it was: `PORT.CHANNEL`, or `serial`.
+    /// Place of the remote at the time: `PORT.CHANNEL`, or `serial`.
     pub place: String,
-    /// Its name, for example `7I77`.
+    /// Name of the remote, for example `7I77`.
     pub card: String,
-    /// Its unit number.
+    /// Unit number of the remote.
     pub unit_number: u32,
-    /// Its non-volatile parameters that can be written, by name.
+    /// Non-volatile, writable parameters, by name.
     pub parameters: BTreeMap<String, SavedValue>,
 }
 
-/// The value of a parameter as LinuxCNC has it: without its scale.
+/// Value of a parameter as in LinuxCNC: without its scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(untagged))]
 pub enum SavedValue {
-    /// A whole number, or a truth value as 0 or 1.
+    /// A whole number, or a Boolean as 0 or 1.
     Whole(i64),
-    /// A whole number above 2^63.
+    /// A whole number of 2^63 or more.
     Wide(u64),
     /// A real number.
     Real(f64),
@@ -161,100 +161,101 @@ impl core::fmt::Display for SavedValue {
     }
 }
 
-/// How the remotes of a file are found again.
+/// Assignment of a file's remotes to the present ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Match {
-    /// By name and unit number, wherever they are.
+    /// By name and unit number, at any place.
     #[default]
     UnitNumber,
     /// By name and place: for a card that was replaced by another of its kind.
     Place,
 }
 
-/// What a file has, and the remotes have not.
+/// Differences between a file and the remotes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// What would be written.
+    /// Parameters to write.
     pub differences: Vec<Difference>,
-    /// Parameters that were compared.
+    /// Number of compared parameters.
     pub compared: usize,
-    /// Remotes that are there, and not in the file.
+    /// Remotes that are present but not in the file.
     pub not_in_file: Vec<RemotePlace>,
 }
 
-/// A parameter that is not what the file says.
+/// A parameter whose value differs from the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// Where the remote is now.
+    /// Present place of the remote.
     pub place: RemotePlace,
-    /// Its name.
+    /// Name of the remote.
     pub card: String,
-    /// The unit number of the remote that is there.
+    /// Unit number of the present remote.
     pub unit_number: u32,
-    /// The parameter.
+    /// Name of the parameter.
     pub name: String,
-    /// What the file says.
+    /// Value in the file.
     pub saved: SavedValue,
-    /// What the remote has.
+    /// Value in the remote.
     pub now: SavedValue,
 }
 
-/// Why a file is not for these remotes.
+/// Error of a file that does not fit the remotes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RestoreError<E: Error + 'static> {
     /// An access failed.
     #[error(transparent)]
     Cabinet(#[from] E),
-    /// It was written by another version.
+    /// The file was written by another version.
     #[error("the file has format {found}, expected 1; restore it with the version that wrote it")]
     Format {
-        /// Its format.
+        /// Format of the file.
         found: u32,
     },
-    /// A remote of the file is not there.
+    /// A remote of the file is missing.
     #[error(
         "the file is for a {card} with unit number {unit_number:#010X} (it was on {place}), which is not \
          there; nothing was written. For a card that was replaced by another of its kind, match by place"
     )]
     Missing {
-        /// Its name.
+        /// Name of the remote.
         card: String,
-        /// Its unit number.
+        /// Unit number of the remote.
         unit_number: u32,
-        /// Where it was.
+        /// Place of the remote in the file.
         place: String,
     },
-    /// Two remotes can not be told apart.
+    /// Two remotes cannot be distinguished.
     #[error(
         "there are two {card} with unit number {unit_number:#010X}; nothing was written. Match them by \
          place"
     )]
     Ambiguous {
-        /// Their name.
+        /// Name of the remotes.
         card: String,
-        /// Their unit number.
+        /// Unit number of the remotes.
         unit_number: u32,
     },
-    /// A parameter is not there, or can not be what the file says.
+    /// A parameter does not exist, or cannot take the file's value.
     #[error("{card} on {place}, parameter {name}: {source}; nothing was written")]
     Parameter {
-        /// The remote's name.
+        /// Name of the remote.
         card: String,
-        /// Where it is.
+        /// Place of the remote.
         place: RemotePlace,
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
-        /// Why.
+        /// The cause.
         source: ParameterError<Infallible>,
     },
 }
 
 impl SavedCabinet {
-    /// The version of the format that is written here.
+    /// Version of the format that this crate writes.
     pub const FORMAT: u32 = 1;
 
-    /// Reads what all remotes keep. A real number that is none is left out: no file can hold it.
+    /// Reads the non-volatile parameters of all remotes. Omits a real value that is not finite,
+    /// because no file can hold it.
     ///
     /// # Errors
     /// An access failed.
@@ -280,7 +281,7 @@ impl SavedCabinet {
         Ok(Self { format, remotes })
     }
 
-    /// Compares with what is there. Writes nothing.
+    /// Compares the file with the present remotes. Writes nothing.
     ///
     /// # Errors
     /// [`RestoreError`]: the file is not for these remotes, or an access failed.
@@ -322,10 +323,10 @@ impl SavedCabinet {
 }
 
 impl Difference {
-    /// Writes what the file says, and reads it back.
+    /// Writes the file's value, and reads it back.
     ///
     /// # Errors
-    /// The remote does not take it, or an access failed.
+    /// The remote does not take the value, or an access failed.
     pub fn restore<C: Cabinet>(&self, cabinet: &mut C) -> Result<(), C::Error> {
         cabinet.write(self.place, &self.name, self.saved.into())
     }
@@ -357,7 +358,7 @@ impl SavedRemote {
         }
     }
 
-    /// What a parameter is now, if the remote has it and can take what the file says.
+    /// Present value of a parameter, if the remote has it and can take the file's value.
     fn now<C: Cabinet>(
         &self,
         cabinet: &mut C,
@@ -378,16 +379,16 @@ impl SavedRemote {
         })?;
         let raw = cabinet.read(place, name)?;
         let now = SavedValue::from(record.typed(raw));
-        // A file may have 50.0 for 50, and -1 for what has no sign is refused above.
+        // A file may contain 50.0 for 50; -1 for an unsigned parameter has been refused above.
         let is_same = record.raw_of::<Infallible>(value.into()) == Ok(raw);
         Ok(if is_same { value } else { now })
     }
 }
 
-/// A number as people write it: decimal, hexadecimal after `0x`, or real.
+/// Parses a number: decimal, hexadecimal after `0x`, or real.
 ///
 /// # Errors
-/// Gives the text back if it is no number.
+/// Returns the text if it is not a number.
 pub fn parse_value(text: &str) -> Result<AnyValue, &str> {
     let hex = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
     let whole = match hex {

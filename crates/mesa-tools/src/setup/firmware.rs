@@ -1,15 +1,16 @@
-//! A file with the firmware of a remote, and whether it is for this card.
+//! Firmware files of remotes, and the check that a file is for the card.
 
 use mesa_hal::sslbp::RemoteName;
 
-/// The most bytes of a file.
+/// Maximum length of a file, in bytes.
 const LARGEST: usize = 4 << 20;
 
-/// The firmware of a remote, as Mesa's `.BIN` files have it: an image of its flash memory from offset 0
-/// on. Its first block is the bootloader's, and is never written.
+/// The firmware of a remote in the format of Mesa's `.BIN` files: an image of its flash memory from
+/// offset 0 on. The first block belongs to the bootloader, and is never written.
 ///
-/// Nothing in such a file is known to say which card it is for, so the file's own name has to, as those
-/// of Mesa do (`7I77.BIN`; manual 7I77, "RPD, WPD, AND UFLBP"), or its contents.
+/// No field of such a file is known to contain the card that it is for. The card's name therefore
+/// has to be in the file's name, as in Mesa's files (`7I77.BIN`; manual 7I77, "RPD, WPD, AND
+/// UFLBP"), or in its contents.
 ///
 /// FACTS 1.6.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,48 +19,48 @@ pub struct Firmware {
     names_card: bool,
 }
 
-/// Why a file is no firmware for a card.
+/// Error of a file that is no firmware for the card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FirmwareError {
-    /// It is empty, or too long.
+    /// The file is empty or too long.
     #[error(
         "the file has {bytes} bytes, expected 1 to {LARGEST}; take the `.BIN` file for the card"
     )]
     Length {
-        /// Its length.
+        /// Length of the file.
         bytes: usize,
     },
-    /// It is another kind of file.
+    /// The file is of another kind.
     #[error("the file is {kind}, expected the raw image that Mesa's `.BIN` files are; {hint}")]
     Kind {
-        /// What it looks like.
+        /// Kind of the file.
         kind: &'static str,
-        /// What to do with it.
+        /// Advice for this kind.
         hint: &'static str,
     },
-    /// It is for another card.
+    /// The file is for another card.
     #[error("the file is for a {found}, and this is a {card}; take the file for this card")]
     OtherCard {
-        /// The card that it names.
+        /// Card that the file names.
         found: RemoteName,
-        /// The card that is to be updated.
+        /// Card to be updated.
         card: RemoteName,
     },
-    /// It does not say which card it is for.
+    /// The file does not name its card.
     #[error(
         "neither the file's name nor its contents say which card it is for; if it is for a {card}, give \
          it a name that begins with {card}, as Mesa's files have"
     )]
     Unnamed {
-        /// The card that is to be updated.
+        /// Card to be updated.
         card: RemoteName,
     },
 }
 
 const TO_BINARY: &str = "convert it to a raw binary";
 
-/// What other files begin with, what they are, and what to do with them.
+/// Other kinds of files: first bytes, name of the kind, advice.
 const KINDS: &[(&[u8], &str, &str)] = &[
     (
         &[0x00, 0x09, 0x0F, 0xF0],
@@ -84,10 +85,10 @@ const KINDS: &[(&[u8], &str, &str)] = &[
 ];
 
 impl Firmware {
-    /// Takes the contents of the file that is called `file_name`, without its path.
+    /// Checks the contents of the file called `file_name`, which is given without its path.
     ///
     /// # Errors
-    /// [`FirmwareError`]: it is not for `card`, or does not say so.
+    /// [`FirmwareError`]: the file is not for `card`, or does not name its card.
     pub fn new(
         file_name: &str,
         contents: Vec<u8>,
@@ -104,7 +105,7 @@ impl Firmware {
         let name = file_name.to_ascii_uppercase();
         let card = RemoteName(card.0.map(|c| c.to_ascii_uppercase()));
         let named = names(name.as_bytes(), card);
-        // A file that was given the wrong name still says what it is.
+        // The contents reveal a file with a wrong name.
         let inside = names(&contents, card);
         match (named, inside) {
             (Named::Other(found), _) | (_, Named::Other(found)) => {
@@ -118,12 +119,12 @@ impl Firmware {
         }
     }
 
-    /// Whether its contents name the card. If not, only the name of the file says what it is for.
+    /// True if the contents name the card. If not, only the file's name indicates its card.
     pub const fn names_card(&self) -> bool {
         self.names_card
     }
 
-    /// Its bytes, from offset 0 of the flash memory on.
+    /// The image, from offset 0 of the flash memory on.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
@@ -137,7 +138,7 @@ enum Named {
     No,
 }
 
-/// Looks for the names of Mesa's cards: 7I77, 8I20. The one that is expected counts before others.
+/// Searches for names of Mesa's cards: 7I77, 8I20. The expected one takes precedence over others.
 fn names(text: &[u8], card: RemoteName) -> Named {
     let windows = || text.windows(4).filter_map(|four| four.try_into().ok());
     if windows().any(|four: [u8; 4]| four == card.0) {
@@ -181,7 +182,7 @@ mod tests {
         assert_eq!(take("8I20T.BIN", &[1, 2]), other);
         assert_eq!(take("7I77.BIN", b"..8I20.."), other);
         assert_eq!(take("new.bin", b"..8I20.."), other);
-        // Its own name beside that of another, as in a text about both.
+        // The expected name beside another one, as in a text about both cards.
         assert!(take("7I77.BIN", b"8I20 or 7I77").is_ok());
     }
 

@@ -1,13 +1,13 @@
-//! Remotes in setup mode, where their parameters and their firmware are: over a serial port of the
-//! host, with the card's jumper in its setup position, or through the FPGA.
+//! Access to remotes in setup mode, for their parameters and their firmware: over a serial port of
+//! the host, with the card's jumper in its setup position, or through the FPGA.
 //!
-//! A [`SerialHost`] is LBP as host on any serial port; a channel of the FPGA is a
-//! [`PortLink`](mesa_hal::sslbp::PortLink). Both are a [`RemoteLink`], so that discovery, parameters
-//! ([`DataRecord::read_parameter`](mesa_hal::discovery::DataRecord::read_parameter)) and a
-//! [firmware update](update) are the same over either.
+//! A [`SerialHost`] is an LBP host on any serial port; a channel of the FPGA is a
+//! [`PortLink`](mesa_hal::sslbp::PortLink). Both implement [`RemoteLink`], so that discovery,
+//! parameters ([`DataRecord::read_parameter`](mesa_hal::discovery::DataRecord::read_parameter)) and
+//! a [firmware update](update) work alike over either.
 //!
 //! # Real time
-//! Nothing here is for the cycle. Everything is bounded.
+//! Nothing here is for the cycle. All operations are bounded.
 
 mod cabinet;
 mod firmware;

@@ -1,4 +1,4 @@
-//! LBP as host over a serial port.
+//! LBP host on a serial port.
 
 use core::time::Duration;
 use std::io::{ErrorKind, Read, Write};
@@ -20,33 +20,34 @@ use mesa_hal::sslbp::{
 /// Manual: 7I77, "SETUP/OPERATE MODE".
 pub const SETUP_BAUD_RATE: u32 = 115_200;
 
-/// What a remote behind a serial port has as its channel.
+/// Channel number of a remote on a serial port.
 const CHANNEL: Channel = Channel::ALL[0];
 
-/// How often a request is sent.
+/// Number of attempts for a request.
 const ATTEMPTS: u8 = 3;
 
-/// How long a reply may take, from the end of the request: erasing a block of flash is the longest
-/// that a card does before it answers, and a USB adapter adds some 16 ms each way.
+/// Reply timeout, from the end of the request. The longest operation before a reply is the erasure
+/// of a flash block; a USB adapter adds some 16 ms in each direction.
 const REPLY: Duration = Duration::from_millis(500);
 
-/// After a failure the line must have been quiet for so long: longer than the frame timeout of a card
-/// in setup mode (25.5 characters, 2.1 ms at 115200 baud; manual 7I77, "FRAMING") and an adapter's
+/// Quiet time required on the line after a failure: longer than the frame timeout of a card in
+/// setup mode (25.5 characters, 2.1 ms at 115200 baud; manual 7I77, "FRAMING") and an adapter's
 /// buffering together.
 const QUIET: Duration = Duration::from_millis(60);
 
-/// For so long it is waited for that quiet.
+/// Time limit for the line to become quiet.
 const QUIET_WITHIN: Duration = Duration::from_secs(1);
 
-/// Between two looks at a port that does not wait by itself.
+/// Interval between reads of a port that does not wait by itself.
 const LOOK: Duration = Duration::from_micros(500);
 
-/// LBP as host over a serial port that is connected to one card in setup mode: what Mesa's RPD, WPD
-/// and UFLBP do.
+/// LBP host on a serial port that is connected to one card in setup mode, with the functions of
+/// Mesa's RPD, WPD and UFLBP.
 ///
-/// The port is anything that reads and writes characters, 8N1, with the card's baud rate
-/// ([`SETUP_BAUD_RATE`]). Its `read` must not wait for ever: it has a timeout of 1 to 100 ms, after
-/// which it fails with [`ErrorKind::TimedOut`] or [`ErrorKind::WouldBlock`], or reads 0 bytes.
+/// The port is any type that reads and writes characters, 8N1, at the card's baud rate
+/// ([`SETUP_BAUD_RATE`]). Its `read` must not block for ever: it needs a timeout of 1 to 100 ms,
+/// after which it fails with [`ErrorKind::TimedOut`] or [`ErrorKind::WouldBlock`], or reads 0
+/// bytes.
 ///
 /// ```no_run
 /// # fn port() -> std::fs::File { unimplemented!() }
@@ -71,18 +72,18 @@ pub struct SerialHost<P> {
     quiet: Duration,
 }
 
-/// The remote behind a serial port.
+/// The remote on a serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SerialRemote {
-    /// What it tells of itself, as START does through an FPGA. Its channel is 0.
+    /// Identity of the remote, as START reports it through an FPGA. Its channel is 0.
     pub started: StartedRemote,
-    /// Whether it answers only what a bootloader does: neither unit number nor discovery. Its program
-    /// is missing or was cut off, or it is older than discovery.
+    /// True if the remote answers only what a bootloader answers, and neither the unit number nor
+    /// discovery: its program is missing or incomplete, or it is older than discovery.
     pub is_bare: bool,
 }
 
 impl<P: Read + Write> SerialHost<P> {
-    /// A host on a port that is open already.
+    /// Creates a host on a port that is already open.
     pub const fn new(port: P) -> Self {
         Self {
             port,
@@ -91,17 +92,18 @@ impl<P: Read + Write> SerialHost<P> {
         }
     }
 
-    /// The port.
+    /// Returns the port.
     pub fn into_inner(self) -> P {
         self.port
     }
 
-    /// Finds out who answers: what START does through an FPGA (FACTS 4.1).
+    /// Identifies the remote, as START does through an FPGA (FACTS 4.1).
     ///
     /// # Errors
-    /// [`SerialError`]. After at most some seconds.
+    /// [`SerialError`], after at most some seconds.
     pub fn identify(&mut self) -> Result<SerialRemote, SerialError> {
-        // A host that ended in the middle of a request, or of an access to another memory.
+        // An earlier host may have ended in the middle of a request, or of an access to another
+        // memory.
         self.become_quiet()?;
         let found = self.exchange(RemoteAccess::ReadLocal(LocalLocation::COOKIE))? as u8;
         if found != COOKIE {
@@ -140,8 +142,8 @@ impl<P: Read + Write> SerialHost<P> {
         })
     }
 
-    /// Walks the tables of the remote that [`identify`](Self::identify) has found: its process data,
-    /// parameters and modes. What is wrong with them is in the result.
+    /// Reads the tables of the remote that [`identify`](Self::identify) returned: its process data,
+    /// parameters and modes. Problems in the tables are part of the result.
     pub fn discover(
         &mut self,
         remote: &SerialRemote,
@@ -160,7 +162,7 @@ impl<P: Read + Write> SerialHost<P> {
         }
     }
 
-    /// Sends a request until there is a good reply.
+    /// Sends a request until a valid reply arrives, at most `ATTEMPTS` times.
     fn ask(&mut self, asked: Asked, request: &Request) -> Result<Vec<u8>, SerialError> {
         let mut wrong = None;
         for _ in 0..ATTEMPTS {
@@ -185,7 +187,8 @@ impl<P: Read + Write> SerialHost<P> {
         })
     }
 
-    /// So many characters, or fewer if no more come, or what comes with them.
+    /// Reads `len` characters; fewer if no more arrive in time, more if more arrive together with
+    /// them.
     fn reply(&mut self, len: usize) -> Result<Vec<u8>, SerialError> {
         let until = Instant::now() + self.reply;
         let mut reply = Vec::new();
@@ -197,7 +200,7 @@ impl<P: Read + Write> SerialHost<P> {
         Ok(reply)
     }
 
-    /// Drops what comes in until nothing has come for a while.
+    /// Discards input until the line has been quiet for the required time.
     fn become_quiet(&mut self) -> Result<(), SerialError> {
         let until = Instant::now() + QUIET_WITHIN;
         let mut since = Instant::now();
@@ -212,7 +215,7 @@ impl<P: Read + Write> SerialHost<P> {
         Ok(())
     }
 
-    /// What has come in; 0 after the port's own timeout.
+    /// Reads the characters that have arrived; 0 after the port's own timeout.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
         let asked = Instant::now();
         let count = match self.port.read(buffer) {

@@ -1,4 +1,4 @@
-//! The one remote on a serial port, as a cabinet.
+//! The remote on a serial port, as a cabinet.
 
 use std::io::{Read, Write};
 
@@ -7,32 +7,31 @@ use mesa_hal::discovery::{DataRecord, Discovered, DiscoveryOptions, RemoteDescri
 use mesa_hal::hal::AnyValue;
 use mesa_hal::remote::ParameterError;
 
-/// The remote on a serial port, with what it tells of itself.
+/// The remote on a serial port, with its description.
 #[derive(Debug)]
 pub struct SerialCabinet<P> {
     host: SerialHost<P>,
-    /// Who answers.
+    /// Identity of the remote.
     pub remote: SerialRemote,
-    /// What it has.
+    /// Result of the discovery.
     pub found: Discovered,
 }
 
-/// Why a parameter of the remote on a serial port was not read or written.
+/// Error of an access to a parameter of the remote on a serial port.
 #[derive(Debug, thiserror::Error)]
 #[error("parameter {name}: {source}")]
 pub struct SerialCabinetError {
-    /// The parameter.
+    /// Name of the parameter.
     pub name: Box<str>,
-    /// Why.
+    /// The cause.
     pub source: ParameterError<SerialError>,
 }
 
 impl<P: Read + Write> SerialCabinet<P> {
-    /// Finds out who is on the serial port, and what parameters it has.
+    /// Identifies the remote on the serial port, and discovers its parameters.
     ///
     /// # Errors
-    /// [`SerialError`]: nobody answers as a remote does. What is wrong with its tables is in
-    /// [`found`](Self::found).
+    /// [`SerialError`]: no remote answers. Problems in its tables are in [`found`](Self::found).
     pub fn open(mut host: SerialHost<P>) -> Result<Self, SerialError> {
         let remote = host.identify()?;
         let found = host.discover(&remote, &DiscoveryOptions::default());

@@ -1,11 +1,11 @@
-//! What goes wrong on a serial port of the host, and what to do then.
+//! Errors of LBP over a serial port of the host, with advice.
 
 use core::fmt;
 use std::io;
 
 use mesa_hal::lbp::{LbpError, RemoteAccess};
 
-/// Why something was not done over a serial port.
+/// Error of an operation over a serial port.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SerialError {
@@ -15,7 +15,7 @@ pub enum SerialError {
          has it open"
     )]
     Port(#[from] io::Error),
-    /// Not a single character came.
+    /// No character arrived.
     #[error(
         "{asked}: no answer, asked {attempts} times; check in this order: the card has power; it is in \
          setup mode (7I77: W12 for field I/O, W4 for analog, to the right; 7I72: W6 down), and was \
@@ -23,34 +23,34 @@ pub enum SerialError {
          TX are not swapped, and the adapter is RS-422"
     )]
     NoReply {
-        /// What was asked.
+        /// The request.
         asked: Asked,
-        /// How often.
+        /// Number of attempts.
         attempts: u8,
     },
-    /// Something came, and not what a remote answers.
+    /// Characters arrived, but no valid reply.
     #[error(
         "{asked}: what answers is damaged, asked {attempts} times ({source}); the baud rate is another \
          one than the card's (115200 in setup mode, whatever NVBaudRate says), or the cable is bad"
     )]
     Damaged {
-        /// What was asked.
+        /// The request.
         asked: Asked,
-        /// How often.
+        /// Number of attempts.
         attempts: u8,
-        /// What is wrong with the last reply.
+        /// Defect of the last reply.
         source: LbpError,
     },
-    /// It answers, and is no LBP remote.
+    /// The device answers, but is not an LBP remote.
     #[error(
         "what answers is no remote: its cookie is {found:02X}, expected 5A; check what is connected to \
          this port"
     )]
     NotARemote {
-        /// Its cookie.
+        /// Cookie of the device.
         found: u8,
     },
-    /// Somebody talks without being asked.
+    /// Characters arrive without a request.
     #[error(
         "characters come in without end on this serial port; check the baud rate, and that a single \
          card, and nothing else, is connected to it"
@@ -62,22 +62,22 @@ pub enum SerialError {
          before anything else is written to it"
     )]
     StillSelected(Box<SerialError>),
-    /// Non-volatile memory does not keep a value.
+    /// Non-volatile memory does not retain a value.
     #[error(
         "{access}: non-volatile memory reads {read:#04X} after {written:#04X} was written; it may be \
          write-protected (see the card's jumpers) or worn out"
     )]
     NotKept {
-        /// The access.
+        /// The access that wrote it.
         access: RemoteAccess,
-        /// What was written.
+        /// Value written.
         written: u64,
-        /// What was read last.
+        /// Value of the last read.
         read: u64,
     },
 }
 
-/// What was asked of a remote.
+/// Request to a remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     /// An access to its memory, or to a local location.

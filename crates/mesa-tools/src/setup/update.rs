@@ -1,13 +1,13 @@
-//! Updating the firmware of a remote, as Mesa's UFLBP and LinuxCNC's `setsserial` do.
+//! Firmware update of a remote, as by Mesa's UFLBP and LinuxCNC's `setsserial`.
 //!
 //! The card is in setup mode, at 115200 baud, on a serial port or on a channel of the FPGA. Its
-//! bootloader has a block of the flash memory for itself, the first, and answers whether or not there
-//! is a program behind it, so that an update that was cut off is found and finished.
+//! bootloader occupies the first block of the flash memory, and answers with or without a program
+//! behind it, so that an interrupted update is detected and completed.
 //!
-//! The order of the steps: [`Plan::make`] reads the sizes and compares what is there, which changes
-//! nothing; [`Plan::carry_out`] erases, writes and verifies block by block what differs.
+//! Order of the steps: [`Plan::make`] reads the sizes and compares the contents, which changes
+//! nothing; [`Plan::carry_out`] erases, writes and verifies the differing blocks one by one.
 //!
-//! FACTS 1.6, and what is not confirmed on hardware about it.
+//! FACTS 1.6, including the points that are not confirmed on hardware.
 
 use core::error::Error;
 
@@ -17,38 +17,38 @@ use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
 };
 
-/// Sizes that flash memories of microcontrollers have, as powers of two.
+/// Plausible sizes for the flash memory of a microcontroller, as powers of two.
 const LOG2_WRITE: core::ops::RangeInclusive<u8> = 3..=14;
 const LOG2_ERASE: core::ops::RangeInclusive<u8> = 6..=20;
 
-/// So many pages of a block are looked at to see whether reads show the flash memory.
+/// Number of pages in a block that are read to detect whether reads show the flash memory.
 const SAMPLES: u32 = 16;
 
-/// How often a block is erased and written before it is given up.
+/// Number of attempts to erase and write a block.
 const ATTEMPTS: u8 = 2;
 
 /// Bytes of one access.
 const STEP: usize = 8;
 
-/// Why a remote was not updated.
+/// Error of a firmware update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UpdateError<E: Error + 'static> {
     /// An access failed.
     #[error("{0}; once the cause is removed, the same command finishes the update")]
     Link(#[from] E),
-    /// The remote has no flash memory that is reached like this.
+    /// The remote has no flash memory that is accessible in this way.
     #[error(
         "the remote says that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
          memory does; its firmware can not be updated over LBP"
     )]
     Sizes {
-        /// Base-2 logarithm of what an erase erases.
+        /// Base-2 logarithm of the bytes that an erase erases.
         erase: u8,
-        /// Base-2 logarithm of what a write writes.
+        /// Base-2 logarithm of the bytes that a write writes.
         write: u8,
     },
-    /// There is nothing to write.
+    /// The file contains nothing to write.
     #[error(
         "the file has {file} bytes, and the first {erase} of the flash memory are the bootloader's, \
          which is not written: it is no firmware for this card"
@@ -59,106 +59,108 @@ pub enum UpdateError<E: Error + 'static> {
         /// Size of a block.
         erase: u32,
     },
-    /// What is in the flash memory can not be seen.
+    /// The contents of the flash memory are not visible.
     #[error(
         "this remote does not show what is in its flash memory, so that an update can not be verified; \
          `--no-verify` writes without, as LinuxCNC's setsserial does"
     )]
     NotReadable,
-    /// The remote did not say its cookie after an erase or a write.
+    /// The remote did not return its cookie after an erase or a write.
     #[error(
         "offset {offset:#X}: the remote answers {found:02X} after an erase or a write, expected 5A; \
          power it off and on, and give the same command again"
     )]
     OutOfStep {
-        /// Where in the flash memory.
+        /// Offset in the flash memory.
         offset: u32,
-        /// What it said.
+        /// Value in place of the cookie.
         found: u8,
     },
-    /// The flash memory does not hold what was written.
+    /// The flash memory does not retain the written data.
     #[error(
         "offset {offset:#X} of the flash memory reads {read:#018X} after {written:#018X} was written, \
          {ATTEMPTS} times; give the same command again, and if that does not help, the memory is worn \
          out or this offset is protected"
     )]
     NotKept {
-        /// Where.
+        /// Offset in the flash memory.
         offset: u32,
-        /// What was written, eight bytes, least significant first.
+        /// Eight bytes that were written, least significant first.
         written: u64,
-        /// What is there.
+        /// Eight bytes that were read.
         read: u64,
     },
-    /// It was asked to stop.
+    /// The progress callback stopped the update.
     #[error(
         "stopped with {left} of {blocks} blocks to be written: the card has no complete program, and \
          waits in its bootloader for the same command again"
     )]
     Stopped {
-        /// Blocks that are not written.
+        /// Blocks not yet written.
         left: usize,
         /// Blocks of the file.
         blocks: usize,
     },
 }
 
-/// What is to be written, and what is there already.
+/// Blocks to write, and the present contents of the flash memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Bytes that one erase erases: a block.
+    /// Bytes of a block, the unit of an erase.
     pub erase_size: u32,
-    /// Bytes that one write writes: a page.
+    /// Bytes of a page, the unit of a write.
     pub write_size: u32,
-    /// Whether the remote shows its flash memory. If not, everything counts as different.
+    /// True if reads show the flash memory. If false, every block counts as different.
     pub is_readable: bool,
-    /// The blocks that the file has something for, but for the bootloader's, by offset.
+    /// Blocks for which the file contains data, by offset, without the bootloader's.
     pub blocks: Vec<Block>,
-    /// Whether the file begins with the bootloader that the card has; `None` if the card does not show
-    /// its flash memory. A file for another card does not, but that those of Mesa do is not confirmed.
+    /// True if the file begins with the card's bootloader; `None` if reads do not show the flash
+    /// memory. A file for another card does not begin with it. Mesa's own files are not confirmed
+    /// to do so.
     pub has_bootloader: Option<bool>,
-    /// Where, behind the end of the file, the card has something still: the file may be cut off, or an
-    /// older and shorter version. Of each page the first bytes are looked at, up to the end of the
-    /// block after the file's last.
+    /// Offset at which the card has data behind the end of the file: the file may be truncated, or
+    /// an older and shorter version. Only the first bytes of each page are read, up to the end of
+    /// the block after the file's last.
     pub behind_end: Option<u32>,
 }
 
 /// A block of the flash memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Where it begins.
+    /// Offset of the block.
     pub offset: u32,
-    /// Whether it holds what the file has for it.
+    /// True if the block contains the file's data.
     pub is_same: bool,
 }
 
-/// How far an update is.
+/// Progress of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// What is being done.
+    /// Current step.
     pub step: Step,
-    /// Bytes of this step that are done, over all blocks.
+    /// Bytes done in this step, over all blocks.
     pub done: u64,
-    /// Bytes of this step.
+    /// Total bytes of this step.
     pub total: u64,
 }
 
 /// A step of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// What is there is read.
+    /// Reads and compares the contents.
     Compare,
-    /// Blocks are erased and written.
+    /// Erases and writes blocks.
     Write,
-    /// What was written is read back.
+    /// Reads back the written data.
     Verify,
 }
 
-/// Asked again and again how far it is; `false` stops it.
+/// Progress callback, called repeatedly; returning `false` stops the update.
 pub type OnProgress<'a> = &'a mut dyn FnMut(Progress) -> bool;
 
 impl Plan {
-    /// Reads the sizes of the flash memory, and compares what is there with the file. Changes nothing.
+    /// Reads the sizes of the flash memory and compares its contents with the file. Changes
+    /// nothing.
     ///
     /// # Errors
     /// [`UpdateError`].
@@ -198,7 +200,8 @@ impl Plan {
         plan.is_readable = plan.shows_flash(link)?;
         let offsets = (1..).map(|block| block * erase);
         for offset in offsets.take_while(|&offset| (offset as usize) < file) {
-            // What setsserial leaves alone, and what no erased or written memory holds.
+            // All-zero blocks are skipped, as by setsserial; erased or written memory does not
+            // contain them.
             if firmware.block(offset, erase).any(|byte| byte != 0) {
                 let is_same = false;
                 plan.blocks.push(Block { offset, is_same });
@@ -245,21 +248,21 @@ impl Plan {
         Ok(())
     }
 
-    /// The blocks that are to be written.
+    /// Offsets of the blocks to write.
     pub fn different(&self) -> impl Iterator<Item = u32> {
         let blocks = self.blocks.iter().filter(|block| !block.is_same);
         blocks.map(|block| block.offset)
     }
 
-    /// Bytes that are to be written.
+    /// Number of bytes to write.
     pub fn bytes(&self) -> u64 {
         self.different().count() as u64 * u64::from(self.erase_size)
     }
 
-    /// Erases, writes and, if `is_verified`, reads back what differs.
+    /// Erases and writes the differing blocks and, if `is_verified`, reads them back.
     ///
     /// # Errors
-    /// [`UpdateError`]: the card has no complete program then, and the update can be made again.
+    /// [`UpdateError`]: the card then has no complete program, and the update can be repeated.
     pub fn carry_out<L: RemoteLink>(
         &self,
         link: &mut L,
@@ -297,7 +300,7 @@ impl Plan {
     ) -> Result<(), UpdateError<L::Error>> {
         let mut wrong = None;
         for _ in 0..ATTEMPTS {
-            // As setsserial: the memory is selected anew for each of the two.
+            // As in setsserial, the memory is selected anew for the erasure and for the write.
             in_flash(link, |link| commit(link, offset, flash::COMMIT_ERASE))?;
             in_flash(link, |link| self.write(link, firmware, offset, on_page))?;
             if !is_verified {
@@ -344,7 +347,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The first difference between a block and the file.
+    /// Returns the first difference between a block and the file.
     fn difference<L: RemoteLink>(
         &self,
         link: &mut L,
@@ -373,8 +376,8 @@ impl Plan {
         (0..self.erase_size).step_by(self.write_size as usize)
     }
 
-    /// Whether reads show the flash memory: then they differ from page to page. The bootloader's block
-    /// is looked at first, which is never empty.
+    /// True if reads show the flash memory: the data then differ between pages. The bootloader's
+    /// block, which is never empty, is read first.
     fn shows_flash<L: RemoteLink>(&self, link: &mut L) -> Result<bool, L::Error> {
         let mut first = None;
         for block in [0, self.erase_size] {
@@ -390,11 +393,11 @@ impl Plan {
     }
 }
 
-/// What erased memory reads.
+/// Contents of erased memory.
 const ERASED: u64 = u64::MAX;
 
 impl Plan {
-    /// Where the card has something behind the end of a file of so many bytes.
+    /// Offset of the first data behind the end of a file of `file` bytes.
     fn behind_end<L: RemoteLink>(&self, link: &mut L, file: u32) -> Result<Option<u32>, L::Error> {
         let begin = file.next_multiple_of(self.write_size);
         let end = file.next_multiple_of(self.erase_size) + self.erase_size;
@@ -403,7 +406,7 @@ impl Plan {
         for offset in (begin..end).step_by(self.write_size as usize) {
             set_offset(link, offset)?;
             let read = read_double(link, 0)?;
-            // Behind its end the memory may begin anew.
+            // Behind its end the memory may wrap around to its beginning.
             if offset % self.erase_size == 0 && read == first {
                 break;
             }
@@ -415,7 +418,7 @@ impl Plan {
     }
 }
 
-/// Eight bytes that are not those of the file.
+/// Eight bytes that differ from those of the file.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mismatch {
     offset: u32,
@@ -423,18 +426,18 @@ struct Mismatch {
     read: u64,
 }
 
-/// Told before each page; fails if it shall stop.
+/// Callback before each page; fails to stop the update.
 type OnPage<'a, E> = dyn FnMut(Step, u32) -> Result<(), UpdateError<E>> + 'a;
 
 impl Firmware {
-    /// The bytes of a block, with those of erased memory behind the end of the file.
+    /// The bytes of a block, as far as the file contains them.
     fn block(&self, offset: u32, size: u32) -> impl Iterator<Item = u8> {
         let bytes = self.bytes().iter().copied().skip(offset as usize);
         bytes.take(size as usize)
     }
 
-    /// The accesses that a page takes: address in the page, and eight bytes. Behind the end of the file
-    /// is what erased memory holds.
+    /// The accesses for a page: address in the page, and eight bytes. Behind the end of the file
+    /// the bytes are those of erased memory.
     fn doubles(&self, offset: u32, size: u32) -> impl Iterator<Item = (u16, u64)> {
         (0..size).step_by(STEP).map(move |at| {
             let mut eight = [0xFF; STEP];
@@ -447,7 +450,7 @@ impl Firmware {
     }
 }
 
-/// Does something while accesses reach the flash memory, and ends that whatever happens.
+/// Runs `work` while accesses reach the flash memory, and deselects the memory after a failure too.
 fn in_flash<L: RemoteLink, T>(
     link: &mut L,
     work: impl FnOnce(&mut L) -> Result<T, UpdateError<L::Error>>,

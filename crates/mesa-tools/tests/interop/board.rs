@@ -1,4 +1,4 @@
-//! A simulated board as a program of its own, for as long as a test needs it.
+//! A simulated board as a separate process, for the duration of a test.
 
 use std::{
     net::{Ipv4Addr, SocketAddrV4},
@@ -16,13 +16,13 @@ pub struct Board {
     process: Process,
     pub console: Console,
     pub address: SocketAddrV4,
-    /// What it keeps its state in.
+    /// State file of the board.
     state: Option<Scratch>,
 }
 
 impl Board {
-    /// Starts it at an address that no other test uses, and waits until it listens. Arguments that
-    /// come later win: `--port 0` is a free port.
+    /// Starts a board at an address that no other test uses, and waits until it listens. Later
+    /// arguments take precedence: `--port 0` selects a free port.
     pub fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
         let mut child = Command::new(mesa())
             .args(["sim", "--listen", &address.to_string()])
@@ -45,7 +45,7 @@ impl Board {
         }
     }
 
-    /// One that keeps its state in a file, for as long as it is there.
+    /// Starts a board that keeps its state in a file, which is removed with the board.
     pub fn start_from(state: Scratch, address: Ipv4Addr, arguments: &[&str]) -> Self {
         let keep = [arguments, &["--state", state.path()]].concat();
         let mut board = Self::start(address, &keep);
@@ -53,14 +53,14 @@ impl Board {
         board
     }
 
-    /// Packets that it has received.
+    /// Number of packets that the board has received.
     pub fn received(&mut self) -> u64 {
         let network = self.console.show("network");
         let packets = network["network.received.packets"].parse();
         packets.expect("it is a count")
     }
 
-    /// Waits until it has received so many more packets: somebody is at work with it.
+    /// Waits until the board has received `more` packets, as a sign that a client works with it.
     pub fn wait_for_packets(&mut self, more: u64) {
         let before = self.received();
         wait_until(format_args!("{more} packets more"), || {
@@ -68,7 +68,7 @@ impl Board {
         });
     }
 
-    /// As a power cut does.
+    /// Ends the board as a power cut does.
     pub fn kill(&mut self) {
         self.process.child().kill().expect("it runs");
         self.wait();
@@ -78,7 +78,7 @@ impl Board {
         self.process.child().wait().expect("it is a child")
     }
 
-    /// Ends it by a signal, and returns its summary.
+    /// Ends the board by a signal, and returns its summary.
     pub fn stop(mut self, signal: &str) -> Values {
         self.process.signal(signal);
         let status = self.wait();

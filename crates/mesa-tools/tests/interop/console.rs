@@ -18,7 +18,7 @@ pub struct Console {
 }
 
 impl Console {
-    /// A console on what goes to the board and what comes from it.
+    /// Creates a console from the board's input and output.
     pub fn new(input: impl Write + Send + 'static, output: impl Read + Send + 'static) -> Self {
         let (sender, lines) = channel();
         std::thread::spawn(move || {
@@ -50,14 +50,14 @@ impl Console {
         }
     }
 
-    /// Gives a command and returns the lines of the answer, or the reason it was refused for.
+    /// Executes a command and returns the lines of the answer, or the reason for a refusal.
     pub fn command(&mut self, command: &str) -> Result<Vec<String>, String> {
         self.raw(command.as_bytes());
         self.raw(b"\n");
         self.answer()
     }
 
-    /// Sends any bytes.
+    /// Sends arbitrary bytes.
     pub fn raw(&mut self, bytes: &[u8]) {
         let sent = self
             .input
@@ -81,14 +81,14 @@ impl Console {
         }
     }
 
-    /// Gives a command that must be accepted.
+    /// Executes a command that must be accepted.
     pub fn run(&mut self, command: &str) {
         if let Err(reason) = self.command(command) {
             panic!("`{command}`: {reason}");
         }
     }
 
-    /// What `show` prints about `what`.
+    /// Returns the values that `show` prints for `what`.
     pub fn show(&mut self, what: &str) -> Values {
         let lines = self.command(&format!("show {what}")).expect("show works");
         values(lines)

@@ -1,4 +1,4 @@
-//! mesaflash, and the files that it takes.
+//! mesaflash and its files.
 
 use std::net::Ipv4Addr;
 use std::process::Command;
@@ -13,7 +13,7 @@ pub fn free_address() -> Ipv4Addr {
     Ipv4Addr::new(127, 1 + (high & 0x7F), low, last)
 }
 
-/// mesaflash, for a board.
+/// mesaflash for one board.
 #[derive(Clone, Copy, Debug)]
 pub struct Mesaflash {
     pub device: &'static str,
@@ -21,7 +21,7 @@ pub struct Mesaflash {
 }
 
 impl Mesaflash {
-    /// Its exit status, and what it printed.
+    /// Runs mesaflash; returns its success and its output.
     pub fn attempt(self, arguments: &[&str]) -> (bool, String) {
         let address = self.address.to_string();
         let output = Command::new("mesaflash")
@@ -33,8 +33,8 @@ impl Mesaflash {
         (output.status.success(), text)
     }
 
-    /// What it printed; it must succeed. Its first question is given up after 2 ms, so that on a busy
-    /// machine it may need another try.
+    /// Runs mesaflash, which must succeed; returns its output. mesaflash waits only 2 ms for the
+    /// first reply, so that it may need another try on a busy machine.
     pub fn run(self, arguments: &[&str]) -> String {
         let mut last = String::new();
         for _ in 0..20 {
@@ -49,7 +49,7 @@ impl Mesaflash {
     }
 }
 
-/// Made-up data with the synchronisation word that a configuration has.
+/// Invented data with the synchronisation word of a configuration.
 pub fn configuration(len: u32) -> Vec<u8> {
     let mut data: Vec<u8> = (0..len)
         .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)

@@ -1,6 +1,5 @@
-//! What the interop tests share: the simulated board as a program, commands and answers.
-//!
-//! The simulated board is `mesa sim`.
+//! Shared parts of the interop tests: the simulated board (`mesa sim`) as a process, commands and
+//! answers.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -20,10 +19,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How long anything may take on a slow and busy machine.
+/// Time limit of any step, for a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(90);
 
-/// Waits until something is so.
+/// Waits until a condition is met.
 pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is_so() {
@@ -32,20 +31,20 @@ pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// The program `mesa`, as it was built with this test.
+/// The program `mesa` that was built with this test.
 pub fn mesa() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_mesa"))
 }
 
-/// An example of any package in the profile of this test, as `cargo test --all-features` has built it;
-/// built if it is not there or is old.
+/// An example of any package in the profile of this test, as `cargo test --all-features` builds it;
+/// built if missing or old.
 pub fn example(name: &str) -> PathBuf {
     let (target, profile) = (target(), profile());
     build(&["--all-features", "--example", name], profile, &target);
     target.join(profile).join("examples").join(name)
 }
 
-/// Where this test was built.
+/// Target directory of this test.
 fn target() -> PathBuf {
     let test = std::env::current_exe().expect("a test knows where it is");
     // target/PROFILE/deps/test-hash
@@ -86,14 +85,14 @@ impl Process {
         self.0.as_mut().expect("it runs")
     }
 
-    /// Sends it a signal, as soon as it catches it: before, it would just die. One that has ended
-    /// already gets none.
+    /// Sends a signal to the process once it catches it, because it would just die before. A
+    /// process that has ended gets none.
     pub fn signal(&mut self, name: &str) {
         let signal = match name {
             "HUP" => Some(1),
             "INT" => Some(2),
             "TERM" => Some(15),
-            // Nobody catches it.
+            // SIGKILL cannot be caught.
             "KILL" => None,
             _ => panic!("no program here catches SIG{name}"),
         };
@@ -124,12 +123,12 @@ impl Process {
         matches!(caught, Some(Ok(mask)) if mask & (1 << (signal - 1)) != 0)
     }
 
-    /// Closes the end that it prints to.
+    /// Closes the reading end of the process's standard output.
     pub fn stop_reading(&mut self) {
         drop(self.child().stdout.take());
     }
 
-    /// Waits for its end: how it ended, and what it printed until then.
+    /// Waits for the end of the process; returns its exit status and its remaining output.
     pub fn output(mut self) -> Output {
         let child = self.0.take().expect("it runs");
         child.wait_with_output().expect("it is a child")
@@ -145,7 +144,7 @@ impl Drop for Process {
     }
 }
 
-/// A file that is not there at first, and is removed at the end.
+/// A file that does not exist at first, and is removed at the end.
 pub struct Scratch(pub PathBuf);
 
 impl Scratch {

@@ -1,8 +1,9 @@
-//! Other people's tools, and what happens where they are missing.
+//! External tools, and the treatment of missing ones.
 
 use std::path::PathBuf;
 
-/// Says that a test is skipped, and why. In CI nothing may be missing: there it fails.
+/// Prints that a test is skipped, and the reason. In CI nothing may be missing: there the test
+/// fails.
 pub fn skip(what: &str) {
     let why =
         format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace tmux");
@@ -13,7 +14,7 @@ pub fn skip(what: &str) {
     println!("SKIPPED: {why}");
 }
 
-/// Whether a program can be found.
+/// True if a program is installed.
 pub fn has_program(name: &str) -> bool {
     let paths = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&paths)

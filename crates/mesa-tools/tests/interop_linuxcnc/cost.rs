@@ -1,10 +1,10 @@
-//! What a cycle costs LinuxCNC and `mesa-hal` on the same kind of board, at the same time.
+//! CPU time of a cycle for LinuxCNC and for `mesa-hal`, on the same kind of board at the same time.
 
 use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
 
 use crate::interop::{board::Board, mesa};
 
-/// What LinuxCNC's realtime process has had of the CPUs so far.
+/// CPU time used so far by LinuxCNC's realtime process.
 fn linuxcnc_cpu() -> Duration {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let is_realtime = |directory: &fs::DirEntry| {
@@ -20,26 +20,26 @@ fn linuxcnc_cpu() -> Duration {
         .sum()
 }
 
-/// The paces that are compared, and where their boards listen.
+/// The compared paces, and the last part of their boards' addresses.
 const PACES: [(&str, u8); 2] = [("board", 2), ("host", 3)];
-/// Each is run so often: loops of the same rate meet in another phase each time.
+/// Number of runs for each pace: loops of the same rate meet in another phase each time.
 const ROUNDS: usize = 5;
-/// How long each takes, without its start.
+/// Duration of each run, without its start.
 const SECONDS: &str = "0.4";
 
-/// What a cycle costs at one pace, and what one of LinuxCNC's costs while it runs.
+/// CPU time of a cycle at one pace, and of one of LinuxCNC's at the same time.
 #[derive(Debug, Default)]
 pub struct Beside {
-    /// Microseconds of CPU: ours and LinuxCNC's, in each round.
+    /// Microseconds of CPU, of `mesa-hal` and of LinuxCNC, in each round.
     pairs: Vec<[f64; 2]>,
     packets: String,
     bytes: String,
 }
 
-/// Runs `mesa latency` on boards of its own, while LinuxCNC is in its cycle, alternately at
-/// the board's pace and at the host's. Built for speed, as LinuxCNC is, if these tests are.
+/// Runs `mesa latency` on boards of its own while LinuxCNC is in its cycle, alternately at the
+/// board's pace and at the host's. With optimised tests it is optimised as LinuxCNC is.
 ///
-/// `cycles` says how many cycles LinuxCNC's board has seen so far.
+/// `cycles` returns the number of cycles that LinuxCNC's board has seen so far.
 pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACES.len()] {
     let program = mesa();
     let mut all = [const { Vec::new() }; PACES.len()].map(|pairs| Beside {
@@ -89,7 +89,7 @@ fn run(board: &str, host: u8, pace: &str, program: &Path) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// Prints the medians, and of each pair the ratio.
+/// Prints the medians, and the ratio of each pair.
 pub fn print(beside: &[Beside]) {
     println!("CPU of a cycle beside one of LinuxCNC's at the same time, medians of {ROUNDS}:");
     for ((pace, _), beside) in PACES.into_iter().zip(beside) {

@@ -13,8 +13,8 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// Of tables: `pin` or `param`, type, direction, name, and how many there are; `{N}`, `{NN}` and
-    /// `{NNN}` stand for their number with one digit or more.
+    /// Parses tables: `pin` or `param`, type, direction, name and number; `{N}`, `{NN}` and `{NNN}`
+    /// stand for the index with at least one, two or three digits.
     pub fn of(tables: &[&str]) -> Self {
         let mut expected = Self::default();
         for line in tables.iter().flat_map(|table| table.trim().lines()) {
@@ -37,7 +37,7 @@ impl Expected {
         expected
     }
 
-    /// What is not there, or not as expected.
+    /// Pins and parameters that are missing or not as expected.
     pub fn missing(&self, pins: &List, params: &List) -> Vec<String> {
         let missing = |expected: &List, found: &List| -> Vec<String> {
             let differs =

@@ -1,5 +1,5 @@
-//! LinuxCNC is asked for its names with public firmwares of six different boards behind the simulated
-//! one, and `mesa-hal` has the same.
+//! LinuxCNC's names and those of `mesa-hal` agree for public firmwares of six different boards,
+//! which the simulated board runs.
 
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
@@ -9,7 +9,7 @@ use crate::expected::Expected;
 use crate::linuxcnc::{Machine, alone, skipped};
 use crate::names;
 
-/// Image, and what LinuxCNC's names begin with.
+/// Image, and the prefix of LinuxCNC's names.
 const FIRMWARES: [(&str, &str); 6] = [
     ("7I92-7I76x2D_34", "hm2_7i92.0"),
     ("7I97-7I97_7I76D_51", "hm2_7i97.0"),
@@ -25,8 +25,8 @@ pin bit IN 7i72.0.0.output-{NN} 48
 param u32 RW watchdog.timeout_ns
 ";
 
-/// Step generators and packet UARTs are not driven: without them LinuxCNC has their pins as plain I/O
-/// as well.
+/// Step generators and packet UARTs are not driven: without them LinuxCNC has their pins as plain
+/// I/O as well.
 const CONFIG: &str = "num_stepgens=0 num_pktuarts=0 sserial_port_0=0xxxxxxx";
 
 #[test]

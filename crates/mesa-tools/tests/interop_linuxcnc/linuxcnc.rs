@@ -19,17 +19,19 @@ use crate::interop::{
     tools::{has_program, skip},
 };
 
-/// How long a command of LinuxCNC may take.
+/// Time limit of a command of LinuxCNC.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Its init never retries, and one late reply fails it: so often it is tried again (FACTS 10.3).
+/// Number of attempts to load the driver: its initialisation never retries, and a single late reply
+/// makes it fail (FACTS 10.3).
 const LOADS: usize = 12;
 
-/// How long something set on one side may take to arrive at the other on a busy machine.
+/// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
 
-/// One LinuxCNC at a time: the machine has few cores, and each is meant to run at 1 kHz. What this
-/// thread starts from now on goes before other programs, as far as that is allowed.
+/// Ensures that only one LinuxCNC runs at a time: the machine has few cores, and each LinuxCNC
+/// needs its 1 kHz. Programs that this thread starts from now on get a higher priority than others,
+/// as far as permitted.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
@@ -38,7 +40,7 @@ pub fn alone() -> MutexGuard<'static, ()> {
     {
         let mut renice = Command::new("renice");
         renice.args(["-n", "-20", "-p"]).arg(thread);
-        // Without it, a busy machine takes longer.
+        // Without the priority, a busy machine takes longer.
         let _ = renice.stdout(Stdio::null()).stderr(Stdio::null()).status();
     }
     guard
@@ -56,13 +58,13 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Loads LinuxCNC's driver for a board, or tries again. A packet that comes late during
-    /// discovery makes it fail, or go on without a parameter, or without a remote.
+    /// Loads LinuxCNC's driver for a board, with retries. A packet that comes late during discovery
+    /// makes the driver fail, or continue without a parameter or a remote.
     pub fn load(prefix: &'static str, name: &str, board: &str, expected: &Expected) -> Self {
         Self::load_with(prefix, name, board, expected, "loadrt hostmot2")
     }
 
-    /// The same, with this command that loads the part that is the same for all boards.
+    /// Like [`load`](Self::load), with the given command for the part that all boards share.
     pub fn load_with(
         prefix: &'static str,
         name: &str,
@@ -78,7 +80,7 @@ impl Machine {
         )
     }
 
-    /// The same, with this configuration of the board.
+    /// Like [`load_with`](Self::load_with), with the given configuration of the board.
     pub fn load_all(
         prefix: &'static str,
         (name, board): (&str, &str),
@@ -112,8 +114,9 @@ impl Machine {
         panic!("LinuxCNC did not load in {LOADS} attempts: {missing:#?}");
     }
 
-    /// LinuxCNC with what `mesa hal` writes of the board into `directory`, or tries again: with a thread
-    /// alone (`bench`), or all of it (`linuxcnc`). Its remotes get the patience of [`run`](Self::run).
+    /// Loads, with retries, the files that `mesa hal` has written to `directory`: with a thread
+    /// alone (`bench`), or all of it (`linuxcnc`). The remotes get the watchdog times of
+    /// [`run`](Self::run).
     pub fn load_written(
         prefix: &'static str,
         (board, remotes): (&str, &[&str]),
@@ -155,7 +158,7 @@ impl Machine {
             assert!(made.success());
             path
         });
-        // Open for both, so that neither end waits for the other.
+        // Open for both directions, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
         let mut sandbox = Command::new(concat!(
             env!("CARGO_MANIFEST_DIR"),
@@ -197,7 +200,7 @@ impl Machine {
         }
     }
 
-    /// A command of halcmd; names that begin with `.` get the board's prefix.
+    /// Executes a halcmd command; names that begin with `.` get the board's prefix.
     fn try_hal(&mut self, command: &str) -> Result<Vec<String>, Vec<String>> {
         let command = command.replace(" .", &format!(" {}.", self.prefix));
         let commands = self.commands.as_mut().expect("not stopped");
@@ -227,7 +230,7 @@ impl Machine {
         }
     }
 
-    /// All that a command says, whether or not it is done.
+    /// Complete output of a command, whether it succeeds or not.
     pub fn said(&mut self, command: &str) -> String {
         let (Ok(answer) | Err(answer)) = self.try_hal(command);
         answer.join("\n")
@@ -291,7 +294,7 @@ impl Machine {
         }
     }
 
-    /// Waits until the board shows a value.
+    /// Waits until a value of the simulated board fits.
     pub fn expect_board(&mut self, what: &str, name: &str, fits: impl Fn(f64) -> bool) {
         let start = Instant::now();
         loop {
@@ -305,15 +308,15 @@ impl Machine {
         }
     }
 
-    /// Puts read and write into a thread of 1 kHz and starts it.
+    /// Adds read and write to a thread of 1 kHz and starts it.
     ///
-    /// This machine is not a realtime one: late packets and pauses are counted, not forbidden, and
-    /// the watchdogs of board and remotes get more patience, as far as their parameters allow it.
+    /// The test machine is not a realtime one: late packets and pauses are counted, not forbidden,
+    /// and the watchdogs of board and remotes get longer times, as far as their parameters permit.
     pub fn run(&mut self, remotes: &[&str]) {
         self.hal("loadrt threads name1=servo period1=1000000");
         self.set("packet-error-limit", "100000");
         self.set("watchdog.timeout_ns", "1000000000");
-        // Two cycles at once, after a pause, find the transfer still running.
+        // After a pause, two cycles in a row find the transfer still running.
         self.set("sserial.port-0.fault-lim", "1000000");
         for remote in remotes {
             self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
@@ -324,7 +327,7 @@ impl Machine {
         self.power_up(remotes);
     }
 
-    /// The same of remotes whose thread runs already.
+    /// Sets the same watchdog times for remotes whose thread runs already.
     fn be_patient(&mut self, remotes: &[&str]) {
         self.set("sserial.port-0.run", "false");
         for remote in remotes {
@@ -334,8 +337,8 @@ impl Machine {
         self.power_up(remotes);
     }
 
-    /// Parameters are written to the remotes when the port starts, unless a packet is late, and hold when
-    /// a remote powers up again.
+    /// Starts the port until the parameters are in the remotes, because a late packet can prevent
+    /// the write, then power-cycles the remotes, which makes the parameters effective.
     fn power_up(&mut self, remotes: &[&str]) {
         let channels = remotes
             .iter()
@@ -385,7 +388,7 @@ impl Machine {
         panic!("the serial port does not start");
     }
 
-    /// What says why something does not arrive.
+    /// Values that show the reason for a failed expectation.
     fn diagnosis(&mut self) -> String {
         let names = [
             "sserial.port-0.run",
@@ -403,7 +406,7 @@ impl Machine {
         format!("{}; {:?}", all.join(", "), remotes.collect::<Vec<_>>())
     }
 
-    /// Pins or parameters: type and direction by name without the board's prefix.
+    /// Pins or parameters: type and direction by name, without the board's prefix.
     pub fn list(&mut self, what: &str) -> List {
         let lines = self.hal(&format!("show {what}"));
         let prefix = format!("{}.", self.prefix);
@@ -451,7 +454,7 @@ fn both_ends(pipe: &Path) -> File {
     file.expect("the pipe opens")
 }
 
-/// `true` if the test can not run here.
+/// True if the test cannot run here.
 pub fn skipped() -> bool {
     for program in ["halrun", "unshare", "nsenter", "ip", "iptables", "mkfifo"] {
         if !has_program(program) {

@@ -1,9 +1,10 @@
-//! LinuxCNC (Debian package `linuxcnc-uspace`, driver hm2_eth) takes the simulated board for a real
-//! one, at 1 kHz.
+//! LinuxCNC (Debian package `linuxcnc-uspace`, driver hm2_eth) works with the simulated board as
+//! with a real one, at 1 kHz.
 //!
-//! Needs root, for a private network: the driver wants a board with a MAC address of its own. See
-//! `examples/linuxcnc.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
-//! type, direction and name of each pin; `NAME.params`), to compare other lists with.
+//! Needs root, for a private network: the driver requires a board with a MAC address of its own.
+//! See `examples/linuxcnc.sh`. The names that LinuxCNC created are kept under `target/interop/`
+//! (`NAME.pins`: type, direction and name of each pin; `NAME.params`), for comparison with other
+//! lists.
 
 mod cost;
 mod expected;
@@ -24,7 +25,7 @@ use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
-/// For so long at least the rate of the cycle is watched.
+/// Minimum duration over which the rate of the cycle is measured.
 const LEAST: Duration = Duration::from_secs(10);
 
 /// Pins and parameters of a 7I77 on channels 0 and 1. FACTS 8.6.
@@ -129,7 +130,7 @@ fn check_7i77(machine: &mut Machine) {
     }
 }
 
-/// Turns a motor by hand and stops it: LinuxCNC must count what the encoder made.
+/// Turns a motor by hand and stops it: LinuxCNC must count the encoder's counts.
 fn check_encoders(machine: &mut Machine) {
     for axis in 0..6 {
         machine.set(&format!("encoder.{axis:02}.scale"), "1000");
@@ -173,8 +174,8 @@ fn check_run_and_stop(machine: &mut Machine) {
     });
 }
 
-/// Pulls a remote: LinuxCNC counts faults, in every cycle, and stops the port at the limit. Puts it
-/// back and starts again.
+/// Pulls a remote: LinuxCNC counts a fault in every cycle, and stops the port at the limit. Plugs
+/// the remote in and starts the port again.
 fn check_unplugging(machine: &mut Machine, channel: usize) {
     machine.set("sserial.port-0.fault-lim", "5000");
     let before = machine.number("sserial.port-0.fault-count");
@@ -199,24 +200,24 @@ fn check_unplugging(machine: &mut Machine, channel: usize) {
     );
 }
 
-/// There was a cycle each millisecond of `time`, by the board's counters, and no error.
+/// Asserts one cycle in each millisecond of `time`, by the board's counters, and no error.
 fn assert_cycled(before: &Values, after: &Values, time: Duration) {
     let rate = cycles(before, after) / time.as_secs_f64();
     println!("{rate:.0} cycles a second");
-    // Not realtime: cycles whose reply was late are left out by LinuxCNC.
+    // Not realtime: LinuxCNC leaves out the cycle after a late reply.
     assert!((800.0..1100.0).contains(&rate), "{rate} cycles a second");
     for error in ["parse", "memory", "write"] {
         assert_eq!(after[&format!("board.errors.{error}")], "0");
     }
 }
 
-/// How many cycles there were: two packets each.
+/// Number of cycles, with two packets each.
 fn cycles(before: &Values, after: &Values) -> f64 {
     let packets = |values: &Values| -> f64 { values["network.received.packets"].parse().unwrap() };
     (packets(after) - packets(before)) / 2.0
 }
 
-/// Our driver, built for the same machine, has the same pins and parameters.
+/// `mesa-hal`'s driver for the same machine has the same pins and parameters.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
     let driver = Driver::start(ours, Settings::default()).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
@@ -257,12 +258,12 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     print_costs(&mut machine, &board);
     println!("packet errors: {}", machine.get("packet-error-total"));
     let summary = machine.stop();
-    // LinuxCNC lets the watchdog bite when it goes.
+    // LinuxCNC lets the watchdog bite at its end.
     assert_eq!(summary["remote.0.output-03"], "0");
     assert_eq!(summary["board.output-02"], "0");
 }
 
-/// Prints what a cycle costs LinuxCNC, and `mesa-hal` beside it.
+/// Prints the cost of a cycle for LinuxCNC, and for `mesa-hal` beside it.
 fn print_costs(machine: &mut Machine, board: &str) {
     let start = machine.board.show("network");
     let beside = cost::run_beside(board, || cycles(&start, &machine.board.show("network")));
@@ -309,7 +310,7 @@ fn check_isolated_io(machine: &mut Machine) {
     }
     machine.expect("inmux.00.enc1-count", "8");
     machine.set("led.CR02", "true");
-    // As boards come, these LEDs count packets.
+    // In the factory setting these LEDs count packets.
     machine.board.run("leds fpga");
     machine.expect_board("board", "board.led-1", |lit| lit == 1.0);
     machine.board.run("pin 50 low");
@@ -323,7 +324,7 @@ fn check_isolated_io(machine: &mut Machine) {
     machine.expect_board("board", "board.pin-049", |level| level == 1.0);
 }
 
-/// PWM in offset mode is volts on the 7I97's analog outputs, which turn motors.
+/// PWM in offset mode controls the voltage of the 7I97's analog outputs, which turn motors.
 fn check_analog_outputs(machine: &mut Machine) {
     for (n, volts) in ["2.5", "-2.5", "1", "-1", "9", "-9"]
         .into_iter()
@@ -369,7 +370,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     let (start, before) = (Instant::now(), machine.board.show("network"));
     check_encoders(&mut machine);
     check_7i77(&mut machine);
-    // Channel 0 of the analog outputs stands at 5 V: 50 units a second.
+    // Analog output 0 is at 5 V: 50 units a second.
     machine.expect_board("motors", "motor.0.velocity", |v| (v - 50.0).abs() < 0.5);
     let velocity = machine.number("encoder.00.velocity");
     assert!((velocity - 50.0).abs() < 2.0, "{velocity}");
@@ -382,7 +383,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     machine.stop();
 }
 
-/// What a person types into the script that the README names, and what comes back.
+/// The commands for the script that the README names, and their results.
 #[test]
 fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
     if skipped() {

@@ -1,4 +1,4 @@
-//! The pins and parameters of `mesa-hal` beside those that LinuxCNC created for the same machine.
+//! Comparison of the pins and parameters of `mesa-hal` with LinuxCNC's for the same machine.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use mesa_hal::hal::{PinInfo, Pins};
 
 use crate::expected::List;
 
-/// Why a name is on one side only. `*` stands for any characters.
+/// Reasons for names on one side only. `*` stands for any characters.
 type Reasons = &'static [(&'static str, &'static str)];
 
 const ONLY_LINUXCNC: Reasons = &[
@@ -79,8 +79,8 @@ const ONLY_OURS: Reasons = &[
     ("sserial.port-*.too-short", "statistics"),
 ];
 
-/// Fails if a type or a direction differs, a name is on one side only without a reason, or fewer than
-/// `at_least` are on both.
+/// Fails if a type or a direction differs, if a name is on one side only without a reason, or if
+/// fewer than `at_least` names are on both sides.
 pub fn compare(prefix: &str, [pins, params]: [&List; 2], ours: &Pins, at_least: usize) {
     let linuxcnc: BTreeMap<_, _> = pins.iter().chain(params).collect();
     let of = |info: &PinInfo| {
@@ -144,7 +144,7 @@ fn reason<'r>(reasons: &'r [(&'r str, &'r str)], name: &str) -> Option<(&'r &'r 
         .map(|(pattern, why)| (pattern, why))
 }
 
-/// Whether `name` is `pattern`, in which `*` stands for any characters.
+/// True if `name` matches `pattern`, in which `*` stands for any characters.
 fn fits(pattern: &str, name: &str) -> bool {
     match pattern.split_once('*') {
         None => pattern == name,

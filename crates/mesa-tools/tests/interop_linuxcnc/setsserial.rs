@@ -1,6 +1,6 @@
-//! LinuxCNC's `setsserial` writes parameters and firmware of a simulated remote: what it does there is
-//! what `mesa param` and `mesa update` do (FACTS 1.6). It only writes: what `mesa param` has written,
-//! LinuxCNC's driver reads when it loads.
+//! LinuxCNC's `setsserial` writes parameters and firmware of a simulated remote, with the same
+//! results as `mesa param` and `mesa update` (FACTS 1.6). `setsserial` only writes; parameters that
+//! `mesa param` has written are read by LinuxCNC's driver when it loads.
 
 use std::net::Ipv4Addr;
 use std::path::Path;
@@ -12,13 +12,13 @@ use crate::interop::board::Board;
 use crate::interop::{Scratch, mesa};
 use crate::linuxcnc::{Machine, alone, skipped};
 
-/// It is only looked for what is needed.
+/// Only the required name is looked for.
 const I7I72: &str = "param u32 RW 7i72.0.0.nvwatchdogtimeout";
 
-/// How long it may write firmware.
+/// Time limit for writing firmware.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The name of a file as LinuxCNC looks for firmware: below /lib/firmware.
+/// Path of a file as LinuxCNC looks for firmware: below /lib/firmware.
 fn below_firmware(path: &str) -> String {
     let firmware = Path::new("/lib/firmware").canonicalize();
     let depth = firmware.map_or(2, |path| path.components().count() - 1);
@@ -41,14 +41,14 @@ fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_re
     let _alone = alone();
     let expected = Expected::of(&[I7I72]);
     let board = "--board 7i97 --remote 0=7i72:setup";
-    // The rate of the jumper's setup position.
+    // The baud rate of the jumper's setup position.
     let hostmot2 = "loadrt hostmot2 sserial_baudrate=115200";
     let mut machine = Machine::load_with("hm2_7i97.0", "setsserial", board, &expected, hostmot2);
     let file = Scratch::new("7I72-60.BIN");
     machine.board.run(&format!("firmware 0 60 {}", file.path()));
 
     let set = "loadrt setsserial cmd=\"set hm2_7i97.0.7i72.0.0.nvwatchdogtimeout 75\"";
-    // What it says comes late, and on another process's standard error: the board has the truth.
+    // Its messages come late, and on another process's standard error: the board has the truth.
     machine.said(set);
     machine.expect_board("0", "remote.0.parameter.nvwatchdogtimeout", |time| {
         time == 75.0
@@ -81,7 +81,7 @@ fn what_mesa_param_writes_linuxcnc_reads() {
     let _alone = alone();
     let state = Scratch::new("param.state");
     let kept = format!("--board 7i97 --remote 0=7i72 --state {}", state.path());
-    // Here, because LinuxCNC's network is its own.
+    // Outside of LinuxCNC's network, which is private.
     let arguments: Vec<&str> = kept.split(' ').collect();
     let mut board = Board::start(Ipv4Addr::new(127, 97, 0, 4), &arguments);
     let before = board.console.show("0")["remote.0.parameter.nvwatchdogtimeout"].clone();

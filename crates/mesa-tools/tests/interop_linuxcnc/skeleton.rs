@@ -1,5 +1,5 @@
-//! What `mesa hal` writes of a board runs in LinuxCNC on that board: the driver, every pin's signal, the
-//! emergency stop, and drives that nothing enables.
+//! The files that `mesa hal` writes for a board run in LinuxCNC on that board: the driver, every
+//! pin's signal, the emergency stop, and the drives, which nothing enables.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::linuxcnc::{Machine, SETTLE, alone, skipped};
 
-/// What stays off whatever LinuxCNC is told, by the board.
+/// Values of the board that stay off whatever LinuxCNC does.
 type Drives = &'static [(&'static str, &'static str)];
 
 const DRIVES_7I77: Drives = &[
@@ -33,11 +33,11 @@ fn is(expected: &'static str) -> impl Fn(&str) -> bool {
     move |value| value == expected
 }
 
-/// Every signal of the written file is there, on the pins that the file says.
+/// Asserts that every signal of the written file exists, on the pins that the file names.
 fn check_signals(machine: &mut Machine, directory: &Path) {
     let text = fs::read_to_string(directory.join("board.hal")).expect("it was written");
     let shown = machine.hal("show sig");
-    // A signal's line ends in its name; those of its pins are below it.
+    // A signal's line ends with its name; the lines of its pins follow.
     let mut linked = Vec::new();
     let mut signal = "";
     for line in &shown {
@@ -59,8 +59,8 @@ fn check_signals(machine: &mut Machine, directory: &Path) {
     assert!(count > 60, "{text}");
 }
 
-/// An input of the board shows on its signal, an encoder that is turned by hand in its own units, and an
-/// output is switched by its signal.
+/// Asserts that an input of the board shows on its signal, a hand-turned encoder in its own units,
+/// and that a signal switches an output.
 fn check_signals_follow(machine: &mut Machine, (input, signal): (&str, &str)) {
     for _ in 0..2 {
         machine.expect_signal(signal, is("FALSE"));
@@ -70,7 +70,7 @@ fn check_signals_follow(machine: &mut Machine, (input, signal): (&str, &str)) {
     }
     machine.expect_signal(signal, is("FALSE"));
     machine.board.run("turn 2 20");
-    // The file's 1000 counts a unit.
+    // The file's 1000 counts per unit.
     machine.expect_signal("encoder-02-velocity", |velocity| {
         let velocity: f64 = velocity.parse().expect("a number");
         (velocity - 20.0).abs() < 2.0
@@ -89,7 +89,7 @@ fn check_drives_are_off(machine: &mut Machine, drives: Drives) {
     }
 }
 
-/// The button that nobody has wired is pressed. When it is released, LinuxCNC goes on, and no drive is
+/// The unwired button counts as pressed. When it is released, LinuxCNC goes on, and no drive is
 /// enabled; when it is pressed, everything stops.
 fn check_emergency_stop(machine: &mut Machine, drives: Drives) {
     press(machine, "estop.reset", "estop-board-ok");
@@ -106,8 +106,8 @@ fn check_emergency_stop(machine: &mut Machine, drives: Drives) {
     machine.expect_signal("estop-ok", is("FALSE"));
 }
 
-/// Presses a button of LinuxCNC's screen until a signal is on: on a busy machine a thread of 1 kHz can stand
-/// still for longer than LinuxCNC asks for something.
+/// Presses a button of LinuxCNC's screen until a signal is on: on a busy machine a thread of 1 kHz
+/// can stand still for longer than LinuxCNC holds a request.
 fn press(machine: &mut Machine, button: &str, signal: &str) {
     let wait = || std::thread::sleep(Duration::from_millis(300));
     let begun = Instant::now();
@@ -169,7 +169,7 @@ fn a_7i97_alone_runs_on_the_bench() {
     check_signals(&mut machine, &directory);
     check_signals_follow(&mut machine, ("0 31", "7i77-0-0-input-31"));
     check_drives_are_off(&mut machine, DRIVES_7I97);
-    // By hand, by the pin: the signal of its voltage, and what has no signal because it turns drives on.
+    // By hand: the signal of the voltage, and the pin without a signal, because it turns drives on.
     machine.hal("sets pwmgen-03-value 5");
     machine.hal("setp hm2_7i97.0.pwmgen.03.enable true");
     machine.expect_board("board", "board.analogout3", |volts| {

@@ -10,12 +10,12 @@ use crate::interop::mesaflash::{bitfile, configuration};
 
 const PART: &str = "6slx9tqg144";
 
-/// A file for the board, with so many bytes of made-up data.
+/// A bitfile for the board, with `len` bytes of invented data.
 fn made_up(len: u32) -> Vec<u8> {
     bitfile("made_up.ncd", PART, &configuration(len))
 }
 
-/// The whole flash memory, as mesaflash backs it up.
+/// The whole flash memory, from a backup by mesaflash.
 fn backed_up(board: &Board) -> Vec<u8> {
     let backup = Scratch::new("backup.bin");
     let text = board.mesaflash(&["--backup-flash", backup.path()]);
@@ -71,7 +71,7 @@ fn a_bitfile_is_written_verified_and_backed_up() {
         );
     }
 
-    // A boot block that mesaflash makes itself is the same.
+    // The boot block that mesaflash itself writes is the same.
     let text = board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
     says(&text, "Board FLASH memory verified successfully");
     assert!(backed_up(&board) == flash, "the boot block that comes");
@@ -106,7 +106,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     let written = Bitfile::parse(&bytes).unwrap();
     flash.verify(&written, Area::User, |_, _| {}).unwrap();
 
-    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    // Whole pages, because mesaflash also compares its own buffer behind the end of the file.
     let bytes = made_up(508 * 256);
     fs::write(&file.0, &bytes).unwrap();
     let ours = Bitfile::parse(&bytes).unwrap();

@@ -1,6 +1,6 @@
-//! mesaflash (Debian package `mesaflash`) takes the simulated board for a real one.
+//! mesaflash (Debian package `mesaflash`) works with the simulated board as with a real one.
 //!
-//! Works on loopback and without root; each board has an address of its own in 127/8, because
+//! Runs on loopback and without root; each board has an address of its own in 127/8, because
 //! mesaflash always talks to port 27181.
 
 mod flash;
@@ -13,7 +13,7 @@ use interop::mesaflash::{Mesaflash, free_address};
 use interop::tools::{has_program, skip};
 use interop::{Scratch, console::Values, mesa};
 
-/// A simulated board that mesaflash talks to.
+/// A simulated board for mesaflash.
 struct Board {
     board: interop::board::Board,
     device: &'static str,
@@ -54,12 +54,12 @@ impl Board {
     }
 }
 
-/// What mesaflash has printed has this in it.
+/// Asserts that the output of mesaflash contains a text.
 fn says(text: &str, expected: &str) {
     assert!(text.contains(expected), "{expected}\n{text}");
 }
 
-/// `true` if the test can not run here.
+/// True if the test cannot run here.
 fn skipped() -> bool {
     let missing = !has_program("mesaflash");
     if missing {
@@ -68,7 +68,7 @@ fn skipped() -> bool {
     missing
 }
 
-/// A module as mesaflash prints it.
+/// A module in the format of mesaflash.
 fn module(name: &str, count: u32, version: u32, registers: u32, base: u32, clock: u32) -> String {
     format!(
         "  Module: {name}\n  There are {count} of {name} in configuration\n  Version: {version}\n  \
@@ -109,7 +109,7 @@ fn readhmid_prints_the_firmware_of_a_7i97() {
     ] {
         assert!(text.contains(&expected), "{expected}\n{text}");
     }
-    // The terminals are mesaflash's own; they only fit if every pin has its right function.
+    // The terminal names come from mesaflash; they only match if every pin has its right function.
     let pins: Vec<Vec<&str>> = text
         .lines()
         .map(|line| line.split_whitespace().collect())
@@ -142,7 +142,7 @@ fn readhmid_knows_the_pins_of_a_7i77_behind_a_7i92() {
         .lines()
         .map(|line| line.split_whitespace().collect())
         .collect();
-    // FACTS 8.1; the terminals are mesaflash's, for a 7I77 on the connector.
+    // FACTS 8.1; the terminal names come from mesaflash, for a 7I77 on the connector.
     let functions = [
         "TXEn2", "TXData2", "RXData2", "TXData1", "RXData1", "TXData0", "RXData0", "MuxSel0",
         "MuxQ-A", "MuxQ-B", "MuxQ-IDX", "MuxQ-A", "MuxQ-B", "MuxQ-IDX", "MuxQ-A", "MuxQ-B",
@@ -229,7 +229,7 @@ fn sserial_lists_every_remote_with_its_parameters_and_modes() {
         "SOFTWARE MODE io_analog_fieldvoltage [index 02]",
         "SOFTWARE MODE io_encoder_analog_fieldvoltage [index 03]",
         "SOFTWARE MODE analogout_enables [index 00]",
-        // 16 bits: of 8 the bytes of their addresses would be printed with them.
+        // A 16-bit parameter: with an 8-bit one mesaflash prints the bytes of its address as well.
         "SwRevision = 14\n",
         "HwRevision = 2\n",
     ] {
@@ -307,7 +307,7 @@ fn registers_are_read_and_written() {
     }
     let board = Board::i7i97(&[]);
     assert_eq!(board.mesaflash(&["--rpo", "0x100"]).trim(), "55AACAFE");
-    // Direction of the third port, 17 pins.
+    // Direction register of the third port, 17 pins.
     assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00000000");
     board.mesaflash(&["--wpo", "0x1108=0x12345"]);
     assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00012345");
@@ -329,7 +329,7 @@ fn an_ip_address_is_set_and_stays_in_the_state_file() {
     let text = board.mesaflash(&["--verbose"]);
     says(&text, "    ip address: 10.97.0.55");
     drop(board);
-    // The state of a 7I97 is none of a 7I92: refused, with a reason.
+    // The state of a 7I97 does not fit a 7I92: refused, with a reason.
     let output = Command::new(mesa())
         .arg("sim")
         .args([

@@ -1,5 +1,5 @@
-//! How programs that drive a board end: by a signal, with nobody reading, with half the board
-//! missing. What the outputs do is what the simulated board says of itself, not what was ordered.
+//! End of programs that drive a board: by a signal, with a closed output, with missing hardware.
+//! The state of the outputs comes from the simulated board, not from the program's orders.
 
 use std::{
     net::Ipv4Addr,
@@ -19,7 +19,7 @@ const I7I97: [&str; 6] = [
     "2=7i72",
 ];
 
-/// The board's own watchdog is set so late that it is not what makes the outputs safe.
+/// A watchdog time of the board that is too long to make the outputs safe in these tests.
 const LONG: [&str; 4] = ["--seconds", "600", "--watchdog", "1000"];
 
 fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Process {
@@ -43,7 +43,7 @@ fn texts(output: &Output) -> (String, String) {
     (text(&output.stdout), text(&output.stderr))
 }
 
-/// Everything that the board and its remotes put out: what is on, by name.
+/// Names of all outputs of the board and its remotes that are on.
 fn outputs_on(values: &Values) -> Vec<String> {
     let is_output = |name: &str| {
         let what = name.rsplit('.').next().unwrap_or("");
@@ -58,7 +58,7 @@ fn outputs_on(values: &Values) -> Vec<String> {
     on.map(|(name, value)| format!("{name} {value}")).collect()
 }
 
-/// Waits until the board puts out all of these.
+/// Waits until all of these outputs are on.
 fn wait_until_on(board: &mut Board, wanted: &[&str]) {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -74,7 +74,7 @@ fn wait_until_on(board: &mut Board, wanted: &[&str]) {
     }
 }
 
-/// Requests that were sent to the remotes so far.
+/// Counts of the requests sent to the remotes so far.
 fn requests(values: &Values) -> Vec<&String> {
     let sent = values
         .iter()
@@ -214,7 +214,7 @@ fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
     }
 }
 
-/// Cycles, and those of them with a failure.
+/// Number of cycles, and of those with a failure.
 fn cycles(printed: &str) -> (u64, u64) {
     let line = printed
         .lines()
@@ -229,7 +229,7 @@ fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
     let address = Ipv4Addr::new(127, 94, 0, 13);
     let mut board = Board::start(address, &I7I92);
     let run = ["--seconds", "2", "--watchdog", "1000"];
-    // Away from the beginning, and pulled in the middle.
+    // First with the remote missing at the start, then with the remote unplugged during the run.
     for is_away_at_start in [true, false] {
         board.console.run(if is_away_at_start {
             "unplug 0"
@@ -274,7 +274,8 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
     assert!(err.contains("servo_loop: "), "{err}");
 }
 
-/// That who drives is not disturbed either is held on virtual time in `tests/ethernet/bad_network.rs`.
+/// `tests/ethernet/bad_network.rs` verifies on virtual time that the driving program is not
+/// disturbed.
 #[test]
 fn a_board_that_somebody_drives_is_left_to_him() {
     let address = Ipv4Addr::new(127, 94, 0, 15);

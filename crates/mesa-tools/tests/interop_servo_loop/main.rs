@@ -1,4 +1,4 @@
-//! The programs of these packages as a person runs them: processes, real sockets, signals, the clock.
+//! The programs of these packages in real use: processes, real sockets, signals, the clock.
 
 #[path = "../../../../tests/common/mod.rs"]
 mod common;

@@ -1,20 +1,21 @@
-//! The servo loop over Ethernet, as a person runs it: two programs, real sockets, the clock. On both
-//! boards, at the host's pace and at the board's.
+//! The servo loop over Ethernet in real use: two programs, real sockets, the clock. On both boards,
+//! at the host's pace and at the board's.
 //!
-//! Nothing here is realtime, so the loops get another try on a busy machine. That
-//! every mishap is counted and none reaches a pin is held on virtual time in `tests/ethernet/bad_network.rs`.
+//! Nothing here is realtime, so the loops are repeated on a busy machine.
+//! `tests/ethernet/bad_network.rs` verifies on virtual time that every packet fault is counted and
+//! none reaches a pin.
 
 use std::{net::Ipv4Addr, process::Command};
 
 use crate::interop::{board::Board, example};
 
-/// Loops that did not hold, because the machine was busy, are run again.
+/// Number of runs: loops may fail because the machine is busy.
 const TRIES: usize = 5;
 
 const I7I92: [&str; 4] = ["--board", "7i92-7i77", "--remote", "2=7i72"];
 const I7I97: [&str; 2] = ["--board", "7i97"];
 
-/// Runs the loops on the board that the first arguments make, with the second, until they hold.
+/// Runs the loops with `arguments` on the board that `board` describes, until they hold.
 fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
     let program = example("servo_loop");
     let mut printed = String::new();
@@ -36,7 +37,7 @@ fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
     panic!("the loops did not hold in {TRIES} tries; the last:\n{printed}");
 }
 
-/// The number in front of `what` in the line of packets.
+/// The number before `what` in the line of packets.
 fn count(printed: &str, what: &str) -> u32 {
     let line = printed.lines().find(|line| line.starts_with("Packets:"));
     let before = line.and_then(|line| line.split_once(what)).expect(what).0;

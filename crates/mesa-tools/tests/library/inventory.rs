@@ -1,4 +1,4 @@
-//! What an inventory says of simulated boards.
+//! Inventories of simulated boards.
 
 use crate::common::ethernet::{SimLink, connect};
 use mesa_hal::ethernet::{AddressSource, EthernetBoard};
@@ -21,7 +21,7 @@ fn old_serial_firmware_is_told() {
     }
 }
 
-/// The stock firmware of a 7I92 lists PWM with 0 instances: nothing to look at.
+/// The stock firmware of a 7I92 lists PWM with 0 instances, which is no finding.
 #[test]
 fn a_descriptor_without_instances_is_nothing_to_look_at() {
     let mut fpga = machines::i7i92_with_cards();
@@ -31,7 +31,7 @@ fn a_descriptor_without_instances_is_nothing_to_look_at() {
     assert_eq!(taken.findings, [""; 0]);
 }
 
-/// A 7I97T whose card calls itself 7I97 as well is told apart by its firmware. FACTS 9.6.
+/// A 7I97T whose card name is 7I97 as well is distinguished by its firmware. FACTS 9.6.
 #[test]
 fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
     for (fpga, source, findings) in [

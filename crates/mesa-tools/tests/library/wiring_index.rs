@@ -14,7 +14,8 @@ struct Guide {
 }
 
 impl Guide {
-    /// A 7I77 with motors whose encoders have an index after so many counts; 0: it is not wired.
+    /// A 7I77 with motors whose encoders have an index each `counts_per_revolution` counts; 0: no
+    /// index is wired.
     fn new(counts_per_revolution: u32) -> Self {
         let motor = Motor::new(MotorConfig {
             counts_per_revolution,
@@ -35,7 +36,7 @@ impl Guide {
         guide
     }
 
-    /// Cycles of 1 ms, up to a judgement.
+    /// Runs cycles of 1 ms, up to a judgement.
     fn run(&mut self, cycles: u64) -> Option<Judgement> {
         for _ in 0..cycles {
             self.machine.cycles(1);
@@ -58,7 +59,7 @@ impl Guide {
         }
     }
 
-    /// The index of encoder 0: its number, and its pin.
+    /// Number and pin of the index of encoder 0.
     fn index(&self) -> (usize, PinId) {
         let mut points = self.check.points().iter().enumerate();
         let found = points.find(|(_, point)| point.kind == Kind::Index && point.is_asked);
@@ -69,7 +70,7 @@ impl Guide {
     }
 }
 
-/// The motor's index is at multiples of 4000 counts, and it stands at 1000.
+/// The motor's index is at multiples of 4000 counts, and the motor stands at 1000.
 #[test]
 fn the_index_of_a_motor_comes_when_it_is_turned_past_it_and_not_before() {
     let mut guide = Guide::new(4000);
@@ -78,7 +79,7 @@ fn the_index_of_a_motor_comes_when_it_is_turned_past_it_and_not_before() {
     assert_eq!(guide.run(300), None);
     assert_eq!(guide.said, [News::Ready(true.into())]);
     guide.machine.turn(0, 10.0);
-    // 2500 counts, and then it stands.
+    // The motor turns by 2500 counts, then it stands.
     assert_eq!(guide.run(250), None);
     guide.machine.turn(0, 0.0);
     assert_eq!(guide.run(1000), None);

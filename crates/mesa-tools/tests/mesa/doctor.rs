@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::interop::{Process, Scratch, board::Board};
 use crate::run::{Run, command, done, hold_against_schema, json, run};
 
-/// The verdict and the figure of a check whose name has this in it.
+/// Verdict and figure of the check whose name contains a text.
 fn finding<'a>(diagnosis: &'a Value, check: &str) -> (&'a str, &'a str) {
     let findings = diagnosis["findings"].as_array().expect("findings");
     let is_it = |one: &&Value| {
@@ -23,7 +23,7 @@ fn finding<'a>(diagnosis: &'a Value, check: &str) -> (&'a str, &'a str) {
     (text("verdict"), text("figure"))
 }
 
-/// What a run says that need not succeed.
+/// Runs a diagnosis, which need not succeed: exit code, JSON and standard error.
 fn diagnosis(arguments: &[&str]) -> (Option<i32>, Value, String) {
     let run = run(&[&["doctor", "--json"], arguments].concat());
     let value = serde_json::from_str(&run.out).unwrap_or_else(|error| panic!("{error}: {run:?}"));
@@ -34,7 +34,7 @@ fn diagnosis(arguments: &[&str]) -> (Option<i32>, Value, String) {
 /// A period that a busy test machine keeps.
 const SLOW: &str = "10000";
 
-/// A computer whose files are these.
+/// A root directory with these files, in place of a computer's.
 fn computer(name: &str, files: &[(&str, &str)]) -> PathBuf {
     let root = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
     let root = root.join(format!("{}-{name}", std::process::id()));
@@ -53,7 +53,7 @@ fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
         &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io:2"],
     );
     let address = board.address.to_string();
-    // Long enough for a busy machine, and still what the DPLL of a 7I97 follows.
+    // Long enough for a busy machine, and short enough for the DPLL of a 7I97.
     let period = ["--period", "10000", "--exchanges", "10"];
     let ask = [&["--addr", address.as_str()][..], &period].concat();
     let refused = run(&[&["doctor"][..], &ask].concat());
@@ -176,7 +176,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
     fs::remove_dir_all(root).expect("it is there");
 }
 
-/// The page that lists what is not confirmed.
+/// The page that lists the points that are not confirmed.
 const GATEWARE: &str = include_str!("../../../../docs/gateware.md");
 
 #[test]

@@ -1,4 +1,4 @@
-//! Files and terminals that are not what they should be, for every command that has to do with one.
+//! Unusual files and terminals, for every command that uses one.
 
 use std::fs::{self, File, OpenOptions};
 use std::process::Stdio;
@@ -6,7 +6,7 @@ use std::process::Stdio;
 use crate::interop::{Process, Scratch, wait_until};
 use crate::run::{Run, command, done, run};
 
-/// Every command that reads a file, with what stands in front of its name and behind it.
+/// Every command that reads a file, with the arguments before and after the file's name.
 const READERS: [(&[&str], &[&str]); 6] = [
     (
         &["update", "7i77"],
@@ -22,14 +22,14 @@ const READERS: [(&[&str], &[&str]); 6] = [
     ),
 ];
 
-/// How a command ends that may read for ever.
+/// Result of a command that might read for ever.
 fn ended(arguments: &[&str]) -> Run {
     let mut process = Process::new(command(arguments).spawn().expect("mesa starts"));
     wait_until(format_args!("{arguments:?} ends"), || process.has_ended());
     process.output().into()
 }
 
-/// Something that no command can do anything with, called as a firmware for a 7I77 is.
+/// A file that no command can use, with a name as of a firmware for a 7I77.
 fn hostile(kind: &str) -> (Scratch, &'static str) {
     let scratch = Scratch::new(&format!("7I77-{kind}.toml"));
     let path = scratch.path();
@@ -114,7 +114,7 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
     }
 }
 
-/// Every command that writes a file of its own, with what stands in front of its name.
+/// Every command that writes a file of its own, with the arguments before the file's name.
 const WRITERS: [&[&str]; 5] = [
     &["param", "save"],
     &["latency", "--seconds", "0.1", "--plot"],

@@ -1,13 +1,13 @@
-//! LinuxCNC on the same computer keeps its board for itself, with a chain of the firewall that its
-//! driver hm2_eth makes. Here in a private network, with the rules as its driver leaves them.
+//! LinuxCNC on the same computer blocks other programs' access to its board with a firewall chain
+//! of its driver hm2_eth. Runs in a private network, with the rules as the driver leaves them.
 
 use std::process::{Command, Output, Stdio};
 
 use crate::interop::mesa;
 use crate::interop::tools::{has_program, skip};
 
-/// The interface of the board is there, has a link and the address, and no board answers; then the
-/// rules, and each command. At the end without them.
+/// The interface of the board exists, with a link and an address, and no board answers; then the
+/// rules, and each command. At the end without the rules.
 const SESSION: &str = r#"
 mount -t sysfs sysfs /sys
 ip link set lo up
@@ -68,7 +68,7 @@ fn linuxcnc_that_keeps_the_board_for_itself_is_named_and_the_network_is_left_as_
         assert!(!part.contains("no way to"), "{part}");
     }
     assert_eq!(blocked.matches("== ").count(), 4, "{blocked}");
-    // The truth is the rule: without it nobody is blamed.
+    // Without the rules LinuxCNC is not named as the cause.
     assert!(!free.contains("LinuxCNC"), "{free}");
     let silent = "10.97.0.2        no answer on pc0, which is in its network";
     assert!(free.contains(silent), "{free}");

@@ -1,4 +1,4 @@
-//! Public firmwares: what is said of modules that are not driven, and of what has no connector.
+//! Public firmwares: modules that are not driven, and pins without a connector.
 
 use serde_json::Value;
 
@@ -12,7 +12,8 @@ fn image(name: &str) -> String {
     format!("{directory}/{name}.txt")
 }
 
-/// The image has ten step generators at I/O pins 0 to 9 and 17 to 26, two encoders and a serial module.
+/// The image has ten step generators at I/O pins 0 to 9 and 17 to 26, two encoders and a serial
+/// module.
 const STEPPERS: &str = "StepGen (05) version 2, 10 instances: this crate does not drive it; I/O pins 0-9, \
     17-26 are plain I/O";
 

@@ -15,7 +15,7 @@ const USER: usize = 0x10_0000;
 const FALLBACK: usize = 0x1_0000;
 const PART: &str = "6slx9tqg144";
 
-/// A 7I97 where mesaflash finds it, too.
+/// A 7I97 at an address and port that mesaflash can reach.
 fn board() -> (Board, String) {
     let address = free_address();
     let board = Board::start(address, &["--board", "7i97"]);
@@ -29,7 +29,7 @@ fn file(name: &str, bytes: &[u8]) -> Scratch {
     file
 }
 
-/// Writes an area, as somebody with a JTAG programmer does.
+/// Writes an area as a JTAG programmer does.
 fn put(board: &Board, area: Area, data: &[u8]) {
     put_at(board, area, 0, data);
 }
@@ -43,14 +43,14 @@ fn put_at(board: &Board, area: Area, offset: u32, data: &[u8]) {
     written.expect("it is written");
 }
 
-/// As after an erase of the whole memory: a simulated board has its configurations in one sector each.
+/// Erases the memory: a simulated board has its configurations in one sector each.
 fn erase(board: &Board) {
     for area in [Area::User, Area::Fallback, Area::BootBlock] {
         put(board, area, &[0xFF; 256]);
     }
 }
 
-/// A boot block and a fallback, as boards come: without them nothing is written.
+/// Writes a boot block and a fallback, as in new boards: without them nothing is written.
 fn give_boot_block_and_fallback(board: &Board) {
     for area in [Area::BootBlock, Area::Fallback] {
         put(board, area, &configuration(300));
@@ -71,14 +71,14 @@ fn a_simulated_board_comes_with_what_can_be_backed_up_restored_and_loaded() {
         done(&["flash", "backup", file.path(), "--sim", machine]);
         let bytes = fs::read(&file.0).expect("a backup");
         let areas = [0, FALLBACK, USER].map(|start| &bytes[start..][..3000]);
-        // The boot block has its synchronisation word behind fewer bytes than a bitfile.
+        // The synchronisation word of the boot block is behind fewer bytes than that of a bitfile.
         for (area, sync) in areas.iter().zip([10, 16, 16]) {
             assert_eq!(area[sync..sync + 4], [0xAA, 0x99, 0x55, 0x66]);
         }
         assert!(areas[1] != areas[2], "two configurations");
         done(&["flash", "verify", file.path(), "--sim", machine]);
         done(&["flash", "restore", file.path(), "--sim", machine, "--yes"]);
-        // Something else in the user area.
+        // Another content of the user area.
         let mut other = bytes.clone();
         other[USER + 100] ^= 1;
         fs::write(&file.0, other).expect("a scratch file");
@@ -319,7 +319,7 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
     assert_eq!(alone.code, Some(0), "{alone:?}");
     assert!(alone.err.contains("only a JTAG programmer"), "{alone:?}");
     done(&["flash", "verify", good.path(), "--addr", &address]);
-    // A restore erases it as well.
+    // A restore erases the area as well.
     let mut other = fs::read(&kept.0).expect("a backup");
     other[USER..][..3_001].copy_from_slice(&configuration(3_001));
     other[FALLBACK..][..3_000].copy_from_slice(&configuration(3_000));
@@ -332,7 +332,7 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
         assert!(refused.err.contains("there is no fallback"), "{refused:?}");
     }
     done(&["flash", "verify", good.path(), "--addr", &address]);
-    // The other way out: the fallback first.
+    // The alternative: the fallback first.
     done(&[&write[..], &["--fallback"]].concat());
     done(&restore);
     done(&["flash", "verify", kept.path(), "--addr", &address]);
@@ -347,7 +347,7 @@ fn begun(name: &str) -> (Board, Process, Scratch, String) {
     let address = address.to_string();
     erase(&board);
     give_boot_block_and_fallback(&board);
-    // Something that an erase takes away, behind the first sector.
+    // Data behind the first sector, which an erase removes.
     put_at(&board, Area::User, 0x1_0000, &[0x5A; 256]);
     let is_filled = || {
         let state = fs::read(&path).unwrap_or_default();
@@ -387,7 +387,7 @@ fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_hal
         assert!(ended.err.contains(said), "{said}: {ended:?}");
     }
 
-    // A network that loses so much that a backup takes longer than it takes to press Ctrl-C.
+    // A network with a loss that makes a backup last longer than it takes to press Ctrl-C.
     let bad = &["--board", "7i97", "--port", "0", "--loss", "0.2"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, bad);
     let (half, address) = (Scratch::new("flash-half.bin"), board.address.to_string());
@@ -412,7 +412,7 @@ fn what_mesaflash_writes_mesa_verifies_and_the_other_way_round() {
         let device = "7i97";
         Mesaflash { device, address }.run(arguments)
     };
-    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    // Whole pages, because mesaflash also compares its own buffer behind the end of the file.
     let theirs = file(
         "flash-theirs.bit",
         &bitfile("made_up.ncd", PART, &configuration(300 * 256)),

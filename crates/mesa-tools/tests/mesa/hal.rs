@@ -1,5 +1,5 @@
-//! `mesa hal`: what is in the files, when they are written, and that the program runs. That LinuxCNC takes
-//! them is in `tests/interop_linuxcnc`.
+//! `mesa hal`: content of the files, conditions for writing them, and a run of the generated
+//! program. `tests/interop_linuxcnc` loads them in LinuxCNC.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read};
@@ -237,7 +237,7 @@ fn without_a_directory_everything_is_printed() {
         let (_, behind) = rest.split_once(&format!("==> {name} <==\n")).expect(name);
         rest = behind;
     }
-    // To a reader that has seen enough.
+    // The reader has closed the pipe.
     let mut started = command(&["hal", "--sim", "7i97"])
         .spawn()
         .expect("it starts");
@@ -268,7 +268,7 @@ fn what_can_not_be_done_is_said() {
 
 #[test]
 fn a_signal_ends_it_with_nothing_written_and_the_board_stopped() {
-    // Late replies, so that it takes its time.
+    // Late replies, to slow the command down.
     let slow = ["--board", "7i92-7i77", "--port", "0", "--late", "0.5"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &slow);
     let directory = directory("hal-stopped");

@@ -1,4 +1,4 @@
-//! The inventory of a board, as a person or a program asks for it.
+//! The inventory of a board, for operators and programs.
 
 use std::{
     net::Ipv4Addr,
@@ -20,7 +20,7 @@ fn info(arguments: &[&str]) -> Output {
 /// A 7I92 with a 7I77 and, on its expansion connector, a 7I72.
 const SIM: &str = "7i92-7i77,2=7i72";
 
-/// What `info --json` says.
+/// JSON of `mesa info`.
 fn json(arguments: &[&str]) -> Value {
     let output = info(&[arguments, &["--json"]].concat());
     assert!(output.status.success(), "{output:?}");
@@ -99,7 +99,7 @@ fn what_a_person_should_look_at_is_on_top() {
         assert!(good.contains(line), "{line}:\n{good}");
     }
     board.console.run("field 0 4");
-    // A command that is none.
+    // An invalid command.
     let socket = std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("free");
     socket.send_to(&[1], board.address).expect("sent");
     let bad = text(&["--addr", &address]);
@@ -137,7 +137,7 @@ fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_o
     assert!(left.contains("it was not stopped"), "{left}");
     assert!(left.contains("watchdog has bitten"), "{left}");
     assert_eq!(found(&address), "[]", "it is stopped by now");
-    // A pin of the board that nobody stops.
+    // An output of the board that no program stops.
     done(&["poke", "0:0x1100", "1", "--addr", &address, "--yes"]);
     let left = found(&address);
     assert!(left.contains("outputs may have been on"), "{left}");
@@ -337,8 +337,7 @@ fn a_reader_that_has_seen_enough_is_no_error() {
     }
 }
 
-/// Every board of `mesa sim --board`, with remotes beside those that are part of it: where nothing is on
-/// a channel, nothing is said of it.
+/// Every board of `mesa sim --board`, with further remotes: an empty channel is no finding.
 #[test]
 fn every_simulated_board_is_in_order() {
     for (machine, remotes, encoders, card, bases) in [

@@ -57,7 +57,7 @@ fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
         .map(|n| info["registers"][n]["value"].as_u64())
         .collect();
     assert_eq!(words, [Some(0x0701), Some(0xC0A8), Some(0), Some(0xFFFF)]);
-    // The same again is no write, and asks nobody.
+    // The same address again needs no write, and no question.
     let again = json(&set);
     assert_eq!(again["changed"], false);
 }

@@ -197,7 +197,7 @@ fn what_can_not_be_had_is_refused_with_the_reason() {
         assert!(run.err.contains(said), "{arguments:?}: {run:?}");
         assert_eq!(run.out, "", "{arguments:?}");
     }
-    // What the host's pace has told is not lost with it.
+    // The result at the host's pace is not lost when the board's pace fails.
     let both = run(&[&sim[..], &["--pace", "both", "--seconds", "0.1"]].concat());
     assert_eq!(both.code, Some(0), "{both:?}");
     assert!(both.out.contains("paced by the host"), "{both:?}");

@@ -9,7 +9,7 @@ use crate::interop::board::Board;
 use crate::interop::{PATIENCE, Process};
 use crate::run::{Run, command, hold_against_schema, json, run};
 
-/// The addresses that are always asked, as the JSON has them.
+/// The addresses that are always queried, as in the JSON.
 fn silent(found: &serde_json::Value) -> Vec<String> {
     let groups = found["silent"].as_array().expect("groups");
     let addresses = groups
@@ -83,7 +83,7 @@ fn where_there_is_none_it_says_why_and_what_to_do() {
     assert!(run.out.starts_with("no board answers\n"), "{run:?}");
     let why = "127.94.3.1       no simulated board listens there on this computer\n";
     assert!(run.out.contains(why), "{run:?}");
-    // Whatever the network of this computer is: each factory address has a reason and advice.
+    // Whatever the network of this computer, each factory address has a reason and advice.
     for factory in ["192.168.1.121", "10.10.10.10"] {
         let mut lines = run.out.lines().skip_while(|line| !line.contains(factory));
         let reason = lines.next().expect("a reason");
@@ -114,7 +114,7 @@ fn ranges_that_make_no_sense_are_refused() {
 
 #[test]
 fn a_signal_ends_it_with_what_was_found_so_far() {
-    // Whoever is silent takes its time.
+    // Silent addresses take their time.
     let silent = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).expect("free");
     let port = silent.local_addr().expect("bound").port().to_string();
     let command = command(&["list", "127.94.4.0-127.94.7.200", "--port", &port, "--json"])

@@ -1,4 +1,4 @@
-//! The command `mesa` as a person and a script run it: its output, its exit codes, bad input,
+//! The command `mesa` in the hands of an operator and of a script: output, exit codes, bad input,
 //! signals.
 
 #[path = "../../../../tests/common/mod.rs"]

@@ -1,16 +1,16 @@
-//! What `mesa` says of itself: help, completions, manual pages.
+//! Documentation by `mesa` itself: help, completions, manual pages.
 
 use std::fs;
 use std::path::PathBuf;
 
 use crate::run::{done, run};
 
-/// The names of all commands, as the help lists them.
+/// Names of all commands in the help.
 fn commands() -> Vec<String> {
     let help = done(&["--help"]);
     let (_, rest) = help.split_once("Commands:\n").expect("a list");
     let (list, _) = rest.split_once("\n\n").expect("its end");
-    // What does not fit goes on in the next line, further in.
+    // Continuation lines have a deeper indent.
     let is_name = |line: &&str| line.starts_with("  ") && !line.starts_with("   ");
     let lines = list.lines().filter(is_name);
     let names = lines.filter_map(|line| line.split_whitespace().next());
@@ -49,7 +49,7 @@ fn bad_usage_ends_with_2_and_nothing_on_standard_output() {
     }
 }
 
-/// Of two entries with one name a parser keeps the last, and the first holds for nothing.
+/// Of two entries with one name a parser keeps only the last.
 #[test]
 fn the_schema_names_each_thing_once() {
     let schema = include_str!("../../../../docs/mesa.schema.json");

@@ -48,7 +48,7 @@ fn a_parameter_of_a_board_is_listed_read_and_written_by_name() {
         assert!(!line.contains("4294967296"), "one too many: {line}");
     }
 
-    // Several remotes have it; one is meant.
+    // Several remotes have the parameter, so one has to be named.
     let ambiguous = run(&[&["param", "get", "nvwatchdogtimeout"], &at[..]].concat());
     assert_eq!(ambiguous.code, Some(2), "{ambiguous:?}");
     assert!(ambiguous.err.contains("0.0 and 0.1"), "{ambiguous:?}");
@@ -157,7 +157,7 @@ fn a_cabinet_is_saved_and_restored() {
         assert_eq!(restored["written"], 1);
         assert_eq!(board.console.show("")[WATCHDOG], "50");
 
-        // For other cards.
+        // A file for other cards.
         let other = ["param", "restore", file, "--sim", "7i97,0=7i72,1=7i77-io"];
         let other = run(&other);
         assert_eq!(
@@ -190,7 +190,7 @@ fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
         assert_eq!(asked.code, Some(2), "{asked:?}");
         assert!(asked.err.contains(said), "{asked:?}");
     }
-    // A file may have it as well.
+    // Restoring a file with such a value needs consent as well.
     let board = board();
     let address = board.address.to_string();
     let at = ["--addr", &address];

@@ -99,7 +99,7 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         !connector.is_empty() && connector.iter().all(is_its),
         "{connector:?}"
     );
-    // The pins that show this signal, at its terminals.
+    // The pins of this signal, at its terminals.
     let index = lines("IDX0");
     let names: Vec<_> = index
         .iter()

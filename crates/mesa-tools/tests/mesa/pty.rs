@@ -13,16 +13,16 @@ use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-/// How often the card looks whether it shall end.
+/// Interval between two checks for the end.
 const LOOK: Duration = Duration::from_millis(2);
 
 /// A card with its jumper in the setup position, in real time, until it is dropped.
 pub struct Card {
-    /// What a host opens.
+    /// Path that a host opens.
     pub path: String,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-    // As long as somebody has it open, its settings and what was sent stay.
+    // An open end keeps the settings and the sent characters.
     _slave: File,
 }
 
@@ -61,14 +61,14 @@ impl Card {
         }
     }
 
-    /// The device and its time, to look at it and to change the world.
+    /// Gives access to the device and its time, for checks and changes.
     pub fn with<T>(&self, look: impl FnOnce(&mut dyn SimDevice, u64) -> T) -> T {
         let mut device = self.shared.device();
         let (device, now) = &mut *device;
         look(&mut **device, *now)
     }
 
-    /// What the card itself has.
+    /// Value of a parameter in the card itself.
     pub fn parameter(&self, name: &str) -> u64 {
         let found = self.with(|device, _| device.parameters());
         let found = found.into_iter().find(|(found, _)| found == name);
@@ -92,14 +92,14 @@ impl Shared {
 fn serve(shared: &Shared, slave: &File, master: OwnedFd) {
     let mut face = SerialFace::new(File::from(master));
     while !shared.stop.load(Ordering::Relaxed) {
-        // The line has the rate that the host has set, whatever the card's is.
+        // The line has the rate that the host has set, whatever the card's rate.
         face.set_baud_rate(tcgetattr(slave).unwrap().input_speed());
         {
             let mut device = shared.device();
             face.step(&mut *device.0, LOOK).expect("the port works");
             device.1 = face.now();
         }
-        // Who waits for the device gets it.
+        // Lets a waiting thread take the device.
         std::thread::yield_now();
     }
 }

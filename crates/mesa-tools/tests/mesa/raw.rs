@@ -80,7 +80,7 @@ fn what_is_no_packet_is_refused_and_nothing_is_sent() {
 #[test]
 fn no_reply_is_said_and_ctrl_c_ends_the_waiting() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
-    // It answers whoever opens it, and then no more.
+    // The board answers the identification, and nothing after it.
     let Between { address, losses } = between(&board, &[0x01, 0x42, 0x00, 0x01], false);
     let ask = ["raw", QUESTIONS[0], "--addr", &address, "--timeout"];
     let silent = run(&[&ask[..], &["0.2"]].concat());

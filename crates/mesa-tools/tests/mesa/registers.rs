@@ -30,7 +30,7 @@ fn registers_of_each_space_are_read_in_their_own_size() {
 fn what_is_written_needs_consent_is_read_back_and_is_there() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
-    // What the LEDs show, and a register for anything.
+    // Source of the LEDs, and a register for free use.
     let poke = ["poke", "6:0x16", "0x0E", "0x1234", "--addr", &address];
     let refused = run(&poke);
     assert_eq!(refused.code, Some(2), "{refused:?}");
@@ -61,7 +61,7 @@ fn what_is_written_needs_consent_is_read_back_and_is_there() {
     done(&["poke", "0:0x1008", "0", "--addr", &address, "--yes"]);
     assert_eq!(board.console.show("board")["board.pin-050"], "0");
 
-    // The EEPROM is enabled for the write, and keeps it.
+    // The EEPROM is enabled for the write, and keeps the value.
     done(&["poke", "2:0x40", "0xBEEF", "--addr", &address, "--yes"]);
     assert_eq!(
         done(&["peek", "2:0x40", "--addr", &address]),

@@ -71,7 +71,7 @@ fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     };
     let planned = || json(&["reload", "--addr", &address, "--dry-run"])["would"].to_string();
     put(Area::Fallback);
-    // As after a write of the user area that was cut off.
+    // The state after an interrupted write of the user area.
     assert!(planned().contains("it loads the fallback"), "{}", planned());
     put(Area::User);
     assert!(!planned().contains("fallback"), "{}", planned());
@@ -89,15 +89,15 @@ fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     assert_eq!(board.stop("TERM")["board.reloads"], "1");
 }
 
-/// Somebody between a client and a simulated board, who loses packets.
+/// A proxy between a client and a simulated board, which loses packets.
 pub struct Between {
     pub address: String,
-    /// Each time that a packet is lost.
+    /// A message for each lost packet.
     pub losses: Receiver<()>,
 }
 
-/// Forwards to a simulated board, but for packets that begin with `lost`, after which it forwards
-/// nothing more if `is_last`.
+/// Forwards packets to a simulated board, except those that begin with `lost`. After a lost packet,
+/// forwards nothing more if `is_last`.
 pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
     let face = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
     let address = face.local_addr().expect("an address").to_string();
@@ -124,7 +124,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
     std::thread::spawn(move || {
         let mut buffer = [0; 2048];
         loop {
-            // Where a board has ended, the error is that of an earlier packet.
+            // After the end of a board, the error is that of an earlier packet.
             let Ok(len) = replies.recv(&mut buffer) else {
                 continue;
             };

@@ -1,4 +1,4 @@
-//! Runs of the command, and what is looked at afterwards.
+//! Runs of the command, and checks of their results.
 
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -19,7 +19,7 @@ pub const SIM_7I97: [&str; 7] = [
     "0",
 ];
 
-/// How long a test waits for a simulated board that a busy machine holds up.
+/// Timeouts for a simulated board on a busy machine.
 pub fn patient() -> UdpConfig {
     UdpConfig {
         cycle_deadline: Duration::from_secs(1),
@@ -28,7 +28,7 @@ pub fn patient() -> UdpConfig {
     }
 }
 
-/// How a run ended: its exit code, and what it printed.
+/// Result of a run: exit code and output.
 #[derive(Debug)]
 pub struct Run {
     pub code: Option<i32>,
@@ -47,7 +47,7 @@ impl From<Output> for Run {
     }
 }
 
-/// A command line that was not started yet: no input, no colours, no board from the environment.
+/// A command line to be started: no input, no colours, no board from the environment.
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(mesa());
     command
@@ -65,14 +65,14 @@ pub fn run(arguments: &[&str]) -> Run {
     command(arguments).output().expect("mesa starts").into()
 }
 
-/// Runs a command line that must succeed; what it printed.
+/// Runs a command line that must succeed; returns its output.
 pub fn done(arguments: &[&str]) -> String {
     let run = run(arguments);
     assert_eq!(run.code, Some(0), "{arguments:?}: {run:?}");
     run.out
 }
 
-/// Runs a command line with `--json` that must succeed, and holds what it printed against the
+/// Runs a command line with `--json` that must succeed, and validates its output against the
 /// command's entry in `docs/mesa.schema.json`.
 pub fn json(arguments: &[&str]) -> Value {
     let text = done(&[arguments, &["--json"]].concat());
@@ -81,7 +81,7 @@ pub fn json(arguments: &[&str]) -> Value {
     value
 }
 
-/// Holds a value against an entry of `docs/mesa.schema.json`.
+/// Validates a value against an entry of `docs/mesa.schema.json`.
 pub fn hold_against_schema(name: &str, value: &Value) {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/mesa.schema.json");
     let mut schemas = boon::Schemas::new();

@@ -1,4 +1,4 @@
-//! `mesa scope`: what it records is what the simulated board's console did.
+//! `mesa scope`: the recording matches the commands on the simulated board's console.
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -40,7 +40,8 @@ fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
     ];
     board.console.run("turn 0 1");
     let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
-    // Until the driver asks, and the cycles before are full; it goes on and off until it is seen.
+    // The input goes on and off until the driver runs, the cycles before the trigger are recorded,
+    // and the trigger is detected.
     let begun = Instant::now();
     let mut state = "on";
     while scope.child().try_wait().expect("a child").is_none() {
@@ -81,7 +82,7 @@ fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
         rows.windows(2).all(|pair| pair[0][0] < pair[1][0]),
         "time goes on"
     );
-    // The console turned it with one unit, 1000 counts, a second.
+    // The console turned the motor at one unit, 1000 counts, a second.
     let (first, last) = (&rows[0], &rows[299]);
     let speed = (last[3] - first[3]) / (last[0] - first[0]);
     assert!((500.0..2000.0).contains(&speed.abs()), "{speed}");
@@ -105,7 +106,7 @@ fn without_its_trigger_nothing_is_written() {
     assert_eq!(late.code, Some(1), "{late:?}");
     assert!(late.err.contains("has not crossed 0.5 rising"), "{late:?}");
     assert!(!csv.0.exists());
-    // What can not be is not waited for.
+    // An impossible trigger is refused at once.
     for (more, said) in [
         (
             ["--level", "5"],

@@ -22,7 +22,7 @@ fn board() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &card)
 }
 
-/// Some 1000 packets a second, as of a cycle of 500 Hz, until it is dropped.
+/// Sends some 1000 packets a second, as a cycle of 500 Hz does, until dropped.
 struct Master {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -36,7 +36,7 @@ impl Master {
         let is_over = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
             while !is_over.load(Ordering::Relaxed) {
-                // The cookie, which anybody may read.
+                // A read of the cookie, which is harmless.
                 let _ = socket.send(&[0x81, 0x42, 0x00, 0x01]);
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -57,7 +57,7 @@ impl Drop for Master {
     }
 }
 
-/// Starts a command, and waits until it has the board; a jog, until its output is on.
+/// Starts a command, and waits until it has the board; for a jog, until its output is on.
 fn begin(board: &mut Board, arguments: &[&str]) -> Process {
     let address = board.address.to_string();
     let all = [arguments, &["--addr", &address, "--yes"]].concat();
@@ -205,7 +205,7 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
     drop(master);
     let peek = ["peek", "6:0x14", "--addr", &address.to_string()];
     assert!(done(&peek).contains("0x0001  1"), "nothing was written");
-    // Who is alone is let.
+    // Without a second master the write is done.
     let Some(terminal) = Terminal::start("alone", &poke) else {
         return;
     };
@@ -215,7 +215,7 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
     assert!(done(&peek).contains("0x0000  0"));
 }
 
-/// All boards come with the same address.
+/// All boards have the same factory address.
 #[test]
 fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then() {
     let at = Ipv4Addr::new(127, 93, 0, 78);

@@ -1,4 +1,4 @@
-//! `mesa set`: what an output really does is what the simulated board's console says.
+//! `mesa set`: the state of an output comes from the simulated board's console.
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -16,7 +16,7 @@ pub const OUTPUT: &str = "7i77.0.0.output-03";
 
 const CARD: [&str; 4] = ["--board", "7i92-7i77", "--port", "0"];
 
-/// Both halves of the 7I77 wait a second for the next cycle, which a busy machine keeps.
+/// A board with a watchdog time of 1 s in both halves of the 7I77, which a busy machine keeps.
 pub fn board() -> Board {
     static STATE: OnceLock<Vec<u8>> = OnceLock::new();
     static NEXT: AtomicU32 = AtomicU32::new(0);
@@ -37,26 +37,26 @@ pub fn board() -> Board {
     Board::start_from(file, Ipv4Addr::LOCALHOST, &CARD)
 }
 
-/// As it comes: they wait 50 ms.
+/// A board with the factory setting of the watchdogs, 50 ms.
 pub fn impatient_board() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &CARD)
 }
 
-/// A jog that was not waited for.
+/// Starts a jog without waiting for its end.
 pub fn begin(board: &Board, arguments: &[&str]) -> Process {
     let address = board.address.to_string();
     let all = [&["set"], arguments, &["--addr", &address, "--yes"]].concat();
     Process::new(command(&all).spawn().expect("mesa starts"))
 }
 
-/// Waits until the console says this.
+/// Waits until a value on the console is as given.
 pub fn wait_until(board: &mut Board, part: &str, name: &str, value: &str) {
     interop::wait_until(format_args!("{name} is {value}"), || {
         board.console.show(part)[name] == value
     });
 }
 
-/// Waits until the console says this of a channel.
+/// Waits until a value of a channel on the console is as given.
 pub fn wait_for(board: &mut Board, channel: usize, name: &str, value: &str) {
     let name = format!("remote.{channel}.{name}");
     wait_until(board, &channel.to_string(), &name, value);
@@ -93,7 +93,7 @@ fn an_output_is_on_alone_for_its_time_and_then_off() {
     let jog = begin(&board, &[OUTPUT, "on", "--for", "3s", "--json"]);
     wait_for(&mut board, 0, "output-03", "1");
     assert_eq!(lit(&mut board), ["remote.0.output-03"]);
-    // An input that somebody switches meanwhile is told.
+    // An input that switches meanwhile is reported.
     board.console.run("input 0 7 on");
     let run = ended(jog);
     assert_eq!(run.code, Some(0), "{run:?}");
@@ -157,7 +157,7 @@ fn a_signal_ends_it_with_the_output_off() {
             "{run:?}"
         );
         assert!(run.err.contains("all outputs are off"), "{run:?}");
-        // The signal may come before the reply that confirms it.
+        // The signal may come before the reply that confirms the output.
         let is_told = run.out.contains("safe again") || run.out.contains("may have been 1");
         assert!(is_told, "{run:?}");
     }
@@ -172,12 +172,12 @@ fn a_fault_ends_it_with_the_reason() {
     let run = ended(jog);
     assert_eq!(run.code, Some(1), "{run:?}");
     assert!(run.err.contains("output overloaded"), "{run:?}");
-    // Its watchdog may have bitten before everything else is stopped.
+    // The remote's watchdog may have bitten before everything else is stopped.
     let is_off = run.err.contains("all outputs are off");
     let is_named = run.err.contains("own watchdog, 50 ms later");
     assert!(is_off != is_named, "{run:?}");
     assert_eq!(lit(&mut board), [""; 0]);
-    // The other end of it is gone.
+    // The connection to the board is lost.
     let mut board = self::board();
     let jog = begin(&board, &[OUTPUT, "on", "--for", "60s"]);
     wait_for(&mut board, 0, "output-03", "1");

@@ -1,5 +1,5 @@
-//! `mesa set`: what it says was on was on at the terminal, and what it says is off is off. The truth
-//! is what the simulated board's console says.
+//! `mesa set`: an output reported as on was on at the terminal, and one reported as off is off. The
+//! truth comes from the simulated board's console.
 
 use std::net::Ipv4Addr;
 
@@ -12,7 +12,7 @@ fn board_7i97() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &card)
 }
 
-/// What the console says of these things of the board itself.
+/// Values of the board itself, from the console.
 fn truth(board: &mut Board, names: &[&str]) -> Vec<String> {
     let values = board.console.show("board");
     let names = names
@@ -55,7 +55,7 @@ fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_
     }
 }
 
-/// What is written is used from the next power-up on: what is kept tells nothing of what is in use.
+/// A written time is used from the next power-up on: the stored value does not show the one in use.
 #[test]
 fn a_watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
     for used in ["0", "5000"] {
@@ -111,7 +111,7 @@ pub fn board_without_watchdog() -> Board {
     board
 }
 
-/// The output is off by its time, and the cable breaks before the remote has been told.
+/// The output's time is over, and the cable breaks before the remote has received the change.
 #[test]
 fn a_remote_that_is_lost_at_the_end_is_no_success() {
     let mut board = board_without_watchdog();
@@ -164,7 +164,7 @@ fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named(
     assert_eq!(refused.out, "");
 }
 
-/// What says how outputs are made moves those that it is about: an offset, an inversion, a limit.
+/// Parameters of an output change the output as well: an offset, an inversion, a limit.
 #[test]
 fn what_is_no_output_is_refused_and_nothing_moves() {
     let flags = ["--analog", "--drive-enable", "--slow-watchdog", "--yes"];
@@ -278,7 +278,7 @@ fn an_output_of_a_remote_that_does_not_start_was_never_on_and_the_reason_is_said
     assert!(refused.err.contains("on 0.0 is missing: "), "{refused:?}");
     assert_eq!(refused.out, "");
     assert_eq!(lit(&mut board), [""; 0]);
-    // Its inputs tell nothing of what another output does.
+    // The inputs of the missing remote are not observed during another jog.
     let other = ["set", "gpio.020.out", "off", "--for", "1s", "--yes"];
     let told = json(&[&other[..], &at].concat());
     assert!(told["not_seen"].as_u64() >= Some(32), "{told:#}");

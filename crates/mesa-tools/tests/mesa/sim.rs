@@ -26,7 +26,7 @@ use mesa_hal::{
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
 const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
 
-/// A board on a free port of loopback, and somebody who talks to it.
+/// A board on a free port of loopback, and a client.
 struct Client {
     board: Board,
     socket: UdpSocket,
@@ -111,7 +111,7 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     assert!(error.contains("not provided:\n  --board"), "{error}");
 }
 
-/// Waits until a file is there and holds something else than `before`.
+/// Waits until a file exists with a content other than `before`.
 fn changed(file: &Scratch, before: &[u8]) -> Vec<u8> {
     for _ in 0..2000 {
         match fs::read(&file.0) {
@@ -169,7 +169,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
     let state = changed(&file, &state);
     client.board.kill();
 
-    // What a power cut in the middle of a write leaves.
+    // The remains of a power cut in the middle of a write.
     let mut half = file.0.as_os_str().to_owned();
     half.push(".9-0.new");
     fs::write(&half, &state[..state.len() / 2]).unwrap();
@@ -294,7 +294,7 @@ fn any_datagram_is_survived() {
     let mut chance = Chance(0x1234_5678);
     for len in (0..300).chain([1472, 1473, 2000]) {
         let bytes: Vec<u8> = (0..len).map(|_| chance.below(256) as u8).collect();
-        // Waits, erases and resets are obeyed, so that it may be silent for a while.
+        // Waits, erases and resets are executed, so that the board may be silent for some time.
         client.socket.send(&bytes).unwrap();
     }
     client
@@ -311,8 +311,8 @@ fn any_datagram_is_survived() {
             .is_ok_and(|len| buffer[..len] == COOKIE)
     });
     assert!(answered);
-    // A wait for a timer that stands still, as long as there is one, many times over; then the
-    // console and the signal as at any other time.
+    // Repeated waits for a stopped timer, each as long as possible; then the console and the signal
+    // work as at any other time.
     let mut waits = vec![0x01, 0xD1, 0x04, 0x00, 0xFF, 0xFF];
     for _ in 0..200 {
         waits.extend([0x01, 0x51, 0x06, 0x00]);

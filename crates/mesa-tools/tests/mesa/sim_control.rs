@@ -1,4 +1,4 @@
-//! `mesa sim`: commands at their time, control sockets, several boards, captures.
+//! `mesa sim`: scheduled commands, control sockets, several boards, captures.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -236,7 +236,7 @@ fn a_file_of_commands_is_done_up_to_the_first_error() {
     board.stop("INT");
 }
 
-/// A line of JSON, and its answer.
+/// Sends a line of JSON and returns the answer.
 fn ask_json(stream: &mut (impl Write + ?Sized), lines: &mut impl BufRead, command: &str) -> Value {
     writeln!(stream, "{}", json!({ "command": command })).unwrap();
     let mut answer = String::new();
@@ -297,7 +297,7 @@ fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
         assert_eq!(answer["ok"], false, "{nonsense}");
     }
 
-    // One client waits; the others are served meanwhile, as many as there may be.
+    // A client waits; the others are served meanwhile, up to the limit.
     first.raw(b"wait until board.pin-040 0 within 20s\n");
     let more: Vec<_> = (0..14)
         .map(|_| UnixStream::connect(&path.0).unwrap())
@@ -372,10 +372,11 @@ fn several_boards_run_in_one_process_each_with_its_address() {
     held_against_tools(&capture, &boards);
 }
 
-/// A question and an answer of each board are in the capture; tcpdump reads them, where it is there.
+/// Asserts that a request and a reply of each board are in the capture; tcpdump reads it, if
+/// installed.
 fn held_against_tools(capture: &Scratch, boards: &[SocketAddrV4]) {
     let bytes = fs::read(&capture.0).unwrap();
-    // Of 4 bytes each, behind 16 of the record and 42 of headers.
+    // Payloads of 4 bytes, behind 16 bytes of the record and 42 of headers.
     assert_eq!(bytes.len(), 24 + 4 * (16 + 42 + 4));
     let replies = bytes.windows(4).filter(|window| *window == COOKIE).count();
     assert_eq!(replies, 2);

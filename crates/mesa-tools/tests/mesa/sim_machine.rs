@@ -19,15 +19,15 @@ fn mill() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &arguments)
 }
 
-/// What a driver sees of the x axis while it drives it down at 46 mm/s, up to where it stands.
+/// Observations of a driver that moves the x axis down at 46 mm/s, until it stands.
 struct Travel {
-    /// Position and home switch, in each cycle that saw both.
+    /// Position and home switch, in each cycle with both.
     seen: Vec<(f64, bool)>,
 }
 
 fn drive_down(board: &Board) -> Travel {
-    // Counts are lost when the board is set up again, which a busy host must not cause: after reads
-    // that failed, or because the watchdog has bitten.
+    // A busy host must not cause a new set-up of the board, which loses counts: after failed reads,
+    // or after a bite of the watchdog.
     let bus = UdpBus::connect(board.address, patient()).unwrap();
     let settings = Settings {
         watchdog: Some(Duration::from_secs(4)),
@@ -55,7 +55,7 @@ fn drive_down(board: &Board) -> Travel {
         }
         // A busy host is late now and then, and a remote's watchdog bites.
         let _ = driver.rearm();
-        // Its first reading is where the driver begins to count.
+        // The driver begins to count at its first reading.
         own.analog_out[0].enable(driver.pins_mut(), !seen.is_empty());
         own.analog_out[0].set(driver.pins_mut(), -4.0);
         let _ = driver.write();
@@ -69,11 +69,11 @@ fn drive_down(board: &Board) -> Travel {
 fn the_driver_sees_the_home_switch_at_its_position_and_the_hard_stop_behind_it() {
     let mut board = mill();
     let Travel { seen } = drive_down(&board);
-    // The axis stands at 25 at power-up, where the driver's count is 0.
+    // At power-up the axis stands at 25, where the driver's count is 0.
     let at = |count: f64| 25.0 + count;
     for pair in seen.windows(2) {
         let [before, now] = [pair[0], pair[1]];
-        // An input is sampled between two looks at the encoder, on the way down.
+        // An input is sampled between two readings of the encoder, on the way down.
         if now.1 {
             assert!(at(now.0) <= 0.001, "on before its position: {now:?}");
         } else {
@@ -96,7 +96,7 @@ fn the_driver_sees_the_home_switch_at_its_position_and_the_hard_stop_behind_it()
     board.stop("TERM");
 }
 
-/// Waits until a value that `show` prints is this.
+/// Waits until a value that `show` prints is as given.
 fn wait_for(board: &mut Board, what: &str, name: &str, value: &str) {
     let start = Instant::now();
     while board.console.show(what)[name] != value {

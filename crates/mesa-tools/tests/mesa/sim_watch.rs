@@ -1,4 +1,4 @@
-//! `mesa sim --watch`, on the screen of a terminal: what it shows is what is, and its console works.
+//! `mesa sim --watch` on the screen of a terminal: it shows the true state, and its console works.
 
 use std::fs;
 use std::net::{Ipv4Addr, UdpSocket};
@@ -18,7 +18,7 @@ use crate::terminal::Terminal;
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
 
-/// The words of a line that begins with this, without the frame around it.
+/// Words of the line that begins with a text, without the frame around it.
 fn words<'a>(text: &'a str, begin: &str) -> Vec<&'a str> {
     let lines = text.lines().map(|line| line.trim_matches(['│', ' ']));
     let mut lines = lines.filter(|line| line.starts_with(begin));
@@ -39,15 +39,15 @@ fn number(text: &str, axis: &str, column: usize) -> Option<f64> {
     })
 }
 
-/// Where the board of that name listens.
+/// Address of the board with that name.
 fn address(text: &str, board: &str) -> String {
     let words = words(text, &format!("{board} "));
     let address = words.iter().find(|word| word.starts_with("127.0.0."));
     (*address.unwrap_or_else(|| panic!("{board} is nowhere:\n{text}"))).to_owned()
 }
 
-/// A controller that drives the first axis at so many volts, until it is told to stop: then it is gone
-/// in the middle of everything, as one that crashed.
+/// A controller that drives the first axis at a voltage until it is dropped. It then ends in the
+/// middle of its cycle, like one that has crashed.
 struct Controller {
     over: Arc<AtomicBool>,
     cycle: Option<JoinHandle<()>>,
@@ -74,7 +74,7 @@ impl Controller {
                 let _ = driver.write();
                 std::thread::sleep(Duration::from_millis(2));
             }
-            // Dropped, it would still switch everything off.
+            // Dropping the driver would switch everything off.
             std::mem::forget(driver);
         });
         Self {
@@ -123,7 +123,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
         "{text}"
     );
 
-    // Whoever asks anything is named.
+    // Any client is named.
     let board = address(&text, "mill");
     let other = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let somebody = other.local_addr().unwrap();
@@ -136,7 +136,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
         "{text}"
     );
 
-    // 3 V of 10 are 36 of 120 mm/s, less what friction takes: 30 / 0.08 * 5 ms.
+    // 3 V of 10 are 36 of 120 mm/s, less the effect of friction: 30 / 0.08 * 5 ms.
     let controller = Controller::start(&board, 3.0);
     let text = terminal.wait_for("the axis at its speed", |text| {
         number(text, "x", 2).is_some_and(|velocity| (velocity - 34.125).abs() < 0.5)
@@ -151,7 +151,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     let packets: f64 = packets[3].parse().unwrap();
     assert!(packets > 10.0, "{text}");
 
-    // What a program is told over a socket is what is on the screen.
+    // A program on a socket gets the same values as the screen.
     let stream = UnixStream::connect(&socket.0).unwrap();
     let mut console = Console::new(stream.try_clone().unwrap(), stream);
     console.run("stall x");
@@ -163,7 +163,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
         text.contains("x-limit ON") && text.contains("AT STOP")
     });
 
-    // It crashes: nothing is driven any more, and the screen says why.
+    // The controller crashes: nothing is driven any more, and the screen shows the reason.
     drop(controller);
     let text = terminal.wait_for_text("WATCHDOG HAS BITTEN");
     assert_eq!(words(&text, "x ")[5], "disabled", "{text}");
@@ -205,12 +205,12 @@ fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
     let refused = "error: there is no axis `w`";
     terminal.wait_for("refused at once", |text| text.matches(refused).count() == 2);
 
-    // One that waits does not hold up the picture, nor what is typed.
+    // A waiting command blocks neither the screen nor the input line.
     enter("wait until motor.0.position <20 within 60s");
     enter("turn x -10");
     let before = number(&terminal.text(), "y", 1);
     assert_eq!(before, Some(40.0));
-    // It waits for its turn.
+    // The command waits for its turn.
     terminal.type_keys(&["-l", "input 0 5 on"]);
     terminal.wait_for_text("mill> input 0 5 on");
     terminal.type_keys(&["C-u"]);
@@ -234,7 +234,7 @@ fn a_long_answer_has_the_whole_screen_until_it_was_read() {
     assert!(!text.contains("inputs and outputs"), "{text}");
     terminal.type_keys(&["NPage"]);
     terminal.wait_for_text("quit                       stop");
-    // q leaves the answer, and then the program.
+    // q closes the answer, and then ends the program.
     terminal.type_keys(&["q"]);
     terminal.wait_for_text("inputs and outputs");
     terminal.type_keys(&["q"]);

@@ -1,4 +1,4 @@
-//! Commands that have the whole screen, in a terminal of their own.
+//! Commands that use the whole screen, in a terminal of their own.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -7,17 +7,17 @@ use std::time::Duration;
 use crate::interop::mesa;
 use crate::interop::tools::{has_program, skip};
 
-/// How often the screen is looked at, ten times a second.
+/// Number of looks at the screen, ten a second.
 const LOOKS: u32 = 900;
 
-/// A terminal of 120 by 40 that a command runs in. Ends with it.
+/// A terminal of 120 by 40 characters for a command. Ends with the command.
 pub struct Terminal {
     socket: String,
 }
 
 impl Terminal {
-    /// Runs `mesa` with these arguments in it, and prints its exit code at its end.
-    /// `None`, said loudly, where there is no tmux.
+    /// Runs `mesa` with these arguments in the terminal, and prints its exit code at its end.
+    /// Returns `None`, with a clear message, without tmux.
     pub fn start(name: &str, arguments: &str) -> Option<Self> {
         if !has_program("tmux") {
             skip("tmux");
@@ -46,7 +46,7 @@ impl Terminal {
         tmux.output().expect("tmux runs")
     }
 
-    /// Types keys by tmux's names of them, or text.
+    /// Types keys by their tmux names, or text.
     pub fn type_keys(&self, keys: &[&str]) {
         let output = self.tmux(&[&["send-keys"], keys].concat());
         assert!(output.status.success(), "{output:?}");
@@ -59,7 +59,7 @@ impl Terminal {
         assert!(killed.expect("a shell").success());
     }
 
-    /// Closes the terminal, as the window of one is closed, and waits for the end of the command.
+    /// Closes the terminal like a window, and waits for the end of the command.
     pub fn close(self) {
         let running = format!("/proc/{}/exe", self.pid());
         assert!(fs::read_link(&running).is_ok(), "it runs");
@@ -82,13 +82,13 @@ impl Terminal {
         String::from_utf8_lossy(&pid).trim().to_owned()
     }
 
-    /// What is on the screen.
+    /// Content of the screen.
     pub fn text(&self) -> String {
         let output = self.tmux(&["capture-pane", "-p"]);
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// Waits until the screen is as it has to be, and returns it.
+    /// Waits until the screen fulfils a condition, and returns its content.
     pub fn wait_for(&self, what: &str, mut is: impl FnMut(&str) -> bool) -> String {
         let mut text = String::new();
         for _ in 0..LOOKS {
@@ -101,7 +101,7 @@ impl Terminal {
         panic!("{what} is not on the screen:\n{text}");
     }
 
-    /// Waits until a text is on the screen, and returns the screen.
+    /// Waits until a text is on the screen, and returns the content of the screen.
     pub fn wait_for_text(&self, wanted: &str) -> String {
         self.wait_for(wanted, |text| text.contains(wanted))
     }

@@ -1,5 +1,5 @@
-//! `mesa update`, over a serial port and over a board: at the end the simulated card runs what the file
-//! has.
+//! `mesa update`, over a serial port and over a board: at the end the simulated card runs the
+//! program of the file.
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -147,10 +147,10 @@ fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
     let shown = board.console.show("1");
     assert_eq!(shown["remote.1.revision"], "34");
     assert_eq!(shown["remote.1.bootloader"], "0");
-    // So does the parameter that hosts read.
+    // The parameter that hosts read shows the new revision, too.
     let get = json(&["param", "get", "0.1.swrevision", "--addr", &address]);
     assert_eq!(get["parameter"]["value"], 34);
-    // In operate mode it has another baud rate.
+    // In operate mode the card has another baud rate.
     let operating = run(&update);
     assert_eq!(operating.code, Some(1), "{operating:?}");
     assert!(operating.err.contains("setup position"), "{operating:?}");
@@ -161,7 +161,7 @@ fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
         list.out.contains("7I77") && list.out.contains("7I72"),
         "{list:?}"
     );
-    // What was kept has the new firmware, and the other card its own.
+    // The stored state has the new firmware, and the other card its own.
     board.stop("TERM");
     let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i72"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &[&kept[..], &remotes].concat());

@@ -6,7 +6,7 @@ use crate::interop::board::Board;
 use crate::run::run;
 use crate::terminal::Terminal;
 
-/// The value of a pin on the screen.
+/// Value of a pin on the screen.
 fn value(text: &str, pin: &str) -> Option<String> {
     let mut lines = text.lines().map(|line| line.trim_start_matches(['│', ' ']));
     let line = lines.find_map(|line| line.strip_prefix(pin)?.strip_prefix(' '))?;
@@ -31,7 +31,7 @@ fn the_screen_follows_the_board_and_ends_with_the_terminal_restored() {
     ] {
         assert!(text.contains(wanted), "{wanted}:\n{text}");
     }
-    // What is typed filters at once; q is a letter there.
+    // Typed characters filter at once; q is a letter there.
     terminal.type_keys(&["/"]);
     terminal.type_keys(&["-l", "7i77.0.0.input-0"]);
     let text = terminal.wait_for_text("filter: 7i77.0.0.input-0_");

@@ -1,4 +1,4 @@
-//! `mesa wiring`: what a person actuates is what the simulated board's console is told.
+//! `mesa wiring`: the simulated board's console takes the operator's actions.
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -13,7 +13,7 @@ use crate::interop::{Process, Scratch};
 use crate::run::{Run, command, hold_against_schema, run};
 use crate::set::board;
 
-/// A check that runs: what it says, and what somebody types.
+/// A running check: its output, and the operator's input.
 pub struct Guided {
     pub process: Process,
     pub dialog: Console,
@@ -38,7 +38,7 @@ impl Guided {
         }
     }
 
-    /// Waits until it says something; the whole line.
+    /// Waits for a line with a text, and returns the line.
     pub fn says(&self, text: &str) -> String {
         self.dialog.wait_for(text)
     }
@@ -52,7 +52,7 @@ impl Guided {
         self.process.output().into()
     }
 
-    /// Actuates an input of the 7I77's when it is asked for, and lets it go.
+    /// Actuates an input of the 7I77 when requested, and releases it.
     pub fn actuates(&self, board: &mut Board, input: usize) {
         self.says("actuate it now; it is off");
         board.console.run(&format!("input 0 {input} on"));
@@ -62,7 +62,7 @@ impl Guided {
     }
 }
 
-/// The entries of a report, by the end of the pin's name.
+/// Returns the report's entry for the pin whose name ends with `pin`.
 pub fn entry<'a>(report: &'a Value, pin: &str) -> &'a Value {
     let terminals = report["terminals"].as_array().expect("a list");
     let mut found = terminals.iter().filter(|terminal| {
@@ -72,7 +72,7 @@ pub fn entry<'a>(report: &'a Value, pin: &str) -> &'a Value {
     found.next().unwrap_or_else(|| panic!("{pin}: {report:#}"))
 }
 
-/// What became of each terminal, in their order.
+/// Verdicts on the terminals, in their order.
 fn verdicts(report: &Value) -> Vec<&str> {
     let terminals = report["terminals"].as_array().expect("a list");
     let verdicts = terminals.iter().map(|terminal| &terminal["verdict"]);
@@ -81,7 +81,7 @@ fn verdicts(report: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Somebody ends it: the report, which is as the schema says.
+/// The operator ends the check; returns the report, validated against the schema.
 fn ends(mut guided: Guided) -> Value {
     guided.types("q");
     guided.says("outputs were never on; the ports are stopped");
@@ -122,13 +122,13 @@ fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
         let other = format!("TB8 pin {} INPUT{wired} ", wired + 1);
         assert!(told.contains(&other), "{told}");
         board.console.run(&format!("input 0 {wired} off"));
-        // No hand is at both in the same moment.
+        // No hand is at both inputs at once.
         std::thread::sleep(Duration::from_millis(500));
         guided.types("");
         guided.says("  INSTEAD CHANGED: TB8 pin ");
         guided.says(&format!("[{}/10] ", asked + 2));
     }
-    // Back to the first one, and what is typed by mistake.
+    // Back to the first input, with keys typed by mistake.
     for n in [3, 2, 1] {
         guided.types("b");
         guided.says(&format!("[{n}/10] "));
@@ -260,7 +260,7 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     assert!(lines[3].ends_with("  not checked"), "{run:?}");
 }
 
-/// The first axis has an index every 4000 counts, the index of the second one is not wired.
+/// The first axis has an index every 4000 counts; the index of the second one is not wired.
 const INDEXES: &str = r#"
 board = "7i92-7i77"
 
@@ -287,7 +287,7 @@ fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wi
     let mut guided = Guided::begin(&board, &["*.encoder.0?.*", "--json"]);
     guided.says("[1/12] ");
     guided.types("");
-    // The encoder is asked for before its index.
+    // The encoder is requested before its index.
     let asked = guided.says("turn the encoder past its index, by hand");
     assert!(
         asked.contains("[2/12] ") && asked.contains("IDX0"),
@@ -331,7 +331,7 @@ fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wi
 #[test]
 fn everything_in_order_is_exit_code_0() {
     let mut board = board();
-    // It is actuated at the start, and that is no change.
+    // An input that is on at the start is not a change.
     board.console.run("input 0 30 on");
     let mut guided = Guided::begin(&board, &["*7i77.0.0.input-30"]);
     guided.says("TB7 pin 15 INPUT30 (7i77.0.0.input-30): actuate it now; it is on");
@@ -343,7 +343,7 @@ fn everything_in_order_is_exit_code_0() {
     let run = guided.ended();
     assert_eq!(run.code, Some(0), "{run:?}");
     assert!(run.out.contains("1 of 1 terminals in order\n"), "{run:?}");
-    // The analog value at a terminal, where its card has one.
+    // The analog value at a terminal, on a card that has one.
     let mode = ["--mode", "0.0=2"];
     let guided = Guided::begin(&board, &[&["analogin"], &mode[..]].concat());
     for (input, volts) in ["12", "3", "8", "20"].iter().enumerate() {

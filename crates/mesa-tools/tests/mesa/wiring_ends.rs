@@ -1,4 +1,4 @@
-//! How `mesa wiring` ends: refused, ended by a person, a signal or the board.
+//! End of `mesa wiring`: by refusal, by the operator, by a signal, by the board.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! `mesa wiring --outputs`: what an output really does is what the simulated board's console says.
+//! `mesa wiring --outputs`: the state of an output comes from the simulated board's console.
 
 use serde_json::Value;
 
@@ -45,7 +45,7 @@ fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
         guided.says(words);
         assert!(!lit(&mut board).contains(&format!("remote.0.output-0{n}")));
     }
-    // Once more, and back.
+    // Output 4 is driven again, then back to output 3.
     guided.says("[5/10] ");
     wait_for(&mut board, 0, "output-04", "1");
     wait_for(&mut board, 0, "output-04", "0");
@@ -56,7 +56,8 @@ fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
     guided.says("[4/10] ");
     guided.types("y");
     guided.says("  ok");
-    // A load that is shorted ends it with the reason; the next one is driven all the same.
+    // A shorted load ends an output's check with the reason; the next output is driven all the
+    // same.
     guided.says("[5/10] ");
     wait_for(&mut board, 0, "output-04", "1");
     board.console.run("shorted 0 4 on");
@@ -124,7 +125,7 @@ fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
     assert_eq!(lit(&mut board), ["remote.0.output-00"], "it said so");
 }
 
-/// Whoever agreed may have his hands at the plug by now.
+/// By then, the operator who agreed may have a hand at the plug.
 #[test]
 fn an_output_that_can_not_be_driven_now_is_not_driven_later_without_another_question() {
     let mut board = board();
@@ -221,7 +222,7 @@ fn without_the_option_and_for_enables_and_voltages_nothing_is_ever_driven() {
         assert_eq!(run.code, Some(1), "{run:?}");
         assert!(run.err.contains("no terminal fits"), "{run:?}");
     }
-    // Those that are there are relays and outputs, and nothing else.
+    // The existing outputs are relays and outputs, and nothing else.
     let all = ["wiring", "--outputs", "--yes", "--json", "--for", "0.1"];
     let some = ["OUT?*", "--timeout", "0.5", "--sim", "7i97"];
     let run = run(&[&all[..], &some[..]].concat());
@@ -235,7 +236,7 @@ fn without_the_option_and_for_enables_and_voltages_nothing_is_ever_driven() {
     assert_eq!(names.len(), 6, "{names:?}");
     let are_relays = names.iter().all(|name| name.contains(".ssr.00.out-0"));
     assert!(are_relays, "{names:?}");
-    // Nobody answers. On a busy computer a watchdog bites.
+    // No operator answers. On a busy computer a watchdog bites.
     let is_unknown = |row: &Value| row["verdict"] == "skipped" || row["verdict"] == "failed";
     assert!(terminals.iter().all(is_unknown), "{report:#}");
 }

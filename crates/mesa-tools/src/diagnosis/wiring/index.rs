@@ -1,5 +1,5 @@
-//! The index of an encoder, by its latch: the level of the line shows a pulse of a few counts only by
-//! chance.
+//! Check of an encoder's index by its latch: the level of the line shows a pulse of a few counts
+//! only by chance.
 
 use core::time::Duration;
 
@@ -7,24 +7,25 @@ use super::{Ask, Check, Judgement, Kind, News, Track, Verdict};
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, PinId};
 
-/// A request that no cycle has taken is made again.
+/// Interval after which an arming request is repeated, if no cycle has taken it.
 const AGAIN: Duration = Duration::from_millis(500);
-/// An encoder that stands on an edge shows one count to and fro.
+/// Counts that make a movement: an encoder that stands on an edge shows one count to and fro.
 const STANDS: f64 = 2.0;
 
-/// What is known of an index that is asked for.
+/// State of a requested index.
 #[derive(Debug, Default)]
 pub(super) struct Latch {
-    /// When it was requested last.
+    /// Time of the last arming request.
     requested: Option<Instant>,
-    /// Where the encoder stood when the latch was armed.
+    /// Position of the encoder when the latch was armed.
     from: Option<AnyValue>,
 }
 
 impl Check {
-    /// The `index-enable` to set now, and its value: on when the latch of an index is to be armed, and
-    /// off when an ask has ended without it. Each is returned once; the caller sets it in its next
-    /// cycle, and looks again after each [`observe`](Self::observe) and [`give_up`](Self::give_up).
+    /// Returns the next `index-enable` to set, and its value: on to arm the latch of an index, and
+    /// off when a request has ended without the index. Each setting is returned once; the caller
+    /// writes it in its next cycle, and calls this again after each [`observe`](Self::observe) and
+    /// [`give_up`](Self::give_up).
     pub fn index_enable(&mut self) -> Option<(PinId, bool)> {
         self.requests.pop_front()
     }
@@ -34,7 +35,8 @@ impl Check {
         point.is_some_and(|point| point.kind == Kind::Index)
     }
 
-    /// Follows an index whose latch is valid: it is armed, and goes off when the index has come.
+    /// Follows an index whose latch is valid: the latch is armed, and turns off when the index
+    /// arrives.
     pub(super) fn follow_index(&mut self, ask: &mut Ask) -> Option<Judgement> {
         let armed = self.value(ask.point)?;
         let is_armed = armed.as_f64() != 0.0;
@@ -65,7 +67,7 @@ impl Check {
         None
     }
 
-    /// The ask for an index ends without it.
+    /// Ends the request for an index that has not arrived.
     pub(super) fn give_up_index(&mut self, ask: &Ask, is_skipped: bool) -> Option<Judgement> {
         let pin = self.points.get(ask.point)?.pin;
         self.requests.push_back((pin, false));
@@ -95,7 +97,7 @@ impl Check {
         }
     }
 
-    /// Whether its encoder moves, or has come to rest without the index.
+    /// Reports the encoder's movement, and its coming to rest without the index.
     fn follow_encoder(&mut self, ask: &mut Ask) {
         let Some(encoder) = self.encoder_of(ask.point) else {
             return;
@@ -129,7 +131,7 @@ impl Check {
         self.value(self.encoder_of(index)?)
     }
 
-    /// Where the encoder stood when the latch was armed, and where it is now, if it has moved.
+    /// Position of the encoder when the latch was armed and now, if it has moved.
     fn encoder_moved(&self, ask: &Ask) -> Option<(AnyValue, AnyValue)> {
         let to = self.encoder_value(ask.point)?;
         let from = ask.latch.from?;

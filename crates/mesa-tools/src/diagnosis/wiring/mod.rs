@@ -1,7 +1,8 @@
-//! Whether each wire is at its terminal: somebody actuates one input after the other, and what changes
-//! tells.
+//! Guided check of wiring: an operator actuates one input after the other, and the changes show
+//! whether each wire is at its terminal.
 //!
-//! A [`Check`] is fed with what the inputs show in each cycle, and knows no clock and no board:
+//! A [`Check`] takes the values of the inputs in each cycle; it has no clock and no board of its
+//! own:
 //!
 //! ```
 //! use mesa_hal::bus::Instant;
@@ -45,76 +46,80 @@ use mesa_hal::hal::{AnyValue, PinId};
 
 pub use points::{Kind, Point, outputs, points};
 
-/// How long nobody should touch anything before the first ask: what changes meanwhile changes by
-/// itself.
+/// Time before the first request in which nothing should be touched: an input that changes then
+/// changes by itself.
 pub const HANDS_OFF: Duration = Duration::from_millis(1500);
 
-/// Another one that changes is told so much later, if the one that was asked for has not changed.
+/// Delay before a change of another input is reported, if the requested one has not changed.
 const INSTEAD: Duration = Duration::from_millis(300);
-/// Levels that change together differ by no more.
+/// Largest time difference of levels that change together.
 const TOGETHER: Duration = Duration::from_millis(30);
-/// It has to rest for so long afterwards: others may be late, and what chatters goes on.
+/// Rest required after a return: related changes of other inputs may be late, and a chattering
+/// contact goes on.
 const GRACE: Duration = Duration::from_millis(200);
-/// The one before may still be let go.
+/// Time in which the previously requested input may still be released.
 const LET_GO: Duration = Duration::from_secs(2);
 
-/// What became of an input that was asked for.
+/// Verdict on a requested input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Verdict {
-    /// It changed, and came back; no other did so with it. An index was latched while its encoder moved.
+    /// The input changed and came back, and no other did so with it. An index was latched while its
+    /// encoder moved.
     Ok,
-    /// It counted down, though it was turned in its positive direction: A and B are exchanged, or its
-    /// scale has to be negative. A drive that is enabled so runs away.
+    /// The counter counted down when turned in its positive direction: A and B are exchanged, or
+    /// its scale must be negative. An enabled drive with such an encoder runs away.
     CountsDown,
-    /// It did not change; an index did not come, whether its encoder was turned or not.
+    /// The input did not change. An index did not arrive, whether or not its encoder was turned.
     NoChange,
-    /// It did not change, but others did.
+    /// Other inputs changed, but not the requested one.
     OtherChanged,
-    /// Others changed with it: they are connected, or actuated by the same thing.
+    /// Other inputs changed with the requested one: they are connected, or actuated by the same
+    /// thing.
     Together,
-    /// It changed, and did not come back; or it counts and does not rest.
+    /// The input changed and did not come back, or it counts and does not come to rest.
     NotBack,
-    /// It changes by itself, or counts up and down and gets nowhere; an index came while its encoder
-    /// stood.
+    /// The input changes by itself, or counts up and down without getting anywhere. An index
+    /// arrived while its encoder stood.
     Unstable,
-    /// It was skipped.
+    /// The operator skipped the input.
     Skipped,
-    /// What it shows is not valid.
+    /// The value of the input is not valid.
     NotValid,
 }
 
-/// What became of an input that was asked for, and what else was seen.
+/// Result for a requested input, with other observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Judgement {
-    /// What became of it.
+    /// Verdict on the input.
     pub verdict: Verdict,
-    /// Others that changed while it was asked for: their numbers.
+    /// Numbers of the other inputs that changed during the request.
     pub others: Vec<usize>,
-    /// Where it rested, and the farthest from there that it was: for a counter, which way it counts. For
-    /// an index, where its encoder was when its latch was armed, and where it was when this ended.
+    /// The rest, and the farthest value from it, which shows the direction of a counter. For an
+    /// index, the position of its encoder when the latch was armed, and at the end of the request.
     pub moved: Option<(AnyValue, AnyValue)>,
 }
 
-/// What is to be said while an input is asked for.
+/// Message about the requested input, for the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum News {
-    /// It rests, and can be actuated.
+    /// The input rests and can be actuated; its value.
     Ready(AnyValue),
-    /// What it shows is not valid.
+    /// The value of the input is not valid.
     NotValid,
-    /// It was not valid for a while, and is not where it rested before: it has to be let go first.
+    /// The input was invalid for some time and is not at its earlier rest: it has to be released
+    /// first.
     Held(AnyValue),
-    /// It has changed, and can be let go.
+    /// The input has changed and can be released.
     Changed(AnyValue),
-    /// Another one changed instead.
+    /// Another input changed instead; its number.
     Instead(usize),
-    /// This one changes by itself, and does not count until it is quiet.
+    /// The input with this number changes by itself, and is ignored until it is quiet.
     Restless(usize),
-    /// It counts up and down, and gets nowhere: one of A and B does not arrive.
+    /// The counter counts up and down without getting anywhere: one of A and B does not arrive.
     Dithers,
-    /// The encoder was turned from here to there, and its index has not come.
+    /// The encoder was turned from the first position to the second, and its index has not arrived.
     NoIndex(AnyValue, AnyValue),
 }
 
@@ -128,12 +133,12 @@ pub struct Check {
     tracks: Vec<Track>,
     now: Instant,
     ask: Option<Ask>,
-    /// The one that was asked for last, if it has changed: it may still be let go.
+    /// The previously requested input, if it has changed: it may still be released.
     last: Option<usize>,
-    /// Those of which was told that they change by themselves.
+    /// Inputs already reported as changing by themselves.
     restless: BTreeSet<usize>,
     news: VecDeque<News>,
-    /// Each `index-enable` that is to be set, and its value.
+    /// Pending `index-enable` settings: pin and value.
     requests: VecDeque<(PinId, bool)>,
 }
 
@@ -141,11 +146,11 @@ pub struct Check {
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 struct Ask {
     point: usize,
-    /// Since when it could be actuated.
+    /// Time since when the input can be actuated.
     ready: Option<Instant>,
-    /// Was told.
+    /// True once the invalid value has been reported.
     is_invalid: bool,
-    /// Was told.
+    /// True once the held level has been reported.
     is_held: bool,
     has_changed: bool,
     dithers: bool,
@@ -154,7 +159,7 @@ struct Ask {
 }
 
 impl Check {
-    /// Of these inputs; a number is that of one of them.
+    /// Creates a check of these inputs. The number of an input is its index in `points`.
     pub fn new(points: Vec<Point>) -> Self {
         Self {
             tracks: points.iter().map(Track::new).collect(),
@@ -173,11 +178,11 @@ impl Check {
         &self.points
     }
 
-    /// Asks for an input, from now on. The latch of an index has to be armed for it: see
+    /// Requests an input, from now on. For an index its latch has to be armed: see
     /// [`index_enable`](Self::index_enable).
     pub fn ask(&mut self, point: usize) {
         self.news.clear();
-        // It is told of this one again.
+        // If this input changes by itself, that is reported again.
         self.restless.remove(&point);
         self.ask = Some(Ask {
             point,
@@ -191,13 +196,13 @@ impl Check {
         });
     }
 
-    /// What is to be said next.
+    /// Removes and returns the next message.
     pub fn news(&mut self) -> Option<News> {
         self.news.pop_front()
     }
 
-    /// Takes what the inputs showed in a cycle, `None` for what is not valid, and gives the judgement
-    /// on the one that is asked for as soon as there is one. Call it at least ten times a second.
+    /// Takes the values of the inputs in a cycle, `None` for an invalid one. Returns the result for
+    /// the requested input as soon as it is known. Call it at least ten times a second.
     pub fn observe(
         &mut self,
         now: Instant,
@@ -218,13 +223,14 @@ impl Check {
         judgement
     }
 
-    /// What an input shows.
+    /// Last value of an input.
     pub fn value(&self, point: usize) -> Option<AnyValue> {
         self.tracks.get(point)?.value()
     }
 
-    /// Ends the ask: the judgement as far as it is known. `is_skipped`: a person has given up, and no
-    /// timeout. If it is asked for again, it rests where it is then.
+    /// Ends the request and returns the result as far as it is known. `is_skipped`: the operator
+    /// gave up, as opposed to a timeout. If the input is requested again, its level at that time is
+    /// its rest.
     pub fn give_up(&mut self, is_skipped: bool) -> Option<Judgement> {
         let ask = self.ask.take()?;
         if self.is_index(ask.point) {
@@ -261,13 +267,13 @@ impl Check {
         })
     }
 
-    /// The ones that change by themselves.
+    /// Inputs that change by themselves.
     pub fn restless(&self) -> impl Iterator<Item = usize> + '_ {
         let tracks = self.tracks.iter().enumerate();
         tracks.filter_map(|(n, track)| track.is_restless(self.now).then_some(n))
     }
 
-    /// Those that change by themselves are told once, as long as they do.
+    /// Reports each input that has begun to change by itself, once until it stops.
     fn tell_restless(&mut self) {
         let restless: BTreeSet<usize> = self.restless().collect();
         let fresh = restless.difference(&self.restless);
@@ -275,7 +281,7 @@ impl Check {
         self.restless = restless;
     }
 
-    /// Follows the one that is asked for.
+    /// Follows the requested input.
     fn follow(&mut self, ask: &mut Ask) -> Option<Judgement> {
         let now = self.now;
         let track = self.tracks.get(ask.point)?;
@@ -320,7 +326,7 @@ impl Check {
         self.judge(ask)
     }
 
-    /// Whether it was actuated, when it is back.
+    /// Returns the result once the input is back.
     fn judge(&self, ask: &Ask) -> Option<Judgement> {
         let track = self.tracks.get(ask.point)?;
         let (left, back) = track.left.zip(track.back)?;
@@ -356,7 +362,7 @@ impl Check {
         })
     }
 
-    /// Whether another one changed instead.
+    /// Reports other inputs that changed instead.
     fn look_elsewhere(&mut self, ask: &mut Ask, ready: Instant) {
         let now = self.now;
         let left = self.tracks.get(ask.point).and_then(|track| track.left);
@@ -373,8 +379,8 @@ impl Check {
         ask.others.extend(instead);
     }
 
-    /// The others of its kind that do not change by themselves. What else changes has other reasons:
-    /// an axis that is pushed onto its limit switch counts.
+    /// The other inputs of its kind that do not change by themselves. Changes of other kinds have
+    /// other reasons: an axis that is pushed onto its limit switch counts.
     fn of_its_kind(&self, point: usize) -> impl Iterator<Item = (usize, &Track)> {
         let kind = self.points.get(point).map(|point| point.kind);
         let all = self.points.iter().zip(&self.tracks).enumerate();
@@ -385,8 +391,8 @@ impl Check {
     }
 }
 
-/// Pairs that are exchanged: each changed when the other one was asked for. `judged` has what became
-/// of each input, by its number.
+/// Returns the pairs of exchanged inputs: each changed when the other one was requested. `judged`
+/// returns the result for an input, by its number.
 pub fn exchanged<'a>(
     judged: impl Fn(usize) -> Option<&'a Judgement>,
     count: usize,

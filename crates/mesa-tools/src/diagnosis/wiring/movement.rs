@@ -1,58 +1,57 @@
-//! How a level or a number goes away from where it rests, and comes back.
+//! Movement of a level or a number away from its rest, and back.
 
 use core::time::Duration;
 
 use mesa_hal::bus::Instant;
 
-/// A level counts when it has been the same for so long: longer than a contact bounces, shorter than
-/// a hand actuates.
+/// Settling time of a level: longer than a contact bounces, shorter than a hand actuates.
 const SETTLED: Duration = Duration::from_millis(20);
-/// A level that does not settle for so long chatters.
+/// A level that has not settled within this time chatters.
 const CHATTER: Duration = Duration::from_millis(500);
-/// A number that has not moved for so long is still.
+/// Time without movement after which a number is still.
 const STILL: Duration = Duration::from_millis(400);
 
-/// A level or a number turned.
+/// Change of a level or a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Turn {
-    /// When it began to.
+    /// Time at which the change began.
     pub at: Instant,
     pub way: Way,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Way {
-    /// From where it rests.
+    /// Away from the rest.
     Away,
-    /// To where it rests, or where it rests from now on.
+    /// Back to the rest, or to a new one.
     Back,
-    /// Away and back at once.
+    /// Away and back without settling.
     Spike,
 }
 
-/// A level.
+/// State of a level.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Level {
-    /// As it was read last, and since when.
+    /// Last value, and the time of its last change.
     pub value: Option<bool>,
     since: Instant,
-    /// When it left its settled level first.
+    /// Time at which the settled level was first left.
     edge: Option<Instant>,
     settled: Option<bool>,
     rest: Option<bool>,
-    /// It was lost, and has not been seen since where it rested before.
+    /// True after an invalid period, until the level has been seen at its earlier rest.
     is_held: bool,
 }
 
 impl Level {
-    /// It rests where it is, unless it was lost and may be held.
+    /// Takes the settled level as the rest, unless the level was invalid and may be held.
     pub fn begin(&mut self) {
         if !self.is_held {
             self.rest = self.settled;
         }
     }
 
-    /// The same one, of which only is known where it rested.
+    /// The state after an invalid period, which keeps the rest only.
     pub fn anew(&self) -> Self {
         Self {
             rest: self.rest,
@@ -61,12 +60,12 @@ impl Level {
         }
     }
 
-    /// Whether it was lost, and is not where it rested before.
+    /// True if the level was invalid and is not back at its earlier rest.
     pub fn is_held(&self) -> bool {
         self.is_held && self.settled != self.rest
     }
 
-    /// It rests where it is: nobody holds it.
+    /// Ends the held state: the next request takes the level as the rest.
     pub fn let_go(&mut self) {
         self.is_held = false;
     }
@@ -103,28 +102,28 @@ impl Level {
         self.edge.is_some_and(|edge| now.since(edge) > CHATTER)
     }
 
-    /// Where it rests, and where it is when it does not.
+    /// The rest, and the opposite level.
     pub fn moved(&self) -> Option<(bool, bool)> {
         self.rest.map(|rest| (rest, !rest))
     }
 }
 
-/// A number.
+/// State of a number.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Number {
-    /// How far is a movement.
+    /// Distance that makes a movement.
     threshold: f64,
-    /// As it was read last.
+    /// Last value.
     pub value: Option<f64>,
-    /// What it is near to, and since when.
+    /// Reference of a still number, and the time since when the number has been near it.
     near: (f64, Instant),
     rest: Option<f64>,
-    /// Where its last movement began, and how far it went at most.
+    /// Start of the last movement, and its farthest distance.
     from: f64,
     far: f64,
     is_away: bool,
     is_rising: Option<bool>,
-    /// How often it turned round since the ask began.
+    /// Number of reversals since the request began.
     pub reversals: u32,
 }
 
@@ -143,12 +142,12 @@ impl Number {
         }
     }
 
-    /// The same one, of which nothing is known.
+    /// The initial state, with the same threshold.
     pub fn anew(&self) -> Self {
         Self::new(self.threshold)
     }
 
-    /// Nothing has moved yet.
+    /// Clears the movement and the reversals at the start of a request.
     pub fn begin(&mut self) {
         self.far = 0.0;
         self.reversals = 0;
@@ -204,7 +203,7 @@ impl Number {
         self.rest.is_some() && !self.is_away
     }
 
-    /// Where its last movement began, and the farthest that it came.
+    /// Start of the last movement, and its farthest point.
     pub fn moved(&self) -> Option<(f64, f64)> {
         (self.far != 0.0).then_some((self.from, self.from + self.far))
     }

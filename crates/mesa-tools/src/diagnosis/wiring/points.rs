@@ -1,65 +1,66 @@
-//! Which terminals a person can actuate, and the pin that shows it.
+//! Terminals that an operator can actuate, and their pins.
 
 use std::collections::BTreeSet;
 
 use mesa_hal::hal::{GroupId, HalType, PinId, PinInfo, Pins, Role};
 
-/// How an input shows that it is actuated.
+/// Kind of an input, by its reaction when actuated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Kind {
-    /// It counts when an encoder is turned.
+    /// Counts when an encoder is turned.
     Counter,
-    /// The latch of an encoder's index, which goes off when the encoder is turned past it. Its pin is
-    /// `index-enable`.
+    /// The latch of an encoder's index, which turns off when the encoder is turned past the index.
+    /// The pin is `index-enable`.
     Index,
-    /// It is on or off.
+    /// On or off.
     Digital,
-    /// It has a value between limits.
+    /// A value between limits.
     Analog,
 }
 
 /// An input at a terminal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// The pin that shows it.
+    /// Pin of the input.
     pub pin: PinId,
-    /// What is known of that pin.
+    /// Description of the pin.
     pub info: PinInfo,
-    /// How it shows that it is actuated.
+    /// Kind of the input.
     pub kind: Kind,
-    /// Whether it is to be checked; others are watched only.
+    /// True if the input is to be checked; others are only watched.
     pub is_asked: bool,
-    /// The card that its terminal is on.
+    /// Card of the terminal.
     card: Card,
 }
 
-/// Terminals of the same name are the same one if they are on the same card.
+/// Card of a terminal: equal terminal names denote one terminal only on the same card.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Card {
-    /// That of a remote.
+    /// Card of a remote.
     Remote(GroupId),
-    /// The part of the board's own pins that a name begins with.
+    /// Part of the board, by the prefix of its pins' names.
     Part(String),
-    /// Such a part that is one counter, as an encoder is: all its terminals change when it is turned.
+    /// Part of the board that is one counter, such as an encoder: all its terminals change when it
+    /// is turned.
     Counter(String),
-    /// The index of such a part, if that has a latch.
+    /// Index of such a part, if it has a latch.
     Index(String),
 }
 
-/// The pins of an encoder's index: its latch, and its level.
+/// Pins of an encoder's index: its latch, and its level.
 const LATCH: &str = "index-enable";
 const LEVEL: &str = "input-index";
 
-/// The inputs that can be checked, in the order of their pins: one for each terminal. Those that
-/// `fits` chooses are asked for, and the others are watched.
+/// Returns the inputs that can be checked, in the order of their pins: one for each terminal. Those
+/// that `fits` selects are to be checked, the others are watched.
 ///
-/// A terminal that has several pins is checked by the first one of those that `fits` chooses: its
-/// counter if it is an encoder's, else its level, else its value; a counter on digital inputs, such as
-/// a handwheel's, only if these are not chosen. The index of an encoder on the board is checked by its
-/// latch, whichever of its pins is chosen. Digital inputs of `remotes` (the groups of their pins)
-/// need no terminal: that of a card that is not known has none.
+/// A terminal with several pins is checked by the first selected one: its counter if it is an
+/// encoder's, else its level, else its value; a counter on digital inputs, such as a handwheel's,
+/// only if these are not selected. The index of an encoder on the board is checked by its latch,
+/// whichever of its pins is selected. Digital inputs of `remotes` (the groups of their pins) need
+/// no terminal, because an unknown card has none.
 pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool) -> Vec<Point> {
     let candidate = |(pin, info): (PinId, &PinInfo)| Point::new(pins, pin, info, remotes);
     let all = pins.ids().zip(pins.infos()).filter_map(candidate);
@@ -117,7 +118,7 @@ impl Point {
         })
     }
 
-    /// The pin that shows the level of an index.
+    /// The pin of an index's level.
     fn index_level<'a>(&self, pins: &'a Pins) -> Option<&'a PinInfo> {
         let Card::Index(part) = &self.card else {
             return None;
@@ -126,7 +127,7 @@ impl Point {
         pins.info_of(level)
     }
 
-    /// Whether it is the counter of an index's encoder.
+    /// True if this is the counter of the index's encoder.
     pub(super) fn counts_for(&self, index: &Self) -> bool {
         match (&self.card, &index.card) {
             (Card::Counter(one), Card::Index(two)) => self.kind == Kind::Counter && one == two,
@@ -134,7 +135,7 @@ impl Point {
         }
     }
 
-    /// Terminals, or the name of a level where none is known.
+    /// Terminals of the input, or its name where no terminal is known.
     fn terminals(&self) -> impl Iterator<Item = &str> {
         let name = &*self.info.name;
         let name = name.strip_suffix("-not").unwrap_or(name);
@@ -153,7 +154,7 @@ impl Point {
             && (self.card.is_counter() || self.terminals().eq(other.terminals()))
     }
 
-    /// Whether each of its terminals has an input of its own.
+    /// True if each of its terminals has an input of its own.
     fn is_covered(&self, all: &[Self]) -> bool {
         let count = self.terminals().count();
         let own = all
@@ -179,7 +180,7 @@ impl Card {
     }
 }
 
-/// The encoder of which a pin is the index's latch or its level, if the board has such a latch and a
+/// The encoder to which an index's latch or level belongs, if the board has such a latch and a
 /// terminal for it.
 fn index_part(pins: &Pins, info: &PinInfo, remotes: &[GroupId]) -> Option<String> {
     let (part, name) = info.name.rsplit_once('.')?;
@@ -190,9 +191,9 @@ fn index_part(pins: &Pins, info: &PinInfo, remotes: &[GroupId]) -> Option<String
     (is_index && is_there("count") && is_there(LATCH)).then(|| part.to_owned())
 }
 
-/// The first of the best kind at each place.
+/// Returns the first input of the best kind at each terminal.
 fn one_for_each_terminal(mut all: Vec<Point>) -> Vec<Point> {
-    // Stable: of a kind they stay in their order.
+    // The sort is stable: inputs of one kind stay in order.
     all.sort_by_key(|point| point.kind);
     let mut first: Vec<Point> = Vec::new();
     for point in all {
@@ -209,9 +210,10 @@ fn one_for_each_terminal(mut all: Vec<Point>) -> Vec<Point> {
         .collect()
 }
 
-/// The digital outputs that `fits` chooses, in the order of their pins: those of `remotes` (the groups
-/// of their pins) and of the board's own SSR and OutM. I/O pins that no module uses are none: what they
-/// drive has to be set up first. What an output can do to a machine is not looked at.
+/// Returns the digital outputs that `fits` selects, in the order of their pins: those of `remotes`
+/// (the groups of their pins) and those of the board's own SSR and OutM. I/O pins without a module
+/// are left out, because their use has to be configured first. The effect of an output on the
+/// machine is not considered.
 pub fn outputs(
     pins: &Pins,
     remotes: &[GroupId],

@@ -1,4 +1,4 @@
-//! One input: whether it is valid, rests, changes by itself, or was actuated.
+//! State of one input: validity, rest, spontaneous changes and actuation.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -8,32 +8,32 @@ use super::{Kind, Point};
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, HalType, Value};
 
-/// What is not valid for less is a lost transfer.
+/// Longest invalid period that counts as a lost transfer.
 const GAP: Duration = Duration::from_millis(100);
-/// Counts that are a movement; an encoder that stands on an edge shows one to and fro.
+/// Counts that make a movement; an encoder that stands on an edge shows one count to and fro.
 const COUNTS: f64 = 8.0;
-/// Part of its range that is a movement of a value.
+/// Part of a value's range that makes a movement.
 const PART: f64 = 0.05;
-/// So many turns within this time are nobody's hand ...
+/// Turns, and the time in which no hand makes that many: the input changes by itself.
 const TURNS: usize = 16;
 const RESTLESS: Duration = Duration::from_secs(10);
-/// ... and what is restless stays so until it has not turned for so long.
+/// Time without a turn after which an input no longer counts as changing by itself.
 const CALM: Duration = Duration::from_secs(3);
-/// Reversals of a counter that gets nowhere.
+/// Reversals without a movement that show a counter getting nowhere.
 const REVERSALS: u32 = 30;
 
-/// One input.
+/// State of one input.
 #[derive(Debug)]
 pub(super) struct Track {
     hal_type: HalType,
     shape: Shape,
-    /// Since when it is not valid.
+    /// Start of the invalid period.
     lost: Option<Instant>,
-    /// Its last turns.
+    /// Times of the last turns.
     turns: VecDeque<Instant>,
-    /// When it was seen last to change by itself.
+    /// Last time at which the input changed by itself.
     restless: Option<Instant>,
-    /// When it left its rest, and was back, since the ask began.
+    /// Times at which the input left its rest and was back, since the request began.
     pub left: Option<Instant>,
     pub back: Option<Instant>,
 }
@@ -42,7 +42,7 @@ pub(super) struct Track {
 enum Shape {
     Level(Level),
     Number(Number),
-    /// An index's latch: the driver sets it on and off, and no hand does.
+    /// Latch of an index: set and cleared by the driver, not by hand.
     Latch(Option<bool>),
 }
 
@@ -69,7 +69,7 @@ impl Track {
         }
     }
 
-    /// An ask begins: what it does is told from now on.
+    /// Starts a request: forgets earlier movements.
     pub fn begin(&mut self) {
         (self.left, self.back) = (None, None);
         match &mut self.shape {
@@ -79,12 +79,12 @@ impl Track {
         }
     }
 
-    /// What it showed in a cycle. `is_quiet`: nobody was asked to touch anything.
+    /// Takes the value of a cycle. `is_quiet`: no input is requested, so nothing should change.
     pub fn take(&mut self, now: Instant, value: Option<AnyValue>, is_quiet: bool) {
         let Some(value) = value.filter(|value| value.is_finite()) else {
             self.lost.get_or_insert(now);
             if !self.is_valid(now) {
-                // What it shows next is no change, and of a number where it rests.
+                // The next valid value is no change, and a number rests at it.
                 self.forget();
             }
             return;
@@ -145,12 +145,12 @@ impl Track {
         self.lost.is_none_or(|since| now.since(since) <= GAP)
     }
 
-    /// Whether it changes by itself.
+    /// True if the input changes by itself.
     pub fn is_restless(&self, now: Instant) -> bool {
         self.restless.is_some_and(|last| now.since(last) < CALM)
     }
 
-    /// Whether it rests, so that an ask can begin.
+    /// True if the input rests, so that a request can begin.
     pub fn rests(&self, now: Instant) -> bool {
         let rests = match &self.shape {
             Shape::Level(level) => level.rests(),
@@ -160,25 +160,26 @@ impl Track {
         rests && self.is_valid(now) && !self.is_restless(now)
     }
 
-    /// Whether it was lost, and is back elsewhere than it rested: somebody holds it.
+    /// True if the input was invalid and is not back at its rest: it may be held.
     pub fn is_held(&self) -> bool {
         matches!(&self.shape, Shape::Level(level) if level.is_held())
     }
 
-    /// It rests where it is: nobody holds it.
+    /// Accepts the present level as the rest: the input is not held.
     pub fn let_go(&mut self) {
         if let Shape::Level(level) = &mut self.shape {
             level.let_go();
         }
     }
 
-    /// How long ago it turned last.
+    /// Time since the last turn.
     pub fn since_turn(&self, now: Instant) -> Duration {
         let last = self.turns.back();
         last.map_or(Duration::MAX, |&last| now.since(last))
     }
 
-    /// It counts up and down, and gets nowhere: one of A and B does not arrive.
+    /// True if the counter counts up and down without getting anywhere: one of A and B does not
+    /// arrive.
     pub fn dithers(&self) -> bool {
         let Shape::Number(number) = &self.shape else {
             return false;
@@ -186,7 +187,7 @@ impl Track {
         number.rests() && self.left.is_none() && number.reversals >= REVERSALS
     }
 
-    /// What it shows.
+    /// Last value.
     pub fn value(&self) -> Option<AnyValue> {
         match &self.shape {
             Shape::Level(level) => level.value.map(AnyValue::from),
@@ -195,7 +196,7 @@ impl Track {
         }
     }
 
-    /// Where it rested, and the farthest from there that it was.
+    /// The rest, and the farthest value from it.
     pub fn moved(&self) -> Option<(AnyValue, AnyValue)> {
         self.left?;
         match &self.shape {

@@ -1,4 +1,4 @@
-//! A simulated remote in place of a card on a serial port. Nothing waits for time but the host.
+//! A simulated remote in place of a card on a serial port. Only the host uses real time.
 
 use std::collections::VecDeque;
 use std::io;
@@ -17,9 +17,9 @@ const BIT: Nanos = 8_681;
 struct Line {
     remote: mesa_hal_sim::remote::Remote<mesa_hal_sim::devices::Device<FieldIo>>,
     now: Nanos,
-    /// What has come in and was not read.
+    /// Characters that have arrived and were not read.
     waiting: VecDeque<u8>,
-    /// The remote is switched off before this request, counted down.
+    /// Number of requests before the remote is switched off.
     cut: Option<u32>,
 }
 
@@ -49,7 +49,7 @@ impl Write for Line {
             Some(requests) => *requests -= 1,
             None => {}
         }
-        // Long after whatever was before.
+        // Long after any earlier burst.
         let start = self.now + 5_000_000;
         let request = Burst::new(start, BIT, data);
         self.remote.advance(request.end());
@@ -76,7 +76,7 @@ impl Read for Line {
     }
 }
 
-/// A host that does not wait long for what is there at once or never.
+/// A host with short timeouts: the simulated remote replies at once or never.
 fn host_on(line: Line) -> SerialHost<Line> {
     SerialHost {
         reply: Duration::from_millis(5),
@@ -247,7 +247,7 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
     assert!(!plan.is_readable);
     let refused = plan.carry_out(&mut host, &firmware, true, &mut never);
     assert!(matches!(refused, Err(UpdateError::NotReadable)));
-    // As setsserial, which does not look.
+    // setsserial does not look either.
     plan.carry_out(&mut host, &firmware, false, &mut never)
         .unwrap();
     host.port.power_cycle();
@@ -255,7 +255,7 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
     let short = Firmware::new("7I77.BIN", vec![1; 0x1000], RemoteName(*b"7I77")).unwrap();
     let refused = Plan::make(&mut host, &short, &mut never);
     assert!(matches!(refused, Err(UpdateError::TooShort { .. })));
-    // A card without flash memory has its EEPROM there.
+    // A card without flash memory has its EEPROM at these addresses.
     let mut line = Line::new();
     line.remote.take_flash();
     let refused = Plan::make(&mut host_on(line), &firmware, &mut never);

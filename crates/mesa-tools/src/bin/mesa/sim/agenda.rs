@@ -1,4 +1,4 @@
-//! What is to be done at a time, and what is waited for.
+//! Commands scheduled for a time, and conditions to wait for.
 
 use std::collections::VecDeque;
 use std::fmt::Write;
@@ -6,18 +6,18 @@ use std::time::Duration;
 
 use super::console::line;
 
-/// The most commands that wait for their time.
+/// Maximum number of scheduled commands.
 const MOST_COMMANDS: usize = 1000;
 
-/// The longest time that can be told: a day.
+/// Longest time that a command accepts, in seconds: a day.
 const LONGEST: f64 = 86_400.0;
 
-/// How long is waited for a condition unless something else is said.
+/// Default time limit of a `wait until`.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 const NANOS: f64 = 1e9;
 
-/// Commands in the order of their times.
+/// Scheduled commands in the order of their times.
 #[derive(Debug, Default)]
 pub struct Agenda {
     commands: VecDeque<(u64, String)>,
@@ -26,7 +26,7 @@ pub struct Agenda {
 }
 
 impl Agenda {
-    /// Whether a command is one that can be done later.
+    /// Checks that a command can be scheduled.
     pub fn takes(command: &str) -> Result<(), String> {
         match command.split_whitespace().next() {
             None => Err("expected at TIME COMMAND".to_owned()),
@@ -37,7 +37,8 @@ impl Agenda {
         }
     }
 
-    /// Puts a command that it [takes](Self::takes) where its time is: `2.5s` since the board's start, or `+2.5s` from now.
+    /// Schedules a command that [`takes`](Self::takes) accepts: at `2.5s` since the board's start,
+    /// or `+2.5s` from now.
     pub fn add(&mut self, now: u64, time: &str, command: &str) -> Result<(), String> {
         let at = match time.strip_prefix('+') {
             Some(after) => now.saturating_add(nanos(after)?),
@@ -57,7 +58,7 @@ impl Agenda {
         Ok(())
     }
 
-    /// The next command whose time has come.
+    /// Removes and returns the next due command.
     pub fn take(&mut self, now: u64) -> Option<String> {
         let (at, _) = self.commands.front()?;
         if *at > now {
@@ -67,12 +68,12 @@ impl Agenda {
         self.commands.pop_front().map(|(_, command)| command)
     }
 
-    /// The command that was taken last was refused.
+    /// Counts the last taken command as refused.
     pub fn failed(&mut self) {
         self.failed += 1;
     }
 
-    /// What waits, and how many were done.
+    /// The scheduled commands, and the number of executed ones.
     pub fn show(&self) -> String {
         let mut text = String::new();
         line(&mut text, "agenda.done", self.done);
@@ -84,7 +85,7 @@ impl Agenda {
     }
 }
 
-/// A time: `2.5s`, `2.5` or `200ms`.
+/// Parses a time: `2.5s`, `2.5` or `200ms`.
 fn nanos(text: &str) -> Result<u64, String> {
     let seconds = match text.strip_suffix("ms") {
         Some(millis) => millis.parse().map(|millis: f64| millis / 1e3),
@@ -99,7 +100,7 @@ fn nanos(text: &str) -> Result<u64, String> {
     Ok((seconds * NANOS) as u64)
 }
 
-/// What a value is waited to become.
+/// Condition on a value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
     pub name: String,
@@ -114,7 +115,7 @@ enum Wanted {
 }
 
 impl Condition {
-    /// `NAME VALUE|>X|<X [within S]`, and for how long.
+    /// Parses `NAME VALUE|>X|<X [within S]` to a condition and its time limit.
     pub fn parse(words: &[&str]) -> Result<(Self, Duration), String> {
         let (name, wanted, patience) = match *words {
             [name, wanted] => (name, wanted, PATIENCE),
@@ -136,7 +137,7 @@ impl Condition {
         Ok((Self { name, wanted }, patience))
     }
 
-    /// Whether a value is what is waited for. Numbers are equal whatever their zeros.
+    /// True if a value meets the condition. Numbers are compared by value: `1` equals `1.00`.
     pub fn holds(&self, value: &str) -> bool {
         let number: Option<f64> = value.parse().ok();
         match &self.wanted {

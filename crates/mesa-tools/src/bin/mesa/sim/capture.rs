@@ -1,4 +1,4 @@
-//! The packets of all boards in a file.
+//! Capture file for the packets of all boards.
 
 use std::fs::File;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::context::Failure;
 use crate::output::complain;
 
 /// A capture file that several boards write to. Each packet is written at once, so that the file is
-/// whole whenever the process ends.
+/// complete whenever the process ends.
 #[derive(Clone, Debug)]
 pub struct Capture {
     file: Arc<Mutex<Option<PcapWriter<File>>>>,
@@ -19,7 +19,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Begins a file of at most `limit` bytes.
+    /// Creates a file of at most `limit` bytes.
     pub fn create(path: &Path, limit: u64) -> Result<Self, Failure> {
         let writer = File::create(path).and_then(|file| PcapWriter::new(file, limit));
         let writer = writer

@@ -1,5 +1,6 @@
-//! What the flash memory of a simulated board holds as it comes: a boot block and configurations of a
-//! Spartan 6. Source: Xilinx UG380, "Configuration Data File Formats" and "Configuration Registers".
+//! Factory content of a simulated board's flash memory: a boot block and configurations of a
+//! Spartan
+//! 6. Source: Xilinx UG380, "Configuration Data File Formats" and "Configuration Registers".
 
 use mesa_hal::boards::FlashLayout;
 
@@ -21,14 +22,14 @@ const MODE: u16 = 0x18;
 const NULL: u16 = 0x00;
 const IPROG: u16 = 0x0E;
 
-/// The flash memory's command for a fast read.
+/// Fast read command of the flash memory.
 const FAST_READ: u32 = 0x0B;
 
-/// A page of the flash memory.
+/// Page size of the flash memory.
 const PAGE: usize = 256;
 
-/// A boot block, which sends the FPGA to the user configuration, and if that cannot be loaded, to the
-/// fallback. These are the bytes that mesaflash wants to find in the first page (FACTS 10.2).
+/// A boot block, which makes the FPGA load the user configuration, and the fallback if that cannot
+/// be loaded. These are the bytes that mesaflash expects in the first page (FACTS 10.2).
 pub fn boot_block(layout: &FlashLayout) -> Vec<u8> {
     let [user, fallback] = [layout.user.0, layout.fallback.0].map(|address| {
         let high = FAST_READ << 8 | address >> 16;
@@ -60,8 +61,8 @@ const fn write(register: u16, value: u16) -> [u16; 2] {
     [0x3001 | register << 5, value]
 }
 
-/// A configuration as a bitfile has it, but for what is between its first and its last packets, which is
-/// made up and short.
+/// A configuration in the format of a bitfile. The part between its first and its last packets is
+/// invented and short.
 pub fn configuration(number: u8) -> Vec<u8> {
     let mut bytes = vec![0xFF; 16];
     // Synchronisation word, no operation, reset of the CRC, IDCODE of a 6SLX9.

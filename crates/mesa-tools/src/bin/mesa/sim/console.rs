@@ -1,7 +1,7 @@
-//! Commands on standard input, and what is printed about them.
+//! Console commands and their answers.
 //!
-//! Every command is answered by lines of the form `name value`, and then by one line `ok`, or
-//! `error: ` and a reason.
+//! The answer to a command is a list of lines `name value`, then a line `ok`; or `error: ` and a
+//! reason.
 
 use std::{
     fmt::Write,
@@ -13,7 +13,7 @@ use mesa_hal_sim::{UdpCounters, UdpFace};
 use super::{machine::Machine, mechanics, remotes};
 use crate::pattern::is_match;
 
-/// Longer lines are cut off.
+/// Longer lines are truncated.
 const MAX_LINE: usize = 1000;
 
 pub const HELP: &str = "\
@@ -53,7 +53,7 @@ boards                     all boards of this process; @BOARD COMMAND is for one
 quit                       stop
 ";
 
-/// What to print, and whether to go on.
+/// Text to print, and whether the process ends.
 #[derive(Debug)]
 pub struct Answer {
     pub text: String,
@@ -61,7 +61,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// The lines of what was done, or why it was not.
+    /// The answer for a result: its lines and `ok`, or the error.
     pub fn of(done: Result<String, String>) -> Self {
         let text = match done {
             Ok(text) => text + "ok\n",
@@ -74,7 +74,7 @@ impl Answer {
         Self::of(Err(reason.into()))
     }
 
-    /// Everything ends.
+    /// The answer to `quit`, which ends all boards.
     pub fn quit() -> Self {
         Self {
             text: "ok\n".to_owned(),
@@ -82,14 +82,14 @@ impl Answer {
         }
     }
 
-    /// Why it was not done, if it was not.
+    /// The reason for a refusal, if the answer is one.
     pub fn reason(&self) -> Option<&str> {
         self.text.strip_prefix("error: ").map(str::trim_end)
     }
 }
 
-/// Hands the lines of standard input to `each`, until that says that it is enough. When standard input
-/// is closed, there are just no more.
+/// Passes the lines of standard input to `each` until it returns false. The end of standard input
+/// ends the thread and nothing else.
 pub fn read_lines(mut each: impl FnMut(&str) -> bool + Send + 'static) {
     std::thread::spawn(move || {
         let mut input = io::stdin().lock();
@@ -101,7 +101,7 @@ pub fn read_lines(mut each: impl FnMut(&str) -> bool + Send + 'static) {
     });
 }
 
-/// A line of any bytes, without its end; `None` at the end of the input.
+/// Reads a line of arbitrary bytes, without its end; `None` at the end of the input.
 pub fn read_line(input: &mut impl BufRead) -> Option<String> {
     let mut line = Vec::new();
     loop {
@@ -126,9 +126,9 @@ pub fn read_line(input: &mut impl BufRead) -> Option<String> {
     }
 }
 
-/// Does what a line says.
+/// Executes a command line.
 pub fn answer(machine: &mut Machine, face: &mut UdpFace, line: &str) -> Answer {
-    // A board that waits within a packet is ahead of what is around it.
+    // A wait inside a packet leaves the board's time ahead of its gateware and of the machine.
     machine.board.advance_to(machine.board.time());
     let words: Vec<&str> = line.split_whitespace().collect();
     let done = match words[..] {
@@ -141,7 +141,8 @@ pub fn answer(machine: &mut Machine, face: &mut UdpFace, line: &str) -> Answer {
     Answer::of(done)
 }
 
-/// What a line would be refused for later, tried on a machine that nobody else has.
+/// Executes a command on a throw-away machine, to find the reason for which it would be refused
+/// later.
 pub fn rehearse(machine: &mut Machine, line: &str) -> Result<(), String> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let done = match words[..] {
@@ -152,7 +153,7 @@ pub fn rehearse(machine: &mut Machine, line: &str) -> Result<(), String> {
     done.map(drop)
 }
 
-/// Does something to a machine.
+/// Executes a command that concerns the machine alone.
 fn order(machine: &mut Machine, words: &[&str]) -> Result<String, String> {
     match *words {
         [] => Ok(String::new()),
@@ -192,7 +193,7 @@ fn set_mishap(face: &mut UdpFace, what: &str, chance: &str) -> Result<(), String
     Ok(())
 }
 
-/// What is printed at the end.
+/// Text printed at the end.
 pub fn summary(machine: &mut Machine, face: &UdpFace) -> String {
     format!("summary\n{}ok\n", show_all(machine, face))
 }
@@ -279,7 +280,7 @@ fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, Str
     Ok(text)
 }
 
-/// The lines whose names are like a pattern.
+/// The lines whose names match a pattern.
 fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<String, String> {
     let all = show_all(machine, face);
     let names = |line: &&str| {
@@ -293,7 +294,7 @@ fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<
     Ok(found)
 }
 
-/// The value of one name.
+/// Value of a name that `show` prints.
 pub fn value(machine: &mut Machine, face: &UdpFace, name: &str) -> Result<String, String> {
     let mut text = String::new();
     match name.split('.').next().unwrap_or_default() {
@@ -333,7 +334,7 @@ fn show_all(machine: &mut Machine, face: &UdpFace) -> String {
     text
 }
 
-/// One line of an answer.
+/// Adds one line to an answer.
 pub fn line(text: &mut String, name: &str, value: impl std::fmt::Display) {
     let _ = writeln!(text, "{name} {value}");
 }

@@ -16,20 +16,20 @@ use std::time::Duration;
 use super::console::read_line;
 use super::network::Network;
 
-/// The most clients at a time, over all sockets.
+/// Maximum number of concurrent clients, over all sockets.
 const MOST_CLIENTS: usize = 16;
 
-/// A client that does not take its answer for so long is left.
+/// Write timeout: a client that does not take its answer within this time is dropped.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Where clients connect to: a TCP port of loopback, or the path of a Unix socket.
+/// Address of a control socket: a TCP port of loopback, or the path of a Unix socket.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Control {
     Port(u16),
     Path(PathBuf),
 }
 
-/// As it is given.
+/// The form used on the command line.
 impl fmt::Display for Control {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -59,16 +59,16 @@ enum Listener {
     Unix(UnixListener),
 }
 
-/// A control socket that listens. A Unix socket is removed at the end.
+/// A listening control socket. A Unix socket is removed at the end.
 pub struct Socket {
     listener: Option<Listener>,
     path: Option<PathBuf>,
-    /// Where it listens, for people.
+    /// Readable address.
     pub place: String,
 }
 
 impl Socket {
-    /// Listens, without taking anybody yet.
+    /// Binds and listens, without accepting clients yet.
     pub fn bind(control: &Control) -> io::Result<Self> {
         match control {
             Control::Port(port) => {
@@ -90,7 +90,7 @@ impl Socket {
         }
     }
 
-    /// Serves clients in threads of their own.
+    /// Serves clients, each in a thread of its own.
     pub fn serve(&mut self, network: &Network, clients: &Arc<AtomicUsize>) {
         let (network, clients) = (network.clone(), Arc::clone(clients));
         let Some(listener) = self.listener.take() else {
@@ -109,7 +109,7 @@ impl Socket {
                     }
                 };
                 if taken.is_err() {
-                    // Too many open files, for example: others may close some.
+                    // For example too many open files, until other clients close some.
                     thread::sleep(Duration::from_millis(10));
                 }
             }
@@ -125,7 +125,7 @@ impl Drop for Socket {
     }
 }
 
-/// Clears away the socket of a process that was killed; anything else there is left alone.
+/// Removes the socket of a process that was killed; leaves anything else alone.
 fn remove_stale(path: &Path) -> io::Result<()> {
     let Ok(found) = fs::symlink_metadata(path) else {
         return Ok(());
@@ -161,7 +161,7 @@ fn serve_unix(stream: UnixStream, network: &Network, clients: &Arc<AtomicUsize>)
     Ok(())
 }
 
-/// Serves a client in a thread of its own, if there is room for it.
+/// Serves a client in a thread of its own, if the limit of clients permits.
 fn begin<S: Write + Send + 'static>(
     reader: impl Read + Send + 'static,
     mut writer: S,

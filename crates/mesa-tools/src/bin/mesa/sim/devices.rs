@@ -1,4 +1,4 @@
-//! The remotes that can be plugged in.
+//! Simulated remotes.
 
 use std::error::Error;
 
@@ -21,15 +21,15 @@ const I7I76: &str = "7i76";
 const I7I76E: &str = "7i76e";
 const KNOWN: [&str; 7] = [FIELD_IO, ANALOG, I7I72, I7I64, I7I84, I7I76, I7I76E];
 
-/// More than any description has.
+/// Size limit of a description; no real one comes near it.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// Whether it is known by name.
+/// True for a device that is known by name.
 pub fn is_known(device: &str) -> bool {
     KNOWN.contains(&device)
 }
 
-/// Makes a remote on a cable: one that is known by name, or one from a description file.
+/// Builds a remote on a cable, from its name or from a description file.
 pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn Error>> {
     let mut end: Box<dyn RemoteEnd> = match device {
         FIELD_IO => Box::new(FieldIo::i7i77()?),

@@ -1,4 +1,4 @@
-//! The board with everything around it.
+//! The board with everything connected to it.
 
 use std::{error::Error, fmt::Write};
 
@@ -15,37 +15,37 @@ use super::options::{Board, RemoteOption};
 use super::plan::Plan;
 use super::{devices, mechanics};
 
-/// Serial port that everything is plugged into.
+/// Serial port of all remotes.
 pub const PORT: usize = 0;
 
-/// Bytes of a remote's EEPROM, of its program, and of what stands before either in a state.
+/// Bytes of a remote's EEPROM, of its program, and of the tag before either in a state.
 const EEPROM: usize = 0x1_0000;
 const PROGRAM: usize = 0x8000;
 const TAG: usize = 64;
 
-/// How what stands before a program begins.
+/// Prefix of a program's tag.
 const IS_PROGRAM: &str = "program ";
 
 const DAMAGED: &str = "the part about the remotes is damaged; delete the file";
 
-/// The board, what is plugged in, and what is pulled out but still on the desk.
+/// The board and its remotes, including unplugged ones.
 pub struct Machine {
     pub board: SimBoard<SimFpga>,
     name: String,
     pub remotes: Vec<Plugged>,
     pub kind: Board,
     pub plan: Plan,
-    /// It is there to see what is refused: nothing outside of it changes.
+    /// True for a machine that exists only to find refused commands: nothing outside it changes.
     pub is_rehearsal: bool,
 }
 
-/// What the parts of a state about a remote begin with.
+/// Tags in front of the two parts of a state that belong to a remote.
 struct Tags {
     eeprom: [u8; TAG],
     program: [u8; TAG],
 }
 
-/// A remote and where it belongs.
+/// A remote and its channel.
 pub struct Plugged {
     pub channel: usize,
     pub device: String,
@@ -87,8 +87,8 @@ impl Machine {
         Ok(machine)
     }
 
-    /// Puts into the flash memory what boards come with: a boot block, and a configuration for the user
-    /// and as the fallback.
+    /// Loads the factory content of the flash memory: a boot block, a user configuration and a
+    /// fallback configuration.
     fn load_configurations(&mut self) {
         let Some(layout) = FlashLayout::for_card(&self.name) else {
             return;
@@ -107,7 +107,7 @@ impl Machine {
         &self.name
     }
 
-    /// What is there, for people.
+    /// A readable list of remotes and mechanics.
     pub fn inventory(&self) -> String {
         let mut text = String::new();
         for remote in &self.remotes {
@@ -136,7 +136,7 @@ impl Machine {
             .ok_or_else(|| nothing_on(channel))
     }
 
-    /// How often what is kept has changed.
+    /// Change counter of everything that the state contains.
     pub fn changes(&self) -> u64 {
         let fpga = self.board.gateware();
         let ends = self.remotes.iter();
@@ -145,8 +145,8 @@ impl Machine {
         self.board.changes() + remotes.sum::<u64>()
     }
 
-    /// What is kept: the board's EEPROM and flash, then the EEPROM and the program of each remote, each
-    /// behind its name.
+    /// The non-volatile state: the board's EEPROM and flash, then the EEPROM and the program of
+    /// each remote, each behind its tag.
     pub fn state(&mut self) -> Vec<u8> {
         let mut state = self.board.state();
         for index in 0..self.remotes.len() {
@@ -164,7 +164,7 @@ impl Machine {
         state
     }
 
-    /// Puts back what was kept. Remotes that were not there then keep their factory settings.
+    /// Restores a state. Remotes that the state does not contain keep their factory settings.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), Box<dyn Error>> {
         let board = self.board.state().len();
         let (board, mut kept) = state.split_at_checked(board).unwrap_or((state, &[]));
@@ -186,7 +186,7 @@ impl Machine {
                 } else {
                     device.nonvolatile_mut().load(0, cells);
                 }
-                // A remote takes its settings over, and starts its program, when it powers up.
+                // A remote applies its settings, and starts its program, at power-up.
                 device.set_power(now, false);
                 device.set_power(now, true);
             }
@@ -198,7 +198,7 @@ impl Machine {
         }
     }
 
-    /// Channel of a remote, and what its parts of a state begin with.
+    /// Channel of a remote, and its tags in a state.
     fn tags(&self, index: usize) -> (usize, Tags) {
         let (channel, device) = match self.remotes.get(index) {
             Some(remote) => (remote.channel, remote.device.as_str()),
@@ -229,8 +229,8 @@ impl Machine {
     }
 }
 
-/// The name of the card. It is that of the firmware, but for cards whose names say more: the size of
-/// their FPGA, and what connectors they have.
+/// Name of the card: the name in the firmware, except for cards whose names also contain the size
+/// of their FPGA or denote their connectors.
 fn name(fpga: &SimFpga) -> String {
     let firmware = fpga.firmware();
     let board = String::from_utf8_lossy(&firmware.board);
@@ -250,7 +250,7 @@ fn name(fpga: &SimFpga) -> String {
     }
 }
 
-/// The remotes asked for, and those that are part of the board unless others stand in their place.
+/// The requested remotes, and the board's own ones on channels where no other was requested.
 fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
     let mut wanted = options.remotes.clone();
     if let Some(first) = options.board.card_7i77() {

@@ -1,5 +1,5 @@
-//! Motors, switches, handwheels and emergency stop of a machine: they are built from its plan, shown
-//! and moved from the console.
+//! Motors, switches, handwheels and emergency stop of a machine: construction from its plan,
+//! display and console commands.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -14,11 +14,12 @@ use super::devices;
 use super::machine::{Machine, PORT};
 use super::plan::{Plan, Wire, index_of};
 
-/// No hand turns a motor faster, and its position stays a number.
+/// Speed limit of a motor turned by hand: above any real one, and low enough that positions stay
+/// finite numbers.
 const FASTEST: f64 = 1e6;
 
-/// Builds everything that the machine's plan has. Without axes, a motor on each analog output turns
-/// the encoder of its number.
+/// Builds the mechanics of the machine's plan. Without axes, a motor on each analog output turns
+/// the encoder of the same number.
 pub fn build(machine: &mut Machine) -> Result<(), String> {
     let plan = machine.plan.clone();
     wire_motors(machine, &plan);
@@ -101,7 +102,7 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
     }
 }
 
-/// Says if there is no such input.
+/// Checks that an input exists.
 fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
     match terminal {
         Terminal::Remote { channel, input, .. } => {
@@ -130,7 +131,7 @@ fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
     }
 }
 
-/// What the plan has, for people.
+/// Readable list of the plan's items.
 pub fn inventory(plan: &Plan, text: &mut String) {
     for (number, axis) in plan.axes.iter().enumerate() {
         let (name, output, encoder) = (&axis.name, axis.output, axis.encoder);
@@ -163,7 +164,7 @@ fn place(terminal: Terminal) -> String {
     }
 }
 
-/// Turns a motor by hand, or lets it go.
+/// Turns a motor by hand, or releases it.
 pub fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<(), String> {
     let speed = match speed {
         "free" => None,
@@ -179,7 +180,7 @@ pub fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<(), String
     Ok(())
 }
 
-/// Jams an axis, or frees it.
+/// Jams an axis, or releases it.
 pub fn stall(machine: &mut Machine, axis: &str, state: &str) -> Result<(), String> {
     let (axis, blocked) = (axis_of(machine, axis)?, on_off(state)?);
     if let Some(motor) = machine.fpga().motor(axis) {

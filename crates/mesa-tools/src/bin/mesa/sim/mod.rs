@@ -39,13 +39,13 @@ use station::{Link, Station};
 use store::Store;
 use watch::Watch;
 
-/// The longest time between a signal and the end.
+/// Longest time between a signal and the end of the process.
 const TICK: Duration = Duration::from_millis(2);
 
-/// Bytes of a megabyte.
+/// Bytes in a megabyte.
 const MEGABYTE: u64 = 1_000_000;
 
-/// Runs until it is told to stop, which is no failure.
+/// Runs the simulation until a signal or the command `quit`, neither of which is a failure.
 pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
     if options.watch {
         full_screen::check(
@@ -101,7 +101,7 @@ pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
     Ok(Ending::Done)
 }
 
-/// All control sockets.
+/// Binds all control sockets.
 fn listen(options: &Options, greeting: &mut String) -> Result<Vec<Socket>, Failure> {
     let mut sockets = Vec::new();
     for control in &options.control {
@@ -113,7 +113,7 @@ fn listen(options: &Options, greeting: &mut String) -> Result<Vec<Socket>, Failu
     Ok(sockets)
 }
 
-/// A board that listens.
+/// Builds a board that listens on its address.
 fn build(
     options: &Options,
     board: Wanted,
@@ -143,7 +143,7 @@ fn build(
     Station::new((name, kind), machine, face, store)
 }
 
-/// Does what standard input says, in a thread of its own.
+/// Executes the command lines of standard input, in a thread of its own.
 fn take_lines(network: Network) {
     console::read_lines(move |line| {
         let answer = network.answer(line);
@@ -155,7 +155,7 @@ fn take_lines(network: Network) {
     });
 }
 
-/// All boards, each of which runs in a thread of its own.
+/// All boards, each in a thread of its own.
 struct Running {
     boards: Vec<JoinHandle<Result<String, Failure>>>,
     shared: Arc<Shared>,
@@ -173,12 +173,12 @@ impl Running {
         }
     }
 
-    /// Whether all of them run, and nobody has ended them.
+    /// True while all boards run and nothing has ended them.
     fn goes_on(&self) -> bool {
         !self.shared.ends() && !self.boards.iter().any(JoinHandle::is_finished)
     }
 
-    /// Ends them; their summaries.
+    /// Ends all boards and returns their summaries.
     fn end(self) -> Result<Vec<String>, Failure> {
         self.shared.end();
         let boards = self.boards.into_iter();
@@ -186,7 +186,7 @@ impl Running {
             Ok(summary) => summary,
             Err(_) => Err(Failure::refused("a simulated board has failed")),
         });
-        // All of them, before the first failure is told.
+        // Joins all threads before the first failure is returned.
         let summaries: Vec<_> = summaries.collect();
         summaries.into_iter().collect()
     }

@@ -1,4 +1,4 @@
-//! All boards of a process, and what their clients say.
+//! All boards of a process, and the commands of their clients.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,23 +10,23 @@ use super::console::{Answer, HELP, line};
 use super::station::Link;
 use crate::files::bounded;
 
-/// A file of commands may name others, so deep.
+/// Maximum nesting of files of commands.
 const DEEPEST: usize = 4;
 
-/// Whom commands are for that name no board.
+/// Board of the commands that name none.
 const FIRST: &str = "0";
 
-/// More than any file of commands has.
+/// Size limit of a file of commands; no real one comes near it.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// What all threads look at.
+/// State shared by all threads.
 #[derive(Debug, Default)]
 pub struct Shared {
     ended: AtomicBool,
 }
 
 impl Shared {
-    /// Ends everything.
+    /// Ends all boards.
     pub fn end(&self) {
         self.ended.store(true, Ordering::Relaxed);
     }
@@ -36,7 +36,7 @@ impl Shared {
     }
 }
 
-/// All boards, for their clients: standard input, and whoever is on a control socket.
+/// All boards, as the clients on standard input and on the control sockets see them.
 #[derive(Clone)]
 pub struct Network {
     pub boards: Arc<[Link]>,
@@ -50,7 +50,7 @@ struct JsonCommand {
     command: String,
 }
 
-/// The answer to it: `sim` in `docs/mesa.schema.json`.
+/// The answer to a JSON command: `sim` in `docs/mesa.schema.json`.
 #[derive(Serialize)]
 struct JsonAnswer {
     ok: bool,
@@ -63,7 +63,7 @@ struct JsonAnswer {
 }
 
 impl Network {
-    /// Does what a line of a client says: a command, or JSON, which is answered in JSON.
+    /// Executes a line of a client: a command, or JSON, which is answered in JSON.
     pub fn answer(&self, line: &str) -> Answer {
         if line.trim_start().starts_with('{') {
             return self.answer_json(line);
@@ -71,7 +71,7 @@ impl Network {
         self.command(line, FIRST, 0)
     }
 
-    /// A command, which is for `board` unless it names another.
+    /// Executes a command, on `board` unless the command names another.
     fn command(&self, line: &str, board: &str, depth: usize) -> Answer {
         let (board, command) = match line.trim_start().strip_prefix('@') {
             Some(rest) => rest.split_once(char::is_whitespace).unwrap_or((rest, "")),
@@ -115,7 +115,7 @@ impl Network {
         text
     }
 
-    /// Does what the lines of a file say to a board, up to the first that is refused.
+    /// Executes the lines of a file on a board, up to the first refused one.
     fn source(&self, path: &str, board: &str, depth: usize) -> Result<String, String> {
         if depth == DEEPEST {
             return Err(format!(

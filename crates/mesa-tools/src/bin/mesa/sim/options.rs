@@ -1,4 +1,4 @@
-//! What is simulated, as the command line tells it.
+//! Command line options of the simulator.
 
 use std::error::Error;
 use std::fs;
@@ -38,11 +38,11 @@ Examples:
   mesa sim --machine examples/mill.toml --control 4711
   mesa sim --machine a.toml --machine b.toml --listen 127.0.0.1 --listen 127.0.0.2 --pcap both.pcap";
 
-/// Simulated Ethernet boards on the network, which other programs take for real ones
+/// Simulate Ethernet boards on the network, for programs that expect real ones
 #[derive(Clone, Debug, Args)]
 #[command(after_help = AFTER_HELP, args_override_self = true)]
 pub struct Options {
-    /// Which board
+    /// Board to simulate
     #[arg(
         long,
         value_enum,
@@ -50,62 +50,64 @@ pub struct Options {
         required_unless_present_any = ["machine", "firmware"]
     )]
     board: Option<Board>,
-    /// The board with the firmware whose identity memory FILE holds: a line `ADDR VALUE`, both
-    /// hexadecimal, for each word. It has no motors; remotes are on its first serial port
+    /// Simulate the board with the firmware whose identity memory is in FILE: a line `ADDR VALUE`,
+    /// both hexadecimal, for each word. The board has no motors; remotes are on its first serial
+    /// port
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "machine"])]
     firmware: Option<PathBuf>,
-    /// The machine that FILE describes: board, remotes, motors, switches (examples/mill.toml). Repeat
-    /// for more boards, up to 16, in one process
+    /// Simulate the machine described in FILE: board, remotes, motors, switches
+    /// (examples/mill.toml). Repeat for more boards, up to 16, in one process
     #[arg(long = "machine", id = "machine", value_name = "FILE", conflicts_with_all = ["board", "remotes"])]
     machines: Vec<PathBuf>,
-    /// IPv4 address to listen on, unless the machine's file says it. With several machines, repeat
+    /// IPv4 address to listen on, unless given in the machine's file. With several machines, repeat
     /// for each in their order
     #[arg(long, value_name = "ADDR", required_unless_present = "machine")]
     listen: Vec<Ipv4Addr>,
-    /// UDP port, 0 to 65535; 0 takes a free one. Default: 27181, or what the machine's file says
+    /// UDP port, 0 to 65535; 0 takes a free one. Default: the one in the machine's file, or 27181
     #[arg(long)]
     port: Option<u16>,
-    /// MAC address of the board, such as 00:60:1b:1b:00:97. With several machines, repeat for each in
-    /// their order
+    /// MAC address of the board, such as 00:60:1b:1b:00:97. With several machines, repeat for each
+    /// in their order
     #[arg(long, value_name = "MAC")]
     mac: Vec<Mac>,
     /// Plug a remote into a serial channel; repeat for more. DEVICE: 7i77-io, 7i77-analog, 7i72,
-    /// 7i64, 7i84, 7i76, 7i76e (the 7I76 of a 7I76E), or a description file. MODE: number of the software mode it powers up in; setup: its
-    /// jumper is in the setup position (115200 baud)
+    /// 7i64, 7i84, 7i76, 7i76e (the 7I76 of a 7I76E), or a description file. MODE: number of the
+    /// software mode after power-up; setup: jumper in the setup position (115200 baud)
     #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
     /// Keep the board's EEPROM and flash and the remotes' parameters and firmware in FILE
     #[arg(long, value_name = "FILE")]
     pub state: Option<PathBuf>,
-    /// Lose packets with this probability, 0 to 1, each way
+    /// Lose packets with this probability, 0 to 1, in each direction
     #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = probability)]
     loss: f64,
     /// Delay packets by 0.5 to 3 ms with this probability, 0 to 1
     #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = probability)]
     late: f64,
-    /// Double packets with this probability, 0 to 1
+    /// Duplicate packets with this probability, 0 to 1
     #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = probability)]
     dup: f64,
-    /// Seed of these mishaps, 0 to 2^64-1
+    /// Seed of the packet faults, 0 to 2^64-1
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Show boards and machines live on the whole screen of a terminal, with the console at the bottom
+    /// Show boards and machines live on the whole screen of a terminal, with the console at the
+    /// bottom
     #[arg(long)]
     pub watch: bool,
-    /// Take commands of other programs as well: on this TCP port of loopback (0 takes a free one), or
-    /// on a Unix socket. Repeat for more
+    /// Take commands of other programs as well, on this TCP port of loopback (0 takes a free one)
+    /// or on a Unix socket. Repeat for more
     #[arg(long, value_name = "PORT|PATH")]
     pub control: Vec<Control>,
     /// Write all packets to FILE, for wireshark and tcpdump
     #[arg(long, value_name = "FILE")]
     pub pcap: Option<PathBuf>,
-    /// The most megabytes of that file, 1 to 100000; the capture ends there
+    /// Size limit of the capture file in megabytes, 1 to 100000; the capture ends there
     #[arg(long, value_name = "MB", default_value_t = 1000, requires = "pcap",
         value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub pcap_limit: u64,
 }
 
-/// The most boards of one process.
+/// Maximum number of boards of one process.
 const MOST_BOARDS: usize = 16;
 
 /// A MAC address.
@@ -120,7 +122,7 @@ impl FromStr for Mac {
     }
 }
 
-/// A board that is to be simulated, its name and where it listens.
+/// A board to simulate, with its name and its address.
 pub struct Wanted {
     pub name: String,
     pub machine: MachineOptions,
@@ -128,7 +130,7 @@ pub struct Wanted {
 }
 
 impl Options {
-    /// What the network does to packets.
+    /// Packet faults of the network.
     pub fn mishaps(&self) -> Mishaps {
         Mishaps {
             loss: self.loss,
@@ -138,7 +140,7 @@ impl Options {
         }
     }
 
-    /// The boards and what is around them.
+    /// The boards to simulate, with their surroundings.
     pub fn wanted(&self) -> Result<Vec<Wanted>, String> {
         let mut machines = Vec::new();
         for path in &self.machines {
@@ -166,7 +168,7 @@ impl Options {
             }
         }
         for index in 1..count {
-            // What each is called; several may be of one file.
+            // Gives each board a name of its own; several boards may share one description file.
             let before = &machines[..index];
             let is_free = |name: &String| before.iter().all(|(other, _)| other != name);
             let name = &machines[index].0;
@@ -182,7 +184,7 @@ impl Options {
             .collect()
     }
 
-    /// Where a board listens, and what else the command line says about it.
+    /// Applies the address and the other options of the command line to a board.
     fn place(
         &self,
         index: usize,
@@ -190,7 +192,7 @@ impl Options {
         name: String,
         mut machine: MachineOptions,
     ) -> Result<Wanted, String> {
-        // The last one wins where there is one board.
+        // With one board, the last --listen counts.
         let own = if count == 1 {
             usize::max(self.listen.len(), 1) - 1
         } else {
@@ -217,7 +219,7 @@ impl Options {
     }
 }
 
-/// Which board.
+/// Simulated boards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Board {
     #[value(name = "7i97", help = "a 7I97")]
@@ -233,13 +235,13 @@ pub enum Board {
         help = "a 7I80DB with a 7I77 and firmware of 2016, whose registers are at other addresses"
     )]
     I7i80With7i77,
-    /// Any: its firmware is given as an image.
+    /// Any board: its firmware is given as an image.
     #[value(skip)]
     Firmware,
 }
 
 impl Board {
-    /// The names of all of them.
+    /// Names of all boards.
     pub fn names() -> String {
         let values = Self::value_variants().iter();
         let names =
@@ -247,7 +249,8 @@ impl Board {
         names.collect::<Vec<_>>().join(", ")
     }
 
-    /// The FPGA with its usual firmware, with so many channels where they can be chosen.
+    /// The FPGA with the board's usual firmware, with `channels` serial channels where the number
+    /// is selectable.
     pub fn fpga(self, channels: u8) -> SimFpga {
         match self {
             Self::I7i97 | Self::Firmware => machines::i7i97(channels),
@@ -258,7 +261,7 @@ impl Board {
         }
     }
 
-    /// How many serial channels it has at most.
+    /// Maximum number of serial channels.
     const fn channels(self) -> u8 {
         match self {
             Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
@@ -267,7 +270,7 @@ impl Board {
         }
     }
 
-    /// The first channel of the 7I77 that is part of it.
+    /// First channel of the 7I77 that is part of the board.
     pub const fn card_7i77(self) -> Option<u8> {
         match self {
             Self::I7i97 | Self::I7i97t | Self::Firmware => None,
@@ -276,7 +279,7 @@ impl Board {
         }
     }
 
-    /// How many of its analog outputs, from 0 on, are on the board itself.
+    /// Number of analog outputs, from 0 on, that are on the board itself.
     pub const fn own_outputs(self) -> u8 {
         match self {
             Self::I7i97 | Self::I7i97With7i77 | Self::I7i97t => 6,
@@ -284,7 +287,8 @@ impl Board {
         }
     }
 
-    /// Its axes: analog outputs, and encoders. Those of an image are not known.
+    /// Number of axes, each with an analog output and an encoder. 0 for a firmware image, whose
+    /// axes are unknown.
     pub const fn axes(self) -> usize {
         match self {
             Self::I7i97With7i77 => 12,
@@ -294,13 +298,13 @@ impl Board {
     }
 }
 
-/// What is plugged into a channel: `CH=DEVICE[:MODE][:setup]`.
+/// A remote plugged into a channel: `CH=DEVICE[:MODE][:setup]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RemoteOption {
     pub channel: u8,
     pub device: String,
     pub mode: Option<u8>,
-    /// Its jumper is in the setup position.
+    /// True if the remote's jumper is in the setup position.
     pub setup: bool,
 }
 
@@ -331,26 +335,26 @@ impl FromStr for RemoteOption {
     }
 }
 
-/// A board and what is around it. As text: the board, or a file with the identity memory of its firmware,
-/// which ends in `.txt`, then remotes behind commas; or the name of a file that describes all of it, which
-/// ends in `.toml`.
+/// A board and its surroundings. The text form is the board, or a file with the identity memory of
+/// its firmware (ends in `.txt`), followed by remotes separated by commas; or a file that describes
+/// the whole machine (ends in `.toml`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineOptions {
     pub board: Board,
-    /// The identity of its firmware, unless it is the usual one of the board.
+    /// Identity of the firmware, unless it is the board's usual one.
     pub firmware: Option<FirmwareImage>,
-    /// What its jumpers and its EEPROM give as its address.
+    /// IP address from the board's jumpers and EEPROM.
     pub ip: Ipv4Addr,
-    /// Its MAC address, unless it is that of every simulated board.
+    /// MAC address, unless it is the default of the simulated boards.
     pub mac: Option<[u8; 6]>,
     pub remotes: Vec<RemoteOption>,
     pub seed: u64,
-    /// Mechanics, and what is wired to inputs.
+    /// Mechanics and the wiring of inputs.
     pub plan: Plan,
 }
 
 impl MachineOptions {
-    /// A board with its usual motors.
+    /// Creates the options of a board with its usual motors.
     fn new(board: Board, remotes: Vec<RemoteOption>) -> Self {
         Self {
             board,
@@ -365,7 +369,7 @@ impl MachineOptions {
 }
 
 impl MachineOptions {
-    /// A board with the firmware of an image.
+    /// Creates the options of a board with the firmware of an image.
     fn of_firmware(path: &Path, remotes: Vec<RemoteOption>) -> Result<Self, String> {
         let in_file = |error: &dyn Error| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| in_file(&error))?;
@@ -416,7 +420,7 @@ fn probability(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("`{text}` is no probability from 0 to 1"))
 }
 
-/// Refuses remotes on channels that a board does not have, and two on one.
+/// Refuses remotes on channels that the board does not have, and two remotes on one channel.
 pub fn check_channels(board: Board, remotes: &[RemoteOption]) -> Result<(), String> {
     let channels = board.channels();
     for (index, remote) in remotes.iter().enumerate() {
@@ -435,7 +439,7 @@ pub fn check_channels(board: Board, remotes: &[RemoteOption]) -> Result<(), Stri
     Ok(())
 }
 
-/// A MAC address of one host: six bytes, hexadecimal, with colons between.
+/// Parses a MAC address of one host: six hexadecimal bytes separated by colons.
 pub fn parse_mac(text: &str) -> Result<[u8; 6], String> {
     let bytes: Result<Vec<u8>, _> = text
         .split(':')

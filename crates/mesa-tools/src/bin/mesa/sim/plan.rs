@@ -1,17 +1,18 @@
-//! What a description of a machine says about the mechanics and what is wired to inputs.
+//! Mechanics and input wiring of a machine, from its description.
 
 use std::net::Ipv4Addr;
 
 use mesa_hal_sim::{Motor, Terminal};
 
-/// Axes, switches, handwheels and emergency stop. Without axes, the board has its usual six motors.
+/// Axes, switches, handwheels and emergency stop. Without axes, each axis of the board has its
+/// usual motor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     pub axes: Vec<AxisPlan>,
     pub switches: Vec<SwitchPlan>,
     pub wheels: Vec<WheelPlan>,
     pub estop: Option<EstopPlan>,
-    /// Where the board listens, if the description says so.
+    /// Address to listen on, if the description contains one.
     pub listen: Option<Ipv4Addr>,
     pub port: Option<u16>,
 }
@@ -27,7 +28,7 @@ pub struct AxisPlan {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SwitchPlan {
     pub name: String,
-    /// Index of its axis.
+    /// Index of the switch's axis.
     pub axis: usize,
     pub from: f64,
     pub to: f64,
@@ -49,18 +50,18 @@ pub struct WheelPlan {
 pub struct EstopPlan {
     pub inputs: Vec<Wire>,
     pub cuts_drives: bool,
-    /// Channels, with their lines.
+    /// Channels, each with its line in the description.
     pub cuts_field: Vec<(u8, usize)>,
 }
 
-/// A wire to an input, and the line of the description that it is on.
+/// A wire to an input, with its line in the description.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wire {
     pub terminal: Terminal,
     pub line: usize,
 }
 
-/// Which of the plan's things a word names: by its number or by its name.
+/// Index of the item that a word names, by its name or by its number.
 pub fn index_of<'a>(
     what: &str,
     word: &str,

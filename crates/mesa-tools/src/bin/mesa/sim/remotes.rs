@@ -1,4 +1,4 @@
-//! Commands for the remotes, and what is shown of them.
+//! Commands for the remotes, and their display.
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +14,7 @@ use super::{
 };
 use crate::files::probe;
 
-/// Does a command about the remote on a channel.
+/// Executes a command for the remote on a channel.
 pub fn command(
     machine: &mut Machine,
     command: &str,

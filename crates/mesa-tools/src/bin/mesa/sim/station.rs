@@ -1,4 +1,4 @@
-//! A board that runs: its packets, its console, and what is to be done at its time.
+//! A running board: its packets, its console and its scheduled commands.
 
 use std::collections::VecDeque;
 use std::net::SocketAddr;
@@ -16,26 +16,26 @@ use super::store::Store;
 use crate::context::Failure;
 use crate::output::complain;
 
-/// The longest time between two looks at everything that is no packet.
+/// Longest interval between two checks of everything other than packets.
 const TICK: Duration = Duration::from_micros(200);
 
-/// How often conditions are looked at.
+/// Interval between two checks of conditions.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Commands that wait for the board, and those of them that are done between two looks at packets.
+/// Limits: commands queued for the board, and commands executed between two checks for packets.
 const MOST_REQUESTS: usize = 64;
 const AT_A_TIME: usize = 8;
 
-/// The most clients that wait for a condition.
+/// Maximum number of clients that wait for a condition.
 const MOST_WAITS: usize = 32;
 
-/// A command, and where its answer goes.
+/// A command, and the channel for its answer.
 struct Request {
     line: String,
     answer: SyncSender<Answer>,
 }
 
-/// Where commands for a board go.
+/// Command channel of a board.
 #[derive(Clone)]
 pub struct Link {
     pub name: String,
@@ -44,14 +44,14 @@ pub struct Link {
     inbox: SyncSender<Request>,
 }
 
-/// A client that waits for a condition.
+/// A client waiting for a condition.
 struct Wait {
     condition: Condition,
     until: Instant,
     answer: SyncSender<Answer>,
 }
 
-/// A board with everything that belongs to it.
+/// A board with its machine, its socket, its state file and its commands.
 pub struct Station {
     machine: Machine,
     face: UdpFace,
@@ -63,8 +63,8 @@ pub struct Station {
 }
 
 impl Link {
-    /// Puts a command on the agenda of a board. What it would be refused for at its time it is refused
-    /// for now: it is tried on another machine of the same kind.
+    /// Schedules a command on a board. A command that would be refused at its time is refused at
+    /// once: it is tried on another machine of the same kind.
     pub fn put(&self, time: &str, command: &str) -> Answer {
         let tried = Agenda::takes(command).and_then(|()| {
             let machine = Machine::new(&self.options);
@@ -78,7 +78,7 @@ impl Link {
         }
     }
 
-    /// Has a board do what a line says, and waits for the answer.
+    /// Has the board execute a command line, and waits for the answer.
     pub fn ask(&self, line: &str) -> Answer {
         let (answer, answers) = sync_channel(1);
         let request = Request {
@@ -96,7 +96,7 @@ impl Link {
 }
 
 impl Station {
-    /// A board that listens, and where its commands go.
+    /// Creates a board that listens, and its command channel.
     pub fn new(
         (name, options): (String, MachineOptions),
         machine: Machine,
@@ -122,7 +122,7 @@ impl Station {
         Ok((station, link))
     }
 
-    /// Runs until everything ends; the summary.
+    /// Runs until the boards are ended; returns the summary.
     pub fn run(mut self, shared: &Arc<Shared>) -> Result<String, Failure> {
         while !shared.ends() {
             self.face.step(&mut self.machine.board, TICK)?;
@@ -163,7 +163,7 @@ impl Station {
             },
             ["wait", ..] => Err("expected wait until NAME VALUE|>X|<X [within S]".to_owned()),
             _ => {
-                // A client that has gone gets no answer.
+                // A client that has disconnected gets no answer.
                 let _ = answer.try_send(console::answer(&mut self.machine, &mut self.face, &line));
                 return;
             }
@@ -186,7 +186,7 @@ impl Station {
         Ok(())
     }
 
-    /// Looks whether what is waited for has come.
+    /// Answers the clients whose conditions are met or whose time is over.
     fn look(&mut self) {
         for _ in 0..self.waits.len() {
             let Some(wait) = self.waits.pop_front() else {
@@ -208,7 +208,7 @@ impl Station {
         }
     }
 
-    /// Does what the agenda has for now. What is refused is said on standard error.
+    /// Executes the due commands. A refusal is printed on standard error.
     fn do_what_is_due(&mut self, shared: &Shared) {
         let now = self.face.now();
         while let Some(command) = self.agenda.take(now) {

@@ -1,4 +1,5 @@
-//! The state file: written beside, then put in place, so that a power cut leaves a whole one.
+//! The state file: written beside the old one, then renamed over it, so that a power cut leaves a
+//! complete file.
 
 use std::{
     io,
@@ -11,16 +12,17 @@ use std::{
 use crate::files::{bounded, probe, put};
 use crate::output::complain;
 
-/// A first change is written at once. While more follow, so often, ...
+/// Shortest interval of writes while changes follow one another. A first change is written at once.
 const OFTEN: Duration = Duration::from_secs(1);
 
-/// ... or when nothing has changed for so long.
+/// Time without a change after which a state is written earlier than `OFTEN`.
 const QUIET: Duration = Duration::from_millis(100);
 
-/// More than any state has.
+/// Size limit of a state file; no real one comes near it.
 const MOST_BYTES: u64 = 4 << 20;
 
-/// Writes states to a file in a thread of its own, because a disk may be slower than a client waits.
+/// Writes states to a file in a thread of its own, because a disk may be slower than a client's
+/// timeout.
 pub struct Store {
     sender: Sender<Vec<u8>>,
     writer: JoinHandle<()>,
@@ -29,14 +31,14 @@ pub struct Store {
     since: Instant,
 }
 
-/// What was written last.
+/// Change counter and time of the last write.
 struct Saved {
     changes: u64,
     at: Option<Instant>,
 }
 
 impl Store {
-    /// Reads the file, if there is one, and gets ready to write it.
+    /// Reads the file, if it exists, and starts the thread that writes it.
     pub fn open(path: &Path) -> io::Result<(Self, Option<Vec<u8>>)> {
         let old = match bounded(path, MOST_BYTES) {
             Ok(old) => Some(old),
@@ -59,7 +61,7 @@ impl Store {
         Ok((store, old))
     }
 
-    /// Has the state written when it has changed.
+    /// Writes the state if it has changed.
     pub fn keep(&mut self, changes: u64, state: impl FnOnce() -> Vec<u8>) {
         if changes == self.saved.changes {
             return;
@@ -78,7 +80,7 @@ impl Store {
         }
     }
 
-    /// Has the state written now, and waits for it.
+    /// Writes the state and waits until it is in the file.
     pub fn close(self, state: Vec<u8>) {
         let _ = self.sender.send(state);
         drop(self.sender);
@@ -86,7 +88,7 @@ impl Store {
     }
 }
 
-/// Says now, and not when there is something to lose, that the state can not be written.
+/// Reports a path that cannot be written at the start, before any state can be lost.
 fn try_to_write(path: &Path) -> io::Result<()> {
     probe(path).map_err(|error| {
         let reason = format!("the state could not be written beside it: {error}");

@@ -1,4 +1,4 @@
-//! What bounces, pulses and chatters.
+//! Bouncing, pulsing and chattering inputs.
 
 use super::*;
 
@@ -27,7 +27,7 @@ fn what_changes_by_itself_is_said_and_does_not_count() {
     for period in [5, 10, 45, 500] {
         let mut cabinet = Cabinet::new();
         cabinet.pulsing = Some((2, period));
-        // Another one is asked for: it did not change instead.
+        // Another input is requested: the pulsing one is not reported as changed instead.
         cabinet.ask(0);
         cabinet.run(3000);
         let told = cabinet.said.clone();
@@ -41,14 +41,14 @@ fn what_changes_by_itself_is_said_and_does_not_count() {
         );
         cabinet.press(&[0]);
         assert_eq!(cabinet.verdict(), Verdict::Ok);
-        // Itself is never ready.
+        // The pulsing input itself is never ready.
         cabinet.said.clear();
         cabinet.check.ask(SWITCH + 2);
         cabinet.run(3000);
         assert_eq!(cabinet.said, [News::Restless(SWITCH + 2)], "{period}");
         assert_eq!(cabinet.found, None);
         assert_eq!(cabinet.give_up().verdict, Verdict::Unstable);
-        // Until it is mended.
+        // After the repair the input is checked as usual.
         cabinet.pulsing = None;
         cabinet.set(2, false);
         cabinet.check.ask(SWITCH + 2);

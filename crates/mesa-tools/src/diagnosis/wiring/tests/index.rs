@@ -1,4 +1,4 @@
-//! Indexes, by their latches.
+//! Indexes, checked by their latches.
 
 use super::*;
 
@@ -56,13 +56,13 @@ fn an_index_that_is_not_wired_does_not_come_however_far_its_encoder_is_turned() 
     ];
     assert_eq!(cabinet.said, expected);
     assert_eq!(cabinet.found, None, "it goes on waiting");
-    // Whoever has turned it does not skip it.
+    // Giving up after the encoder was turned does not count as skipping.
     let found = cabinet.check.give_up(true).expect("asked");
     assert_eq!(found.verdict, Verdict::NoChange);
     assert_eq!(found.moved, Some((0.into(), 9000.into())));
     cabinet.set_latches();
     assert!(!cabinet.is_armed(), "the request is taken back");
-    // What comes now is of no ask; and nobody has turned the encoder.
+    // In the next requests the encoder is not turned.
     cabinet.ask_for(INDEX);
     let skipped = cabinet.check.give_up(true).map(|found| found.verdict);
     assert_eq!(skipped, Some(Verdict::Skipped));
@@ -96,7 +96,7 @@ fn a_request_that_was_lost_is_made_again() {
     cabinet.run(300);
     assert!(cabinet.is_armed());
     assert_eq!(cabinet.said, [News::Ready(true.into())]);
-    // While the board is lost the latch says nothing.
+    // While the board is lost the latch shows nothing.
     cabinet.store.fault(cabinet.board);
     cabinet.turn(0, 0, 500);
     cabinet.store.publish(cabinet.latches[0], false);

@@ -1,4 +1,4 @@
-//! A cabinet whose wires somebody has laid, and somebody who actuates what is asked for.
+//! A wired cabinet, and an operator who actuates the requested inputs.
 
 mod chatter;
 mod index;
@@ -18,13 +18,13 @@ struct Cabinet {
     volts: Vec<Input<f64>>,
     check: Check,
     ms: u64,
-    /// Turned a period later, again and again.
+    /// A switch that toggles, and the interval in ms.
     pulsing: Option<(usize, u64)>,
     said: Vec<News>,
     found: Option<Judgement>,
 }
 
-/// Behind two encoders with an index each.
+/// Number of the first switch, behind two encoders with an index each.
 const SWITCH: usize = 4;
 const VOLTS: usize = 8;
 
@@ -126,14 +126,14 @@ impl Cabinet {
         self.store.publish(self.switches[switch], on);
     }
 
-    /// Quiet for a while, then a switch is asked for.
+    /// Requests a switch after a quiet time.
     fn ask(&mut self, switch: usize) {
         self.run(HANDS_OFF.as_millis() as u64);
         self.check.ask(SWITCH + switch);
         self.run(50);
     }
 
-    /// Switches are actuated together for a moment.
+    /// Actuates switches together and releases them.
     fn press(&mut self, switches: &[usize]) {
         for on in [true, false] {
             for &switch in switches {
@@ -188,14 +188,14 @@ fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
     let some = chosen("TB8 pin 2");
     assert_eq!(names(&some, true), ["card.input-01"]);
     assert_eq!(names(&some, false).len(), all.len() - 1);
-    // Another pin of a terminal takes the place of that.
+    // Another pin of a terminal replaces its usual one.
     let other = chosen("quad-error");
     assert_eq!(
         names(&other, true),
         ["encoder.00.quad-error", "encoder.01.quad-error"]
     );
     assert_eq!(names(&other, false).len(), all.len() - 2);
-    // Whoever turns an encoder changes all its terminals: those that are not asked for are not watched.
+    // Turning an encoder changes all its terminals, so those not selected are not watched.
     let a = chosen("input-a");
     assert_eq!(
         names(&a, true),
@@ -225,7 +225,7 @@ fn a_counter_on_inputs_gives_way_to_them_and_cards_have_terminals_of_their_own()
         let both = place("TB4 pin 1, TB4 pin 2");
         let mut make = PinMaker::new(&mut store, group, stem).at(both);
         make.input::<i32>("enc0-count").unwrap();
-        // A card that nobody knows has no terminals; what is no level is not checked then.
+        // An unknown card has no terminals, and only its levels are checked.
         let mut make = PinMaker::new(&mut store, group, stem);
         make.input::<bool>("door").unwrap();
         make.input::<bool>("door-not").unwrap();
@@ -265,7 +265,7 @@ fn a_switch_is_in_order_when_it_has_changed_and_is_back_whichever_way_it_rests()
         cabinet.run(1000);
         assert_eq!(cabinet.said[1..], [News::Changed((!rest).into())]);
         assert_eq!(cabinet.found, None, "it is not back yet");
-        // An axis that moves it and what it passes are no mistake.
+        // A moving axis and a switch on its way are no wiring error.
         cabinet.store.publish(cabinet.encoders[0], 5000);
         cabinet.set(1, rest);
         cabinet.run(400);
@@ -301,7 +301,7 @@ fn exchanged_wires_are_told_and_paired() {
     }
     let of = |n: usize| judged.get(n.checked_sub(SWITCH)?)?.as_ref();
     assert_eq!(exchanged(of, VOLTS), [(SWITCH + 1, SWITCH + 2)]);
-    // The right one changes after all.
+    // The requested input changes after all.
     cabinet.ask(3);
     cabinet.press(&[0]);
     cabinet.press(&[3]);
@@ -333,7 +333,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     cabinet.ask(1);
     cabinet.store.fault(cabinet.remote);
     cabinet.run(1000);
-    // It was actuated meanwhile, and stays so.
+    // The switch was actuated meanwhile, and stays actuated.
     cabinet.set(1, true);
     cabinet.store.group_good(cabinet.remote);
     cabinet.run(2000);
@@ -343,11 +343,11 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
         News::Held(true.into()),
     ];
     assert_eq!(cabinet.said, expected);
-    // Where it rests is what it was before.
+    // The rest is still the earlier one.
     cabinet.set(1, false);
     cabinet.run(300);
     assert_eq!(cabinet.said.pop(), Some(News::Ready(false.into())));
-    // A transfer that is lost is nothing.
+    // A single lost transfer has no effect.
     cabinet.store.invalidate(cabinet.remote);
     cabinet.run(20);
     cabinet.store.group_good(cabinet.remote);
@@ -359,7 +359,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     cabinet.run(300);
     assert_eq!(cabinet.found, None, "half of it was seen");
     assert_eq!(cabinet.give_up().verdict, Verdict::NotValid);
-    // Nor is anything that was never valid.
+    // An input that was never valid is reported once.
     let mut never = Cabinet::new();
     never.store.fault(never.board);
     never.run(1500);
@@ -387,7 +387,7 @@ fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() 
     let found = cabinet.found.take().expect("a judgement");
     assert_eq!(found.verdict, Verdict::Ok);
     assert_eq!(found.moved, Some((false.into(), true.into())));
-    // Of one that really is elsewhere since then, somebody says so by giving up, and is asked again.
+    // For a switch that really has another rest now, the operator gives up and requests it again.
     cabinet.ask(2);
     cabinet.store.fault(cabinet.remote);
     cabinet.set(2, true);
@@ -408,7 +408,7 @@ fn a_look_that_comes_late_takes_nothing_for_lost() {
     cabinet.ask(1);
     cabinet.set(1, true);
     cabinet.run(50);
-    // Whoever looks was stopped for a while.
+    // The observer was stopped for a while.
     cabinet.ms += 800;
     cabinet.run(50);
     cabinet.set(1, false);
@@ -430,7 +430,8 @@ fn giving_up_says_what_was_seen() {
     let found = cabinet.give_up();
     assert_eq!(found.verdict, Verdict::NotBack);
     assert_eq!(found.moved, Some((false.into(), true.into())));
-    // What nobody was asked for is not by itself, if there is no more.
+    // A change without a request counts as spontaneous only until the input has been quiet for a
+    // while.
     cabinet.set(0, false);
     cabinet.run(4000);
     cabinet.ask(0);

@@ -25,7 +25,7 @@ impl Cabinet {
 fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_counted_down() {
     for (to, verdict) in [(2000, Verdict::Ok), (-2000, Verdict::CountsDown)] {
         let mut cabinet = Cabinet::new();
-        // It stands on an edge.
+        // The encoder stands on an edge.
         for count in [1, 0, 1, 0] {
             cabinet.store.publish(cabinet.encoders[0], count);
             cabinet.run(300);
@@ -33,9 +33,9 @@ fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_coun
         cabinet.ask_for(0);
         cabinet.turn(0, 0, to);
         assert_eq!(cabinet.found, None, "it still moves");
-        // Farther than it came back.
+        // The way back is shorter than the way out.
         cabinet.turn(0, to, to / 2);
-        // Its switches are on the way.
+        // The axis passes its switches.
         cabinet.press(&[1]);
         let found = cabinet.found.take().expect("a judgement");
         assert_eq!(found.verdict, verdict);

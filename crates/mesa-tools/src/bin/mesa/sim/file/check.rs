@@ -1,4 +1,4 @@
-//! What a description may say, and where it says something else.
+//! Allowed values of a description, and the lines of wrong ones.
 
 use std::fmt::Write;
 
@@ -8,12 +8,12 @@ use toml::Spanned;
 #[derive(Clone, Copy)]
 pub struct Lines<'a>(pub &'a str);
 
-/// The numbers that a key may have.
+/// Range of the numbers that a key accepts.
 #[derive(Clone, Copy)]
 pub struct Range {
     low: f64,
     high: f64,
-    /// Whether `low` itself is one of them.
+    /// True if `low` itself is allowed.
     with_low: bool,
     unit: &'static str,
 }
@@ -59,17 +59,17 @@ impl Range {
     }
 }
 
-/// Longer names are hard to type.
+/// Limit of a name's length: longer names are hard to type.
 const LONGEST_NAME: usize = 24;
 
 impl Lines<'_> {
-    /// The number of the line that a byte is in, from 1 on.
+    /// Number of the line that contains a byte, from 1 on.
     pub fn number_of(&self, byte: usize) -> usize {
         let before = self.0.bytes().take(byte);
         before.filter(|&byte| byte == b'\n').count() + 1
     }
 
-    /// Says that a key has a value that is not allowed.
+    /// Error text for a key with a value that is not allowed.
     pub fn wrong<T>(&self, value: &Spanned<T>, key: &str, allowed: &str) -> String {
         let span = value.span();
         let line = self.number_of(span.start);
@@ -78,7 +78,7 @@ impl Lines<'_> {
         format!("line {line}: {key} = {shown}: {allowed}")
     }
 
-    /// Says where and why a text is no description at all.
+    /// Error text, with its line, for a text that is not a valid description.
     pub fn not_toml(&self, error: &toml::de::Error) -> String {
         let span = error.span().unwrap_or_default();
         let line = self.number_of(span.start);
@@ -86,7 +86,7 @@ impl Lines<'_> {
         format!("line {line}: `{text}`: {}", error.message())
     }
 
-    /// A number in its range.
+    /// Checks that a number is in its range.
     pub fn number(&self, value: &Spanned<f64>, key: &str, range: Range) -> Result<f64, String> {
         let number = *value.get_ref();
         if range.contains(number) {
@@ -96,7 +96,7 @@ impl Lines<'_> {
         }
     }
 
-    /// A name that no other thing of the kind has.
+    /// Checks that a name is well formed and that no other item of its kind has it.
     pub fn name<'b>(
         &self,
         value: &Spanned<String>,

@@ -1,7 +1,7 @@
 //! A machine described in a TOML file.
 //!
-//! What is wrong is told with its line, its key and what is allowed; a key that nobody knows is an
-//! error. `examples/mill.toml` has every key.
+//! An error contains its line, its key and the allowed values; an unknown key is an error.
+//! `examples/mill.toml` has every key.
 
 mod check;
 #[cfg(test)]
@@ -22,10 +22,10 @@ use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
 use crate::files::bounded;
 use check::{Lines, Range};
 
-/// More than any description has.
+/// Size limit of a description; no real one comes near it.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// The most switches and handwheels.
+/// Limits of switches and handwheels.
 const MOST_SWITCHES: usize = 64;
 const MOST_WHEELS: usize = 8;
 
@@ -129,7 +129,7 @@ pub fn read(path: &Path) -> Result<MachineOptions, String> {
     parse(&text, directory).map_err(in_file)
 }
 
-/// The machine that a text describes; files that it names are beside it, in `directory`.
+/// Parses a description; the files that it names are in `directory`.
 fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
     let lines = Lines(text);
     let file: Machine = toml::from_str(text).map_err(|error| lines.not_toml(&error))?;
@@ -160,7 +160,7 @@ fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
         seed: 1,
         plan,
     };
-    // What only the board knows: which inputs and pins it has.
+    // Building the machine checks the inputs and pins, which only the board knows.
     Built::new(&machine).map_err(|error| error.to_string())?;
     Ok(machine)
 }
@@ -197,7 +197,7 @@ fn remotes(
     Ok(remotes)
 }
 
-/// The axes, of a board that has outputs and encoders for `count`.
+/// The axes of a board that has outputs and encoders for `count`.
 fn axes(lines: &Lines<'_>, tables: &[Axis], count: usize) -> Result<Vec<AxisPlan>, String> {
     let mut axes: Vec<AxisPlan> = Vec::new();
     for (number, table) in tables.iter().enumerate() {
@@ -238,8 +238,8 @@ fn axes(lines: &Lines<'_>, tables: &[Axis], count: usize) -> Result<Vec<AxisPlan
     Ok(axes)
 }
 
-/// The motor of an axis. What it may be is the library's business; where it says something else, and
-/// under which key, is known here.
+/// The motor of an axis. The library checks the motor's values; this function finds the key and the
+/// line of a refused one.
 fn motor(lines: &Lines<'_>, table: &Axis) -> Result<Motor, String> {
     let usual = MotorConfig::default();
     let number =
@@ -271,7 +271,7 @@ fn motor(lines: &Lines<'_>, table: &Axis) -> Result<Motor, String> {
     }
 }
 
-/// Where in the file the number is that no motor has.
+/// Error text, with its line, for a value that the motor refused.
 fn wrong_motor(lines: &Lines<'_>, table: &Axis, error: &MotorError) -> String {
     let MotorError::OutOfRange { field, allowed, .. } = *error else {
         let stops = table.stops.as_ref();

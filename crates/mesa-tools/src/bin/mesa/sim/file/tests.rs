@@ -51,7 +51,7 @@ fn what_the_example_calls_defaults_are_the_defaults() {
     }
 }
 
-/// The example with one line in the place of another.
+/// The example with one line replaced.
 fn changed(from: &str, to: &str) -> (usize, String) {
     let line = MILL.lines().position(|line| line.starts_with(from));
     let line = line.unwrap_or_else(|| panic!("no line `{from}`"));
@@ -62,7 +62,7 @@ fn changed(from: &str, to: &str) -> (usize, String) {
     (line + 1, text.join("\n"))
 }
 
-/// A line that begins so, what it becomes, and what the error names: the key, and what is allowed.
+/// Start of a line, its replacement, and the key and the allowed values that the error contains.
 const MISTAKES: &[(&str, &str, &str, &str)] = &[
     ("board", "board = \"7i43\"", "board", "7i92-7i77"),
     (
@@ -161,7 +161,7 @@ fn an_error_names_its_line_its_key_and_what_is_allowed() {
     for &(from, to, key, allowed) in MISTAKES {
         let (line, text) = changed(from, to);
         let error = parsed(&text).unwrap_err();
-        // A value that does not go with another line's is told there.
+        // These conflicts with another line may be reported at that line.
         if !["axis.name", "switch.name", "input 15"].contains(&key) {
             assert!(
                 error.starts_with(&format!("line {line}: ")),

@@ -1,4 +1,4 @@
-//! A board and its machine on the screen.
+//! Screen view of a board and its machine.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,10 +10,10 @@ use ratatui::text::{Line, Span};
 use super::values::{Rate, Values};
 use crate::full_screen::{Palette, SAMPLES, Trend};
 
-/// A client that was heard within so many seconds talks to the board.
+/// Seconds of silence after which a client no longer counts as active.
 const TALKS: f64 = 2.0;
 
-/// What is seen of a board.
+/// View of a board.
 #[derive(Debug)]
 pub struct BoardView {
     pub name: String,
@@ -40,7 +40,7 @@ impl BoardView {
         }
     }
 
-    /// Takes what `show` printed.
+    /// Takes the output of `show`.
     pub fn take(&mut self, lines: &str) {
         let values = Values::parse(lines);
         let time = values.number("time");
@@ -61,7 +61,7 @@ impl BoardView {
         self.values = values;
     }
 
-    /// The board in a line: where it is, who talks to it how much, and its watchdog.
+    /// One line about the board: address, packet rate, active clients and watchdog.
     pub fn line(&self, palette: Palette) -> Line<'static> {
         let values = &self.values;
         let (watchdog, color) = if values.is_on("board.watchdog-bitten") {
@@ -95,7 +95,7 @@ impl BoardView {
         ])
     }
 
-    /// What happened on its network.
+    /// Network counters of the board.
     pub fn network(&self) -> String {
         let both = |what: &str| {
             let sum = ["received", "sent"].map(|way| self.number("network", &[way, what]));
@@ -154,7 +154,7 @@ impl BoardView {
         lines
     }
 
-    /// A remote: its state, how often it is talked to, and what is wrong.
+    /// A remote: its state, its request rate and its faults.
     fn remote(&self, channel: &str, palette: Palette) -> Line<'static> {
         let of = format!("remote.{channel}");
         let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
@@ -194,7 +194,7 @@ impl BoardView {
         ])
     }
 
-    /// An axis: where it is, how it moves, and what its drive is told.
+    /// An axis: position, movement, and the command to its drive.
     fn axis(&self, axis: &str, palette: Palette) -> Line<'static> {
         let of = format!("motor.{axis}");
         let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
@@ -230,7 +230,7 @@ impl BoardView {
         ])
     }
 
-    /// What is wired to inputs: emergency stop, switches, handwheels.
+    /// Equipment on inputs: emergency stop, switches, handwheels.
     fn wiring(&self, palette: Palette) -> Vec<Line<'static>> {
         let mut lines = Vec::new();
         if self.values.has("estop") {
@@ -276,13 +276,13 @@ fn heading(text: &'static str) -> Line<'static> {
     Line::styled(text, Style::new().add_modifier(Modifier::BOLD))
 }
 
-/// Whether a value of a board is what is on a terminal, or an LED.
+/// True if a value of a board is the signal of a terminal or of an LED.
 fn is_terminal(name: &str) -> bool {
     let kinds = ["input-", "output-", "led-", "analogout", "enable"];
     kinds.iter().any(|kind| name.starts_with(kind))
 }
 
-/// Whether a value of a remote is what is on a terminal, and not what is shown elsewhere.
+/// True if a value of a remote is the signal of a terminal, and not shown elsewhere.
 fn is_signal(name: &str) -> bool {
     let others = [
         "device",
@@ -296,8 +296,8 @@ fn is_signal(name: &str) -> bool {
     !name.contains('.') && !others.contains(&name)
 }
 
-/// Signals in a line: of those that are numbered, which ones are on; of the others, those that are
-/// not 0.
+/// Signals in one line: of the numbered ones, the numbers that are on; of the others, those that
+/// are not 0.
 fn signals<'a>(all: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     let mut on: Vec<(&str, Vec<u32>)> = Vec::new();
     let mut others = String::new();
@@ -324,7 +324,7 @@ fn signals<'a>(all: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     text + &others
 }
 
-/// Numbers in their order, as short as they can be: 0-3 7.
+/// Ascending numbers in short form: 0-3 7.
 fn ranges(numbers: &[u32]) -> String {
     let runs = numbers.chunk_by(|a, b| a + 1 == *b);
     let runs = runs.map(|run| match run {

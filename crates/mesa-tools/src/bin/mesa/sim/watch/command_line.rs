@@ -1,21 +1,21 @@
-//! The line that commands are typed on.
+//! Input line of the console.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use crate::full_screen::is_control;
 
-/// The console takes no longer lines.
+/// Length limit of the console's lines.
 const MOST_CHARACTERS: usize = 1000;
 
-/// Commands that can be had again.
+/// Length of the command history.
 const MOST_BEFORE: usize = 100;
 
-/// What is typed, and what was typed before.
+/// The text being typed, and the history.
 #[derive(Debug, Default)]
 pub struct CommandLine {
     text: String,
     before: Vec<String>,
-    /// Which of them is shown; their number: none.
+    /// Index of the history entry that is shown; the length of the history: none.
     at: usize,
 }
 
@@ -24,7 +24,7 @@ impl CommandLine {
         &self.text
     }
 
-    /// Takes a key that is for it; a command, if one is complete.
+    /// Handles a key; returns the command that Enter completes.
     pub fn key(&mut self, key: KeyEvent) -> Option<String> {
         let is_plain = !key
             .modifiers

@@ -1,4 +1,4 @@
-//! What was said on the console: commands, their answers, and complaints.
+//! Console output: commands, their answers, and complaints.
 
 use std::collections::VecDeque;
 
@@ -10,23 +10,23 @@ use ratatui::widgets::{Block, Paragraph};
 
 use crate::full_screen::{Palette, Scroll};
 
-/// Older lines are forgotten.
+/// Older lines are dropped.
 const MOST_LINES: usize = 2000;
 
-/// What a line is.
+/// Kind of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Command,
     Answer,
-    /// Why something was not done.
+    /// The reason why a command was refused.
     Refusal,
 }
 
-/// The last lines, of which a part is shown, or as many as there is room for.
+/// The last lines of the console; the part that fits is shown.
 #[derive(Debug, Default)]
 pub struct Messages {
     lines: VecDeque<(Kind, String)>,
-    /// Whether they have the whole screen.
+    /// True while the messages have the whole screen.
     pub is_large: bool,
     pub scroll: Scroll,
 }
@@ -36,7 +36,7 @@ impl Messages {
         self.push(Kind::Command, text);
     }
 
-    /// Takes the lines of an answer. One that is longer than there is room for gets the whole screen,
+    /// Adds the lines of an answer. An answer longer than the available rows gets the whole screen,
     /// from its beginning.
     pub fn answer(&mut self, text: &str) {
         let first = self.lines.len().saturating_sub(1);

@@ -23,15 +23,15 @@ use board::BoardView;
 use command_line::CommandLine;
 use messages::Messages;
 
-/// Commands that wait for the one before, which may be a `wait until`.
+/// Maximum number of queued commands; the one in progress may be a `wait until`.
 const MOST_COMMANDS: usize = 16;
 
-/// The screen: what is seen of each board, and the console.
+/// The screen: a view of each board, and the console.
 pub struct Watch<'a> {
     network: &'a Network,
     running: &'a Running,
     boards: Vec<BoardView>,
-    /// The board whose machine is shown, and which commands are for.
+    /// Index of the board whose machine is shown; commands without a board name go to it.
     chosen: usize,
     scroll: Scroll,
     messages: Messages,
@@ -60,7 +60,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Gives a command, which is for the board that is shown unless it names another.
+    /// Queues a command, for the shown board unless the command names another.
     fn command(&mut self, line: String) {
         self.messages.is_large = false;
         self.messages.command(format!("{}{line}", self.prompt()));
@@ -87,7 +87,7 @@ impl<'a> Watch<'a> {
         format!("{}> ", board.map_or("", |board| &board.name))
     }
 
-    /// What the keys for pages scroll.
+    /// The part of the screen that the page keys scroll.
     fn scrolled(&mut self) -> &mut Scroll {
         if self.messages.is_large {
             &mut self.messages.scroll
@@ -135,7 +135,7 @@ impl<'a> Watch<'a> {
 
     fn draw_line(&self, frame: &mut Frame<'_>, area: Rect) {
         let text = self.prompt() + self.line.text();
-        // Of a line that is too long, the end is shown, where it is typed.
+        // Of a line that is too long, the end is visible, where the operator types.
         let room = usize::from(area.width.saturating_sub(1));
         let line = Line::raw(text);
         let hidden = line.width().saturating_sub(room) as u16;
@@ -175,7 +175,7 @@ impl Screen for Watch<'_> {
             {
                 self.messages.is_large = false;
             }
-            // No command begins with it but `quit`.
+            // `quit` is the only command that begins with q.
             KeyCode::Char('q') if self.line.text().is_empty() => return Wish::End,
             KeyCode::Tab => self.choose(self.chosen + 1),
             KeyCode::BackTab => self.choose(self.chosen + self.boards.len() - 1),
@@ -214,8 +214,8 @@ impl Screen for Watch<'_> {
     }
 }
 
-/// A thread that does commands one after the other, so that none of them holds up the screen; where
-/// they go, and where their answers come from.
+/// Starts a thread that executes commands one after the other, so that none of them blocks the
+/// screen. Returns the channel of the commands and that of their answers.
 fn answer_commands(network: Network) -> (SyncSender<String>, Receiver<String>) {
     let (commands, lines) = sync_channel::<String>(MOST_COMMANDS);
     let (sender, answers) = channel();

@@ -1,13 +1,13 @@
-//! What `show` says about a board, by name, and how fast it counts.
+//! Values of a board by name, as `show` prints them, and rates of its counters.
 
 use std::collections::{BTreeMap, VecDeque};
 
-/// Values by name, as the console prints them: one idea of the truth for people and programs.
+/// Values by name, parsed from console output, so that the screen and other programs show the same.
 #[derive(Debug, Default)]
 pub struct Values(BTreeMap<String, String>);
 
 impl Values {
-    /// From lines `name value`.
+    /// Parses lines `name value`.
     pub fn parse(lines: &str) -> Self {
         let pairs = lines.lines().filter_map(|line| line.split_once(' '));
         Self(
@@ -17,12 +17,12 @@ impl Values {
         )
     }
 
-    /// A value; nothing where there is none.
+    /// A value as text; empty if absent.
     pub fn text(&self, name: &str) -> &str {
         self.0.get(name).map_or("", String::as_str)
     }
 
-    /// A value as a number; 0 where there is none.
+    /// A value as a number; 0 if absent.
     pub fn number(&self, name: &str) -> f64 {
         self.text(name).parse().unwrap_or(0.0)
     }
@@ -31,19 +31,19 @@ impl Values {
         self.text(name) == "1"
     }
 
-    /// Whether there is such a value.
+    /// True if the value exists.
     pub fn has(&self, name: &str) -> bool {
         self.0.contains_key(name)
     }
 
-    /// What is behind `prefix.` in names, with its value.
+    /// The names below `prefix.`, without it, and their values.
     pub fn under<'a>(&'a self, prefix: &str) -> impl Iterator<Item = (&'a str, &'a str)> + use<'a> {
         let prefix = format!("{prefix}.");
         let from = self.0.range(prefix.clone()..);
         from.map_while(move |(name, value)| Some((name.strip_prefix(&prefix)?, value.as_str())))
     }
 
-    /// What stands next behind `prefix.` in names, each once.
+    /// The next part of each name below `prefix.`, without repetition.
     pub fn parts(&self, prefix: &str) -> Vec<&str> {
         let parts = self.under(prefix);
         let parts = parts.map(|(name, _)| name.split_once('.').map_or(name, |pair| pair.0));
@@ -53,17 +53,17 @@ impl Values {
     }
 }
 
-/// How fast a counter counts, over the last second.
+/// Rate of a counter over the last second.
 #[derive(Debug, Default)]
 pub struct Rate(VecDeque<(f64, f64)>);
 
-/// Pictures of a second, and the one before.
+/// Samples of one second, and the one before.
 const SAMPLES: usize = 11;
 
 impl Rate {
-    /// What the counter is at a time in seconds.
+    /// Adds the counter's value at a time in seconds.
     pub fn push(&mut self, time: f64, count: f64) {
-        // Who was started again counts from 0.
+        // A restarted counter begins at 0.
         if self.0.back().is_some_and(|&(_, last)| count < last) {
             self.0.clear();
         }
