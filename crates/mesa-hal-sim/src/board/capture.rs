@@ -146,7 +146,7 @@ fn udp_header(from: SocketAddrV4, to: SocketAddrV4, payload: &[u8]) -> [u8; UDP]
     let start = u32::from(UDP_PROTOCOL) + u32::from(length);
     let start = start + u32::from(sum(&addresses, 0)) + u32::from(sum(&header, 0));
     let checksum = match !sum(payload, start) {
-        // A checksum of 0 means that there is none.
+        // A checksum of 0 means that the packet has no checksum.
         0 => 0xFFFF,
         checksum => checksum,
     };

@@ -118,8 +118,7 @@ impl Flash {
         }
     }
 
-    /// Collects data for a page. Addresses wrap within the page: the chip increments the low eight
-    /// bits.
+    /// Collects data for a page. The low eight address bits wrap within the page.
     fn buffer(&mut self, value: u32) {
         let address = self.address as usize % FLASH_SIZE;
         let page = self.page.get_or_insert(PageBuffer {

@@ -158,7 +158,7 @@ impl<G: Gateware> SimBoard<G> {
 
     /// Executes the request that arrived at `now`. `reply` is overwritten.
     ///
-    /// Returns the time at which the reply leaves the board, or `None` if there is none. The board
+    /// Returns the time at which the reply leaves the board, or `None` without a reply. The board
     /// executes one packet after the other: a request that arrives while it still waits is executed
     /// later.
     pub fn handle_packet(

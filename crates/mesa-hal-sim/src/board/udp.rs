@@ -193,7 +193,7 @@ impl UdpFace {
         board.time() > self.now() + SLACK
     }
 
-    /// Waits for a datagram; `false` if none arrives until `until`, or none is `wanted`.
+    /// Waits for a datagram; `false` on a timeout at `until`, or if no datagram is `wanted`.
     fn wait(&self, until: Nanos, wanted: bool) -> io::Result<bool> {
         let left = until.saturating_sub(self.now());
         let timeout = Timespec {

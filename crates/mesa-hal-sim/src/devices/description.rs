@@ -19,7 +19,7 @@ use thiserror::Error;
 /// watchdog NAME               the 16-bit working copy that holds the watchdog time in ms
 /// baud-rate NAME              the non-volatile parameter with the index of the baud rate
 /// unit-number NAME            the 32-bit parameter that holds the unit number
-/// no-discovery                answers neither BB nor E6; mode 0 says what is transferred
+/// no-discovery                answers neither BB nor E6; mode 0 defines the process data
 /// no-fault-byte               its process data is data only, without a fault byte (7I64)
 /// clear-faults BYTE BIT       this bit of the process data clears the faults (7I64)
 /// ```

@@ -351,7 +351,7 @@ fn convert(volts: f64) -> u64 {
     (volts / FULL_SCALE * 255.0).round().clamp(0.0, 255.0) as u64
 }
 
-/// One manual pulse generator: a counter of quadrature.
+/// A manual pulse generator: a counter of quadrature.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mpg {
     count: u8,

@@ -65,7 +65,7 @@ impl SimFpga {
         self.plant.installation.pressed
     }
 
-    /// Presses or releases the emergency stop; `false` if there is none. Its inputs change at the
+    /// Presses or releases the emergency stop; `false` without a chain. Its inputs change at the
     /// same time, and the power that it cuts is switched off or on again.
     pub fn press_estop(&mut self, pressed: bool) -> bool {
         self.settle();

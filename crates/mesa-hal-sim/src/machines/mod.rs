@@ -2,16 +2,23 @@
 //!
 //! Their properties, also for `mesa sim` and `--sim`, unless other values are requested:
 //!
-//! | of | constant | from |
+//! | item | value | source |
 //! |---|---|---|
-//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, 1000 counts a unit, an index every 4000 counts, at 0; no friction, no hard stops, as much force as it takes | [`MotorConfig::default`](crate::MotorConfig::default) |
+//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, at 0 | [motor] |
+//! | its encoder | 1000 counts per unit, an index every 4000 counts | [motor] |
+//! | its axis | no friction, no hard stops, unlimited force | [motor] |
 //! | field power of a remote | 24 V; its inputs at 0 V | manual: 7I77 |
 //! | an FPGA's clocks | ClockLow 100 MHz (5I25: 33.33 MHz), ClockHigh 200 MHz | FACTS 9.3 |
 //! | multiplexed encoders | sampled at ClockLow/8 (7I77) or ClockLow/16 (7I97) | the manuals |
-//! | a register access, embedded | 600 ns | [`DEFAULT_ACCESS_COST`](crate::DEFAULT_ACCESS_COST) |
-//! | a packet, on an Ethernet board | 15 us, and 80 ns for each element of a command; not confirmed | [`BoardConfig`](crate::BoardConfig) |
-//! | a board after a reset, a reload | silent for 200 ms, 300 ms | [`BoardConfig`](crate::BoardConfig) |
-//! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`](crate::Mishaps) |
+//! | a register access, embedded | 600 ns | [`DEFAULT_ACCESS_COST`] |
+//! | a packet, on Ethernet | 15 us, and 80 ns per element; not confirmed | [`BoardConfig`] |
+//! | a board after a reset, a reload | silent for 200 ms, 300 ms | [`BoardConfig`] |
+//! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`] |
+//!
+//! [motor]: crate::MotorConfig::default
+//! [`DEFAULT_ACCESS_COST`]: crate::DEFAULT_ACCESS_COST
+//! [`BoardConfig`]: crate::BoardConfig
+//! [`Mishaps`]: crate::Mishaps
 
 mod firmware;
 

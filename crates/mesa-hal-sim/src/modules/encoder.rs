@@ -346,7 +346,7 @@ impl EncoderBank {
         self.set_lines(at, encoder, abz(position, per_turn));
     }
 
-    /// Places an encoder at its position at the start of the counters.
+    /// Sets the position of an encoder at the start of its counters, without counting.
     pub(crate) fn place(&mut self, encoder: usize, position: i64, per_turn: u32) {
         let Some(lines) = self.lines.get_mut(encoder) else {
             return;

@@ -30,7 +30,7 @@ pub(crate) trait Watcher {
     fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>);
 }
 
-/// One SSLBP port with its lines and remotes.
+/// An SSLBP port with its lines and remotes.
 #[derive(Debug)]
 pub struct SmartSerial {
     port: SslbpPort,

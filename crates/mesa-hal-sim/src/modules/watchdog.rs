@@ -14,9 +14,9 @@ const COOKIE: u32 = 0x5A;
 /// The watchdog: a counter that runs down and bites when its bit 31 rises. FACTS 12.1.
 ///
 /// Every rise of that bit makes the watchdog bite: the counter passes 0; a time with bit 31 set is
-/// written while it runs; or a cookie arrives before any time, because the time register then holds
-/// 0. The status is set one clock after the bit has risen, and the pins become inputs one clock
-/// after that.
+/// written while it runs; or a cookie arrives before any time, while the time register holds zero.
+/// The status is set one clock after the bit has risen, and the pins become inputs one clock after
+/// that.
 #[derive(Clone, Copy, Debug)]
 pub struct Watchdog {
     clock: u32,

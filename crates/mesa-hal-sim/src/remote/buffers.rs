@@ -16,7 +16,7 @@ pub enum RemoteEvent {
     WatchdogBites,
     /// The frame timeout dropped this number of characters.
     FrameTimeout(usize),
-    /// This reply is not sent.
+    /// The reply is not sent.
     DropsReply,
     /// The next reply has a wrong CRC.
     BadCrc,

@@ -7,11 +7,11 @@ use crate::wire::{Burst, Nanos, RemoteEnd};
 pub enum WireFault {
     /// The burst does not arrive.
     Lost,
-    /// One bit is inverted.
+    /// A bit is inverted.
     Corrupted,
-    /// This number of characters is missing at the end.
+    /// Characters are missing at the end: this number.
     Short(u8),
-    /// This number of characters A5 follows.
+    /// Extra characters A5 follow: this number.
     Long(u8),
     /// The burst arrives later by this time. No effect on requests, which the cable gets after
     /// their end.

@@ -17,7 +17,7 @@ pub(super) const RPC_TABLE_SIZE: u16 = 64 * RPC_PITCH as u16;
 /// Memory for accesses, direct or stored in an RPC list. A refused access returns the error for the
 /// LBP status.
 pub(super) trait RpcMemory {
-    /// One byte.
+    /// Reads one byte.
     fn read(&mut self, address: u16) -> Result<u8, LbpStatus>;
 
     /// Writes one byte.
@@ -41,7 +41,7 @@ impl Default for RpcTable {
     }
 }
 
-/// One entry of a list.
+/// An entry of a list.
 #[derive(Clone, Copy, Debug)]
 struct Entry<'a> {
     access: Access,
@@ -50,7 +50,7 @@ struct Entry<'a> {
 }
 
 impl RpcTable {
-    /// One byte of the table, for accesses while the RPCMEM access flag is set.
+    /// Reads one byte of the table, for accesses while the RPCMEM access flag is set.
     pub(super) fn read(&self, address: u16) -> Result<u8, LbpStatus> {
         self.bytes
             .get(usize::from(address))
@@ -102,7 +102,7 @@ impl RpcTable {
             let size = entry.access.bytes();
             if !entry.access.is_write() {
                 for offset in 0..size {
-                    // One byte is reserved for the CRC.
+                    // The last byte is reserved for the CRC.
                     if reply.as_bytes().len() + 1 >= MAX_FRAME {
                         return Err(LbpStatus::BUFFER_OVERFLOW);
                     }

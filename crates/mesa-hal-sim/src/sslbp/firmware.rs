@@ -48,7 +48,7 @@ enum Phase {
     Hung,
 }
 
-/// One channel's UART.
+/// The UART of a channel.
 #[derive(Clone, Debug)]
 pub(super) struct Uart {
     pub rate: BitRate,

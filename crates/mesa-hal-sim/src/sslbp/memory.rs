@@ -33,7 +33,7 @@ pub(super) mod global {
     pub const INITIALIZED: u16 = 0x48;
     /// One bit for each channel of this build.
     pub const CHANNEL_MASK: u16 = 0x49;
-    /// High byte of the command in work; zero if there is none.
+    /// High byte of the command in work; zero without one.
     pub const COMMAND_IN_WORK: u16 = 0x4E;
     /// Running channels.
     pub const START_BITS: u16 = 0x51;

@@ -4,7 +4,7 @@ use super::firmware::Firmware;
 use super::{Lines, PortConfig, Register};
 use crate::wire::Nanos;
 
-/// One simulated SSLBP instance.
+/// A simulated SSLBP instance.
 ///
 /// Drive it in time order: [`advance`](Self::advance) up to a time, then read and write registers
 /// at that time. Behaviour is deterministic, the state has a fixed size, and nothing allocates.

@@ -3,7 +3,7 @@
 use super::{MAX_CHANNELS, MAX_INTERFACE_REGISTERS};
 use crate::wire::Nanos;
 
-/// One 32-bit register of a port, as the host sees it.
+/// A 32-bit register of a port, as the host sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Register {
     /// COMMAND, one for the port.

@@ -1,4 +1,4 @@
-//! One channel's UART: a transmitter and a receiver with FIFOs of 16 characters.
+//! The UART of a channel: a transmitter and a receiver with FIFOs of 16 characters.
 
 use crate::wire::{Burst, Nanos};
 

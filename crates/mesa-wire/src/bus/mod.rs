@@ -359,6 +359,55 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 ///
 /// A bus without packets implements [`exchange`](Self::exchange), and two short methods with
 /// [`AccessList`]:
+///
+/// ```
+/// use mesa_wire::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
+///
+/// #[derive(Debug)]
+/// struct Memory([u32; 16]);
+///
+/// impl RegisterBus for Memory {
+///     type Error = core::convert::Infallible;
+///     type List = AccessList;
+///
+///     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+///         for access in accesses {
+///             for (n, word) in words[access.words()].iter_mut().enumerate() {
+///                 let register = &mut self.0[usize::from(access.address / 4) + n];
+///                 match access.direction {
+///                     Direction::Read => *word = *register,
+///                     Direction::Write => *register = *word,
+///                 }
+///             }
+///         }
+///         Ok(())
+///     }
+///
+///     fn prepare(&mut self, list: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+///         Ok(list.into())
+///     }
+///
+///     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+///         self.exchange(list, words)?;
+///         Ok(Reply::CERTAIN)
+///     }
+/// }
+///
+/// let mut bus = Memory([7; 16]);
+/// bus.write(0x0C, 9)?;
+/// let list = bus.prepare(&[Access::read(0x08, 0, 2)], None)?;
+/// let mut words = [0; 2];
+/// assert!(bus.run(&list, &mut words)?.certain);
+/// assert_eq!(words, [7, 9]);
+/// # Ok::<(), core::convert::Infallible>(())
+/// ```
+///
+/// A driver also needs the bus to be a [`Clock`]. A `&mut B` is a bus as well.
+///
+/// # Real time
+/// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: the
+/// cycle uses them. The other methods belong to set-up: they are bounded, but may allocate and
+/// retry.
 pub trait RegisterBus {
     /// Error of an exchange.
     type Error: BusError;

@@ -13,7 +13,7 @@ pub trait RemoteLink {
     type Error: Error + 'static;
 
     /// Reads or writes, and returns the value read, right-justified; 0 for a write. Repeated if the
-    /// reply is lost: every access is idempotent.
+    /// reply is lost, so that every access must be idempotent.
     ///
     /// # Errors
     /// No valid reply within a bounded time.

@@ -1,4 +1,4 @@
-//! One counter with its three lines and its probe: samples, filters, quadrature, index and latch.
+//! A counter with its three lines and its probe: samples, filters, quadrature, index and latch.
 //!
 //! All steps are those of the gateware, sample by sample (FACTS 12.12; recordings of the enc and qc
 //! families). The index gets its gate and its polarity in front of its filter, and the probe has a
@@ -45,7 +45,7 @@ const WAITING: usize = 8;
 /// Capacity of the queue of changes: the most that a bus and the pins make within two clocks.
 const QUEUED: usize = 4;
 
-/// One counter, simulated up to a clock edge.
+/// A counter, simulated up to a clock edge.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "they are lines")]
 pub(super) struct Counter {

@@ -1,4 +1,4 @@
-//! One PWM generator: the levels of its two pins at a clock, computed from its written registers.
+//! A PWM generator: the levels of its two pins at a clock, computed from its written registers.
 
 use super::divider::Divider;
 

@@ -42,11 +42,11 @@ struct Pins {
 
 /// All PWM generators. FACTS 12.3, 13.5.
 ///
-/// Generators of module version 1 can dither: at the end of each period the fraction of the value
+/// A generator of module version 1 can dither: at the end of each period the fraction of the value
 /// is accumulated, and the carry is added to the duty of the next period.
 ///
-/// They run from configuration on, enabled or not: the enables only drive pins of their own, low
-/// while the bit is set. The level of a pin is computed on demand, exact to the clock.
+/// All generators run from configuration on, enabled or not: the enables only drive pins of their
+/// own, low while the bit is set. The level of a pin is computed on demand, exact to the clock.
 #[derive(Clone, Debug)]
 pub struct Pwm {
     clock: u32,

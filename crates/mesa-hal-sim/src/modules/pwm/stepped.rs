@@ -17,7 +17,7 @@ struct Crossing {
 }
 
 impl Crossing {
-    /// One edge; returns the word that the fast clock takes over at this edge.
+    /// Advances by one edge; returns the word that the fast clock takes over at this edge.
     fn step(&mut self, open: bool) -> Option<u32> {
         let taken = self.seen && self.sure;
         let (seen, sure) = (self.seen, self.sure);
@@ -43,7 +43,7 @@ struct Accumulator {
 }
 
 impl Accumulator {
-    /// One edge; true if the driven counter steps at this edge.
+    /// Advances by one edge; true if the driven counter steps at this edge.
     fn step(&mut self) -> bool {
         let ticks = self.overflown;
         self.sum += self.rate;

@@ -349,7 +349,7 @@ fn what_no_motor_can_be_is_refused_with_its_name_its_value_and_what_is_allowed()
     assert_eq!(Motor::new(usual), Ok(Motor::default()));
 }
 
-/// Numbers from any source: usual, tiny, huge and infinite ones, and NaN.
+/// Numbers from any source: usual, tiny, huge and infinite ones, and zero.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -20.0..20.0_f64,
