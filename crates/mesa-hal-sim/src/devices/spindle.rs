@@ -4,7 +4,8 @@ use super::{Layout, SignalValue};
 use crate::remote::Memory;
 
 /// Addresses and state of `SpinOut`, `SpinEna` and `SpinDir`. The names are those of LinuxCNC's
-/// pins; type, width and range of `SpinOut` are unknown, and are those of a 7I77's analog output.
+/// pins; type, width and range of `SpinOut` are unknown, and assumed to be those of a 7I77's analog
+/// output.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spindle {
     /// Addresses of the three elements.
