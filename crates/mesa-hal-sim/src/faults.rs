@@ -1,13 +1,13 @@
-//! The list of everything that the simulator can let go wrong.
+//! All faults that the simulator can produce.
 //!
-//! What the driver does about each of them is in `driver::faults` of `mesa-hal`; a test of that package
-//! holds that table and this list against each other.
+//! The reaction of the driver to each of them is in `driver::faults` of `mesa-hal`; a test of that
+//! package compares that table with this list.
 
 use crate::remote::WireFault;
 use mesa_wire::bus::Fault;
 use mesa_wire::lbp::RemoteFaults;
 
-/// Where a fault is.
+/// Place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Place {
     /// Between the FPGA and a remote.
@@ -33,17 +33,17 @@ macro_rules! kinds {
         }
 
         impl FaultKind {
-            /// All of them.
+            /// All kinds of faults.
             pub const ALL: &'static [Self] = &[$(Self::$kind,)*];
 
-            /// Its name in the fault contract.
+            /// Name in the fault contract.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$kind => $name,)*
                 }
             }
 
-            /// Where it is.
+            /// Place of the fault.
             pub const fn place(self) -> Place {
                 match self {
                     $(Self::$kind => Place::$place,)*
@@ -62,13 +62,13 @@ kinds! {
     WireShort "wire-short" Wire,
     /// There are more characters: [`WireFault::Long`].
     WireLong "wire-long" Wire,
-    /// A reply comes late: [`WireFault::Late`].
+    /// A reply arrives late: [`WireFault::Late`].
     WireLate "wire-late" Wire,
     /// The line is low for the length of a burst: [`WireFault::Break`].
     WireBreak "wire-break" Wire,
-    /// A cable is not plugged in: [`Cable::unplug`](crate::remote::Cable::unplug).
+    /// A cable is unplugged: [`Cable::unplug`](crate::remote::Cable::unplug).
     WireUnplugged "wire-unplugged" Wire,
-    /// The same, and the receiver sees a low line:
+    /// A cable is unplugged and the receiver sees a low line:
     /// [`Cable::set_low_when_unplugged`](crate::remote::Cable::set_low_when_unplugged).
     WireLow "wire-low" Wire,
     /// Another card is plugged in: [`SimFpga::plug`](crate::SimFpga::plug).
@@ -91,43 +91,43 @@ kinds! {
     RemoteCommunication "remote-communication" Remote,
     /// A remote has no power.
     RemotePowerOff "remote-power-off" Remote,
-    /// A remote's power fails for a moment, with which it forgets its software mode.
+    /// A remote's power fails briefly, which resets its software mode.
     RemotePowerGlitch "remote-power-glitch" Remote,
     /// The FPGA is configured again in no time: [`SimFpga::reload`](crate::SimFpga::reload).
     FpgaReset "fpga-reset" Fpga,
-    /// The same, and it takes its time:
+    /// The FPGA is configured again after some time:
     /// [`SimFpga::reset_for`](crate::SimFpga::reset_for).
     FpgaResetLong "fpga-reset-long" Fpga,
     /// The watchdog bites.
     FpgaWatchdog "fpga-watchdog" Fpga,
-    /// A serial port's command never ends (FACTS 3: DOIT with other high bits).
+    /// A serial port's command never completes (FACTS 3: DOIT with other high bits).
     FpgaPortStuck "fpga-port-stuck" Fpga,
     /// A packet to the board is lost.
     NetworkLostRequest "network-lost-request" Network,
     /// A packet to the host is lost.
     NetworkLostReply "network-lost-reply" Network,
-    /// A packet comes twice.
+    /// A packet arrives twice.
     NetworkDuplicate "network-duplicate" Network,
-    /// A packet comes late, and behind later ones.
+    /// A packet arrives late, after packets that were sent later.
     NetworkLate "network-late" Network,
-    /// Nothing gets through.
+    /// No packet arrives.
     NetworkDown "network-down" Network,
-    /// [`Fault::NotExecuted`]: nothing happens, and an error is returned.
+    /// [`Fault::NotExecuted`]: nothing is executed, and an error is returned.
     BusNotExecuted "bus-not-executed" Bus,
-    /// [`Fault::Executed`]: all happens, and an error says that the reply is no good.
+    /// [`Fault::Executed`]: everything is executed, and the error reports an unusable reply.
     BusNoReply "bus-no-reply" Bus,
-    /// [`Fault::SilentWrite`]: a write is lost, which a later exchange tells.
+    /// [`Fault::SilentWrite`]: a write is lost, which only a later exchange reports.
     BusSilentWrite "bus-silent-write" Bus,
-    /// The application is late by less than the watchdog allows.
+    /// The application is late, within the time of the watchdog.
     HostLate "host-late" Host,
-    /// The application stands still for longer.
+    /// The application stalls for longer.
     HostStall "host-stall" Host,
-    /// The process ends without a word.
+    /// The process ends without a shutdown.
     HostKilled "host-killed" Host,
 }
 
 impl FaultKind {
-    /// The fault bit that a remote reports it with, if it has one.
+    /// The fault bit by which a remote reports the fault, if it has one.
     pub const fn fault_bit(self) -> Option<RemoteFaults> {
         Some(match self {
             Self::RemoteWatchdog => RemoteFaults::WATCHDOG,

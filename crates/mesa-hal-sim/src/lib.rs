@@ -1,14 +1,14 @@
 //! A simulated FPGA with its remote bus, on a virtual clock.
 //!
-//! The simulator shares the pure wire formats ([`mesa_wire::lbp`], [`mesa_wire::lbp16`]) and register
-//! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
-//! the gateware was seen to do and from its recorded transcripts.
+//! The simulator shares the pure wire formats ([`mesa_wire::lbp`], [`mesa_wire::lbp16`]) and
+//! register addresses with the driver, and nothing else: its behaviour comes from the manuals, from
+//! observations of the gateware and from its recorded transcripts.
 //!
 //! From the host to the machine: [`SimFpga`] is the register file of a HostMot2 [`Firmware`] and
-//! implements [`RegisterBus`](mesa_wire::bus::RegisterBus); its smart serial ports ([`sslbp`]) talk
-//! over serial lines ([`wire`]) to what is plugged in; drives and [`Motor`]s follow the analog
-//! outputs and turn the encoders. [`machines`] has them put together. Time passes only with
-//! register accesses and when somebody lets it; nothing sleeps.
+//! implements [`RegisterBus`](mesa_wire::bus::RegisterBus); its smart serial ports ([`sslbp`])
+//! communicate over serial lines ([`wire`]) with the remotes plugged in; drives and [`Motor`]s
+//! follow the analog outputs and turn the encoders. [`machines`] has complete assemblies. Time
+//! advances only with register accesses and explicit calls; nothing sleeps.
 //!
 //! ```
 //! use mesa_wire::bus::RegisterBus;

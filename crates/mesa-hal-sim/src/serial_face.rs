@@ -1,4 +1,4 @@
-//! The serial face of a simulated remote: real hosts, real time.
+//! Serial front end of a simulated remote: real hosts, real time.
 
 use core::time::Duration;
 use std::io::{self, ErrorKind, Read, Write};
@@ -10,11 +10,11 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::wire::{Burst, MAX_BURST, Nanos, RemoteEnd};
 
-/// The most that is waited for at once.
+/// Maximum wait of one step.
 const LONGEST: Duration = Duration::from_millis(100);
 
-/// A serial port with a simulated remote at its other end, in real time: the master side of a
-/// pseudoterminal, for example, whose slave side a host takes for a serial port.
+/// A serial port with a simulated remote at its other end, in real time: for example the master
+/// side of a pseudoterminal, whose slave side is the serial port of a host.
 ///
 /// Call [`step`](Self::step) in a loop.
 #[derive(Debug)]
@@ -26,8 +26,8 @@ pub struct SerialFace<P> {
 }
 
 impl<P: Read + Write + AsFd> SerialFace<P> {
-    /// A face on a port that does not wait when it is read, on a line of 115200 baud. It is powered up
-    /// now.
+    /// A front end on a port with non-blocking reads, and a line of 115200 baud. The remote is
+    /// powered up now.
     pub fn new(port: P) -> Self {
         Self {
             port,
@@ -43,8 +43,8 @@ impl<P: Read + Write + AsFd> SerialFace<P> {
         self
     }
 
-    /// The baud rate of the host: what it sends at another rate than the remote's arrives as other
-    /// characters, or as none. 1 to 10 million; 0 counts as 1.
+    /// Sets the baud rate of the host: characters sent at another rate than the remote's arrive as
+    /// other characters, or not at all. 1 to 10 million; 0 counts as 1.
     pub fn set_baud_rate(&mut self, baud: u32) {
         self.bit = (1_000_000_000 / u64::from(baud.max(1))).max(1);
     }
@@ -59,8 +59,8 @@ impl<P: Read + Write + AsFd> SerialFace<P> {
         &self.port
     }
 
-    /// Waits for characters, for `most` at most (no longer than 100 ms), gives them to the remote, and
-    /// sends what it answers.
+    /// Waits for characters, at most `most` and at most 100 ms, passes them to the remote, and
+    /// sends its replies.
     ///
     /// # Errors
     /// The port fails.
@@ -98,7 +98,7 @@ impl<P: Read + Write + AsFd> SerialFace<P> {
         Ok(())
     }
 
-    /// The host samples the reply at its own rate; at another one it gets nonsense.
+    /// Sends a reply, sampled at the host's rate: at another one the host gets nonsense.
     fn send(&mut self, reply: &Burst) -> io::Result<()> {
         let mut characters = Vec::new();
         super::remote::sample(reply, self.bit, |_, byte| characters.push(byte));

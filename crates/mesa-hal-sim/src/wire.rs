@@ -3,7 +3,7 @@
 /// Nanoseconds of virtual time since the simulation's power-up.
 pub type Nanos = u64;
 
-/// The most characters one [`Burst`] holds; the longest SSLBP frame has 14.
+/// Maximum number of characters of a [`Burst`]; the longest SSLBP frame has 14.
 pub const MAX_BURST: usize = 32;
 
 /// One bit at 2.5 Mbaud.
@@ -51,7 +51,7 @@ impl Burst {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
     }
 
-    /// The characters, to corrupt them.
+    /// The characters, mutable to corrupt them.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         self.bytes
             .get_mut(..usize::from(self.len))
@@ -70,7 +70,7 @@ impl Burst {
         usize::from(self.len)
     }
 
-    /// Whether there is no character at all.
+    /// True if the burst has no characters.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -86,41 +86,42 @@ impl Burst {
     }
 }
 
-/// A device on a channel's serial line: what stands at the far end of the RS-422 cable.
+/// A device on a channel's serial line: the far end of the RS-422 cable.
 ///
-/// The channel calls in time order: [`advance`](Self::advance) to a time, then
+/// The channel makes its calls in time order: [`advance`](Self::advance) to a time, then
 /// [`receive`](Self::receive) when a burst from the FPGA has ended. A reply is fetched with
 /// [`transmit`](Self::transmit) directly after `receive`; it begins at or after that time.
 ///
-/// It is [`Any`](core::any::Any), so that whoever plugged a device can get at its world side again.
+/// The trait requires [`Any`](core::any::Any), so that a plugged device can be accessed by its own
+/// type.
 pub trait RemoteEnd: core::any::Any + core::fmt::Debug + Send {
-    /// Lets time pass up to `now`: watchdogs, frame timeouts, slow non-volatile writes.
+    /// Advances to `now`: watchdogs, frame timeouts, slow non-volatile writes.
     fn advance(&mut self, now: Nanos);
 
-    /// A burst from the FPGA has ended at `burst.end()`.
+    /// Receives a burst from the FPGA that has ended at `burst.end()`.
     fn receive(&mut self, burst: &Burst);
 
     /// The next burst towards the FPGA, if there is one. Called until it returns `None`.
     fn transmit(&mut self) -> Option<Burst>;
 
-    /// Whether the line towards the FPGA is held low (no receiver bias, a stuck break).
+    /// True if the line towards the FPGA is held low (no receiver bias, a stuck break).
     fn holds_line_low(&self) -> bool {
         false
     }
 
-    /// When it does something by itself next: its watchdog bites, a write to its EEPROM ends. Who
-    /// lets time pass calls [`advance`](Self::advance) for that moment, whether or not anybody talks
-    /// to the remote. `None`: nothing is due.
+    /// Time of the next spontaneous event: the watchdog bites, a write to the EEPROM ends. The
+    /// simulation calls [`advance`](Self::advance) for that time, even without communication.
+    /// `None` if nothing is due.
     fn next_event(&self) -> Option<Nanos> {
         self.inner().and_then(RemoteEnd::next_event)
     }
 
-    /// The device behind this one, if this one only stands in between (wire faults, a recorder).
+    /// The device behind this one, if this one is only a wrapper (wire faults, a recorder).
     fn inner(&self) -> Option<&dyn RemoteEnd> {
         None
     }
 
-    /// As [`inner`](Self::inner), to change it.
+    /// Mutable access to [`inner`](Self::inner).
     fn inner_mut(&mut self) -> Option<&mut dyn RemoteEnd> {
         None
     }

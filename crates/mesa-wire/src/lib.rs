@@ -1,8 +1,8 @@
 //! The wire formats of Mesa Electronics' motion I/O, and the register bus.
 //!
-//! What the driver (`mesa-hal`) and the simulated board (`mesa-hal-sim`) have in common, and nothing
-//! else: bytes and addresses, no behaviour. [`lbp`] is spoken to remotes, [`lbp16`] to Ethernet boards;
-//! a [`bus::RegisterBus`] carries 32-bit registers, whatever is under it.
+//! The common part of the driver (`mesa-hal`) and the simulated board (`mesa-hal-sim`), and nothing
+//! else: bytes and addresses, no behaviour. [`lbp`] is the protocol of remotes, [`lbp16`] that of
+//! Ethernet boards; a [`bus::RegisterBus`] carries 32-bit registers over any transport.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![cfg_attr(
     not(test),

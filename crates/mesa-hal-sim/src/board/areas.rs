@@ -4,7 +4,7 @@ use mesa_wire::lbp16::{
     Command, ElementSize, ErrorRegister, InfoArea, MemoryRanges, MemorySizes, MemoryType, Space,
 };
 
-/// What a space is; `None` for the one that does not exist.
+/// The info area of a space; `None` for the space that does not exist.
 ///
 /// Manual: 7I97, "INFO AREA" and "7I97 SUPPORTED MEMORY SPACES".
 pub(super) const fn info_area(space: Space) -> Option<InfoArea> {
@@ -32,7 +32,7 @@ pub(super) const fn info_area(space: Space) -> Option<InfoArea> {
     })
 }
 
-/// One past the last byte address of a space's registers.
+/// End of a space's registers: the byte address after the last one.
 pub(super) const fn end(space: Space) -> u32 {
     match space {
         // Four registers in front of the flash.
@@ -44,7 +44,7 @@ pub(super) const fn end(space: Space) -> u32 {
     }
 }
 
-/// Whether a space of these sizes takes a command; else the error that the board counts.
+/// Checks a command against the sizes of a space; returns the error that the board counts.
 ///
 /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
 pub(super) fn check(sizes: MemorySizes, command: Command) -> Result<(), ErrorRegister> {

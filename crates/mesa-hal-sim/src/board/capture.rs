@@ -1,4 +1,4 @@
-//! A capture of a board's packets, in the format that wireshark and tcpdump read.
+//! A capture of a board's packets, in the format of wireshark and tcpdump.
 
 use core::net::{Ipv4Addr, SocketAddrV4};
 use core::time::Duration;
@@ -6,7 +6,8 @@ use std::io::{self, Write};
 
 use byteorder::{BE, ByteOrder, LE};
 
-/// Nanoseconds, in the byte order of this file. <https://www.ietf.org/archive/id/draft-gharris-opsawg-pcap-01.html>
+/// pcap with nanoseconds, in the byte order of the file.
+/// <https://www.ietf.org/archive/id/draft-gharris-opsawg-pcap-01.html>
 const MAGIC: u32 = 0xA1B2_3C4D;
 const VERSION: [u16; 2] = [2, 4];
 const LINK_ETHERNET: u32 = 1;
@@ -22,10 +23,10 @@ const HEADERS: usize = ETHERNET + IP + UDP;
 const IPV4: u16 = 0x0800;
 const UDP_PROTOCOL: u8 = 17;
 
-/// More does not go into a UDP packet.
+/// Maximum payload of a UDP packet.
 const MOST_BYTES: usize = 65_507;
 
-/// One end of a packet's way.
+/// One end of a packet's path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Endpoint {
     /// Its MAC address.
@@ -35,8 +36,8 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// An end whose MAC address is not known: one of those that are free for local use, with the IP
-    /// address in it.
+    /// An end whose MAC address is unknown: a locally administered address that contains the IP
+    /// address.
     pub fn unknown(address: SocketAddrV4) -> Self {
         let [a, b, c, d] = address.ip().octets();
         Self {
@@ -46,13 +47,13 @@ impl Endpoint {
     }
 }
 
-/// Who wants to see a board's packets.
+/// Observer of a board's packets.
 pub trait Tap: core::fmt::Debug + Send {
-    /// A packet, at the time since 1970: a request as it came, a reply as it went.
+    /// Called for a packet, with its time since 1970: a request as it arrived, a reply as it left.
     fn packet(&mut self, at: Duration, from: Endpoint, to: Endpoint, payload: &[u8]);
 }
 
-/// Writes packets as a capture file: pcap 2.4, Ethernet, times in nanoseconds.
+/// A writer of capture files: pcap 2.4, Ethernet, times in nanoseconds.
 #[derive(Debug)]
 pub struct PcapWriter<W> {
     to: W,
@@ -61,14 +62,14 @@ pub struct PcapWriter<W> {
 }
 
 impl<W: Write> PcapWriter<W> {
-    /// A file of at most `limit` bytes, its header written.
+    /// A file of at most `limit` bytes; writes its header.
     pub fn new(mut to: W, limit: u64) -> io::Result<Self> {
         let mut header = [0; FILE_HEADER];
         let (magic, rest) = header.split_at_mut(4);
         LE::write_u32(magic, MAGIC);
         let (version, rest) = rest.split_at_mut(4);
         LE::write_u16_into(&VERSION, version);
-        // Zone and accuracy are 0.
+        // Time zone and accuracy are 0.
         let (_, rest) = rest.split_at_mut(8);
         LE::write_u32_into(&[SNAP_LENGTH, LINK_ETHERNET], rest);
         to.write_all(&header)?;
@@ -79,7 +80,8 @@ impl<W: Write> PcapWriter<W> {
         })
     }
 
-    /// Writes a packet in one piece. `false`, and nothing written, if it does not fit any more.
+    /// Writes a packet with a single write. Returns `false` without writing if the packet exceeds
+    /// the limit.
     pub fn packet(
         &mut self,
         at: Duration,
@@ -109,7 +111,7 @@ impl<W: Write> PcapWriter<W> {
         Ok(true)
     }
 
-    /// What it was written to.
+    /// Returns the underlying writer.
     pub fn into_inner(self) -> W {
         self.to
     }
@@ -144,7 +146,7 @@ fn udp_header(from: SocketAddrV4, to: SocketAddrV4, payload: &[u8]) -> [u8; UDP]
     let start = u32::from(UDP_PROTOCOL) + u32::from(length);
     let start = start + u32::from(sum(&addresses, 0)) + u32::from(sum(&header, 0));
     let checksum = match !sum(payload, start) {
-        // 0 says that there is none.
+        // A checksum of 0 means that the packet has no checksum.
         0 => 0xFFFF,
         checksum => checksum,
     };
@@ -188,7 +190,7 @@ mod tests {
         (written.collect(), file.into_inner())
     }
 
-    /// The question for the cookie, as it is on the wire; the checksums were worked out by hand.
+    /// A request of the cookie, as on the wire; the checksums were computed by hand.
     #[test]
     fn a_packet_has_its_headers_and_checksums() {
         let (_, file) = captured(1000, &[&[0x01, 0x42, 0x00, 0x01]]);
@@ -206,7 +208,7 @@ mod tests {
         assert_eq!(file[52..54], [0x08, 0x00]);
         // 4500 + 0020 + 4000 + 4011 + 0A0A + 0A01 + 0A0A + 0A0A = ED50, and its complement.
         assert_eq!(file[64..66], [0x12, 0xAF]);
-        // 0A0A + 0A01 + 0A0A + 0A0A + 0011 + 000C + 9C40 + 6A2D + 000C + 0142 + 0001 = 1 3006 + ...
+        // Ones' complement sum of the pseudo header, the UDP header and the payload, word by word.
         let words: u32 = [
             0x0A0A, 0x0A01, 0x0A0A, 0x0A0A, 0x0011, 0x000C, 0x9C40, 0x6A2D, 0x000C, 0x0142, 0x0001,
         ]

@@ -1,11 +1,11 @@
-//! What a simulated board is, apart from its FPGA.
+//! Configuration of a simulated board, apart from its FPGA.
 
 use core::net::Ipv4Addr;
 
 use crate::wire::Nanos;
 
-/// Where the board takes its IP address from: its address jumpers. The simulated board has the address
-/// that it is given, whatever they say.
+/// Source of the board's IP address: its address jumpers. The simulated board has the address that
+/// it is given, whatever the jumpers are.
 ///
 /// Manual: 7I97, "IP ADDRESS SELECTION"; FACTS 9.6 for the 7I97T.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,19 +32,19 @@ pub struct BoardConfig {
     pub ip: Ipv4Addr,
     /// Netmask in the EEPROM; firmware 16 and later has one.
     pub netmask: Ipv4Addr,
-    /// Where the IP address comes from.
+    /// Source of the IP address.
     pub jumpers: AddressJumpers,
     /// Version of the protocol, space 7.
     pub lbp_version: u16,
-    /// Version of the firmware, space 7: 15 can be reloaded, 16 has a netmask.
+    /// Version of the firmware, space 7: 15 supports a reload, 16 has a netmask.
     pub firmware_version: u16,
-    /// Time that the board's processor takes for a packet before it executes it. Not confirmed.
+    /// Time that the board's processor needs for a packet before executing it. Not confirmed.
     pub packet_time: Nanos,
-    /// Time that one element of a command takes. Not confirmed.
+    /// Time per element of a command. Not confirmed.
     pub access_time: Nanos,
-    /// How long the board is silent after a reset of its firmware (manual: up to half a second).
+    /// Silent time after a reset of the board's firmware (manual: up to half a second).
     pub reset_time: Nanos,
-    /// How long the board is silent after a reload of its FPGA.
+    /// Silent time after a reload of the FPGA.
     pub reload_time: Nanos,
 }
 

@@ -10,7 +10,7 @@ use mesa_wire::lbp16::{
 /// Words of each of the three spaces.
 const WORDS: usize = 16;
 
-/// A row of 16-bit registers by byte address.
+/// A sequence of 16-bit registers by byte address.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Words([u16; WORDS]);
 
@@ -28,13 +28,13 @@ impl Words {
         }
     }
 
-    /// Counts on; packet counters start again from 0 (they serve as sequence numbers).
+    /// Increments a counter; packet counters wrap to 0 (they serve as sequence numbers).
     pub(super) fn count(&mut self, address: u16) {
         self.set(address, self.get(address).wrapping_add(1));
     }
 }
 
-/// Counts an error, up to the most that the counter holds, and sets its bit.
+/// Counts an error, up to the maximum of the counter, and sets its bit.
 pub(super) fn count_error(status: &mut Words, error: ErrorRegister) {
     let counter = match error {
         ErrorRegister::PARSE => Some(control::PARSE_ERRORS),
@@ -76,7 +76,7 @@ pub(super) fn microseconds(now: Nanos) -> u16 {
     (now / 1000) as u16
 }
 
-/// Which of HostMot2's timers a register of space 4 waits for: 0 is the reference, 1 to 4 the
+/// The HostMot2 timer that a register of space 4 waits for: 0 is the reference, 1 to 4 are the
 /// timers.
 pub(super) fn waits_for(address: u16) -> Option<u8> {
     let offset = (address & !1).checked_sub(timer::WAIT_FOR_HM2_REFERENCE)? / 2;

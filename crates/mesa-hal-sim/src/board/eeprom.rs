@@ -6,14 +6,14 @@ use mesa_wire::lbp16::registers::eeprom::{
     CARD_NAME, FIRST_WRITABLE, IP_ADDRESS, LED_MODE, LEN, MAC, NETMASK, NETMASK_FIRMWARE,
 };
 
-/// Time to program one word of the Ethernet chip's serial EEPROM. Not known; mesaflash, which waits
-/// 2 ms for its first answer, has to find a board whose address it has just set (FACTS 10.2).
+/// Time to program one word of the Ethernet chip's serial EEPROM. Unknown; mesaflash, which waits 2
+/// ms for its first reply, must find a board whose address it has just set (FACTS 10.2).
 const PROGRAM: Nanos = 500_000;
 
 /// Words of the EEPROM.
 pub(super) const EEPROM_WORDS: usize = LEN as usize / 2;
 
-/// A write that the write enable, or the address, does not allow.
+/// A write that the write enable, or the address, does not permit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NotWritable;
 
@@ -25,7 +25,7 @@ pub(super) struct Eeprom {
 }
 
 impl Eeprom {
-    /// An EEPROM as the factory leaves it.
+    /// An EEPROM in factory state.
     pub(super) fn new(config: &BoardConfig) -> Self {
         let mut this = Self {
             words: [0; EEPROM_WORDS],
@@ -52,7 +52,7 @@ impl Eeprom {
         word.copied().unwrap_or(0)
     }
 
-    /// Writes a word; returns how long that takes.
+    /// Writes a word; returns the time that the write takes.
     pub(super) fn write(
         &mut self,
         address: u16,
@@ -67,12 +67,12 @@ impl Eeprom {
         Ok(PROGRAM)
     }
 
-    /// Whether the LEDs show debug information after power-up.
+    /// Bit 0 of the LED mode: 1 if the LEDs show debug information after power-up.
     pub(super) fn led_mode(&self) -> u16 {
         self.read(LED_MODE) & 1
     }
 
-    /// How often the contents were changed.
+    /// Number of changes of the contents.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }

@@ -11,7 +11,7 @@ const CIDER: usize = 0xC0;
 /// Family 88, chip 7, revision 1.
 const CHIP_ID: u16 = 0x8872;
 
-/// The register file, for debugging: what is written stays, the id does not change.
+/// The register file, for debugging: writes are kept, except that the id does not change.
 #[derive(Clone, Debug)]
 pub(super) struct EthernetChip {
     words: [u16; WORDS],
@@ -27,14 +27,14 @@ impl EthernetChip {
         this
     }
 
-    /// The register at a byte address; `None` if there is none.
+    /// The register at a byte address; `None` past the end.
     pub(super) fn read(&self, address: u16) -> Option<u16> {
         let word = self.words.get(usize::from(address / 2)).copied()?;
         let is_id = usize::from(address & !1) == CIDER;
         Some(if is_id { CHIP_ID } else { word })
     }
 
-    /// Writes the register at a byte address; `None` if there is none.
+    /// Writes the register at a byte address; `None` past the end.
     pub(super) fn write(&mut self, address: u16, value: u16) -> Option<()> {
         *self.words.get_mut(usize::from(address / 2))? = value;
         Some(())

@@ -13,12 +13,12 @@ const FLASH_ID: u32 = 0x14;
 const PAGE_PROGRAM: Nanos = 640_000;
 const ERASE: Nanos = 600_000_000;
 
-/// What an access of the flash came to.
+/// A refused access of the flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FlashError {
-    /// There is no such register, or it can not be accessed this way.
+    /// The register does not exist, or does not permit this access.
     NoRegister,
-    /// A write that the write enable does not allow.
+    /// A write without the write enable.
     NotEnabled,
 }
 
@@ -31,7 +31,7 @@ pub(super) struct Flash {
     changes: u64,
 }
 
-/// A page that was sent to the chip, but not yet programmed.
+/// A page that was sent to the chip but is not programmed yet.
 #[derive(Clone, Copy, Debug)]
 struct PageBuffer {
     base: usize,
@@ -59,12 +59,12 @@ impl Flash {
         &mut self.memory
     }
 
-    /// How often the contents were changed.
+    /// Number of changes of the contents.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// Reads a register; returns its value and how long that takes.
+    /// Reads a register; returns its value and the time that the read takes.
     pub(super) fn read(&mut self, register: u16) -> Result<(u32, Nanos), FlashError> {
         match register {
             ADDRESS => {
@@ -88,7 +88,7 @@ impl Flash {
         }
     }
 
-    /// Writes a register; returns how long that takes.
+    /// Writes a register; returns the time that the write takes.
     pub(super) fn write(
         &mut self,
         register: u16,
@@ -118,7 +118,7 @@ impl Flash {
         }
     }
 
-    /// Collects data for a page. The chip keeps the low eight address bits within the page.
+    /// Collects data for a page. The low eight address bits wrap within the page.
     fn buffer(&mut self, value: u32) {
         let address = self.address as usize % FLASH_SIZE;
         let page = self.page.get_or_insert(PageBuffer {
@@ -133,7 +133,7 @@ impl Flash {
         self.address = self.address.wrapping_add(4);
     }
 
-    /// Programs the collected page: bits become 0, never 1.
+    /// Programs the collected page: bits can only become 0.
     fn program(&mut self) -> Nanos {
         let Some(page) = self.page.take() else {
             return 0;
@@ -191,7 +191,7 @@ mod tests {
             flash.write(ADDRESS, 0x1F_FFFC, false).unwrap();
             flash.write(DATA, 0, true).unwrap();
             assert_eq!(flash.memory()[0x1F_FFFC], 0xFF, "not yet");
-            // Away from the page, so that the erase leaves it alone.
+            // Outside the page, so that the erase does not affect it.
             flash.address = 0;
             assert!(commit(&mut flash));
             assert_eq!(flash.memory()[0x1F_FFFC], 0);

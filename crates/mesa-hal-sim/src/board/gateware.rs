@@ -1,11 +1,11 @@
-//! What the protocol needs of the FPGA behind it.
+//! The interface between the protocol and the FPGA.
 
 use super::SimBoard;
 use crate::{SimFpga, wire::Nanos};
 
-/// The FPGA behind the protocol: space 0, and what space 4 waits for.
+/// The FPGA behind the protocol: space 0, and the timers that space 4 waits for.
 pub trait Gateware {
-    /// Lets time pass up to `now`.
+    /// Advances to `now`.
     fn advance_to(&mut self, now: Nanos);
 
     /// Reads the 32-bit register at a byte address, a multiple of 4, at the time reached.
@@ -14,16 +14,16 @@ pub trait Gateware {
     /// Writes the 32-bit register at a byte address, a multiple of 4, at the time reached.
     fn write_register(&mut self, address: u16, value: u32);
 
-    /// Lets time pass until the next rising edge of the DPLL's reference (0) or of one of its
-    /// timers (1 to 4), but not past `limit`; returns when it came.
+    /// Advances to the next rising edge of the DPLL's reference (0) or of one of its timers (1 to
+    /// 4), but not past `limit`; returns the time of the edge.
     fn wait_for_timer(&mut self, timer: u8, limit: Nanos) -> Option<Nanos>;
 
-    /// Whether the FPGA is without its configuration; then the board does not answer.
+    /// True if the FPGA has no configuration; the board then does not answer.
     fn is_in_reset(&self) -> bool {
         false
     }
 
-    /// The FPGA is configured again: registers as after power-up. What is plugged in stays.
+    /// Configures the FPGA again: registers as after power-up. Remotes stay plugged in.
     fn reconfigure(&mut self);
 }
 
@@ -59,8 +59,8 @@ impl Gateware for SimFpga {
 }
 
 impl SimBoard<SimFpga> {
-    /// Which of the user LEDs CR01 to CR04 are lit, whoever has them. CR01 is user LED 3, the highest
-    /// bit of a debug value. Manual: 7I97, "BOARD STATUS LEDS".
+    /// State of the user LEDs CR01 to CR04, lit or not, whichever side owns them. CR01 is user LED
+    /// 3, the highest bit of a debug value. Manual: 7I97, "BOARD STATUS LEDS".
     pub fn lit_leds(&self) -> [bool; 4] {
         let debug = self.debug_leds();
         [0, 1, 2, 3].map(|led| match debug {

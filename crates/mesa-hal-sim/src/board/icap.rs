@@ -1,7 +1,7 @@
 //! The FPGA's configuration port, as far as a reload needs it.
 
 const SYNC: [u16; 2] = [0xAA99, 0x5566];
-/// Type 1, operation write, in front of register and number of words.
+/// Type 1, operation write, before register and number of words.
 const TYPE1_WRITE: u16 = 0b0_0110;
 const REGISTER_COMMAND: u16 = 0x05;
 const REGISTER_GENERAL1: u16 = 0x13;
@@ -9,7 +9,7 @@ const REGISTER_GENERAL2: u16 = 0x14;
 const COMMAND_DESYNC: u16 = 0x0D;
 const COMMAND_IPROG: u16 = 0x0E;
 
-/// What ICAP takes, word by word: the packets of a Spartan-6 (its configuration guide, UG380).
+/// The ICAP port, word by word: the packets of a Spartan-6 (its configuration guide, UG380).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Icap {
     synced: bool,
@@ -21,7 +21,7 @@ pub(super) struct Icap {
 }
 
 impl Icap {
-    /// Takes a word. If it starts a reload, returns the flash address to load from.
+    /// Writes a word. If the word starts a reload, returns the flash address to load from.
     pub(super) fn write(&mut self, word: u16) -> Option<u32> {
         let previous = core::mem::replace(&mut self.previous, word);
         if !self.synced {

@@ -40,14 +40,15 @@ use mesa_wire::lbp16::{
 
 /// A simulated Ethernet board.
 ///
-/// Pure: bytes and a time go in, bytes and a time come out. All eight spaces behave as the manual
-/// says. What it leaves open is decided so (none of it is confirmed on hardware):
-/// - a request is executed up to its first parse error, and what was read before is sent;
-/// - a command that its space does not take counts as one memory error, or write error, is skipped,
-///   and reads as zeros, so that the rest of the reply stays in its place;
+/// Pure: takes bytes and a time, and returns bytes and a time. All eight spaces behave as in the
+/// manual. Where the manual leaves a case open, the simulation behaves as follows (none of it is
+/// confirmed on hardware):
+/// - a request is executed up to its first parse error, and the data read before is sent;
+/// - a command that its space rejects counts as one memory error, or write error, is skipped, and
+///   reads as zeros, so that the rest of the reply keeps its layout;
 /// - a reply that does not fit into a packet is not sent;
 /// - low address bits within an element are ignored;
-/// - error counters stop at 65535, packet counters start again.
+/// - error counters stop at 65535, packet counters wrap.
 #[derive(Debug)]
 pub struct SimBoard<G> {
     config: BoardConfig,
@@ -90,7 +91,7 @@ impl<G: Gateware> SimBoard<G> {
         }
     }
 
-    /// What the board was made from.
+    /// The configuration of the board.
     pub fn config(&self) -> &BoardConfig {
         &self.config
     }
@@ -100,49 +101,49 @@ impl<G: Gateware> SimBoard<G> {
         &self.gateware
     }
 
-    /// The FPGA, to play the world around it.
+    /// Mutable access to the FPGA, to act on the world around it.
     pub fn gateware_mut(&mut self) -> &mut G {
         &mut self.gateware
     }
 
-    /// Lets time pass up to `now`.
+    /// Advances to `now`.
     pub fn advance_to(&mut self, now: Nanos) {
         self.time = self.time.max(now);
         self.gateware.advance_to(self.time);
     }
 
-    /// The time that the board has reached. While it waits inside a packet, this is ahead of the
-    /// time of the packet.
+    /// The time that the board has reached. While the board waits inside a packet, this is ahead of
+    /// the time of the packet.
     pub fn time(&self) -> Nanos {
         self.time
     }
 
-    /// Registers of the board itself: space 6 as a host would read it, without touching anything.
+    /// A register of the board itself: space 6 as a host would read it, without any side effect.
     pub fn status(&self, address: u16) -> u16 {
         self.status.get(address)
     }
 
-    /// The register of space 6 whose low bits the LEDs show, LED 0 the lowest; `None` while they
-    /// belong to the FPGA.
+    /// The register of space 6 whose low bits the LEDs show, LED 0 the lowest; `None` while the
+    /// LEDs belong to the FPGA.
     pub fn debug_leds(&self) -> Option<u16> {
         let is_debug = self.status.get(control_registers::LED_MODE) & 1 != 0;
         let shown = self.status.get(control_registers::DEBUG_LED_POINTER);
         is_debug.then(|| self.status.get(shown))
     }
 
-    /// Gives the user LEDs to the network side (`debug`) or to the FPGA until the next restart, as a
-    /// host does that writes LEDMode.
+    /// Gives the user LEDs to the network side (`debug`) or to the FPGA until the next restart,
+    /// like a host's write of LEDMode.
     pub fn give_leds(&mut self, debug: bool) {
         self.status.set(control_registers::LED_MODE, debug.into());
     }
 
-    /// How often the FPGA was reloaded, and the firmware reset.
+    /// Number of reloads of the FPGA, and of resets of the firmware.
     pub fn restarts(&self) -> (u32, u32) {
         (self.reloads, self.resets)
     }
 
-    /// Puts bytes into the flash memory, as a JTAG programmer does, in no time. What is behind its end is
-    /// left out.
+    /// Writes bytes to the flash memory, as a JTAG programmer does, in no time. Bytes past its end
+    /// are left out.
     pub fn load_flash(&mut self, start: u32, bytes: &[u8]) {
         let cells = self.flash.memory_mut().iter_mut().skip(start as usize);
         for (cell, byte) in cells.zip(bytes) {
@@ -150,15 +151,16 @@ impl<G: Gateware> SimBoard<G> {
         }
     }
 
-    /// How often EEPROM and flash were changed; when this moves on, the state is worth saving.
+    /// Number of changes of EEPROM and flash; save the state when it has increased.
     pub fn changes(&self) -> u64 {
         self.eeprom.changes() + self.flash.changes()
     }
 
-    /// Executes the request that has come in at `now`. `reply` is overwritten.
+    /// Executes the request that arrived at `now`. `reply` is overwritten.
     ///
-    /// Returns when the reply leaves the board, or `None` if there is none. The board executes one
-    /// packet after the other: a request that comes while it still waits is executed later.
+    /// Returns the time at which the reply leaves the board, or `None` without a reply. The board
+    /// executes one packet after the other: a request that arrives while it still waits is executed
+    /// later.
     pub fn handle_packet(
         &mut self,
         now: Nanos,
@@ -225,7 +227,7 @@ impl<G: Gateware> SimBoard<G> {
         self.card.set(address, microseconds(at));
     }
 
-    /// A reset or a reload that the packet asked for.
+    /// Executes a reset or a reload that the packet requested.
     fn restart(&mut self) {
         let reset = self.status.get(control_registers::RESET) != 0;
         let reload = self.reload.take();
@@ -239,8 +241,8 @@ impl<G: Gateware> SimBoard<G> {
         }
     }
 
-    /// The board loses its configuration, as by a dip of its supply: the FPGA is configured again,
-    /// and the board is silent for `time`. What is plugged in stays.
+    /// Makes the board lose its configuration, as in a dip of its supply: the FPGA is configured
+    /// again, and the board is silent for `time`. Remotes stay plugged in.
     pub fn reset_for(&mut self, time: Nanos) {
         self.gateware.reconfigure();
         self.chip = EthernetChip::new(&self.config);
@@ -390,7 +392,7 @@ impl<G: Gateware> SimBoard<G> {
         }
     }
 
-    /// Waits for an edge; returns how long, in microseconds.
+    /// Waits for an edge; returns the time waited, in microseconds.
     fn wait_for_hm2(&mut self, timer: u8) -> u16 {
         let start = self.time;
         let timeout = self.timers.get(timer_registers::HM2_TIMEOUT);
@@ -413,7 +415,7 @@ fn flash_error(error: FlashError) -> ErrorRegister {
     }
 }
 
-/// Time of a packet on the wire: 100 Mbit/s, with preamble, headers, checksum and gap.
+/// Duration of a packet on the wire: 100 Mbit/s, with preamble, headers, checksum and gap.
 fn on_wire(packet: &[u8]) -> Nanos {
     let frame = (packet.len() + 28).max(46) + 38;
     frame as Nanos * 80

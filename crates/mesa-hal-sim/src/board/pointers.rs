@@ -1,12 +1,12 @@
-//! Where a command without an address goes on.
+//! Address pointers: the address of a command that has none.
 
 use mesa_wire::lbp16::{Operation, Space};
 
 /// The address pointers of a board: one for each space, and one for each info area.
 ///
 /// "Each memory space has its own address pointer" (manual 7I97, "LBP16 COMMANDS"). An info area
-/// can show its space's pointer at address 6, which only makes sense if looking does not move it:
-/// so info areas have pointers of their own here.
+/// can show its space's pointer at address 6, which only makes sense if reading the area does not
+/// move the pointer: info areas therefore have pointers of their own here.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AddressPointers([[u16; 8]; 2]);
 
@@ -17,8 +17,8 @@ impl AddressPointers {
         spaces.get(space as usize).copied().unwrap_or(0)
     }
 
-    /// The addresses of the elements of an operation. Loads the pointer, if the operation has an
-    /// address, and moves it past the last element, if the command increments.
+    /// The addresses of the elements of an operation. Loads the pointer if the operation has an
+    /// address, and moves it past the last element if the command increments.
     pub fn addresses(&mut self, operation: &Operation<'_>) -> impl Iterator<Item = u16> + use<> {
         let command = operation.command;
         let [spaces, infos] = &mut self.0;

@@ -1,4 +1,4 @@
-//! What the board keeps when its power is off: EEPROM and flash as bytes.
+//! The board's non-volatile state: EEPROM and flash as bytes.
 
 use byteorder::{ByteOrder, LittleEndian};
 
@@ -6,13 +6,13 @@ use super::{
     Gateware, SimBoard, control::status_after_reset, eeprom::EEPROM_WORDS, flash::FLASH_SIZE,
 };
 
-/// How a state begins: what it is, and its format.
+/// First bytes of a state: its kind and format.
 const MAGIC: &[u8; 16] = b"mesa-hal board 1";
 const EEPROM_LEN: usize = 2 * EEPROM_WORDS;
 const LEN: usize = MAGIC.len() + EEPROM_LEN + FLASH_SIZE;
 
 impl<G: Gateware> SimBoard<G> {
-    /// EEPROM and flash as bytes, for [`restore`](Self::restore).
+    /// Exports EEPROM and flash as bytes, for [`restore`](Self::restore).
     pub fn state(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(LEN);
         bytes.extend_from_slice(MAGIC);
@@ -26,10 +26,10 @@ impl<G: Gateware> SimBoard<G> {
         bytes
     }
 
-    /// Puts EEPROM and flash back, as after a power cycle.
+    /// Restores EEPROM and flash, as after a power cycle.
     ///
     /// The first 0x20 bytes of the EEPROM (MAC address and card name) belong to the board and not
-    /// to the state: a state of another kind of board is refused.
+    /// to the state: the state of a different board is refused.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), StateError> {
         let rest = state.strip_prefix(MAGIC).ok_or(StateError::NoState)?;
         let (eeprom, flash) = rest
@@ -53,22 +53,22 @@ impl<G: Gateware> SimBoard<G> {
     }
 }
 
-/// Bytes that are not the state of this board.
+/// Bytes that are not a state of this board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StateError {
-    /// Something else altogether.
+    /// The bytes do not begin like a state.
     #[error("this is no state of a simulated board; name another file")]
     NoState,
-    /// A part is missing, or there is too much.
+    /// The state is truncated or too long.
     #[error("a state of {actual} bytes, expected {expected}; it is damaged, delete the file")]
     Length {
-        /// Bytes of a whole state.
+        /// Length of a whole state in bytes.
         expected: usize,
-        /// Bytes given.
+        /// Length of the given bytes.
         actual: usize,
     },
-    /// MAC address or card name are different.
+    /// MAC address or card name differ.
     #[error("this is the state of another board; name another file")]
     OtherBoard,
 }

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use mesa_wire::lbp16::{Command, RequestBuilder};
 
-/// Registers that remember, and an edge of every timer each millisecond.
+/// Registers that keep their words, and an edge of every timer each millisecond.
 #[derive(Debug, Default)]
 struct Registers {
     words: std::collections::BTreeMap<u16, u32>,
@@ -52,7 +52,7 @@ fn hex(text: &str) -> Vec<u8> {
     digits.chunks(2).map(byte).collect()
 }
 
-/// Sends a packet after the board has nothing more to do.
+/// Sends a packet when the board is idle.
 fn run(board: &mut SimBoard<Registers>, request: &[u8]) -> Vec<u8> {
     let mut reply = Vec::new();
     let now = board.time().max(board.silent_until) + 10_000;
@@ -110,8 +110,8 @@ fn mac_and_card_name_can_not_be_written() {
 
 #[test]
 fn a_page_of_flash_is_written_and_read_as_the_manual_does() {
-    // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS", with the enable and the data in the packet after the address, and
-    // the commit in a third, as mesaflash does it (FACTS 10.2).
+    // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS", with the enable and the data in the
+    // packet after the address, and the commit in a third, as mesaflash does it (FACTS 10.2).
     let mut board = board();
     run(&mut board, &hex("01CE0000 00C00000"));
     let mut write = hex("01D91A00035A 40CE0400");
@@ -243,7 +243,7 @@ fn packets_are_counted_and_stamped() {
 #[test]
 fn the_microsecond_timer_runs_and_waits_are_waited() {
     let mut board = board();
-    // Time stamp, wait 500 us, time stamp; writing the time stamp does nothing.
+    // Time stamp, wait 500 us, time stamp; writing the time stamp has no effect.
     let request = hex("01510000 01D10000 0000 01D10200 F401 01510000 01510200");
     let reply = run(&mut board, &request);
     let stamp = |at: usize| u16::from_le_bytes([reply[at], reply[at + 1]]);
@@ -338,7 +338,7 @@ fn a_reload_brings_the_fpga_up_again() {
 #[test]
 fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
     // Manual: 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode and DebugLEDPtr.
-    // Manual: 7I97, "BOARD STATUS LEDS": they count packets by default.
+    // Manual: 7I97, "BOARD STATUS LEDS": the LEDs count packets by default.
     let mut board = board();
     assert_eq!(board.debug_leds(), Some(0), "no packets yet");
     run(&mut board, &hex("01D91400 0000"));
@@ -350,7 +350,7 @@ fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
     run(&mut board, &hex("01D91400 FEFF"));
     assert_eq!(board.debug_leds(), None, "only the lowest bit counts");
 
-    // Manual: 7I97, "ETHERNET EEPROM LAYOUT", DEBUG LED Mode: what they show after power-up.
+    // Manual: 7I97, "ETHERNET EEPROM LAYOUT", DEBUG LED Mode: the LEDs' source after power-up.
     run(&mut board, &hex("01D91400 0100 01D91A00025A 01C928000000"));
     assert!(board.debug_leds().is_some(), "not before that");
     let state = board.state();
@@ -399,7 +399,7 @@ fn what_does_not_fit_into_a_packet_is_not_sent() {
     assert_eq!(board.status(0x0C), 1);
 }
 
-/// Commands that mean something more often than chance would have it.
+/// Commands that are valid more often than at random.
 fn command() -> impl Strategy<Value = Vec<u8>> {
     let word = any::<u16>();
     let small = 0_u16..0x40;
@@ -429,7 +429,7 @@ proptest! {
             let reply = run(&mut board, packet);
             prop_assert!(reply.len() <= MAX_PACKET);
         }
-        // It still answers: perhaps after some silence, but the cookie is there.
+        // The board still answers, perhaps after a silent time, and the cookie is intact.
         prop_assert_eq!(run(&mut board, &hex("01420001")), hex("fecaaa55"));
     }
 

@@ -1,4 +1,4 @@
-//! The UDP face of a simulated board: real clients, real time.
+//! UDP front end of a simulated board: real clients, real time.
 
 use core::{net::SocketAddrV4, time::Duration};
 use std::{
@@ -13,66 +13,65 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::{Endpoint, Gateware, SimBoard, Tap};
 use crate::wire::Nanos;
 
-/// The most packets that are held back at a time; more are lost.
+/// Maximum number of packets in flight; further ones are lost.
 const MAX_HELD: usize = 256;
 
-/// The most clients that are remembered.
+/// Maximum number of clients in the list.
 const MAX_CLIENTS: usize = 8;
 
-/// Room for one datagram, and to see that it is too long.
+/// Size of the buffer for one datagram: large enough to detect a datagram that is too long.
 const BUFFER: usize = 2048;
 
-/// By how much something may be early: less than it would be late if the system were asked to wake
-/// us then.
+/// Tolerance by which an event may be handled early: less than the delay of waking up for it.
 const SLACK: Nanos = 50_000;
 
-/// Shortest and longest delay of a late packet.
+/// Minimum and maximum delay of a late packet.
 const LATE: core::ops::Range<Nanos> = 500_000..3_000_000;
 
-/// What the network does to packets: probabilities from 0 to 1, for each packet of each direction.
+/// Faults of the network: probabilities from 0 to 1, for each packet of each direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mishaps {
     /// The packet is lost.
     pub loss: f64,
-    /// The packet comes 0.5 to 3 ms late, behind those sent after it.
+    /// The packet arrives 0.5 to 3 ms late, after packets that were sent later.
     pub late: f64,
-    /// The packet comes twice.
+    /// The packet is duplicated.
     pub dup: f64,
-    /// Seed of the dice: the same seed and the same packets meet the same mishaps.
+    /// Seed of the random numbers: the same seed and the same packets meet the same faults.
     pub seed: u64,
 }
 
-/// What happened to the packets of one direction.
+/// Packet statistics of one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UdpCounters {
-    /// Packets that came, before any mishap.
+    /// Packets before any fault.
     pub packets: u64,
-    /// Bytes of them.
+    /// Bytes of these packets.
     pub bytes: u64,
     /// Lost on purpose.
     pub lost: u64,
     /// Delayed on purpose.
     pub late: u64,
-    /// Doubled on purpose.
+    /// Duplicated on purpose.
     pub duplicate: u64,
 }
 
-/// Somebody who talks to the board.
+/// A client of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UdpClient {
-    /// Where its packets come from.
+    /// Source address of its packets.
     pub address: SocketAddr,
-    /// Its packets, before any mishap.
+    /// Its packets, before any fault.
     pub packets: u64,
-    /// When the last one came, in the time of the board.
+    /// Arrival of its last packet, in the time of the board.
     pub heard: Nanos,
 }
 
 /// A UDP socket in front of a [`SimBoard`], in real time.
 ///
-/// Call [`step`](Self::step) in a loop: it waits for packets, gives them to the board at the time
-/// at which they come, and sends replies when the board has them ready. Between packets it lets
-/// the board's time pass.
+/// Call [`step`](Self::step) in a loop: each call waits for packets, passes them to the board at
+/// their arrival time, and sends replies when they are due. Between packets the board's time
+/// advances.
 #[derive(Debug)]
 pub struct UdpFace {
     socket: UdpSocket,
@@ -88,7 +87,7 @@ pub struct UdpFace {
     tap: Option<Box<dyn Tap>>,
 }
 
-/// A packet on its way.
+/// A packet in flight.
 #[derive(Debug)]
 struct Held {
     due: Nanos,
@@ -98,7 +97,7 @@ struct Held {
 }
 
 impl UdpFace {
-    /// Listens; the board's time begins now. Port 0 takes any free port.
+    /// Opens the socket; the board's time begins now. Port 0 takes any free port.
     pub fn bind(address: SocketAddrV4, mishaps: Mishaps) -> io::Result<Self> {
         let socket = UdpSocket::bind(address)?;
         socket.set_nonblocking(true)?;
@@ -117,12 +116,12 @@ impl UdpFace {
         })
     }
 
-    /// What the network does to packets.
+    /// The present faults of the network.
     pub fn mishaps(&self) -> Mishaps {
         self.mishaps
     }
 
-    /// Has the network do something else from now on. A new seed throws the dice from its beginning.
+    /// Changes the faults from now on. A new seed restarts the random numbers.
     pub fn set_mishaps(&mut self, mishaps: Mishaps) {
         if mishaps.seed != self.mishaps.seed {
             self.dice = Dice(mishaps.seed);
@@ -130,39 +129,38 @@ impl UdpFace {
         self.mishaps = mishaps;
     }
 
-    /// Shows somebody all packets: requests as they come, whatever happens to them then, and replies
-    /// as they go.
+    /// Sets a tap that sees all packets: requests as they arrive, before any fault, and replies as
+    /// they leave.
     pub fn set_tap(&mut self, tap: Option<Box<dyn Tap>>) {
         self.tap = tap;
     }
 
-    /// Where it listens.
+    /// The address of the socket.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
     }
 
-    /// The time of the board, as far as the clock is concerned.
+    /// The time of the board according to the clock.
     pub fn now(&self) -> Nanos {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(Nanos::MAX)
     }
 
-    /// Requests, before mishaps.
+    /// Requests, before faults.
     pub fn received(&self) -> UdpCounters {
         self.received
     }
 
-    /// Replies, before mishaps.
+    /// Replies, before faults.
     pub fn sent(&self) -> UdpCounters {
         self.sent
     }
 
-    /// Who talks to the board, or did: the eight that were heard last, in no order.
+    /// Clients of the board: the last eight from which a packet arrived, in no order.
     pub fn clients(&self) -> &[UdpClient] {
         &self.clients
     }
 
-    /// Waits at most `patience` for something to do, and does it. The board's time has then come up
-    /// to the present.
+    /// Waits at most `patience` for an event, and handles it. The board's time is then up to date.
     pub fn step<G: Gateware>(
         &mut self,
         board: &mut SimBoard<G>,
@@ -181,8 +179,8 @@ impl UdpFace {
         Ok(())
     }
 
-    /// When to look again, at the latest at `limit`. While the board works, up to `busy_until`,
-    /// requests that are due have to wait too.
+    /// Time of the next event, `limit` at the latest. Due requests wait while the board is busy, up
+    /// to `busy_until`.
     fn next_event(&self, limit: Nanos, busy_until: Option<Nanos>) -> Nanos {
         let due = self.held.iter();
         let due = due.filter(|held| held.is_reply || busy_until.is_none());
@@ -190,12 +188,12 @@ impl UdpFace {
         next.map_or(limit, |next| next.min(limit))
     }
 
-    /// Whether the board still works on a packet: the next ones wait in the socket.
+    /// True if the board still works on a packet: the next ones wait in the socket.
     fn is_busy<G: Gateware>(&self, board: &SimBoard<G>) -> bool {
         board.time() > self.now() + SLACK
     }
 
-    /// Waits for a datagram; `false` if there is none until `until`, or none is wanted.
+    /// Waits for a datagram; `false` on a timeout at `until`, or if no datagram is `wanted`.
     fn wait(&self, until: Nanos, wanted: bool) -> io::Result<bool> {
         let left = until.saturating_sub(self.now());
         let timeout = Timespec {
@@ -211,7 +209,7 @@ impl UdpFace {
         }
     }
 
-    /// Takes what is in the socket, as long as the board is not busy.
+    /// Takes the datagrams in the socket, as long as the board is not busy.
     fn receive<G: Gateware>(&mut self, board: &mut SimBoard<G>) -> io::Result<()> {
         loop {
             if self.is_busy(board) {
@@ -238,7 +236,8 @@ impl UdpFace {
         }
     }
 
-    /// Remembers who sent a packet, in the place of who was silent for the longest time.
+    /// Updates the list of clients for a packet from `peer`; a new client replaces the one that was
+    /// silent for the longest time.
     fn heard(&mut self, now: Nanos, peer: SocketAddr) {
         let client = UdpClient {
             address: peer,
@@ -256,7 +255,7 @@ impl UdpFace {
         }
     }
 
-    /// Gives a request to the board and sends the reply.
+    /// Passes a request to the board and sends the reply.
     fn run<G: Gateware>(
         &mut self,
         board: &mut SimBoard<G>,
@@ -278,7 +277,7 @@ impl UdpFace {
         self.reply = reply;
     }
 
-    /// Sends replies and runs requests whose time has come.
+    /// Sends due replies and runs due requests.
     fn deliver_held<G: Gateware>(&mut self, board: &mut SimBoard<G>) {
         let now = self.now();
         let mut index = 0;
@@ -310,13 +309,14 @@ impl UdpFace {
         }
     }
 
-    /// A reply that can not be sent is lost, as on a wire: the client's socket may be gone.
+    /// Sends a reply. A failure is ignored, like a loss on the wire: the client's socket may be
+    /// gone.
     fn send(&mut self, mac: [u8; 6], reply: &[u8], peer: SocketAddr) {
         let _ = self.socket.send_to(reply, peer);
         self.show(mac, reply, peer, true);
     }
 
-    /// Shows a packet to whoever wants to see it.
+    /// Passes a packet to the tap, if there is one.
     fn show(&mut self, mac: [u8; 6], payload: &[u8], peer: SocketAddr, is_reply: bool) {
         let Some(tap) = &mut self.tap else {
             return;
@@ -336,7 +336,7 @@ impl UdpFace {
         tap.packet(now.unwrap_or_default(), from, to, payload);
     }
 
-    /// Counts a packet and throws the dice: when it comes, and when it comes again.
+    /// Counts a packet and draws its delivery times: the first, and that of a duplicate.
     fn fate(&mut self, len: usize, is_reply: bool) -> [Option<Nanos>; 2] {
         let Mishaps {
             loss, late, dup, ..
@@ -365,11 +365,11 @@ impl UdpFace {
 
 fn is_nothing(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionRefused, Interrupted, WouldBlock};
-    // A client that went away before its reply came shows up as a refusal.
+    // A client that closed its socket before its reply arrived causes a refusal.
     matches!(error.kind(), WouldBlock | Interrupted | ConnectionRefused)
 }
 
-/// SplitMix64: small, seeded, good enough for mishaps.
+/// SplitMix64: small, seeded, sufficient for random faults.
 #[derive(Debug)]
 struct Dice(u64);
 

@@ -49,7 +49,7 @@ pub struct Analog {
     places: Places,
 }
 
-/// Where the process data is in memory, looked up once.
+/// Addresses of the process data in memory, looked up once.
 #[derive(Clone, Copy, Debug, Default)]
 struct Places {
     raw: [u16; CHANNELS],
@@ -63,7 +63,7 @@ impl Analog {
         Device::remote(&Self::description()?, Self::default())
     }
 
-    /// What it is made from.
+    /// The description of the analog section.
     pub fn description() -> Result<Description, DescriptionError> {
         Description::parse(DESCRIPTION)
     }
@@ -75,7 +75,7 @@ impl Analog {
         Some(if self.enable(channel)? { volts } else { 0.0 })
     }
 
-    /// Whether the enable output ENA`channel` conducts: 0 to 4 are common, 5 is the spindle's.
+    /// True if the enable output ENA`channel` conducts: 0 to 4 are common, 5 is the spindle's.
     pub fn enable(&self, channel: usize) -> Option<bool> {
         match channel {
             0..=4 => Some(self.ena),
@@ -100,7 +100,7 @@ impl World for Analog {
     fn drive(&mut self, _layout: &Layout, memory: &Memory) {
         let places = self.places;
         for (raw, address) in self.raw.iter_mut().zip(places.raw) {
-            // 13 bits, sign extended
+            // 13 bits, sign extended.
             *raw = (memory.word(address, 2) as u16) as i16;
             *raw = *raw << 3 >> 3;
         }

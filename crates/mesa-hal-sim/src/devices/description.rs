@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
-/// A remote as its description says.
+/// The description of a remote.
 ///
-/// One statement a line; `#` begins a comment; words are separated by blanks:
+/// One statement per line; `#` begins a comment; words are separated by blanks:
 ///
 /// ```text
 /// remote NAME                 four characters, once, first
@@ -19,7 +19,7 @@ use thiserror::Error;
 /// watchdog NAME               the 16-bit working copy that holds the watchdog time in ms
 /// baud-rate NAME              the non-volatile parameter with the index of the baud rate
 /// unit-number NAME            the 32-bit parameter that holds the unit number
-/// no-discovery                answers neither BB nor E6; mode 0 says what is transferred
+/// no-discovery                answers neither BB nor E6; mode 0 defines the process data
 /// no-fault-byte               its process data is data only, without a fault byte (7I64)
 /// clear-faults BYTE BIT       this bit of the process data clears the faults (7I64)
 /// ```
@@ -27,8 +27,8 @@ use thiserror::Error;
 /// TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
 /// nonvol-float encoder-high encoder-low. DIRECTION: in out both.
 ///
-/// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles. A
-/// parameter named `SwRevision` holds the revision of the program that runs, as D5 does, whatever its
+/// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles.
+/// A parameter named `SwRevision` holds the revision of the running program, like D5, whatever its
 /// VALUE is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
@@ -52,9 +52,9 @@ pub struct Description {
     pub baud_rate: Option<String>,
     /// Name of the unit number's parameter.
     pub unit_number: Option<String>,
-    /// Whether it has no discovery.
+    /// True if it has no discovery.
     pub no_discovery: bool,
-    /// Whether its process data has no fault byte.
+    /// True if its process data has no fault byte.
     pub no_fault_byte: bool,
     /// Byte and bit of the outputs that clear the faults.
     pub clear_faults: Option<(u8, u8)>,
@@ -67,11 +67,11 @@ pub struct Mode {
     pub index: u8,
     /// Its name.
     pub name: String,
-    /// What is transferred, in order.
+    /// Process data, in order.
     pub data: Vec<Record>,
 }
 
-/// What a process-data record says.
+/// The contents of a process-data record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     /// Its name.
@@ -91,22 +91,22 @@ pub struct Record {
 }
 
 impl Record {
-    /// Bytes that its value takes in memory.
+    /// Number of bytes of the value in memory.
     pub fn bytes(&self) -> usize {
         usize::from(self.bits).div_ceil(8)
     }
 
-    /// Whether the remote sends it.
+    /// True if the remote sends the value.
     pub const fn is_input(&self) -> bool {
         self.direction != OUT
     }
 
-    /// Whether the remote receives it.
+    /// True if the remote receives the value.
     pub const fn is_output(&self) -> bool {
         self.direction != IN
     }
 
-    /// Whether it is kept in the EEPROM.
+    /// True if the value is stored in the EEPROM.
     pub const fn is_nonvolatile(&self) -> bool {
         matches!(self.kind, 0x04 | 0x05 | 0x11)
     }
@@ -117,7 +117,7 @@ impl Record {
 pub struct Parameter {
     /// Its record.
     pub record: Record,
-    /// Raw value from the factory.
+    /// Raw factory value.
     pub value: u64,
 }
 
@@ -128,7 +128,7 @@ pub struct Working {
     pub name: String,
     /// Size in bits.
     pub bits: u8,
-    /// The non-volatile parameter it is loaded from.
+    /// The non-volatile parameter from which it is loaded.
     pub from: String,
 }
 
@@ -152,11 +152,11 @@ const TYPES: [(&str, u8); 13] = [
     ("encoder-low", 0x28),
 ];
 
-/// Why a description is none, and where.
+/// An error in a description, with its line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum DescriptionError {
-    /// The first word of a line is no statement.
+    /// The first word of a line is not a statement.
     #[error(
         "line {line}: no such statement; see the list in the documentation of mesa_hal_sim::devices"
     )]
@@ -164,19 +164,19 @@ pub enum DescriptionError {
         /// The line, from 1.
         line: usize,
     },
-    /// Words are missing or too many.
+    /// Too few or too many words.
     #[error("line {line}: words are missing, or there are too many")]
     Words {
         /// The line, from 1.
         line: usize,
     },
-    /// A number is none, or out of range.
+    /// A number is invalid or out of range.
     #[error("line {line}: a number is expected, within the range of its field")]
     Number {
         /// The line, from 1.
         line: usize,
     },
-    /// A type or direction is none.
+    /// A type or direction is invalid.
     #[error("line {line}: not a type, or not a direction (in, out, both)")]
     Kind {
         /// The line, from 1.
@@ -194,21 +194,21 @@ pub enum DescriptionError {
         /// The line, from 1.
         line: usize,
     },
-    /// Something that must be there is not.
+    /// A required statement is missing.
     #[error("a description needs `remote NAME` and at least one mode")]
     Incomplete,
-    /// A name is used that is nowhere defined.
+    /// A name is used without a definition.
     #[error(
         "`working`, `watchdog`, `baud-rate` or `unit-number` names a parameter that is not there"
     )]
     UnknownName,
-    /// Two elements of one name are not alike.
+    /// Two elements of the same name differ.
     #[error("process data of the same name must be alike in all modes")]
     Conflict,
-    /// More process data than a frame holds.
+    /// The process data exceeds a frame.
     #[error("mode {mode} has more process data than a frame holds (30 bytes each way)")]
     TooMuchData {
-        /// Which mode.
+        /// The mode.
         mode: u8,
     },
     /// The records do not fit below 8000 in memory.
@@ -217,7 +217,7 @@ pub enum DescriptionError {
 }
 
 impl Description {
-    /// Reads a description.
+    /// Parses a description.
     pub fn parse(text: &str) -> Result<Self, DescriptionError> {
         let mut parsed = Self {
             name: *b"    ",

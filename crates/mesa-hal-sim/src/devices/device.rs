@@ -1,4 +1,4 @@
-//! A described remote with a world around it.
+//! A remote from a description, with a world around it.
 
 use thiserror::Error;
 
@@ -9,30 +9,30 @@ use crate::{
 };
 use mesa_wire::lbp::RemoteFaults;
 
-/// Something the world can not do to this device.
+/// An action that is not possible on this device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum WorldError {
-    /// It has no such input.
+    /// The input does not exist.
     #[error("the device has {count} of these inputs, there is no number {index}")]
     NoSuchInput {
-        /// The number asked for.
+        /// The requested number.
         index: usize,
-        /// How many there are.
+        /// Number of inputs.
         count: usize,
     },
-    /// It has no such output.
+    /// The output does not exist.
     #[error("the device has {count} of these outputs, there is no number {index}")]
     NoSuchOutput {
-        /// The number asked for.
+        /// The requested number.
         index: usize,
-        /// How many there are.
+        /// Number of outputs.
         count: usize,
     },
-    /// It has nothing of the kind.
+    /// The device has nothing of the kind.
     #[error("the device has nothing of that kind; see what its mode has")]
     NotThere,
-    /// A voltage that is not finite.
+    /// A voltage is not finite.
     #[error("a voltage must be a finite number")]
     NotFinite,
 }
@@ -46,7 +46,7 @@ pub enum SignalValue {
     Volts(f64),
     /// A counter.
     Count(u64),
-    /// In the unit of its record.
+    /// A number in the unit of its record.
     Number(f64),
 }
 
@@ -62,33 +62,33 @@ impl core::fmt::Display for SignalValue {
     }
 }
 
-/// What stands on the terminals of a device: the world side.
+/// The world side of a device: its terminals.
 ///
-/// Voltages and other inputs hold from the moment they are set.
+/// Voltages and other inputs apply from the time at which they are set.
 pub trait World: core::fmt::Debug + Send + 'static {
-    /// Power has come up.
+    /// Called after power-up.
     fn power_up(&mut self, layout: &Layout, memory: &Memory) {
         let _ = (layout, memory);
     }
 
-    /// Brings the inputs into memory, at their layout's addresses.
+    /// Copies the inputs into memory, at the addresses of their layout.
     fn sample(&mut self, mode: u8, layout: &Layout, memory: &mut Memory);
 
-    /// Takes the outputs over from memory.
+    /// Applies the outputs in memory.
     fn drive(&mut self, layout: &Layout, memory: &Memory);
 
     /// Switches all outputs off.
     fn off(&mut self);
 
-    /// Faults that hold now.
+    /// Faults that are present now.
     fn faults(&self) -> RemoteFaults {
         RemoteFaults::empty()
     }
 
-    /// The host cleared the faults: what has tripped may be tried again.
+    /// Called after the host cleared the faults: tripped outputs may be tried again.
     fn faults_cleared(&mut self) {}
 
-    /// Whether the remote's processor has a supply.
+    /// True if the remote's processor is supplied.
     fn is_supplied(&self) -> bool {
         true
     }
@@ -142,7 +142,7 @@ pub trait World: core::fmt::Debug + Send + 'static {
     }
 }
 
-/// The program of a described remote: its layout and its world.
+/// The application of a described remote: its layout and its world.
 #[derive(Clone, Debug)]
 pub struct Device<W> {
     layout: Layout,
@@ -150,23 +150,23 @@ pub struct Device<W> {
 }
 
 impl<W: World> Device<W> {
-    /// The remote that `description` describes, in `world`.
+    /// Creates a remote from `description`, in `world`.
     pub fn remote(description: &Description, world: W) -> Result<Remote<Self>, DescriptionError> {
         let (config, layout) = image::build(description)?;
         Ok(Remote::new(config, Self { layout, world }))
     }
 
-    /// Where its values are in memory.
+    /// Addresses of its values in memory.
     pub const fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// What stands on its terminals.
+    /// The world at its terminals.
     pub const fn world(&self) -> &W {
         &self.world
     }
 
-    /// What stands on its terminals, to change it.
+    /// Mutable access to the world at its terminals.
     pub const fn world_mut(&mut self) -> &mut W {
         &mut self.world
     }
@@ -217,12 +217,12 @@ impl<W: World> Application for Device<W> {
     }
 }
 
-/// A simulated device with terminals, whatever it is: what a command shell works with.
+/// A simulated device with terminals, independent of its type: the interface for a command shell.
 pub trait SimDevice: RemoteEnd {
     /// The four characters of its name.
     fn card(&self) -> [u8; 4];
 
-    /// What stands on its terminals.
+    /// The world at its terminals.
     fn world(&self) -> &dyn World;
 
     /// Sets digital input `n` fully on or off.
@@ -231,7 +231,7 @@ pub trait SimDevice: RemoteEnd {
     /// Sets the voltage on input `n`.
     fn set_input_volts(&mut self, n: usize, volts: f64) -> Result<(), WorldError>;
 
-    /// Sets the field voltage at `now`; a remote that is supplied by it may lose its power.
+    /// Sets the field voltage at `now`; a remote that it supplies may lose its power.
     fn set_field_volts(&mut self, now: Nanos, volts: f64) -> Result<(), WorldError>;
 
     /// Short-circuits the load of output `n`, or repairs it.
@@ -249,25 +249,25 @@ pub trait SimDevice: RemoteEnd {
     /// Switches its supply at `now`.
     fn set_power(&mut self, now: Nanos, on: bool);
 
-    /// Whether it has power.
+    /// True if it has power.
     fn is_powered(&self) -> bool;
 
-    /// The software mode it is in.
+    /// The current software mode.
     fn mode(&self) -> u8;
 
-    /// Chooses the software mode it powers up in; says whether it has that mode.
+    /// Selects the software mode at power-up; false if the device does not have that mode.
     fn set_initial_mode(&mut self, now: Nanos, mode: u8) -> bool;
 
-    /// Puts its jumper into the setup position, or back, and switches it off and on at `now`.
+    /// Moves its jumper to the setup position, or back, and switches it off and on at `now`.
     fn set_setup_jumper(&mut self, now: Nanos, setup: bool);
 
-    /// Whether its program is missing or was cut off, so that only its bootloader answers.
+    /// True if its program is missing or truncated, so that only its bootloader replies.
     fn is_in_bootloader(&self) -> bool;
 
-    /// Whether its flash memory holds a whole program, which its bootloader would start.
+    /// True if its flash memory holds a valid program, which its bootloader would start.
     fn is_program_whole(&self) -> bool;
 
-    /// D5: the revision of the program that runs; 0 in the bootloader.
+    /// D5: the revision of the running program; 0 in the bootloader.
     fn revision(&self) -> u8;
 
     /// Its fault byte.
@@ -276,22 +276,22 @@ pub trait SimDevice: RemoteEnd {
     /// The faults of its next replies.
     fn inject(&mut self) -> &mut ReplyFaults;
 
-    /// The raw values of the parameters by name; non-volatile ones as the EEPROM has them.
+    /// The raw values of the parameters by name; non-volatile ones from the EEPROM.
     fn parameters(&self) -> Vec<(String, u64)>;
 
     /// The cells of its EEPROM.
     fn nonvolatile(&self) -> &Memory;
 
-    /// The cells of its EEPROM, to put back what they held before.
+    /// Mutable access to the cells of its EEPROM, to restore them.
     fn nonvolatile_mut(&mut self) -> &mut Memory;
 
     /// The cells of its program flash, if it can be updated.
     fn program(&self) -> Option<&[u8]>;
 
-    /// Puts back what the cells of its program flash held before; it runs from the next power-up on.
+    /// Restores the cells of its program flash; the program runs from the next power-up on.
     fn load_program(&mut self, cells: &[u8]);
 
-    /// How often the host has changed EEPROM and program; when this moves on, they are worth saving.
+    /// Number of changes of EEPROM and program by the host; save them when it has increased.
     fn nonvolatile_changes(&self) -> u64;
 }
 

@@ -1,4 +1,4 @@
-//! Field power and the output driver chips that work from it.
+//! Field power and the output driver chips that it supplies.
 
 use super::WorldError;
 use mesa_wire::lbp::RemoteFaults;
@@ -8,8 +8,9 @@ const OUTPUTS_OF_CHIP: usize = 8;
 
 /// The field supply of a card.
 ///
-/// Manual: 7I77, "VIN AND FIELD POWER SUPPLY": 5 to 32 V; above or below causes a fault. VIN, which
-/// supplies the card's processor, needs 8 V; it may be connected to field power or be separate.
+/// Manual: 7I77, "VIN AND FIELD POWER SUPPLY": 5 to 32 V; a voltage outside this range causes a
+/// fault. VIN, which supplies the card's processor, needs 8 V; it may be connected to field power
+/// or be separate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FieldPower {
     pub(super) volts: f64,
@@ -41,8 +42,8 @@ impl FieldPower {
 
 /// Field outputs with their protection.
 ///
-/// Manual: 7I77, "SHORT CIRCUIT PROTECTION", "OVER-TEMPERATURE PROTECTION": an output that is
-/// shorted, and a chip that is too hot, is switched off, and a fault is set.
+/// Manual: 7I77, "SHORT CIRCUIT PROTECTION", "OVER-TEMPERATURE PROTECTION": a shorted output, and a
+/// chip that is too hot, is switched off, and a fault is set.
 #[derive(Clone, Debug)]
 pub(super) struct Drivers {
     count: usize,
@@ -80,7 +81,7 @@ impl Drivers {
         self.tripped = 0;
     }
 
-    /// A short trips an output that is on.
+    /// Trips outputs that are both on and shorted.
     const fn trip(&mut self) {
         self.tripped |= self.commanded & self.shorted;
     }
@@ -114,7 +115,7 @@ impl Drivers {
         faults
     }
 
-    /// Output `n` is on: its switch conducts, protection considered.
+    /// True if output `n` is on: its switch conducts, protection considered.
     pub(super) fn is_on(&self, n: usize) -> Option<bool> {
         let bit = self.bit(n).ok()?;
         Some(self.commanded & !self.tripped & !self.hot & bit != 0)

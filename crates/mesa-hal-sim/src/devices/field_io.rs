@@ -1,5 +1,5 @@
-//! Field I/O of the 7I77, and of its relatives: 32 inputs, 16 outputs, analog inputs, field voltage,
-//! two MPGs.
+//! Field I/O of the 7I77, and of its relatives: 32 inputs, 16 outputs, analog inputs, field
+//! voltage, two MPGs.
 
 use super::{
     Description, DescriptionError, Device, Layout, SignalValue, World, WorldError,
@@ -68,7 +68,7 @@ const MPG_MODE: u8 = 3;
 /// Full scale of the analog inputs and of the field voltage.
 const FULL_SCALE: f64 = 36.3;
 
-/// What stands on the field terminals of a 7I77, a 7I84 or a 7I76.
+/// The field terminals of a 7I77, a 7I84 or a 7I76.
 #[derive(Clone, Debug)]
 pub struct FieldIo {
     sinking: bool,
@@ -84,7 +84,7 @@ pub struct FieldIo {
     places: Places,
 }
 
-/// Where the process data is in memory, looked up once.
+/// Addresses of the process data in memory, looked up once.
 #[derive(Clone, Copy, Debug, Default)]
 struct Places {
     output: u16,
@@ -118,7 +118,7 @@ impl FieldIo {
         Device::remote(&Self::description()?, Self::new(true))
     }
 
-    /// What both are made from; change the unit number in it to tell two cards apart.
+    /// The description of both; change its unit number to distinguish two cards.
     pub fn description() -> Result<Description, DescriptionError> {
         Description::parse(DESCRIPTION)
     }
@@ -139,7 +139,7 @@ impl FieldIo {
         }
     }
 
-    /// The terminals of a card whose MPGs count in another mode, and which may have a spindle output.
+    /// The terminals of a card with another MPG mode, and an optional spindle output.
     pub(super) fn of_relative(mpg_mode: u8, spindle: Option<Spindle>) -> Self {
         Self {
             mpg_mode,
@@ -148,23 +148,25 @@ impl FieldIo {
         }
     }
 
-    /// Voltage of the spindle output of a 7I76, 0 V while its enable is off; `None` of other cards.
+    /// Voltage of the spindle output of a 7I76, 0 V while its enable is off; `None` for other
+    /// cards.
     pub fn spindle_volts(&self) -> Option<f64> {
         self.spindle.as_ref().map(Spindle::volts)
     }
 
-    /// Whether the outputs sink (7I77D) instead of source.
+    /// True if the outputs sink (7I77D) instead of source.
     pub const fn is_sinking(&self) -> bool {
         self.sinking
     }
 
-    /// Whether VIN has a supply of its own (the default), so that the card survives the loss of
-    /// field power and can report it. Manual: 7I77, "FIELD VOLTAGE MONITORING".
+    /// Gives VIN its own supply (the default) or connects it to field power. With its own supply
+    /// the card survives the loss of field power and can report it. Manual: 7I77, "FIELD VOLTAGE
+    /// MONITORING".
     pub const fn set_separate_vin(&mut self, separate: bool) {
         self.power.separate_vin = separate;
     }
 
-    /// Voltage on output terminal `n` with a load: to ground when sourcing, to field power when
+    /// Voltage on output terminal `n` with a load: to ground if sourcing, to field power if
     /// sinking.
     pub fn output_volts(&self, n: usize) -> Option<f64> {
         let on = self.drivers.is_on(n)?;
@@ -175,10 +177,10 @@ impl FieldIo {
         })
     }
 
-    /// Thresholds of input `n`: at or below the first it is off, at or above the second on.
+    /// Thresholds of input `n`: off at or below the first, on at or above the second.
     ///
-    /// Manual: 7I77, "FIELD INPUT CHARACTERISTICS": 40 % and 60 % of field power; "MPG INPUTS":
-    /// 2.5 V, which is taken as the middle of the same hysteresis for a supply of 5 V.
+    /// Manual: 7I77, "FIELD INPUT CHARACTERISTICS": 40 % and 60 % of field power; "MPG INPUTS": 2.5
+    /// V, taken as the middle of the same hysteresis for a supply of 5 V.
     fn thresholds(&self, n: usize) -> (f64, f64) {
         let mpg = MPG_INPUTS.iter().any(|&a| n == a || n == a + 1);
         let supply = if mpg && self.mode == self.mpg_mode {
@@ -337,19 +339,19 @@ impl World for FieldIo {
         self.spindle_volts().filter(|_| n == 0)
     }
 
-    /// Whether current can flow through the load: the switch is on and field power is there.
+    /// True if current can flow through the load: the switch is on and field power is present.
     fn output(&self, n: usize) -> Option<bool> {
         let on = self.drivers.is_on(n)?;
         Some(on && self.power.volts >= 1.0)
     }
 }
 
-/// 8 bits over the full scale.
+/// Conversion to 8 bits over the full scale.
 fn convert(volts: f64) -> u64 {
     (volts / FULL_SCALE * 255.0).round().clamp(0.0, 255.0) as u64
 }
 
-/// One manual pulse generator: a counter of quadrature.
+/// A manual pulse generator: a counter of quadrature.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mpg {
     count: u8,
@@ -359,8 +361,8 @@ struct Mpg {
 }
 
 impl Mpg {
-    /// A leads B: up. 1X counts the edges of A while B is low, so that a bouncing A does not run
-    /// away; 4X counts all edges.
+    /// Counts up if A leads B. 1X counts the edges of A while B is low, so that a bouncing A does
+    /// not accumulate; 4X counts all edges.
     fn update(&mut self, a: bool, b: bool) {
         let (was_a, was_b) = (self.a, self.b);
         (self.a, self.b) = (a, b);
@@ -387,7 +389,7 @@ mod tests {
 
     #[test]
     fn inputs_switch_at_60_and_40_percent_of_field_power() {
-        // manual 7I77, "FIELD INPUT CHARACTERISTICS": 14.4 V and 9.6 V at 24 V
+        // Manual 7I77, "FIELD INPUT CHARACTERISTICS": 14.4 V and 9.6 V at 24 V.
         let mut world = FieldIo::new(false);
         for (volts, on) in [
             (14.3, false),

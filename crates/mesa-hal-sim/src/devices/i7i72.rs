@@ -32,7 +32,7 @@ baud-rate NVBaudRate
 
 const FULL_SCALE: f64 = 36.3;
 
-/// What stands on the terminals of a 7I72.
+/// The terminals of a 7I72.
 #[derive(Clone, Debug)]
 pub struct Outputs48 {
     power: FieldPower,
@@ -54,7 +54,7 @@ impl Outputs48 {
         Device::remote(&Self::description()?, Self::default())
     }
 
-    /// What it is made from.
+    /// The description of a 7I72.
     pub fn description() -> Result<Description, DescriptionError> {
         Description::parse(DESCRIPTION)
     }

@@ -1,33 +1,33 @@
-//! Memory image and data layout out of a description.
+//! Memory image and data layout, built from a description.
 
 use super::{Description, DescriptionError, Record};
 use crate::remote::{Memory, ParameterPlace, RemoteConfig, WorkingCopy};
 use mesa_wire::lbp::{Capabilities, DiscoveryReply};
 
-/// Where values begin in memory.
+/// Address of the first value in memory.
 const VALUES: u16 = 0x0010;
-/// Where records begin in memory. Everything from here on is write-protected.
+/// Address of the first record in memory. Everything from here on is write-protected.
 const RECORDS: u16 = 0x0400;
 const END: u16 = 0x8000;
-/// The most bytes of process data each way, fault byte and CRC excluded.
+/// Maximum number of bytes of process data in each direction, fault byte and CRC excluded.
 const MOST_DATA: usize = 30;
 
 /// The parameter that holds the software revision.
 const REVISION: &str = "SwRevision";
 
-/// How long an EEPROM access that writes takes.
+/// Duration of an EEPROM access that writes.
 const EEPROM_WRITE_TIME: u64 = 4_000_000;
 
 /// A value in the remote's memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Element {
-    /// What its record says.
+    /// Its record.
     pub record: Record,
-    /// Where its value is.
+    /// Address of its value.
     pub address: u16,
 }
 
-/// Where values are in the memory of a remote, and what each mode transfers.
+/// Addresses of the values in the memory of a remote, and the process data of each mode.
 #[derive(Clone, Debug, Default)]
 pub struct Layout {
     elements: Vec<Element>,
@@ -48,14 +48,14 @@ impl Layout {
         &self.parameters
     }
 
-    /// What `mode` transfers, in order.
+    /// Process data of `mode`, in order.
     pub fn mode(&self, mode: u8) -> impl Iterator<Item = &Element> {
         let order = self.modes.iter().find(|(index, _)| *index == mode);
         let order = order.map_or(&[][..], |(_, order)| order.as_slice());
         order.iter().filter_map(|&index| self.elements.get(index))
     }
 
-    /// Where a value is in memory: process data, a parameter or a working copy.
+    /// Address of a value in memory: process data, a parameter or a working copy.
     pub fn address(&self, name: &str) -> Option<u16> {
         let elements = self.elements.iter().chain(&self.parameters);
         let element = elements
@@ -106,7 +106,7 @@ impl Layout {
     }
 }
 
-/// Builds what a [`Remote`](crate::remote::Remote) needs.
+/// Builds the configuration of a [`Remote`](crate::remote::Remote), and its layout.
 pub fn build(description: &Description) -> Result<(RemoteConfig, Layout), DescriptionError> {
     Builder::default().build(description)
 }
@@ -148,7 +148,7 @@ impl Builder {
         Ok((config, self.layout))
     }
 
-    /// Gives each value its place, the same one in all modes, and parameters their factory values.
+    /// Assigns an address to each value, the same in all modes, and factory values to parameters.
     fn place_values(&mut self, description: &Description) -> Result<(), DescriptionError> {
         for mode in &description.modes {
             let mut order = Vec::new();
@@ -222,7 +222,7 @@ impl Builder {
             let mut table = records.clone();
             table.extend([hardware, own, 0]);
             let ptoc = self.table(&table)?;
-            // of this mode only: data of other modes would look like parameters
+            // Only the data of this mode: data of other modes would look like parameters.
             let mut table = records;
             table.push(hardware);
             table.extend(&software);
@@ -263,7 +263,8 @@ impl Builder {
         Ok(())
     }
 
-    /// Working copies, and where watchdog time, unit number, baud rate and revision are.
+    /// Sets working copies, and the addresses of watchdog time, unit number, baud rate and
+    /// revision.
     fn link(
         &mut self,
         description: &Description,
@@ -314,7 +315,7 @@ impl Builder {
             address: parameter.address,
             bytes: parameter.record.bytes() as u16,
         });
-        // read without EC, a non-volatile parameter shows what it was at power-up
+        // Read without EC, a non-volatile parameter has its value at power-up.
         for parameter in &self.layout.parameters {
             if parameter.record.is_nonvolatile() {
                 config.working_copies.push(WorkingCopy {
@@ -367,7 +368,7 @@ impl Builder {
     }
 }
 
-/// The next free place for a value, on a multiple of four.
+/// Allocates the next free address for a value, a multiple of four.
 fn allocate(next: &mut u16, bytes: usize) -> Result<u16, DescriptionError> {
     let address = *next;
     let end = usize::from(address) + bytes.next_multiple_of(4);

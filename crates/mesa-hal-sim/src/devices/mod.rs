@@ -1,8 +1,8 @@
 //! Simulated devices: remotes with terminals, made from a description.
 //!
-//! All of them are [`Remote`]s around a [`Device`]: a [`Layout`] that a
-//! [`Description`] gives, and a [`World`] that stands on the terminals. Whoever plugged one gets
-//! at it again with [`find`] and [`find_mut`], through cables and boxes.
+//! All of them are [`Remote`]s around a [`Device`]: a [`Layout`] from a [`Description`], and a
+//! [`World`] at the terminals. A plugged device is accessible through [`find`] and [`find_mut`],
+//! behind cables and wrappers.
 
 mod analog;
 mod description;
@@ -32,7 +32,7 @@ use super::{
     wire::RemoteEnd,
 };
 
-/// The device at `end`, or behind the cables there.
+/// The device at `end`, or behind its cables.
 pub fn find(end: &dyn RemoteEnd) -> Option<&dyn SimDevice> {
     let any: &dyn Any = end;
     as_device::<FieldIo>(any)
@@ -42,7 +42,7 @@ pub fn find(end: &dyn RemoteEnd) -> Option<&dyn SimDevice> {
         .or_else(|| end.inner().and_then(find))
 }
 
-/// The device at `end`, or behind the cables there, to change it.
+/// Mutable access to the device at `end`, or behind its cables.
 pub fn find_mut(end: &mut dyn RemoteEnd) -> Option<&mut dyn SimDevice> {
     find(end)?;
     if as_device::<FieldIo>(end).is_some() {
@@ -60,7 +60,7 @@ pub fn find_mut(end: &mut dyn RemoteEnd) -> Option<&mut dyn SimDevice> {
     end.inner_mut().and_then(find_mut)
 }
 
-/// The outermost cable at `end`, to unplug it and to inject wire faults.
+/// The outermost cable at `end`, to unplug it or to inject wire faults.
 pub fn find_cable(end: &mut dyn RemoteEnd) -> Option<&mut Cable> {
     let any: &mut dyn Any = end;
     any.downcast_mut()

@@ -1,4 +1,4 @@
-//! A device out of a description, without a world of its own: values in, values out.
+//! A device from a description, without a world of its own: values in, values out.
 
 use super::{
     Description, DescriptionError, Device, Element, Layout, SignalValue, World, WorldError, image,
@@ -7,7 +7,7 @@ use crate::remote::{Memory, Remote};
 
 /// The 7I64: 24 inputs, 24 outputs, analog inputs of 3.3 V; a remote without discovery. FACTS 4.7;
 /// the elements are those of the built-in table of LinuxCNC. They fill the 8 bytes of RXSize, and
-/// the gateware puts byte 0 of the reply into the interface registers too (T:t26): there is no
+/// the gateware copies byte 0 of the reply into the interface registers too (T:t26): there is no
 /// fault byte.
 const I7I64: &str = "
 remote 7I64
@@ -24,7 +24,7 @@ no-fault-byte
 clear-faults 3 3
 ";
 
-/// The most bytes one element has.
+/// Maximum length of an element in bytes.
 const MOST_BYTES: usize = 32;
 
 const BITS: u8 = 0x01;
@@ -33,7 +33,7 @@ const SIGNED: u8 = 0x03;
 const BOOLEAN: u8 = 0x07;
 const FLOAT: u8 = 0x10;
 
-/// Inputs are what they are set to, outputs are what was taken over last.
+/// A world with settable inputs that stores the last applied outputs.
 #[derive(Clone, Debug, Default)]
 pub struct Plain {
     slots: Vec<Slot>,
@@ -62,7 +62,7 @@ impl Slot {
         }
     }
 
-    /// Largest raw value of a number, at most 32 bits of it.
+    /// Largest raw value of a number, considering at most 32 bits.
     fn full_scale(&self) -> f64 {
         let sign = u32::from(self.element.record.kind == SIGNED);
         let bits = u32::from(self.element.record.bits) - sign;
@@ -128,12 +128,12 @@ impl Slot {
 }
 
 impl Plain {
-    /// The device that `text` describes.
+    /// Creates the device from a description in text form.
     pub fn from_description(text: &str) -> Result<Remote<Device<Self>>, DescriptionError> {
         Self::remote(&Description::parse(text)?)
     }
 
-    /// The device that `description` describes.
+    /// Creates the device from `description`.
     pub fn remote(description: &Description) -> Result<Remote<Device<Self>>, DescriptionError> {
         let (_, layout) = image::build(description)?;
         let slots = layout.elements().iter().map(|element| Slot {
@@ -162,7 +162,7 @@ impl Plain {
         Ok(())
     }
 
-    /// The raw value of an output element by its name, as it was taken over last.
+    /// The raw value of an output element by its name, as applied last.
     pub fn raw(&self, name: &str) -> Option<&[u8]> {
         let mut slots = self.slots.iter();
         let slot = slots.find(|s| s.element.record.name == name && s.element.record.is_output())?;
@@ -173,7 +173,7 @@ impl Plain {
 impl World for Plain {
     fn sample(&mut self, _mode: u8, _layout: &Layout, memory: &mut Memory) {
         for slot in self.slots.iter().filter(|s| s.element.record.is_input()) {
-            // bidirectional: what the host sees is the world's side
+            // Bidirectional elements: the host reads the value from the world's side.
             for (offset, &byte) in (0..slot.element.record.bytes() as u16).zip(&slot.input) {
                 memory.set_byte(slot.element.address.wrapping_add(offset), byte);
             }

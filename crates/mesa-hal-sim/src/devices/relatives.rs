@@ -1,13 +1,13 @@
 //! Relatives of the 7I77's field I/O: the 7I84, and the 7I76, which is part of the 7I76E as well.
 //!
-//! Known of them are names and numbers of modes, pins, revisions, and unit numbers of the 7I76 and the
-//! 7I76E (FACTS 8.7). Their elements have the widths, types and ranges of the 7I77's, and their
+//! The names and numbers of modes, pins and revisions are known, and the unit numbers of the 7I76
+//! and the 7I76E (FACTS 8.7). The elements have the widths, types and ranges of the 7I77's, and the
 //! parameters are the 7I77's: no listing of either is public.
 
 use super::{Description, DescriptionError, Device, FieldIo, spindle::Spindle};
 use crate::remote::Remote;
 
-/// Its unit number is not known.
+/// The unit number is unknown.
 const I7I84: &str = "
 remote 7I84
 unit 0x84000001
@@ -99,28 +99,28 @@ unit-number UnitNumber
 baud-rate NVBaudRate
 ";
 
-/// The mode of all of them in which the MPGs count.
+/// The mode of all these cards in which the MPGs count.
 const MPG_MODE: u8 = 2;
 
-/// Top byte of the unit number of the 7I76 that is part of a 7I76E, and its software revision, as one
-/// of them printed them.
+/// Top byte of the unit number of the 7I76 that is part of a 7I76E, and its software revision, from
+/// the output of one such board.
 const CLASS_7I76E: u32 = 0x1A;
 const REVISION_7I76E: u64 = 15;
 
 impl FieldIo {
-    /// A 7I84: 32 inputs and 16 outputs that source, MPGs in mode 2.
+    /// A 7I84: 32 inputs, 16 sourcing outputs, MPGs in mode 2.
     ///
     /// # Errors
-    /// None: its description is sound, which a test proves.
+    /// None: a test proves that its description is valid.
     pub fn i7i84() -> Result<Remote<Device<Self>>, DescriptionError> {
         let description = Description::parse(I7I84)?;
         Device::remote(&description, Self::of_relative(MPG_MODE, None))
     }
 
-    /// A 7I76: 32 inputs, 16 outputs that source, a spindle output, MPGs in mode 2.
+    /// A 7I76: 32 inputs, 16 sourcing outputs, a spindle output, MPGs in mode 2.
     ///
     /// # Errors
-    /// None: its description is sound, which a test proves.
+    /// None: a test proves that its description is valid.
     pub fn i7i76() -> Result<Remote<Device<Self>>, DescriptionError> {
         Self::with_spindle(&Description::parse(I7I76)?)
     }
@@ -128,7 +128,7 @@ impl FieldIo {
     /// The 7I76 of a 7I76E, on the serial port of that board.
     ///
     /// # Errors
-    /// None: its description is sound, which a test proves.
+    /// None: a test proves that its description is valid.
     pub fn i7i76e() -> Result<Remote<Device<Self>>, DescriptionError> {
         let mut description = Description::parse(I7I76)?;
         description.unit = description.unit & 0x00FF_FFFF | CLASS_7I76E << 24;

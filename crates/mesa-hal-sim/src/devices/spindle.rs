@@ -3,11 +3,12 @@
 use super::{Layout, SignalValue};
 use crate::remote::Memory;
 
-/// Places and state of `SpinOut`, `SpinEna` and `SpinDir`. Their names are LinuxCNC's pins; type, width
-/// and range of `SpinOut` are not known, and are those of a 7I77's analog output.
+/// Addresses and state of `SpinOut`, `SpinEna` and `SpinDir`. The names are those of LinuxCNC's
+/// pins; type, width and range of `SpinOut` are unknown, and assumed to be those of a 7I77's analog
+/// output.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spindle {
-    /// Addresses of the three.
+    /// Addresses of the three elements.
     places: [u16; 3],
     raw: i16,
     enable: bool,
@@ -35,7 +36,7 @@ impl Spindle {
         };
     }
 
-    /// 0 V while the enable is off.
+    /// Output voltage; 0 V while the enable is off.
     pub(super) fn volts(&self) -> f64 {
         if self.enable {
             f64::from(self.raw) / 4096.0 * 10.0

@@ -8,11 +8,11 @@ use mesa_wire::bus::{
     RegisterBus, Reply,
 };
 
-/// An access list that the simulated FPGA refuses.
+/// An access list that the simulated FPGA rejects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
-    /// An access names words outside of the buffer.
+    /// An access names words outside the buffer.
     #[error(
         "access of {count} registers at {address:#06x}: words {first}.. lie outside of the buffer of {len}; give exchange() the buffer the list was made for"
     )]

@@ -1,14 +1,14 @@
-//! Which register stands at which address.
+//! Address decoder: the register at each address.
 
 use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, ModuleDescriptor, gtag};
 
-/// The most ports of a serial module.
+/// Maximum number of ports of a serial module.
 pub(super) const MAX_PORTS: u8 = 4;
 
-/// What an address selects.
+/// Target of an address.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Target {
-    /// Nothing.
+    /// No register.
     #[default]
     Nothing,
     /// Identification and IDROM, read only: index into the words.
@@ -33,16 +33,16 @@ pub(crate) struct AddressMap {
 }
 
 impl AddressMap {
-    /// Lays out a firmware. `rom` is the number of words of identification and IDROM.
+    /// The map of a firmware. `rom` is the number of words of identification and IDROM.
     pub(crate) fn new(firmware: &Firmware, idrom_words: usize) -> Self {
         let mut map = Self {
             targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
         };
-        // Serial ports are numbered through over all modules.
+        // Serial ports are numbered consecutively over all modules.
         let mut ports = 0;
         for module in &firmware.modules {
             // The select line of the encoders has no register of its own, and a descriptor without
-            // instances no hardware.
+            // instances has no hardware.
             if module.gtag == gtag::MUX_SELECT || module.instances == 0 {
                 continue;
             }
@@ -88,7 +88,7 @@ impl AddressMap {
         map
     }
 
-    /// What stands at a byte address.
+    /// The target at a byte address.
     pub(crate) fn at(&self, address: u16) -> Target {
         self.targets
             .get(usize::from(address >> 2))
@@ -96,7 +96,8 @@ impl AddressMap {
             .unwrap_or_default()
     }
 
-    /// Smart serial: COMMAND and DATA once a port, the others once for each of eight channels.
+    /// Maps smart serial: COMMAND and DATA once per port, the others once for each of eight
+    /// channels.
     fn put_channels(&mut self, address: u16, gtag: u8, register: u8, port: u8, multiple: bool) {
         let channels = if multiple { 8 } else { 1 };
         for channel in 0..channels {
@@ -117,8 +118,8 @@ impl AddressMap {
     }
 }
 
-/// The registers of a module. Beside a DPLL, encoders have one more than their descriptor counts:
-/// which timer latches them.
+/// Number of registers of a module. With a DPLL, encoders have one more than their descriptor
+/// counts: the selection of the timer that latches them.
 fn registers(firmware: &Firmware, module: &ModuleDescriptor) -> u8 {
     let is_encoder = matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER);
     let has_timer = is_encoder && firmware.module(gtag::DPLL).is_some();

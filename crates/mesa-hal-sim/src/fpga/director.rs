@@ -1,12 +1,12 @@
-//! Somebody who plays the world around the FPGA at exact times, and sees what it drives.
+//! A director: acts on the world around the FPGA at exact times, and observes the driven outputs.
 
 use super::{SimFpga, gtag};
 use crate::wire::Nanos;
 
-/// Why the FPGA may drive something else than before.
+/// Cause of a possible change of the driven outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
-    /// The host wrote a register that outputs depend on, or what it wrote comes into effect.
+    /// The host wrote a register that outputs depend on, or a written word takes effect.
     Write,
     /// The watchdog has bitten.
     Bite,
@@ -14,35 +14,35 @@ pub enum Cause {
     Reset,
 }
 
-/// Acts on the simulated world at set times, also in the middle of an exchange, and sees every
-/// change of what the FPGA drives when it happens.
+/// Acts on the simulated world at set times, also in the middle of an exchange, and observes every
+/// change of the driven outputs when it happens.
 ///
-/// A test that only looks between two calls of a driver misses outputs that were on in between,
-/// and can put faults only where no driver is at work.
+/// A test that only looks between two calls of a driver misses outputs that were on in between, and
+/// can inject faults only while no driver is running.
 pub trait Director: core::fmt::Debug + Send {
-    /// When it acts next; `None`: not before this changes. A time in the past is now.
+    /// Time of the next action; `None` if none is scheduled. A time in the past means now.
     fn due(&self) -> Option<Nanos>;
 
-    /// Its time has come. The next one must be later.
+    /// Acts at the due time. The next due time must be later.
     fn act(&mut self, fpga: &mut SimFpga);
 
-    /// What the FPGA drives may be another thing since now.
+    /// Called when the driven outputs may have changed.
     fn drives(&mut self, fpga: &SimFpga, cause: Cause);
 }
 
 impl SimFpga {
-    /// Lets somebody play the world. A second one replaces the first, which is handed back.
+    /// Sets the director, and returns the previous one.
     pub fn set_director(&mut self, director: Box<dyn Director>) -> Option<Box<dyn Director>> {
         self.director.replace(director)
     }
 
-    /// When the director acts next, if that is up to `to`.
+    /// Time of the director's next action, if it is not later than `to`.
     pub(super) fn scene(&self, to: Nanos) -> Option<Nanos> {
         let due = self.director.as_ref()?.due()?;
         (due <= to).then_some(due.max(self.now))
     }
 
-    /// Lets the director act. What it does itself is not shown to it.
+    /// Lets the director act. Changes that it makes itself are not reported to it.
     pub(super) fn play(&mut self) {
         if let Some(mut director) = self.director.take() {
             director.act(self);
@@ -50,7 +50,7 @@ impl SimFpga {
         }
     }
 
-    /// Shows the director what is driven now.
+    /// Reports the driven outputs to the director.
     pub(super) fn show(&mut self, cause: Cause) {
         if let Some(mut director) = self.director.take() {
             director.drives(self, cause);
@@ -58,7 +58,7 @@ impl SimFpga {
         }
     }
 
-    /// Whether outputs follow from a module's registers directly.
+    /// True if outputs depend directly on the registers of a module.
     pub(super) const fn is_driving(gtag: u8) -> bool {
         matches!(gtag, gtag::IO_PORT | gtag::PWM | gtag::SSR | gtag::OUT_M)
     }

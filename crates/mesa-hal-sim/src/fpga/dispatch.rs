@@ -1,4 +1,4 @@
-//! Which module an access goes to.
+//! Dispatch of accesses to the modules.
 
 use super::{SimFpga, UNDRIVEN, gtag};
 use crate::modules::Inputs;
@@ -132,13 +132,13 @@ impl SimFpga {
         }
     }
 
-    /// What a module puts out on a pin at the moment, if the pin lets it.
+    /// A module's present output on a pin, regardless of the pin's set-up.
     pub(super) fn module_level(&self, number: usize) -> bool {
         let Some(&pin) = self.firmware.pins.get(number) else {
             return false;
         };
         match pin.secondary {
-            // No module: its alternate source is 0.
+            // No module: the alternate source is 0.
             0 => false,
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
@@ -162,7 +162,7 @@ impl SimFpga {
                 let bank = banks.find(|bank| bank.is_multiplexed());
                 bank.is_none_or(|bank| bank.select_level(self.now))
             }
-            // Idle serial lines stand at 1, and so does everything else between its pulses.
+            // Idle serial lines are at 1, and so are all other signals between their pulses.
             gtag => {
                 let foreign = self.foreign.get(gtag);
                 foreign.is_none_or(|module| module.level(self.now, pin.unit, pin.pin))
@@ -170,7 +170,7 @@ impl SimFpga {
         }
     }
 
-    /// Moves motors up to the present before a module that may drive one is accessed.
+    /// Moves motors up to the present before an access to a module that may drive one.
     fn settle_foreign(&mut self) {
         if self.plant.is_driven_by_modules() {
             self.settle();

@@ -1,6 +1,6 @@
-//! What a HostMot2 firmware image says about itself, and the words the host reads it in.
+//! The identity of a HostMot2 firmware image, and its words as the host reads them.
 
-/// GTAGs: the numbers HostMot2 knows its modules by.
+/// GTAGs: HostMot2's numbers for kinds of modules.
 pub mod gtag {
     /// Watchdog.
     pub const WATCHDOG: u8 = 0x02;
@@ -41,16 +41,16 @@ pub mod gtag {
 /// Set in the secondary pin of a pin that its module drives.
 pub const OUTPUT_PIN: u8 = 0x80;
 
-/// Where the identification begins.
+/// Address of the identification.
 pub(crate) const COOKIE_ADDRESS: u16 = 0x0100;
-/// Where the IDROM begins.
+/// Address of the IDROM.
 pub(crate) const IDROM_ADDRESS: u16 = 0x0400;
 
 pub(crate) const COOKIE: u32 = 0x55AA_CAFE;
 const MODULES_OFFSET: u32 = 0x40;
-/// All public firmwares have it there, although their comments say 0x200. FACTS 9.1.
+/// Offset in all public firmware images, although their comments give 0x200. FACTS 9.1.
 const PINS_OFFSET: u32 = 0x1C0;
-/// Slots for module descriptors: as many as fit in front of the pin descriptors.
+/// Slots for module descriptors: the space before the pin descriptors.
 const MODULE_SLOTS: usize = 32;
 const MODULE_WORDS: usize = 3;
 /// Slots for pin descriptors, those of local I/O included.
@@ -61,7 +61,7 @@ pub(crate) const IDROM_WORDS: usize = 256;
 /// A module descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModuleDescriptor {
-    /// What it is; see [`gtag`].
+    /// Kind of module; see [`gtag`].
     pub gtag: u8,
     /// Version of the module.
     pub version: u8,
@@ -73,7 +73,7 @@ pub struct ModuleDescriptor {
     pub base: u16,
     /// Number of registers.
     pub registers: u8,
-    /// Which of the strides it uses: register stride in the low nibble, instance stride in the high.
+    /// Selects the strides: register stride in the low nibble, instance stride in the high nibble.
     pub strides: u8,
     /// Bit n: register n exists once for each instance.
     pub multiple: u32,
@@ -116,13 +116,13 @@ impl ModuleDescriptor {
 /// A pin descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinDescriptor {
-    /// Primary tag; 3 (I/O port) on every pin of a sound firmware.
+    /// Primary tag; 3 (I/O port) on every pin of a valid firmware.
     pub primary: u8,
     /// GTAG of the module that can use the pin instead, or 0.
     pub secondary: u8,
-    /// Which instance of that module.
+    /// Instance of that module.
     pub unit: u8,
-    /// Which signal of that instance; [`OUTPUT_PIN`] is set if the module drives it.
+    /// Signal of that instance; [`OUTPUT_PIN`] is set if the module drives it.
     pub pin: u8,
 }
 
@@ -155,9 +155,9 @@ impl PinDescriptor {
     }
 }
 
-/// A firmware image: what the IDROM says, and with it which modules are simulated.
+/// A firmware image: the contents of the IDROM, which also determine the simulated modules.
 ///
-/// It is taken as it is: an image that contradicts itself is what a test of a driver may want.
+/// The image is not validated: a test of a driver may need an inconsistent one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Firmware {
     /// Type of the IDROM: 2 or 3.
@@ -176,23 +176,22 @@ pub struct Firmware {
     pub clock_low: u32,
     /// ClockHigh in hertz.
     pub clock_high: u32,
-    /// What the multiplex rate register of the encoders holds at power-up: ClockLow/(n+2).
+    /// The multiplex rate register of the encoders at power-up: ClockLow/(n+2).
     pub mux_rate: u32,
-    /// Whether the watchdog's status is set after configuration, as older firmware has it.
-    /// FACTS 12.1.
+    /// True if the watchdog's status is set after configuration, as in older firmware. FACTS 12.1.
     pub starts_bitten: bool,
-    /// Minor version of the serial ports' own firmware: 43, or 38 on boards before 2015, of which only
-    /// the number is simulated.
+    /// Minor version of the serial ports' own firmware: 43, or 38 on boards before 2015, of which
+    /// only the number is simulated.
     pub sslbp_minor: u8,
     /// The modules, at most 31, up to the null descriptor that ends the list.
     pub modules: Vec<ModuleDescriptor>,
-    /// Descriptors behind that end, each with its slot (0 to 31): charge pump and hints. They are
-    /// only listed, nothing of them is simulated.
+    /// Descriptors after that end, each with its slot (0 to 31): charge pump and hints. They are
+    /// only listed, not simulated.
     pub behind_end: Vec<(u8, ModuleDescriptor)>,
     /// The pins, port by port, at most 144.
     pub pins: Vec<PinDescriptor>,
-    /// Pins of the board itself, which follow those of the ports: at most 144 with them. They are
-    /// only listed, nothing of them is simulated.
+    /// Pins of the board itself, which follow those of the ports: at most 144 together. They are
+    /// only listed, not simulated.
     pub local_pins: Vec<PinDescriptor>,
 }
 
@@ -206,13 +205,14 @@ impl Firmware {
         }
     }
 
-    /// The first module with this GTAG that has instances: a descriptor without is no module.
+    /// The first module with this GTAG that has instances: a descriptor without instances is not a
+    /// module.
     pub fn module(&self, gtag: u8) -> Option<&ModuleDescriptor> {
         let mut modules = self.modules.iter();
         modules.find(|module| module.gtag == gtag && module.instances > 0)
     }
 
-    /// The first descriptor with this GTAG, to change it.
+    /// Mutable access to the first descriptor with this GTAG.
     pub fn module_mut(&mut self, gtag: u8) -> Option<&mut ModuleDescriptor> {
         self.modules.iter_mut().find(|module| module.gtag == gtag)
     }
@@ -263,7 +263,7 @@ impl Firmware {
             0x100,
         ];
         let mut slots = [[0; MODULE_WORDS]; MODULE_SLOTS];
-        // The last slot stays free for the end of the list.
+        // The last slot stays empty as the end of the list.
         let modules = self.modules.iter().take(MODULE_SLOTS - 1);
         for (slot, module) in slots.iter_mut().zip(modules) {
             *slot = module.words();
@@ -276,7 +276,7 @@ impl Firmware {
         words.extend(slots.as_flattened());
         let pins = self.pins.iter().chain(&self.local_pins).take(PIN_SLOTS);
         words.extend(pins.map(|pin| pin.word()));
-        // A host reads to the end.
+        // A host reads up to the end of the memory.
         words.resize(IDROM_WORDS, 0);
         words
     }

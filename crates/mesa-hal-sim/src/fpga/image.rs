@@ -11,41 +11,41 @@ use crate::modules::ForeignModule;
 use crate::sslbp::MINOR_REVISION;
 use crate::wire::Nanos;
 
-/// The identity memory of a firmware: cookie and name at 0100, and the IDROM at 0400, as a host reads
-/// them.
+/// The identity memory of a firmware: cookie and name at 0100, and the IDROM at 0400, as a host
+/// reads them.
 ///
-/// As text: a line `ADDR VALUE` for each word, both hexadecimal, byte address and 32-bit word; words
-/// that are not there are 0. Lines that begin with `#` say something for people.
+/// The text form has a line `ADDR VALUE` for each word, both hexadecimal, byte address and 32-bit
+/// word; missing words are 0. Lines that begin with `#` are comments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FirmwareImage {
     words: BTreeMap<u16, u32>,
 }
 
-/// Why a text is no identity memory of a firmware.
+/// A text that is not the identity memory of a firmware.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
-    /// A line is no word.
+    /// A line is not a word.
     #[error("line {line}: `{text}`, expected ADDR VALUE, both hexadecimal, ADDR a multiple of 4")]
     Line {
         /// The line, counted from 1.
         line: usize,
-        /// What is there.
+        /// Its text.
         text: String,
     },
-    /// A word is not that of an identity memory.
+    /// A word is not valid in an identity memory.
     #[error("the word at {address:#06X} is {found:#010X}, expected {expected}")]
     Word {
         /// Its address.
         address: u16,
-        /// What is there.
+        /// The word found.
         found: u32,
-        /// What can be there.
+        /// The expected word.
         expected: &'static str,
     },
 }
 
-/// Modules that the simulator has; all others are registers that keep what is written.
+/// Modules that the simulator implements; all others are registers that keep their words.
 const SIMULATED: [u8; 14] = [
     gtag::WATCHDOG,
     gtag::IO_PORT,
@@ -63,14 +63,14 @@ const SIMULATED: [u8; 14] = [
     gtag::SSERIAL_B,
 ];
 
-/// Descriptors behind the end of the list, each with its slot.
+/// Descriptors after the end of the list, each with its slot.
 type BehindEnd = Vec<(u8, ModuleDescriptor)>;
 
 /// The rate of the encoders' multiplexer after configuration. FACTS 12.6.
 const MUX_RATE: u32 = 11;
 
 impl FirmwareImage {
-    /// Reads the text.
+    /// Parses the text form.
     ///
     /// # Errors
     /// [`ImageError::Line`].
@@ -101,7 +101,7 @@ impl FirmwareImage {
         self.words.get(&address).copied().unwrap_or_default()
     }
 
-    /// The firmware that it describes.
+    /// Decodes the described firmware.
     ///
     /// # Errors
     /// [`ImageError::Word`]: its cookie, the place of its IDROM, or its I/O ports.
@@ -168,12 +168,12 @@ impl FirmwareImage {
             modules,
             behind_end,
             pins: self.pins(pins as u16, ports * port_width),
-            // The image has their words; nothing of them is simulated.
+            // The image has their words; they are not simulated.
             local_pins: Vec::new(),
         })
     }
 
-    /// The module descriptors up to the first empty slot, and those behind it with their slots.
+    /// The module descriptors up to the first empty slot, and those after it with their slots.
     fn modules(&self, first: u16, pins: u16) -> (Vec<ModuleDescriptor>, BehindEnd) {
         let slots = if pins > first {
             (pins - first) / 12
@@ -222,10 +222,10 @@ impl FirmwareImage {
 
 impl SimFpga {
     /// An FPGA at power-up with the identity of an image, word for word. Modules that the simulator
-    /// does not have keep what is written to their registers, and read it back.
+    /// does not implement keep the words written to their registers, and return them to reads.
     ///
     /// # Errors
-    /// [`ImageError`]: the image describes no firmware.
+    /// [`ImageError`]: the image does not describe a firmware.
     pub fn from_image(image: &FirmwareImage) -> Result<Self, ImageError> {
         let mut fpga = Self::new(image.firmware()?);
         for n in 0..IDROM_WORDS as u16 {
@@ -244,7 +244,7 @@ impl SimFpga {
     }
 }
 
-/// A module of which nothing is known but where its registers are.
+/// A module of which only the addresses of the registers are known.
 #[derive(Debug, Default)]
 struct PlainRegisters {
     words: BTreeMap<(u8, u8), u32>,
@@ -288,7 +288,7 @@ mod tests {
                 "{address:04X}"
             );
         }
-        // A step generator is registers that keep what is written, until a reload.
+        // A step generator is a set of registers that keep their words until a reload.
         assert_eq!(fpga.read_register(0x2000), UNDRIVEN);
         fpga.write_register(0x2000, 1234);
         assert_eq!(fpga.read_register(0x2000), 1234);

@@ -8,8 +8,8 @@ use crate::world::{Change, EstopConfig, Switch, SwitchConfig, Terminal, Wheel, W
 const FIELD_VOLTS: f64 = 24.0;
 
 impl SimFpga {
-    /// Wires a switch on an axis to an input, which is what the switch says from now on; its index.
-    /// The remote has to be plugged in before. A switch on an axis that is not there never changes.
+    /// Wires a switch on an axis to an input, which follows the switch from now on; returns its
+    /// index. Plug in the remote first. A switch on an axis that does not exist never changes.
     pub fn add_switch(&mut self, config: SwitchConfig) -> usize {
         self.settle();
         let motor = self.plant.motor_mut(config.axis);
@@ -22,25 +22,25 @@ impl SimFpga {
         index
     }
 
-    /// The switches, as they are now.
+    /// The switches, up to date.
     pub fn switches(&mut self) -> &[Switch] {
         self.settle();
         &self.plant.installation.switches
     }
 
-    /// Wires a handwheel to two inputs; its index.
+    /// Wires a handwheel to two inputs; returns its index.
     pub fn add_wheel(&mut self, config: WheelConfig) -> usize {
         self.plant.installation.add_wheel(config)
     }
 
-    /// The handwheels, as they are now.
+    /// The handwheels, up to date.
     pub fn wheels(&mut self) -> &[Wheel] {
         self.settle();
         &self.plant.installation.wheels
     }
 
-    /// Has a handwheel turned by clicks, at its speed, from now on. `false` if there is no such wheel,
-    /// or if more than a million clicks would wait.
+    /// Turns a handwheel by clicks, at its speed, from now on. `false` if the wheel does not exist,
+    /// or if more than a million clicks would be pending.
     pub fn turn_wheel(&mut self, wheel: usize, clicks: i64) -> bool {
         self.settle();
         let now = self.now;
@@ -48,8 +48,8 @@ impl SimFpga {
         wheel.is_some_and(|wheel| wheel.turn(now, clicks))
     }
 
-    /// Wires an emergency-stop chain, which is closed, in the place of the one before. The remotes have
-    /// to be plugged in before.
+    /// Wires a closed emergency-stop chain, in place of the previous one. Plug in the remotes
+    /// first.
     pub fn set_estop(&mut self, config: EstopConfig) {
         self.plant.installation.estop = Some(config);
         self.press_estop(false);
@@ -60,13 +60,13 @@ impl SimFpga {
         self.plant.installation.estop.as_ref()
     }
 
-    /// Whether the emergency stop is pressed.
+    /// True if the emergency stop is pressed.
     pub fn is_estop_pressed(&self) -> bool {
         self.plant.installation.pressed
     }
 
-    /// Presses the emergency stop, or releases it; `false` if there is none. Its inputs change in the
-    /// same moment, and the power that it cuts is off or on again.
+    /// Presses or releases the emergency stop; `false` without a chain. Its inputs change at the
+    /// same time, and the power that it cuts is switched off or on again.
     pub fn press_estop(&mut self, pressed: bool) -> bool {
         self.settle();
         let Some(estop) = self.plant.installation.estop.clone() else {
@@ -79,7 +79,7 @@ impl SimFpga {
             let volts = if pressed { 0.0 } else { FIELD_VOLTS };
             let now = self.now;
             let device = self.remote_mut(port, channel).and_then(find_mut);
-            // A card without field power has nothing to cut.
+            // A card without field power has nothing to switch.
             let _ = device.map(|device| device.set_field_volts(now, volts));
         }
         self.plant.installation.press(self.now, pressed);
@@ -87,7 +87,7 @@ impl SimFpga {
         true
     }
 
-    /// Puts a signal on an input from now on, as a wire does.
+    /// Sets the signal at an input from now on, like a wire.
     pub fn set_terminal(&mut self, terminal: Terminal, on: bool) {
         self.settle();
         self.put_on(&Change {
@@ -97,7 +97,7 @@ impl SimFpga {
         });
     }
 
-    /// Brings what switches and wheels have done up to now to their inputs, in its order.
+    /// Applies the changes of switches and wheels up to now to their inputs, in order.
     pub(super) fn take_signals(&mut self) {
         while let Some(change) = self.plant.installation.take(self.now, None) {
             self.put_on(&change);
@@ -113,7 +113,7 @@ impl SimFpga {
                 input,
             } => {
                 let device = self.remote_mut(port, channel).and_then(find_mut);
-                // Nothing is wired to an input that the card does not have.
+                // A wire to an input that the card does not have has no effect.
                 let _ = device.map(|device| device.set_input(input, on));
             }
             Terminal::Board { input } => {
@@ -125,7 +125,7 @@ impl SimFpga {
         }
     }
 
-    /// The inputs of the board are about to be looked at.
+    /// Brings the board's inputs up to date before they are read.
     pub(super) fn settle_inputs(&mut self) {
         if !self.plant.installation.is_empty() {
             self.settle();
@@ -191,7 +191,7 @@ mod tests {
             let board = fpga.inputs().expect("inputs").terminal(3);
             seen.push((board, input(&fpga, 7)));
         }
-        // 10 units a second: 5 units after half a second, the stop at 8.
+        // 10 units per second: 5 units after half a second, the stop at 8.
         assert_eq!(seen.iter().filter(|(board, _)| *board).count(), 501);
         assert_eq!(seen.iter().filter(|(_, remote)| *remote).count(), 401);
         assert!(seen.is_sorted(), "each goes on once");
@@ -234,7 +234,7 @@ mod tests {
         assert!(!fpga.inputs().expect("inputs").terminal(9));
         assert!(!input(&fpga, 20) && !input(&fpga, 7), "no field power");
         assert!(fpga.inputs().expect("inputs").terminal(3), "of the board");
-        // 50 units/s² from 10 units/s: it coasts for 0.2 s, a unit far, up to the stop at 8.
+        // 50 units/s² from 10 units/s: coasts for 0.2 s over 1 unit, up to the stop at 8.
         fpga.advance_to(1000 * MS);
         let motor = fpga.motor(0).expect("axis");
         assert!(!motor.is_powered() && motor.velocity() == 0.0);

@@ -25,14 +25,14 @@ use crate::wire::Nanos;
 use decode::{AddressMap, Target};
 use plant::{Plant, PortWatcher};
 
-/// What a register reads that can only be written: no module drives the bus, and a host must not
-/// rely on what it sees. FACTS 12.11.
+/// Value that a write-only register reads as: no module drives the bus, and a host must not rely on
+/// the value. FACTS 12.11.
 pub const UNDRIVEN: u32 = u32::MAX;
 
-/// What one register access costs by default: about what a PCI read takes.
+/// Default time of one register access: about that of a PCI read.
 pub const DEFAULT_ACCESS_COST: Nanos = 600;
 
-/// What was accessed so far, and what of it went nowhere.
+/// Access statistics, with the accesses that have no effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AccessCounters {
     /// Registers read.
@@ -41,17 +41,17 @@ pub struct AccessCounters {
     pub writes: u64,
     /// Reads of addresses without a register; they read 0.
     pub unknown_reads: u64,
-    /// Writes to addresses without a register; nothing happens. LinuxCNC writes 0x0000 at start.
+    /// Writes to addresses without a register; no effect. LinuxCNC writes 0x0000 at start.
     pub unknown_writes: u64,
-    /// Writes to identification or IDROM; nothing happens.
+    /// Writes to identification or IDROM; no effect.
     pub rom_writes: u64,
 }
 
-/// A simulated FPGA, with what is plugged into it and wired to it.
+/// A simulated FPGA, with everything plugged into it and wired to it.
 ///
-/// Time is virtual: it passes with [`advance_to`](Self::advance_to), and with each access through
-/// [`RegisterBus`](mesa_wire::bus::RegisterBus). Nothing sleeps, nothing allocates after construction,
-/// and two runs with the same accesses are the same.
+/// Time is virtual: it advances with [`advance_to`](Self::advance_to), and with each access through
+/// [`RegisterBus`](mesa_wire::bus::RegisterBus). The simulation does not sleep, does not allocate
+/// after construction, and two runs with the same accesses give the same results.
 #[derive(Debug)]
 pub struct SimFpga {
     firmware: Firmware,
@@ -73,7 +73,7 @@ pub struct SimFpga {
     serial: Vec<SmartSerial>,
     foreign: ForeignModules,
     plant: Plant,
-    /// While it is reset, it neither answers nor takes anything.
+    /// End of the reset: until then the FPGA ignores writes and every read returns all ones.
     reset_until: Nanos,
     director: Option<Box<dyn Director>>,
 }
@@ -139,9 +139,9 @@ impl SimFpga {
         self.now
     }
 
-    /// Lets time pass up to `to`; does nothing if that is in the past.
+    /// Advances to `to`; no effect if that is in the past.
     ///
-    /// Cost: proportional to the time, and to what moves and talks in it.
+    /// The cost is proportional to the time, and to the motion and communication in it.
     pub fn advance_to(&mut self, to: Nanos) {
         while let Some(at) = self.scene(to) {
             self.pass(at);
@@ -150,7 +150,7 @@ impl SimFpga {
         self.pass(to);
     }
 
-    /// Lets time pass up to `to`, up to when nobody acts.
+    /// Advances to `to`, before which the director does not act.
     fn pass(&mut self, to: Nanos) {
         while let Some(event) = self.next_event().filter(|&event| event <= to) {
             self.run_to(event);
@@ -165,7 +165,7 @@ impl SimFpga {
         self.run_to(to);
     }
 
-    /// When something happens by itself to what the FPGA drives.
+    /// Time of the next spontaneous change of the driven outputs.
     fn next_event(&self) -> Option<Nanos> {
         let pwm = self.pwm.as_ref().and_then(Pwm::next_event);
         [self.watchdog.next_event(), pwm]
@@ -174,7 +174,7 @@ impl SimFpga {
             .min()
     }
 
-    /// A PWM value that was written before comes into effect when its period has ended.
+    /// Applies a written PWM value at the end of its period.
     fn take_pwm_values(&mut self) {
         let due = self.pwm.as_ref().and_then(Pwm::next_event);
         if due.is_some_and(|due| due <= self.now) {
@@ -187,7 +187,7 @@ impl SimFpga {
         }
     }
 
-    /// Reads the register at a byte address, now. Takes no time.
+    /// Reads the register at a byte address, now and in no time.
     pub fn read_register(&mut self, address: u16) -> u32 {
         self.counters.reads += 1;
         if self.is_in_reset() {
@@ -208,7 +208,7 @@ impl SimFpga {
         }
     }
 
-    /// Writes the register at a byte address, now. Takes no time.
+    /// Writes the register at a byte address, now and in no time.
     pub fn write_register(&mut self, address: u16, value: u32) {
         self.counters.writes += 1;
         if self.is_in_reset() {
@@ -231,7 +231,7 @@ impl SimFpga {
         }
     }
 
-    /// Lets time pass up to `to`, before which the watchdog does not bite.
+    /// Advances to `to`, before which the watchdog does not bite.
     fn run_to(&mut self, to: Nanos) {
         self.visit_remotes(SmartSerial::is_touched);
         while self.now < to {
@@ -246,13 +246,14 @@ impl SimFpga {
             self.now = step;
             if step >= due {
                 self.advance_plant();
-                // Remotes do things by themselves (their watchdogs bite), whoever talks to them.
+                // Remotes have events of their own (their watchdogs bite), without any transmission
+                // to them.
                 self.visit_remotes(|port| port.remotes_due().is_some_and(|due| due <= step));
             }
         }
     }
 
-    /// Lets the remotes of some ports notice the time, and takes over what they put out.
+    /// Advances the remotes of the selected ports, and applies their outputs.
     fn visit_remotes(&mut self, which: impl Fn(&SmartSerial) -> bool) {
         for (number, port) in self.serial.iter_mut().enumerate() {
             if which(port) {
@@ -263,7 +264,7 @@ impl SimFpga {
         }
     }
 
-    /// Lets the ports go on where there is something to do.
+    /// Runs the ports that have an event up to `to`.
     fn run_ports(&mut self, to: Nanos) {
         if self.is_in_reset() {
             return;
@@ -276,13 +277,13 @@ impl SimFpga {
         }
     }
 
-    /// Brings the motors up to the present, and lets them notice what was done to remotes.
+    /// Brings the motors up to date, and applies changes of remotes to them.
     fn settle(&mut self) {
         self.advance_plant();
         self.visit_remotes(SmartSerial::is_touched);
     }
 
-    /// Brings motors and encoders up to the present, and latches on the way what a timer latches.
+    /// Brings motors and encoders up to date, and latches encoders at the edges of their timers.
     fn advance_plant(&mut self) {
         while let Some((bank, edge)) = self.next_latch().filter(|&(_, edge)| edge <= self.now) {
             self.plant.advance(edge);
@@ -295,14 +296,15 @@ impl SimFpga {
         self.take_signals();
     }
 
-    /// When a module from outside next gives another signal to a drive by itself.
+    /// Time of the next spontaneous change of a foreign module's signal to a drive.
     fn next_foreign_change(&self) -> Option<Nanos> {
         let drives = self.plant.is_driven_by_modules();
         let change = || self.foreign.next_change(self.now);
         drives.then(change).flatten()
     }
 
-    /// When a timer latches encoders next, from where the motors are now, and of which module.
+    /// The next time at which a timer latches encoders, from the time of the plant on, and the
+    /// index of the encoder module.
     fn next_latch(&self) -> Option<(usize, Nanos)> {
         let dpll = self.dpll.as_ref()?;
         let banks = self.plant.banks.iter().enumerate();
@@ -313,7 +315,7 @@ impl SimFpga {
         edges.min_by_key(|&(_, edge)| edge)
     }
 
-    /// Tells everybody that depends on the set-up of the pins.
+    /// Informs all modules that depend on the set-up of the pins.
     fn pins_changed(&mut self) {
         self.plant.pins_changed(&self.io);
         if let Some(pwm) = &self.pwm {

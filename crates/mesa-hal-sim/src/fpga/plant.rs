@@ -1,4 +1,4 @@
-//! What hangs on the FPGA besides the remotes: drives, motors and their encoders.
+//! The plant around the FPGA, besides the remotes: drives, motors and their encoders.
 
 use super::firmware::{Firmware, gtag};
 use crate::devices::find_mut;
@@ -6,26 +6,26 @@ use crate::modules::{EncoderBank, ForeignModules, IoPorts, Pwm, SelectLine, Watc
 use crate::wire::{Nanos, RemoteEnd};
 use crate::world::{Change, Installation, Motor, Terminal};
 
-/// How often motors move when nobody looks.
+/// Longest step of the motors' simulation.
 const GRAIN: Nanos = 1_000_000;
 
-/// The command that a drive has at the moment.
+/// The present command to a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveSignal {
     /// The analog signal in volts.
     pub volts: f64,
-    /// Whether the drive is enabled.
+    /// True if the drive is enabled.
     pub enabled: bool,
 }
 
-/// Reads an analog output of a remote, and the enable that goes with it, as a drive sees them.
+/// Function that reads an analog output of a remote, with its enable, as a drive sees them.
 pub type Readout = fn(remote: &dyn RemoteEnd, output: u8) -> DriveSignal;
 
-/// Where a drive gets its signal from.
+/// Source of a drive's signal.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum DriveSource {
-    /// Nowhere; the motor can be turned by hand.
+    /// None; the motor can be turned by hand.
     Nothing,
     /// An analog output of a remote.
     Remote {
@@ -35,7 +35,7 @@ pub enum DriveSource {
         channel: usize,
         /// Output of the remote.
         output: u8,
-        /// How to read it.
+        /// Function that reads the output.
         readout: Readout,
     },
     /// A PWM generator with an analog output behind it, as on the 7I97.
@@ -43,23 +43,23 @@ pub enum DriveSource {
         /// The generator.
         unit: usize,
     },
-    /// An output of a module from outside: what its
-    /// [`drive_signal`](crate::ForeignModule::drive_signal) returns. Without the module the
-    /// drive has no signal.
+    /// An output of a foreign module: the result of its
+    /// [`drive_signal`](crate::ForeignModule::drive_signal). Without the module the drive has no
+    /// signal.
     Module {
-        /// The GTAG with which the module was added.
+        /// The GTAG of the module.
         gtag: u8,
-        /// The output, as the module numbers them.
+        /// The output, in the module's own numbering.
         output: u8,
     },
 }
 
-/// A motor on the FPGA: what drives it, and which encoder it turns.
+/// Wiring of a motor: the source of its drive's signal, and the encoder that it turns.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisWiring {
-    /// Where its drive gets its signal from.
+    /// Source of the drive's signal.
     pub source: DriveSource,
-    /// The encoder it turns: instance of the first encoder module.
+    /// Encoder on the motor: instance of the first encoder module.
     pub encoder: usize,
     /// The motor.
     pub motor: Motor,
@@ -142,17 +142,17 @@ impl Plant {
         self.axes.get_mut(axis).map(|axis| &mut axis.motor)
     }
 
-    /// Where the drive of an axis gets its signal from.
+    /// Source of the signal to the drive of an axis.
     pub(super) fn source(&self, axis: usize) -> Option<DriveSource> {
         self.axes.get(axis).map(|axis| axis.source)
     }
 
-    /// When to look at everything again.
+    /// Time of the next regular step.
     pub(super) fn due(&self) -> Nanos {
         self.now.saturating_add(GRAIN)
     }
 
-    /// Moves all motors, and with them the encoders.
+    /// Moves all motors and their encoders.
     pub(super) fn advance(&mut self, to: Nanos) {
         if to <= self.now {
             return;
@@ -176,16 +176,16 @@ impl Plant {
         installation.advance(to);
     }
 
-    /// Gives all drives their power, or cuts it.
+    /// Switches the power of all drives.
     pub(super) fn power_drives(&mut self, powered: bool) {
         for axis in &mut self.axes {
             axis.motor.set_power(powered);
         }
     }
 
-    /// Works out which encoder each counter sees: without its select line, a multiplexer stands at
-    /// one encoder of each pair (the odd one, since the line is pulled up), and both counters see
-    /// that one.
+    /// Determines the encoder that each counter sees: without its select line, a multiplexer stays
+    /// at one encoder of each pair (the odd one, because the line is pulled up), and both counters
+    /// see that one.
     pub(super) fn pins_changed(&mut self, io: &IoPorts) {
         for bank in self.banks.iter_mut().filter(|bank| bank.is_multiplexed()) {
             for encoder in 0..bank.encoders() {
@@ -201,7 +201,7 @@ impl Plant {
         }
     }
 
-    /// Takes over what the PWM generators put out.
+    /// Applies the outputs of the PWM generators.
     pub(super) fn pwm_changed(&mut self, pwm: &Pwm, io: &IoPorts) {
         for axis in &mut self.axes {
             if let DriveSource::Pwm { unit } = axis.source {
@@ -211,7 +211,7 @@ impl Plant {
         }
     }
 
-    /// Takes over what modules from outside put out.
+    /// Applies the outputs of foreign modules.
     pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &IoPorts) {
         for axis in &mut self.axes {
             if let DriveSource::Module { gtag, output } = axis.source {
@@ -221,13 +221,13 @@ impl Plant {
         }
     }
 
-    /// Whether a module from outside drives an axis.
+    /// True if a foreign module drives an axis.
     pub(super) fn is_driven_by_modules(&self) -> bool {
         let mut axes = self.axes.iter();
         axes.any(|axis| matches!(axis.source, DriveSource::Module { .. }))
     }
 
-    /// Takes over what a remote puts out.
+    /// Applies the outputs of a remote.
     fn remote_changed(&mut self, port: usize, channel: usize, remote: Option<&dyn RemoteEnd>) {
         for axis in &mut self.axes {
             if let DriveSource::Remote {
@@ -252,7 +252,7 @@ impl Plant {
     }
 }
 
-/// Keeps the motors in step with the commands of the remotes.
+/// Observer that keeps the motors in step with the commands of the remotes.
 pub(super) struct PortWatcher<'a> {
     plant: &'a mut Plant,
     port: usize,
@@ -283,12 +283,12 @@ impl Watcher for PortWatcher<'_> {
     }
 }
 
-/// Brings a signal to the input of a remote.
+/// Applies a signal to the input of a remote.
 fn put_on(remote: &mut dyn RemoteEnd, change: &Change) {
     if let Terminal::Remote { input, .. } = change.terminal
         && let Some(device) = find_mut(remote)
     {
-        // Nothing is wired to an input that the card does not have.
+        // A wire to an input that the card does not have has no effect.
         let _ = device.set_input(input, change.on);
     }
 }

@@ -1,30 +1,30 @@
-//! Loading the FPGA again, while the world around it goes on.
+//! Reload of the FPGA, while the world around it continues.
 
 use super::{Cause, SimFpga, gtag};
 use crate::modules::{Inputs, Leds};
 use crate::wire::Nanos;
 
 impl SimFpga {
-    /// The FPGA is configured again: all registers and the serial ports are as after power-up.
+    /// Configures the FPGA again: all registers and the serial ports are as after power-up.
     ///
-    /// Time goes on, and so does the world: remotes stay plugged in and powered, inputs and pins
-    /// are driven as before, motors keep turning until their drives notice.
+    /// Time and the world continue: remotes stay plugged in and powered, inputs and pins are driven
+    /// as before, and motors keep turning until their drives react.
     ///
     /// The firmware of a serial port needs up to 142 us from here on until it takes commands;
-    /// COMMAND, DATA and CS read 0 meanwhile, as those of an idle port do.
+    /// COMMAND, DATA and CS read 0 meanwhile, like those of an idle port.
     pub fn reload(&mut self) {
         self.reload_until(self.now);
     }
 
-    /// The FPGA loses its configuration and has it again after `time`. Until then all pins are
-    /// inputs, reads give ones, as on a bus that nobody drives, and writes go nowhere.
+    /// Makes the FPGA lose its configuration, and have it again after `time`. Until then all pins
+    /// are inputs, reads return all ones, like a bus that is not driven, and writes have no effect.
     pub fn reset_for(&mut self, time: Nanos) {
         let configured = self.now.saturating_add(time);
         self.reload_until(configured);
         self.reset_until = configured;
     }
 
-    /// Everything starts from the beginning now, the serial ports' firmware at `configured`.
+    /// Restarts everything now, and the serial ports' firmware at `configured`.
     fn reload_until(&mut self, configured: Nanos) {
         self.settle();
         let fresh = Self::configured_at(self.firmware.clone(), self.now);
@@ -60,7 +60,7 @@ impl SimFpga {
         self.show(Cause::Reset);
     }
 
-    /// Whether it has no configuration at the moment.
+    /// True while the FPGA has no configuration.
     pub fn is_in_reset(&self) -> bool {
         self.now < self.reset_until
     }
@@ -75,8 +75,8 @@ mod tests {
     const DATA: u16 = 0x5C00;
     const CS: u16 = 0x5D00;
 
-    /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for each
-    /// channel's baud rate.
+    /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for the
+    /// baud rate of each channel.
     #[test]
     fn a_serial_port_takes_no_command_for_142_us_after_a_reload_and_reads_0() {
         for reset in [0, 300_000] {
@@ -90,7 +90,7 @@ mod tests {
             for address in [COMMAND, DATA, CS] {
                 assert_eq!(fpga.read_register(address), 0, "{address:04X}, {reset}");
             }
-            // A local read that is written meanwhile is done when the firmware is ready for it.
+            // A local read written meanwhile is executed when the firmware is ready.
             fpga.advance_to(up + 50_000);
             fpga.write_register(COMMAND, 0x2003);
             fpga.advance_to(up + 140_000);
@@ -118,7 +118,7 @@ mod tests {
         fpga.reload();
         fpga.advance_to(6_500_000);
         let after: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
-        // The time stamp counter of the encoders runs.
+        // The time stamp counter of the encoders keeps running.
         let stamp = 0x3900 / 4;
         let differs = before.iter().zip(&after).enumerate();
         let differs = differs.filter(|(at, (a, b))| a != b && *at != stamp);

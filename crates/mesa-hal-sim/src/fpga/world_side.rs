@@ -1,4 +1,4 @@
-//! The FPGA seen from the world around it: pins, sockets, motors, inputs and outputs.
+//! The outside of the FPGA: pins, sockets, motors, inputs and outputs.
 
 use super::plant::{AxisWiring, DriveSignal, DriveSource};
 use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
@@ -9,23 +9,23 @@ use crate::wire::{Nanos, RemoteEnd};
 use crate::world::Motor;
 
 impl SimFpga {
-    /// The firmware it was built from.
+    /// The firmware of the FPGA.
     pub fn firmware(&self) -> &Firmware {
         &self.firmware
     }
 
-    /// What was accessed so far.
+    /// Access statistics.
     pub fn counters(&self) -> AccessCounters {
         self.counters
     }
 
-    /// What each access through the bus costs in virtual time.
+    /// Sets the virtual time that each access through the bus takes.
     pub fn set_access_cost(&mut self, cost: Nanos) {
         self.access_cost = cost;
     }
 
-    /// Puts a word into identification or IDROM: a firmware that is wrong in one place.
-    /// Other addresses are left alone.
+    /// Overrides a word of identification or IDROM: a firmware with a defect. Has no effect at
+    /// other addresses.
     pub fn override_rom(&mut self, address: u16, value: u32) {
         if let Target::Rom(index) = self.map.at(address)
             && let Some(word) = self.rom.get_mut(usize::from(index))
@@ -45,18 +45,18 @@ impl SimFpga {
         self.io.level(pin, &levels)
     }
 
-    /// The level that FPGA or outside drive an I/O pin to; `None` if it is only pulled up.
+    /// The level that the FPGA or the outside drives on an I/O pin; `None` if it is only pulled up.
     pub fn driven_level(&self, pin: usize) -> Option<bool> {
         let levels = |pin| self.module_level(pin);
         self.io.driven_level(pin, &levels)
     }
 
-    /// Whether the FPGA drives an I/O pin, whatever to.
+    /// True if the FPGA drives an I/O pin, to any level.
     pub fn is_driven(&self, pin: usize) -> bool {
         self.io.is_output(pin)
     }
 
-    /// Drives an I/O pin from outside, or lets it go.
+    /// Drives an I/O pin from outside, or releases it.
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
         self.io.drive(pin, level);
         self.settle();
@@ -72,21 +72,21 @@ impl SimFpga {
         }
     }
 
-    /// Adds a module that the simulator does not know, in the place of the firmware's module with
-    /// this GTAG. It can drive a motor: [`DriveSource::Module`].
+    /// Adds a module that the simulator does not implement, in place of the firmware's module with
+    /// this GTAG. The module can drive a motor: [`DriveSource::Module`].
     pub fn add_module(&mut self, gtag: u8, module: Box<dyn ForeignModule>) {
         self.settle();
         self.foreign.add(gtag, module);
         self.settle();
     }
 
-    /// A module that was added.
+    /// A module added with [`add_module`](Self::add_module).
     pub fn module<T: ForeignModule>(&self, gtag: u8) -> Option<&T> {
         let module: &dyn core::any::Any = self.foreign.get(gtag)?;
         module.downcast_ref()
     }
 
-    /// A module that was added, to change it.
+    /// Mutable access to an added module.
     pub fn module_mut<T: ForeignModule>(&mut self, gtag: u8) -> Option<&mut T> {
         let module: &mut dyn core::any::Any = self.foreign.get_mut(gtag)?;
         module.downcast_mut()
@@ -107,7 +107,7 @@ impl SimFpga {
         self.serial.get(port)
     }
 
-    /// Plugs a remote into a channel (`None` unplugs) and hands back what was there.
+    /// Plugs a remote into a channel (`None` unplugs) and returns the one that was there.
     pub fn plug(
         &mut self,
         port: usize,
@@ -120,32 +120,32 @@ impl SimFpga {
         previous
     }
 
-    /// What is plugged into a channel.
+    /// The remote plugged into a channel.
     pub fn remote(&self, port: usize, channel: usize) -> Option<&dyn RemoteEnd> {
         self.serial.get(port)?.remote(channel)
     }
 
-    /// What is plugged into a channel, to change it.
+    /// Mutable access to the remote plugged into a channel.
     pub fn remote_mut(&mut self, port: usize, channel: usize) -> Option<&mut dyn RemoteEnd> {
         self.serial.get_mut(port)?.remote_mut(channel)
     }
 
-    /// The device of type `T` on a channel, whatever stands in front of it.
+    /// The device of type `T` on a channel, behind any wrappers.
     pub fn device<T: RemoteEnd>(&self, port: usize, channel: usize) -> Option<&T> {
         device(self.remote(port, channel)?)
     }
 
-    /// The device of type `T` on a channel, whatever stands in front of it, to change it.
+    /// Mutable access to the device of type `T` on a channel, behind any wrappers.
     pub fn device_mut<T: RemoteEnd>(&mut self, port: usize, channel: usize) -> Option<&mut T> {
         device_mut(self.remote_mut(port, channel)?)
     }
 
-    /// The motors and what they turn: number of axes.
+    /// Number of axes: motors and their loads.
     pub fn axes(&self) -> usize {
         self.plant.len()
     }
 
-    /// Wires a motor to a drive signal and an encoder, and says which axis it is.
+    /// Wires a motor to a drive signal and an encoder; returns the index of the axis.
     pub fn wire_axis(&mut self, wiring: AxisWiring) -> usize {
         self.settle();
         let axis = self.plant.add(wiring, &self.io);
@@ -154,13 +154,13 @@ impl SimFpga {
         axis
     }
 
-    /// The motor of an axis, as it is now.
+    /// The motor of an axis, up to date.
     pub fn motor(&mut self, axis: usize) -> Option<&mut Motor> {
         self.settle();
         self.plant.motor_mut(axis)
     }
 
-    /// What the drive of an axis is told now, and whether it is enabled.
+    /// The present signal to the drive of an axis, and its enable.
     pub fn drive_signal(&mut self, axis: usize) -> Option<DriveSignal> {
         self.settle();
         let signal = match self.plant.source(axis)? {
@@ -183,7 +183,7 @@ impl SimFpga {
         Some(signal)
     }
 
-    /// The first encoder module, as it is now.
+    /// The first encoder module, up to date.
     pub fn encoders(&mut self) -> Option<&mut EncoderBank> {
         self.settle();
         self.plant.banks.first_mut()
@@ -194,7 +194,7 @@ impl SimFpga {
         self.pwm.as_ref()
     }
 
-    /// What an analog output of a 7I97 gives to its drive.
+    /// The signal of an analog output of a 7I97 to its drive.
     pub fn analog_output(&self, output: usize) -> DriveSignal {
         self.pwm
             .as_ref()
@@ -209,7 +209,7 @@ impl SimFpga {
         self.in_mux.as_ref().or(self.in_m.as_ref())
     }
 
-    /// Lets current flow into an isolated input, or not.
+    /// Switches the current into an isolated input on or off.
     pub fn set_input(&mut self, input: usize, on: bool) {
         let now = self.now;
         if let Some(inputs) = self.in_mux.as_mut().or(self.in_m.as_mut()) {
@@ -217,7 +217,7 @@ impl SimFpga {
         }
     }
 
-    /// Whether an isolated output conducts.
+    /// True if an isolated output conducts.
     pub fn isolated_output(&self, output: usize) -> bool {
         let outputs = self.ssr.as_ref().or(self.out_m.as_ref());
         outputs.is_some_and(|outputs| outputs.is_on(output, &self.io))
@@ -244,7 +244,7 @@ impl SimFpga {
     }
 }
 
-/// Looks for a device behind everything that stands in front of it.
+/// Finds a device behind any wrappers.
 pub(crate) fn device<T: RemoteEnd>(mut end: &dyn RemoteEnd) -> Option<&T> {
     loop {
         let any: &dyn core::any::Any = end;

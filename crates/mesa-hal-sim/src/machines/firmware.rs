@@ -51,8 +51,8 @@ const fn led() -> ModuleDescriptor {
     module((gtag::LED, 0, 1, 1), (0x0200, 1, 0x00, 0))
 }
 
-/// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O.
-/// It has a DPLL, and a PWM descriptor without instances, as firmware in use has. FACTS 8.1, 9.3.
+/// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O. It
+/// has a DPLL, and a PWM descriptor without instances, like firmware in use. FACTS 8.1, 9.3.
 pub fn firmware_7i92_7i77() -> Firmware {
     let mut firmware = two_connectors(*b"MESA7I92", 100_000_000, 1);
     firmware.modules.insert(0, dpll());
@@ -84,7 +84,7 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
         pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
         pins.push(PinDescriptor::new(gtag::PWM, unit, 0x83));
     }
-    // ENA0 to ENA3 are switched in common, by the enable of output 0.
+    // ENA0 to ENA3 have a common switch, the enable of output 0.
     pins.push(PinDescriptor::new(gtag::PWM, 0, 0x83));
     for unit in 0..3 {
         pins.extend(encoder_pins(unit));
@@ -150,9 +150,9 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
 }
 
 /// The firmware of a 7I97T: a 7I97 with a larger FPGA of another maker, ClockHigh 160 MHz, and PWM
-/// generators that can dither (version 1). In the IDROM it is a 7I97 by name.
+/// generators that can dither (version 1). The name in its IDROM is that of a 7I97.
 ///
-/// Its identification follows what such a board printed; FACTS 9.6.
+/// Its identification follows the output of such a board; FACTS 9.6.
 pub fn firmware_7i97t(channels: u8) -> Firmware {
     let mut firmware = firmware_7i97(channels);
     firmware.fpga_size = 20;
@@ -164,9 +164,10 @@ pub fn firmware_7i97t(channels: u8) -> Firmware {
     firmware
 }
 
-/// The firmware of a 7I97 with a 7I77 on P1: twelve encoders, and the card's three channels behind
-/// the board's own. No such firmware is public; that of a 7I97 with a 7I74 keeps channel 0 on TB4 as
-/// well, and that of a 7I92 numbers the encoders and select lines of a second 7I77 so.
+/// The firmware of a 7I97 with a 7I77 on P1: twelve encoders, and the card's three channels after
+/// the board's own. No such firmware is public. Firmware of a 7I97 with a 7I74 keeps channel 0 on
+/// TB4 as well, and firmware of a 7I92 numbers the encoders and select lines of a second 7I77 in
+/// this way.
 pub fn firmware_7i97_7i77() -> Firmware {
     let mut firmware = firmware_7i97(1);
     if let Some(encoders) = firmware.module_mut(gtag::MUXED_ENCODER) {
@@ -181,16 +182,16 @@ pub fn firmware_7i97_7i77() -> Firmware {
 
 /// The firmware of a 7I97 with InM instead of InMux, and OutM instead of SSR.
 ///
-/// Without multiplexing the 16 inputs have a pin each, on a fourth port behind the expansion pins;
-/// the pins of multiplexer and SSR reference are free. All else is as in [`firmware_7i97`]. Which
-/// pins a real firmware takes is not known.
+/// Without multiplexing the 16 inputs have a pin each, on a fourth port after the expansion pins;
+/// the pins of multiplexer and SSR reference are free. Everything else is as in [`firmware_7i97`].
+/// The pins of a real firmware are unknown.
 pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
     let mut firmware = firmware_7i97(channels);
     firmware.ports = 4;
     if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
         *ports = io_ports(4);
     }
-    // Without InMux there is no width of it.
+    // The descriptor of InMux's width does not exist without InMux.
     firmware
         .behind_end
         .retain(|(_, module)| module.gtag != gtag::IN_MUX_WIDTH);
@@ -216,7 +217,7 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
     firmware
 }
 
-/// A firmware that has smart serial ports only, at most four, with the given numbers of channels.
+/// A firmware with only smart serial ports, at most four, with the given numbers of channels.
 pub fn firmware_serial(channels: &[u8]) -> Firmware {
     let mut pins = Vec::with_capacity(72);
     for (unit, &count) in channels.iter().take(4).enumerate() {
@@ -239,9 +240,9 @@ pub fn firmware_serial(channels: &[u8]) -> Firmware {
     firmware
 }
 
-/// An older firmware of a 7I80DB, with the addresses and versions that Mesa's firmware had until
-/// about 2016: a 7I77 on the first of its four connectors, and two PWM generators on the second
-/// (output, direction and enable of each). Which pins a real firmware gives to PWM is not known.
+/// An older firmware of a 7I80DB, with the addresses and versions of Mesa's firmware until about
+/// 2016: a 7I77 on the first of its four connectors, and two PWM generators on the second (output,
+/// direction and enable of each). The PWM pins of a real firmware are unknown.
 pub fn firmware_7i80_of_2016() -> Firmware {
     let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 1);
     firmware.fpga_size = 16;
@@ -287,7 +288,7 @@ pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
     firmware
 }
 
-/// A board with two connectors of 17 pins, the first `cards` of which carry a 7I77.
+/// A board with two connectors of 17 pins; a 7I77 is on the first `cards` of them.
 fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
     let mut pins = Vec::with_capacity(34);
     for card in 0..cards {
@@ -321,8 +322,8 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
     }
 }
 
-/// The seventeen pins of a 7I77 whose encoders are the `card`th six of the firmware, and whose serial
-/// channels begin at `first`. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
+/// The seventeen pins of a 7I77 with the `card`th six encoders of the firmware, and serial channels
+/// from `first` on. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
 fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
     let serial = |pin: u8, channel: u8| PinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
     let mut pins = vec![
@@ -333,7 +334,7 @@ fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
         serial(RX, 1),
         serial(TX, 0),
         serial(RX, 0),
-        // The same signal on both cards, but another unit: FACTS 12.7.
+        // The same signal on both cards, but with another unit: FACTS 12.7.
         PinDescriptor::new(gtag::MUX_SELECT, 6 * card, 0x81),
     ];
     for pair in 0..3 {

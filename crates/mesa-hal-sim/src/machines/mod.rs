@@ -1,17 +1,24 @@
 //! Ready-made machines: boards with their firmware, and with remotes and motors on them.
 //!
-//! What they are like, and `mesa sim` and `--sim` with them, unless something else is asked for:
+//! Their properties, also for `mesa sim` and `--sim`, unless other values are requested:
 //!
-//! | of | constant | from |
+//! | item | value | source |
 //! |---|---|---|
-//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, 1000 counts a unit, an index every 4000 counts, at 0; no friction, no hard stops, as much force as it takes | [`MotorConfig::default`](crate::MotorConfig::default) |
+//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, at 0 | [motor] |
+//! | its encoder | 1000 counts per unit, an index every 4000 counts | [motor] |
+//! | its axis | no friction, no hard stops, unlimited force | [motor] |
 //! | field power of a remote | 24 V; its inputs at 0 V | manual: 7I77 |
 //! | an FPGA's clocks | ClockLow 100 MHz (5I25: 33.33 MHz), ClockHigh 200 MHz | FACTS 9.3 |
 //! | multiplexed encoders | sampled at ClockLow/8 (7I77) or ClockLow/16 (7I97) | the manuals |
-//! | a register access, embedded | 600 ns | [`DEFAULT_ACCESS_COST`](crate::DEFAULT_ACCESS_COST) |
-//! | a packet, on an Ethernet board | 15 us, and 80 ns for each element of a command; not confirmed | [`BoardConfig`](crate::BoardConfig) |
-//! | a board after a reset, a reload | silent for 200 ms, 300 ms | [`BoardConfig`](crate::BoardConfig) |
-//! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`](crate::Mishaps) |
+//! | a register access, embedded | 600 ns | [`DEFAULT_ACCESS_COST`] |
+//! | a packet, on Ethernet | 15 us, and 80 ns per element; not confirmed | [`BoardConfig`] |
+//! | a board after a reset, a reload | silent for 200 ms, 300 ms | [`BoardConfig`] |
+//! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`] |
+//!
+//! [motor]: crate::MotorConfig::default
+//! [`DEFAULT_ACCESS_COST`]: crate::DEFAULT_ACCESS_COST
+//! [`BoardConfig`]: crate::BoardConfig
+//! [`Mishaps`]: crate::Mishaps
 
 mod firmware;
 
@@ -30,15 +37,15 @@ pub const ANALOG: usize = 1;
 /// Channel of a 7I77's RS-422 terminals, counted from the card's first channel.
 pub const EXPANSION: usize = 2;
 
-/// The most channels of one smart serial port.
+/// Maximum number of channels of one smart serial port.
 const MAX_CHANNELS: u8 = 8;
 
-/// A 7I92 made for a 7I77, with nothing plugged in.
+/// A 7I92 for a 7I77, with nothing plugged in.
 pub fn i7i92_7i77() -> SimFpga {
     SimFpga::new(firmware_7i92_7i77())
 }
 
-/// A 5I25 made for a 7I77, with nothing plugged in.
+/// A 5I25 for a 7I77, with nothing plugged in.
 pub fn i5i25_7i77() -> SimFpga {
     SimFpga::new(firmware_5i25_7i77())
 }
@@ -58,7 +65,7 @@ pub fn i7i97t(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97t(channels))
 }
 
-/// A 7I97 made for a 7I77 on P1, with nothing plugged in.
+/// A 7I97 for a 7I77 on P1, with nothing plugged in.
 pub fn i7i97_7i77() -> SimFpga {
     SimFpga::new(firmware_7i97_7i77())
 }
@@ -68,8 +75,7 @@ pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97_inm_outm(channels))
 }
 
-/// A 7I92 with a 7I77 and a 7I72 on the 7I77's expansion port, each remote behind a
-/// [`Cable`].
+/// A 7I92 with a 7I77 and a 7I72 on the 7I77's expansion port, each remote behind a [`Cable`].
 pub fn i7i92_with_cards() -> SimFpga {
     with_cards(i7i92_7i77())
 }
@@ -96,8 +102,8 @@ pub fn six_axes_7i97(motor: Motor) -> SimFpga {
     fpga
 }
 
-/// A 7I97 with a 7I77 on P1, a 7I72 on the 7I77's expansion port (channel 3), and twelve motors: 0 to
-/// 5 on the board, 6 to 11 on the card. `motor` gets the number.
+/// A 7I97 with a 7I77 on P1, a 7I72 on the 7I77's expansion port (channel 3), and twelve motors: 0
+/// to 5 on the board, 6 to 11 on the card. `motor` is called with the number of each.
 pub fn twelve_axes_7i97(motor: impl Fn(usize) -> Motor) -> SimFpga {
     let mut fpga = i7i97_7i77();
     plug_7i77(&mut fpga, 0, 1);
@@ -129,8 +135,9 @@ pub fn plug_7i72(fpga: &mut SimFpga, port: usize, channel: usize) {
     plug(fpga, port, channel, Outputs48::i7i72());
 }
 
-/// Puts a motor on each of the six analog outputs of the 7I77 whose analog section is on `channel`,
-/// and its encoder on the card's inputs, from encoder `first_encoder` on. `motor` gets its number.
+/// Wires a motor to each of the six analog outputs of the 7I77 whose analog section is on
+/// `channel`, and its encoder to the card's inputs, from encoder `first_encoder` on. `motor` is
+/// called with the number of each.
 pub fn wire_7i77(
     fpga: &mut SimFpga,
     port: usize,
@@ -147,7 +154,7 @@ pub fn wire_7i77(
     }
 }
 
-/// An analog output of the 7I77 whose analog section is on `channel`, as what drives an axis.
+/// An analog output of the 7I77 whose analog section is on `channel`, as the source of a drive.
 pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
     DriveSource::Remote {
         port,
@@ -157,8 +164,8 @@ pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
     }
 }
 
-/// Puts a motor on each of the six analog outputs of a 7I97, and its encoder on the board's inputs.
-/// `motor` gets its number.
+/// Wires a motor to each of the six analog outputs of a 7I97, and its encoder to the board's
+/// inputs. `motor` is called with the number of each.
 pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> Motor) {
     for unit in 0..6 {
         fpga.wire_axis(AxisWiring {
@@ -181,7 +188,7 @@ fn six_axes_7i77(fpga: SimFpga, motor: Motor) -> SimFpga {
     fpga
 }
 
-/// The built-in descriptions are sound, which a test holds; so nothing is ever left out.
+/// Plugs a built-in remote. Its description is valid, as a test proves, so the error never occurs.
 fn plug<A: Application>(
     fpga: &mut SimFpga,
     port: usize,
@@ -195,7 +202,7 @@ fn plug<A: Application>(
     }
 }
 
-/// How a drive sees an analog output of a 7I77 and its enable.
+/// Reads an analog output of a 7I77 and its enable, as a drive sees them.
 fn analog_output(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
     let Some(remote) = device::<Remote<Device<Analog>>>(end) else {
         return DriveSignal::default();

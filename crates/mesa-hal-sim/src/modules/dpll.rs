@@ -17,15 +17,15 @@ const SECOND: u128 = 1_000_000_000;
 
 /// The DPLL. FACTS 12.4, 13.8.
 ///
-/// A phase accumulator turns once in a period. Each access to the sync register says "now is the
-/// host's cycle" and latches the phase: that is the phase error, positive if the host is late.
-/// From then on a part of it is taken off the rate, by way of a limit, a filter and an integrator.
+/// A phase accumulator turns once per period. Each access to the sync register marks the host's
+/// cycle and latches the phase: the phase error, positive if the host is late. From then on a part
+/// of the error is subtracted from the rate, through a limit, a filter and an integrator.
 ///
 /// The reference rises at phase 0. A timer adds its register to the phase, in 1/65536 of a period,
-/// so that it rises that much **before** the reference.
+/// so that it rises by that time **before** the reference.
 ///
-/// It is exact to the clock, and costs as many steps as its filter takes, not as many as clocks
-/// pass.
+/// The simulation is exact to the clock, and its cost is proportional to the steps of its filter
+/// rather than to clocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Dpll {
     clock: u32,
@@ -78,8 +78,8 @@ impl Dpll {
         }
     }
 
-    /// The period in nanoseconds that its base rate and prescale give, if it runs. The loop's
-    /// correction makes it shorter or longer.
+    /// The period in nanoseconds that the base rate and the prescale give, if the DPLL runs. The
+    /// correction of the loop makes it shorter or longer.
     pub fn period(&self) -> Option<f64> {
         let (base_rate, prescale) = (self.phase_loop.base_rate, self.phase_loop.clocks_per_step());
         let rate = f64::from(base_rate) * f64::from(self.clock);
@@ -88,7 +88,7 @@ impl Dpll {
     }
 
     /// The next rising edge after `now` of the reference (0) or of a timer (1 to 4), if the DPLL
-    /// runs and nobody touches it before.
+    /// runs and its registers stay unchanged.
     pub fn next_edge(&self, now: Nanos, timer: u8) -> Option<Nanos> {
         let (at, rises) = self.next_change(now, timer)?;
         if rises {
@@ -98,7 +98,8 @@ impl Dpll {
         rises.then_some(at)
     }
 
-    /// When the reference (0) or a timer (1 to 4) changes after `now`, and whether it rises then.
+    /// Time after `now` at which the reference (0) or a timer (1 to 4) next changes; the flag is
+    /// true if it rises then.
     pub fn next_change(&self, now: Nanos, timer: u8) -> Option<(Nanos, bool)> {
         let mut ahead = self.phase_loop;
         ahead.run_to(self.clocks_passed(now));
@@ -120,7 +121,7 @@ impl Dpll {
         self.phase_loop.phase_error = phase as i32;
     }
 
-    /// What is written at `now` shows after the clock edge that follows.
+    /// Advances past the clock edge after `now`, at which a write shows.
     fn clock_edge(&mut self, now: Nanos) {
         self.phase_loop.run_to(self.next_clock(now) + 1);
     }
@@ -131,12 +132,12 @@ impl Dpll {
         clocks.div_ceil(SECOND) as u64
     }
 
-    /// How many clock edges there were up to `now`, the one at 0 included.
+    /// Number of clock edges up to `now`, the one at 0 included.
     fn clocks_passed(&self, now: Nanos) -> u64 {
         (u128::from(now) * u128::from(self.clock) / SECOND) as u64 + 1
     }
 
-    /// When the clock edge with this number is.
+    /// Time of the clock edge with this number.
     fn time_of(&self, clock: u64) -> Nanos {
         (u128::from(clock) * SECOND).div_ceil(u128::from(self.clock)) as Nanos
     }

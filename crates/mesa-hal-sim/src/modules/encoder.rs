@@ -1,8 +1,8 @@
 //! Quadrature encoders, plain and multiplexed.
 //!
-//! FACTS 12.5 to 12.8, 12.12, 13.4; recordings of the enc and qc families,
-//! which it follows to the clock. Not simulated is the skew of the multiplexer, the delay of the
-//! sample after the select edge: cables are too short for it here.
+//! FACTS 12.5 to 12.8, 12.12, 13.4; recordings of the enc and qc families, which the simulation
+//! follows to the clock. The skew of the multiplexer, which is the delay of the sample after the
+//! select edge, is not simulated: the simulated cables are too short for it.
 
 mod clocks;
 mod counter;
@@ -29,13 +29,13 @@ const WITH_PROBE: u8 = 0x80;
 
 /// The rate register of plain encoders after configuration.
 const PLAIN_RATE: u32 = 4;
-/// Of the half of a word that no module drives.
+/// The high half of a word that no module drives.
 const HIGH_HALF: u32 = UNDRIVEN & 0xFFFF_0000;
 const LATCHED_BY_TIMER: u32 = 1 << 15;
 const TIMERS: u8 = 4;
 
-/// From the clock edge at which something happens in a counter to the one at which a read shows it:
-/// the registers that are read are copies. What is written takes as long.
+/// From the clock edge of an event in a counter to the edge at which a read shows it: reads return
+/// copies of the registers. Writes have the same delay.
 const TO_READ: Clocks = 2;
 
 /// All encoders of one module.
@@ -52,36 +52,36 @@ pub struct EncoderBank {
     stamps: Stamps,
     rate: u32,
     timer: u32,
-    /// What reads show while a timer of the DPLL latches them.
+    /// The words that reads return while a timer of the DPLL latches them.
     latched: Latched,
     select: Divider,
     counters: Vec<Counter>,
     lines: Vec<Abz>,
-    /// For each counter the encoder that its lines come from at the moment.
+    /// For each counter, the encoder whose lines it currently gets.
     sees: Vec<usize>,
-    /// For each encoder the pin of the select line it depends on.
+    /// For each encoder, the pin of its select line.
     select_pins: Vec<Option<usize>>,
     probe: bool,
     /// The time up to which lines and registers are known.
     now: Nanos,
 }
 
-/// What a timer has latched: COUNT and CONTROL of each counter.
+/// The words latched by a timer: COUNT and CONTROL of each counter.
 #[derive(Clone, Debug, Default)]
 struct Latched {
     words: Vec<[u32; 2]>,
     stamp: u16,
 }
 
-/// What stands on a select line.
+/// The signal on a select line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SelectLine {
-    /// The multiplexer's own signal, or its opposite.
+    /// The multiplexer's own signal, or its inverse.
     Driven {
-        /// The pin inverts it.
+        /// True if the pin inverts the signal.
         inverted: bool,
     },
-    /// Always the same level.
+    /// A constant level.
     Stuck(bool),
 }
 
@@ -115,8 +115,7 @@ impl EncoderBank {
         bank
     }
 
-    /// The FPGA is loaded again: registers as after configuration. Shafts and lines stay where they
-    /// are.
+    /// Reloads the FPGA: registers as after configuration. Shafts and lines keep their positions.
     pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
         self.configure(firmware, now);
     }
@@ -151,17 +150,17 @@ impl EncoderBank {
             }));
     }
 
-    /// Whether its encoders share their lines.
+    /// True if the encoders share their lines.
     pub fn is_multiplexed(&self) -> bool {
         self.multiplexed
     }
 
-    /// How many encoders it has.
+    /// Number of encoders.
     pub fn encoders(&self) -> usize {
         self.counters.len()
     }
 
-    /// The select line an encoder depends on, if it does on one.
+    /// The pin of an encoder's select line, if it has one.
     pub(crate) fn select_pin(&self, encoder: usize) -> Option<usize> {
         if !self.multiplexed {
             return None;
@@ -169,19 +168,18 @@ impl EncoderBank {
         self.select_pins.get(encoder).copied().flatten()
     }
 
-    /// What the module puts out on its select lines, all of which carry the same signal (FACTS
-    /// 12.7).
+    /// The module's output on its select lines, which all carry the same signal (FACTS 12.7).
     pub(crate) fn select_level(&self, now: Nanos) -> bool {
         let clock = self.clock.passed(now);
         let mut select = self.select;
         let edges = clock.saturating_sub(TO_SELECT);
         select.run_to(edges);
         let [first, ..] = select.loaded();
-        // It rises with the first load.
+        // The output rises with the first load.
         first <= edges && select.count().is_multiple_of(2)
     }
 
-    /// The line from which the multiplexer in front of an encoder takes its select changes.
+    /// Changes the source of the select signal of the multiplexer in front of an encoder.
     pub(crate) fn set_select(&mut self, now: Nanos, encoder: usize, line: SelectLine) {
         let pair = encoder & !1;
         let source = match line {
@@ -197,7 +195,7 @@ impl EncoderBank {
         }
     }
 
-    /// Lets everything happen that a read at `now` shows.
+    /// Advances to the state that a read at `now` shows.
     pub(crate) fn advance(&mut self, now: Nanos) {
         self.now = now;
         let edge = self.clock.passed(now).saturating_sub(TO_READ);
@@ -212,8 +210,8 @@ impl EncoderBank {
         let mut edge = clock.saturating_sub(TO_READ);
         if let Some(counter) = self.counters.get_mut(number) {
             if counter.changes_at(clock) {
-                // An access that takes no time after a write, which a real bus has not, finds it
-                // done.
+                // An access without any delay after a write, which a real bus does not make, sees
+                // the write done.
                 edge = clock;
             }
             counter.run_to(edge, &self.stamps);
@@ -257,7 +255,7 @@ impl EncoderBank {
     fn set_rate(&mut self, now: Nanos, value: u32) {
         let clock = self.clock.passed(now);
         self.rate = value;
-        // Up to here with the old rate.
+        // The old rate applies up to here.
         self.select.run_to(clock);
         self.select.write(clock, value);
         for counter in &mut self.counters {
@@ -273,14 +271,14 @@ impl EncoderBank {
         }
     }
 
-    /// The timer of the DPLL whose rising edge latches what is read, if one does.
+    /// The DPLL timer whose rising edge latches the reads, if one is selected.
     pub(crate) fn latching_timer(&self) -> Option<u8> {
-        // There are four timers; any other number is the reference.
+        // There are four timers; any other number selects the reference.
         let output = Some((self.timer >> 12 & 7) as u8).filter(|&timer| timer <= TIMERS);
         (self.timer & LATCHED_BY_TIMER != 0).then_some(output.unwrap_or(0))
     }
 
-    /// The timer rises.
+    /// Latches the words at a rise of the timer.
     pub(crate) fn latch(&mut self, now: Nanos) {
         self.advance(now);
         let clock = self.clock.passed(now);
@@ -292,13 +290,13 @@ impl EncoderBank {
         }
     }
 
-    /// What the rate register holds, which can not be read back.
+    /// Value of the rate register, which a host cannot read back.
     pub fn rate(&self) -> u32 {
         self.rate
     }
 
-    /// How often a second each line is sampled. An encoder is followed up to two thirds of that in
-    /// counts a second with the short filter, and up to two fifteenths with the long one (FACTS
+    /// Samples of each line per second. An encoder is followed up to two thirds of this rate in
+    /// counts per second with the short filter, and up to two fifteenths with the long one (FACTS
     /// 12.6).
     pub fn sample_rate(&self) -> f64 {
         let clock = self.clock.hz() / period(self.rate) as f64;
@@ -320,7 +318,7 @@ impl EncoderBank {
         let rate = (to - from).abs() / nanos * 1e9;
         let most = 4.0 * self.sample_rate();
         if rate > most {
-            // More edges than samples: where the shaft is at some of them will do.
+            // More edges than samples: the position at the samples is sufficient.
             let looks = libm::ceil(nanos * 1e-9 * most).max(1.0);
             for look in 1..=looks as u32 {
                 let part = f64::from(look) / looks;
@@ -348,7 +346,7 @@ impl EncoderBank {
         self.set_lines(at, encoder, abz(position, per_turn));
     }
 
-    /// Puts an encoder at a position, where it stood when the counters began to look.
+    /// Sets the position of an encoder at the start of its counters, without counting.
     pub(crate) fn place(&mut self, encoder: usize, position: i64, per_turn: u32) {
         let Some(lines) = self.lines.get_mut(encoder) else {
             return;
@@ -387,14 +385,14 @@ impl EncoderBank {
         }
     }
 
-    /// Makes an encoder lose track of its lines once, as a disturbance on the cable does.
+    /// Makes an encoder lose track of its lines once, like a disturbance on the cable.
     pub fn disturb(&mut self, instance: usize) {
         if let Some(counter) = self.counters.get_mut(instance) {
             counter.disturb();
         }
     }
 
-    /// The level of one of its input pins: index mask of an encoder, or probe.
+    /// Sets the level of an input pin: the index mask of an encoder, or the probe.
     pub(crate) fn set_pin(&mut self, now: Nanos, unit: u8, pin: u8, level: bool) {
         self.advance(now);
         match pin {
@@ -404,9 +402,9 @@ impl EncoderBank {
         }
     }
 
-    /// Sets the probe input of all encoders; nothing happens where the firmware has none. Nobody
-    /// drives it at first: high. It is filtered as the other lines are: a pulse of fewer than three
-    /// samples does nothing.
+    /// Sets the probe input of all encoders; no effect on firmware without one. The input is
+    /// initially not driven: high. It is filtered like the other lines: a pulse of fewer than three
+    /// samples has no effect.
     pub fn set_probe(&mut self, level: bool) {
         self.probe = level;
         let next = self.clock.next(self.now);
@@ -415,8 +413,8 @@ impl EncoderBank {
         }
     }
 
-    /// Sets the index mask input of an encoder. Firmware without the pin has it always low, and
-    /// with it nobody drives it: high.
+    /// Sets the index mask input of an encoder. The input is always low on firmware without the
+    /// pin; with the pin it is initially not driven: high.
     pub fn set_index_mask(&mut self, instance: usize, level: bool) {
         let next = self.clock.next(self.now);
         let counter = self.counters.get_mut(instance).filter(|_| self.has_mask);
@@ -431,7 +429,7 @@ impl EncoderBank {
     }
 }
 
-/// For each encoder its select pin: each connector with six encoders has its own.
+/// The select pin of each encoder: one pin for each connector of six encoders.
 fn select_pins(firmware: &Firmware, encoders: usize) -> Vec<Option<usize>> {
     let pins = firmware.pins.iter().enumerate();
     let selects: Vec<usize> = pins

@@ -1,4 +1,4 @@
-//! A module that the simulator does not know.
+//! Modules that the simulator does not implement.
 
 use core::any::Any;
 use core::fmt;
@@ -7,11 +7,11 @@ use super::IoPorts;
 use crate::fpga::DriveSignal;
 use crate::wire::Nanos;
 
-/// A module of somebody's own gateware, for the address space of a [`SimFpga`](crate::SimFpga).
+/// A module of a user's own gateware, for the address space of a [`SimFpga`](crate::SimFpga).
 ///
-/// The [`Firmware`](crate::Firmware) needs a [`ModuleDescriptor`](crate::ModuleDescriptor)
-/// with its GTAG, which says where its registers are, and
-/// [`PinDescriptor`](crate::PinDescriptor)s for the I/O pins that it can use.
+/// The [`Firmware`](crate::Firmware) needs a [`ModuleDescriptor`](crate::ModuleDescriptor) with its
+/// GTAG, which gives the place of its registers, and [`PinDescriptor`](crate::PinDescriptor)s for
+/// the I/O pins that the module can use.
 pub trait ForeignModule: Any + fmt::Debug + Send {
     /// Reads register `register` of an instance.
     fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32;
@@ -19,36 +19,37 @@ pub trait ForeignModule: Any + fmt::Debug + Send {
     /// Writes register `register` of an instance.
     fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32);
 
-    /// What it puts out on pin `pin` of an instance, where the I/O port lets it.
+    /// The module's output on pin `pin` of an instance, as far as the I/O port passes it on.
     fn level(&self, now: Nanos, instance: u8, pin: u8) -> bool;
 
-    /// The FPGA is configured again: everything is as after power-up.
+    /// Resets the module at a new configuration of the FPGA: as after power-up.
     fn reload(&mut self, now: Nanos);
 
-    /// The signal that a drive gets from output `output`, which the circuit behind the module's pins
-    /// makes: for an axis whose [`DriveSource`](crate::DriveSource) is this module. The outputs
-    /// are the module's to number.
+    /// The signal of output `output` to a drive, made by the circuit behind the module's pins: for
+    /// an axis whose [`DriveSource`](crate::DriveSource) is this module. The module numbers its own
+    /// outputs.
     ///
-    /// `io` tells by [`IoPorts::source`] what the pins of the circuit are driven from: a module's
-    /// signal does not get out of a pin that is an input, as after a bite of the watchdog.
+    /// `io` gives the source of the circuit's pins by [`IoPorts::source`]: a module's signal does
+    /// not reach a pin that is an input, as after a bite of the watchdog.
     ///
-    /// The simulator takes the signal whenever the host has accessed the module, set up a pin or let
-    /// the watchdog bite, each millisecond, and at [`next_change`](Self::next_change). Without an
-    /// implementation the drive has 0 V and is not enabled.
+    /// The simulator takes the signal after the host has accessed the module, after a change of a
+    /// pin's set-up or a bite of the watchdog, each millisecond, and at
+    /// [`next_change`](Self::next_change). Without an implementation the drive has 0 V and is not
+    /// enabled.
     fn drive_signal(&self, now: Nanos, output: u8, io: &IoPorts) -> DriveSignal {
         let _ = (now, output, io);
         DriveSignal::default()
     }
 
-    /// The time, later than `now`, at which a signal of its outputs next changes by itself. Without
-    /// an implementation none does.
+    /// The time, later than `now`, of the next spontaneous change of an output signal. The default
+    /// is none.
     fn next_change(&self, now: Nanos) -> Option<Nanos> {
         let _ = now;
         None
     }
 }
 
-/// All that were added, with their GTAGs.
+/// All foreign modules, with their GTAGs.
 #[derive(Debug, Default)]
 pub(crate) struct ForeignModules(Vec<(u8, Box<dyn ForeignModule>)>);
 
@@ -68,7 +69,7 @@ impl ForeignModules {
         found.map(|(_, module)| &mut **module)
     }
 
-    /// The signal of an output; none if the module is not there.
+    /// The signal of an output; the default signal if the module does not exist.
     pub(crate) fn drive_signal(
         &self,
         gtag: u8,
@@ -82,7 +83,7 @@ impl ForeignModules {
         })
     }
 
-    /// The first time after `now` at which an output changes by itself.
+    /// The first time after `now` at which an output changes spontaneously.
     pub(crate) fn next_change(&self, now: Nanos) -> Option<Nanos> {
         let modules = self.0.iter();
         modules.filter_map(|(_, one)| one.next_change(now)).min()

@@ -13,8 +13,8 @@ const FILTERED: u8 = 2;
 const RAW: u8 = 3;
 const MPG: u8 = 4;
 
-/// The number of inputs of an instance, if a descriptor behind the end of the list holds it: tags 1F to
-/// 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
+/// The number of inputs of an instance, if a descriptor after the end of the list holds it: tags 1F
+/// to 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
 fn width(firmware: &Firmware, gtag: u8, instance: u8) -> Option<usize> {
     let first = if gtag == gtag::IN_MUX {
         gtag::IN_MUX_WIDTH
@@ -34,24 +34,24 @@ const SECOND: u128 = 1_000_000_000;
 /// An input module. FACTS 12.9, 13.6.
 ///
 /// Opto-isolators in front of InMux pull its line low while current flows: without the global
-/// invert bit, an input reads 1 while none does. LinuxCNC always sets that bit. InM keeps the bit
-/// and does nothing with it, and its inputs are 1 while current flows.
+/// invert bit, an input reads 1 while no current flows. LinuxCNC always sets that bit. InM keeps
+/// the bit without any effect, and its inputs are 1 while current flows.
 ///
-/// Inputs are taken in one after the other, the last first. What is raw reaches the filtered
+/// Inputs are scanned one after the other, the last first. A raw level reaches the filtered
 /// register when the input's filter has counted up or down to its end, and the MPG counters count
-/// on filtered inputs. After configuration everything reads 0 until its turn comes.
+/// on filtered inputs. After configuration every input reads 0 until its turn comes.
 ///
-/// It is exact to the clock, and costs as much as inputs change.
+/// The simulation is exact to the clock, and its cost is proportional to the changes of the inputs.
 #[derive(Clone, Debug)]
 pub struct Inputs {
     multiplexed: bool,
     clock: u32,
     count: usize,
-    /// What is at the terminals.
+    /// Current at the terminals, one bit for each input.
     terminals: u32,
     scanner: Scanner,
     address: [Option<usize>; MAX_ADDRESS_LINES],
-    /// Address bits that stand at 1 because nobody drives their lines.
+    /// Address bits that stay at 1 because their lines are not driven.
     stuck_address: usize,
 }
 
@@ -83,8 +83,8 @@ impl Inputs {
         }
     }
 
-    /// What instance `instance` of a module reads where the first one reads `word`: instances differ in
-    /// the number of their inputs only.
+    /// The word that instance `instance` of a module reads where the first instance reads `word`:
+    /// instances differ only in the number of their inputs.
     pub(crate) fn word_of(
         firmware: &Firmware,
         (gtag, instance): (u8, u8),
@@ -133,17 +133,17 @@ impl Inputs {
         self.count
     }
 
-    /// Whether current flows into an input.
+    /// True if current flows into an input.
     pub fn terminal(&self, input: usize) -> bool {
         input < MAX_INPUTS && self.terminals >> input & 1 != 0
     }
 
-    /// Scans of the whole module in a second.
+    /// Scans of the whole module per second.
     pub fn scan_rate(&self) -> f64 {
         f64::from(self.clock) / (self.scanner.slot_clocks() as f64 * self.count as f64)
     }
 
-    /// The level that InMux puts out on an address line, 0 to 4, at `now`.
+    /// The level of InMux's address line `line`, 0 to 4, at `now`.
     pub fn address_line(&self, now: Nanos, line: u8) -> bool {
         let passed = u128::from(now) * u128::from(self.clock) / SECOND;
         self.scanner.address_at(passed as u64 + 1) >> (line & 7) & 1 != 0
@@ -157,7 +157,7 @@ impl Inputs {
         }
     }
 
-    /// The address lines are only driven while their pins are set up for it.
+    /// Updates the stuck address lines: a line is driven only while its pin is set up for it.
     pub(crate) fn pins_changed(&mut self, now: Nanos, io: &IoPorts) {
         if !self.multiplexed {
             return;
@@ -173,13 +173,13 @@ impl Inputs {
         }
     }
 
-    /// Lets clocks pass until there were `clocks` in all.
+    /// Advances to `clocks` clocks in all.
     fn run_to(&mut self, clocks: u64) {
         let lines = self.lines();
         self.scanner.run_to(clocks, lines);
     }
 
-    /// The levels that the module sees when it asks for its inputs.
+    /// The levels that the module samples at its inputs.
     fn lines(&self) -> u32 {
         if !self.multiplexed {
             return self.terminals & self.all();

@@ -18,21 +18,21 @@ struct Port {
     invert: u32,
 }
 
-/// What the FPGA drives a pin from.
+/// The signal that the FPGA drives a pin from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// It does not drive it.
+    /// None: the FPGA does not drive the pin.
     Nobody,
     /// A plain output.
     Level(bool),
     /// The module that can use the pin.
     Module {
-        /// Whether the port inverts it.
+        /// True if the port inverts the signal.
         inverted: bool,
     },
 }
 
-/// All I/O ports of the FPGA, and what the world outside does to the pins.
+/// All I/O ports of the FPGA, and the levels that the outside world drives on the pins.
 #[derive(Clone, Debug)]
 pub struct IoPorts {
     ports: Vec<Port>,
@@ -52,12 +52,12 @@ impl IoPorts {
         }
     }
 
-    /// The FPGA is loaded again: registers as at power-up. What drives the pins from outside stays.
+    /// Registers after a reload of the FPGA: as at power-up. Levels driven from outside stay.
     pub(crate) fn reload(&mut self) {
         self.ports.fill(Port::default());
     }
 
-    /// Reads a register; `levels` says what a module puts out on a pin.
+    /// Reads a register; `levels` returns a module's output on a pin.
     pub(crate) fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
         let Some(registers) = self.ports.get(usize::from(port)) else {
             return 0;
@@ -91,7 +91,7 @@ impl IoPorts {
         }
     }
 
-    /// What the watchdog does when it bites: all pins become inputs.
+    /// Makes all pins inputs, as a watchdog bite does.
     pub(crate) fn make_inputs(&mut self) {
         for port in &mut self.ports {
             port.direction = 0;
@@ -99,15 +99,15 @@ impl IoPorts {
         }
     }
 
-    /// The voltage on a pin as a logic level; `levels` says what a module puts out on a pin.
+    /// The voltage on a pin as a logic level; `levels` returns a module's output on a pin.
     pub(crate) fn level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> bool {
         self.driven_level(pin, levels).unwrap_or(true)
     }
 
-    /// The level that FPGA or outside drive a pin to; `None` if it is only pulled up.
+    /// The level that the FPGA or the outside drives on a pin; `None` if the pin is only pulled up.
     ///
-    /// Open drain pulls low whatever the direction says. FACTS 12.2. Where both drive, and not alike, it
-    /// is low, as of a short circuit.
+    /// Open drain pulls low whatever the direction is. FACTS 12.2. If both sides drive different
+    /// levels, the pin is low, as in a short circuit.
     pub(crate) fn driven_level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> Option<bool> {
         let (port, mask) = self.locate(pin)?;
         let source = if port.alternate & mask != 0 {
@@ -128,13 +128,14 @@ impl IoPorts {
         outside
     }
 
-    /// Whether a module's signal gets out on a pin: alternate source, driven, not inverted.
-    /// `false` if the firmware has no such pin.
+    /// True if a module's signal reaches a pin: alternate source, driven, not inverted. `false` if
+    /// the firmware has no such pin.
     pub(crate) fn module_drives(&self, pin: Option<usize>) -> bool {
         self.module_pin(pin) == Some(false)
     }
 
-    /// Whether a module drives a pin, and if it does, whether inverted.
+    /// True if the port inverts the signal of the module that drives a pin; `None` if none drives
+    /// it.
     pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
         match self.source(pin) {
             Source::Module { inverted } => Some(inverted),
@@ -142,8 +143,8 @@ impl IoPorts {
         }
     }
 
-    /// What the FPGA drives an I/O pin from; nobody drives a pin that the firmware does not have. An
-    /// open-drain pin that is 1 stands at its pull-up.
+    /// The signal that the FPGA drives an I/O pin from; `Nobody` for a pin that the firmware does
+    /// not have. An open-drain pin that is 1 stays at its pull-up.
     pub fn source(&self, pin: Option<usize>) -> Source {
         let Some((port, mask)) = pin.and_then(|pin| self.locate(pin)) else {
             return Source::Nobody;
@@ -158,13 +159,13 @@ impl IoPorts {
         }
     }
 
-    /// Whether the FPGA drives a pin at all, be it only to one of the levels.
+    /// True if the FPGA drives a pin, even if only to one of the levels.
     pub(crate) fn is_output(&self, pin: usize) -> bool {
         self.locate(pin)
             .is_some_and(|(port, mask)| (port.direction | port.open_drain) & mask != 0)
     }
 
-    /// Drives a pin from outside, or lets it go (the pull-up then makes it 1).
+    /// Drives a pin from outside, or releases it (the pull-up then makes it 1).
     pub(crate) fn drive(&mut self, pin: usize, level: Option<bool>) {
         if let Some(slot) = self.outside.get_mut(pin) {
             *slot = level;

@@ -31,7 +31,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Outputs after configuration of the FPGA, which was at `now`.
+    /// Outputs after the configuration of the FPGA at `now`.
     pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, now: Nanos) -> Self {
         Self {
             driven_by_ac: module.gtag == gtag::SSR,
@@ -66,7 +66,7 @@ impl Outputs {
         }
     }
 
-    /// Frequency of the AC that carries the SSRs' signals, in hertz; 0 while it is off.
+    /// Frequency in hertz of the AC that drives the SSRs; 0 while it is off.
     pub fn drive_frequency(&self) -> f64 {
         if self.rate & RUN == 0 {
             return 0.0;
@@ -74,7 +74,7 @@ impl Outputs {
         f64::from(self.carrier.clock) / f64::from((self.rate & DIVISOR) + 2) / 2.0
     }
 
-    /// Whether an output conducts. An SSR conducts while its AC runs on the reference, and its own
+    /// True if an output conducts. An SSR conducts while its AC runs on the reference, and its own
     /// pin is not in phase with it.
     pub fn is_on(&self, output: usize, io: &IoPorts) -> bool {
         let source = io.source(self.pins.get(output).copied().flatten());
@@ -110,17 +110,17 @@ impl Outputs {
     }
 }
 
-/// The AC of the SSRs: a divider that runs since configuration and takes a new divisor at its next
-/// edge, and a switch behind it. Times are counted in clocks.
+/// The AC of the SSRs: a divider that runs from configuration on and takes a new divisor at its
+/// next edge, and a switch behind it. Times are in clocks.
 #[derive(Clone, Copy, Debug)]
 struct Carrier {
     clock: u32,
-    /// The next edge of the divider when it was last written to, and the level before that.
+    /// First edge of the divider after the last write, and the level before that edge.
     next: u64,
     high: bool,
     /// Clocks between two edges from `next` on.
     half_period: u64,
-    /// Whether the AC is on, whether it was before, and when that changed.
+    /// Present and previous state of the AC switch, and the clock of the change.
     runs: bool,
     ran: bool,
     switched: u64,
@@ -154,7 +154,7 @@ impl Carrier {
 
     fn level(&self, now: Nanos) -> bool {
         let now = self.clocks(now);
-        // The switch acts a clock after it was written.
+        // The switch acts one clock after the write.
         let on = if now > self.switched {
             self.runs
         } else {
@@ -163,7 +163,7 @@ impl Carrier {
         on && self.high ^ (self.edges(now) % 2 == 1)
     }
 
-    /// Edges of the divider since it was last written to.
+    /// Edges of the divider since the last write.
     fn edges(&self, now: u64) -> u64 {
         let since = now.checked_sub(self.next);
         since.map_or(0, |clocks| clocks / self.half_period + 1)
@@ -174,7 +174,7 @@ impl Carrier {
     }
 }
 
-/// LEDs of a board: the register has this many bits. FACTS 12.10.
+/// Number of LEDs of a board: the bits of the register. FACTS 12.10.
 const LEDS: usize = 4;
 
 /// The LEDs: the top bits of one register. FACTS 12.10, 13.9.
@@ -188,7 +188,7 @@ impl Leds {
         self.word = value & 0xF000_0000;
     }
 
-    /// Whether an LED is lit (its pin is low); LED 0 is the top bit.
+    /// True if an LED is lit (its pin is low); LED 0 is the top bit.
     pub fn is_lit(self, led: usize) -> bool {
         led < LEDS && self.word >> (31 - led) & 1 != 0
     }

@@ -1,11 +1,11 @@
-//! Smart serial: the SSLBP ports, their pins and what is plugged into them.
+//! Smart serial: the SSLBP ports, their pins and the remotes plugged into them.
 
 use super::IoPorts;
 use crate::fpga::firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, gtag};
 use crate::sslbp::{InterfaceRegisters, Lines, PortConfig, Register, SslbpPort};
 use crate::wire::{Burst, Nanos, RemoteEnd};
 
-/// The most channels of a port.
+/// Maximum number of channels of a port.
 pub(crate) const CHANNELS: usize = 8;
 
 const COMMAND: u8 = 0;
@@ -21,28 +21,29 @@ struct ChannelPins {
     enable: Option<usize>,
 }
 
-/// What happens when something was sent to a remote.
+/// Observer of transmissions to remotes.
 pub(crate) trait Watcher {
-    /// Called before the remote of `channel` takes over what ends at `now`.
+    /// Called before the remote of `channel` takes the transmission that ends at `now`.
     fn before(&mut self, channel: usize, now: Nanos, remote: &mut dyn RemoteEnd);
-    /// Called when it has, or when something else may have changed what is plugged in there.
+    /// Called after the remote has taken it, or when something else may have changed what is
+    /// plugged into the channel.
     fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>);
 }
 
-/// One SSLBP port with its lines and remotes.
+/// An SSLBP port with its lines and remotes.
 #[derive(Debug)]
 pub struct SmartSerial {
     port: SslbpPort,
     pins: [ChannelPins; CHANNELS],
     sockets: [Option<Box<dyn RemoteEnd>>; CHANNELS],
-    /// When a remote does something by itself next.
+    /// Time of the next spontaneous event of a remote.
     remotes_due: Option<Nanos>,
-    /// Somebody may have changed a remote since the last look.
+    /// True if a remote may have changed since the last visit.
     touched: bool,
 }
 
 impl SmartSerial {
-    /// Instance `instance` of a module; the pin descriptors say how many channels it has.
+    /// Instance `instance` of a module; the pin descriptors determine the number of channels.
     pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, instance: u8) -> Self {
         let layout = if module.gtag == gtag::SSERIAL_B {
             InterfaceRegisters::Seven
@@ -82,14 +83,14 @@ impl SmartSerial {
         self.port.config()
     }
 
-    /// The FPGA is loaded again at `now`, and has its configuration at `configured`: from there on
-    /// the port's firmware starts from the beginning. Remotes stay plugged in.
+    /// Reloads the FPGA at `now`, with its configuration complete at `configured`: from then on the
+    /// port's firmware starts from the beginning. Remotes stay plugged in.
     pub(crate) fn reload(&mut self, now: Nanos, configured: Nanos) {
         self.port = SslbpPort::configured_at(*self.port.config(), now, configured);
         self.touched = true;
     }
 
-    /// Plugs a remote into a channel and hands back what was there.
+    /// Plugs a remote into a channel and returns the one that was there.
     pub fn plug(
         &mut self,
         channel: usize,
@@ -100,12 +101,12 @@ impl SmartSerial {
         core::mem::replace(socket, remote)
     }
 
-    /// What is plugged into a channel.
+    /// The remote plugged into a channel.
     pub fn remote(&self, channel: usize) -> Option<&dyn RemoteEnd> {
         self.sockets.get(channel)?.as_deref()
     }
 
-    /// What is plugged into a channel, to change it.
+    /// Mutable access to the remote plugged into a channel.
     pub fn remote_mut(&mut self, channel: usize) -> Option<&mut dyn RemoteEnd> {
         self.touched = true;
         match self.sockets.get_mut(channel)? {
@@ -127,18 +128,18 @@ impl SmartSerial {
         self.port.next_event()
     }
 
-    /// When a remote does something by itself next, whoever talks to it or not.
+    /// Time of the next event of a remote that needs no transmission to it.
     pub(crate) fn remotes_due(&self) -> Option<Nanos> {
         self.remotes_due
     }
 
-    /// Whether somebody may have changed a remote since the last look.
+    /// True if a remote may have changed since the last visit.
     pub(crate) fn is_touched(&self) -> bool {
         self.touched
     }
 
-    /// Lets all remotes notice that it is `now`, and the port the levels of their lines. Nothing
-    /// else may have been due before.
+    /// Advances all remotes to `now`, and lets the port sample the levels of their lines. No
+    /// earlier event may be due.
     pub(crate) fn visit_remotes(&mut self, now: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
         for (channel, socket) in self.sockets.iter_mut().enumerate() {
             if let Some(remote) = socket {
@@ -150,7 +151,7 @@ impl SmartSerial {
         self.advance(now, io, watcher);
         self.touched = false;
         self.look_ahead();
-        // Who still has something to do now is not asked again before something else happens.
+        // A remote that is still due now is not visited again before another event.
         self.remotes_due = self.remotes_due.filter(|&due| due > now);
     }
 
@@ -159,7 +160,7 @@ impl SmartSerial {
         self.remotes_due = remotes.filter_map(|remote| remote.next_event()).min();
     }
 
-    /// Lets time pass up to `to`, over the lines that the pins allow.
+    /// Advances to `to`, over the lines that the pins permit.
     pub(crate) fn advance(&mut self, to: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
         let mut lines = PinnedLines {
             pins: &self.pins,
@@ -184,18 +185,18 @@ impl SmartSerial {
     }
 }
 
-/// The lines of a port as its pins are set up at the moment.
+/// The lines of a port with the current set-up of its pins.
 struct PinnedLines<'a> {
     pins: &'a [ChannelPins; CHANNELS],
     sockets: &'a mut [Option<Box<dyn RemoteEnd>>; CHANNELS],
     io: &'a IoPorts,
     watcher: &'a mut dyn Watcher,
-    /// A remote was sent something.
+    /// True if a transmission has reached a remote.
     talked: bool,
 }
 
 impl PinnedLines<'_> {
-    /// A channel sends only over a pin that is an output with alternate source, and only while
+    /// A channel transmits only over a pin that is an output with alternate source, and only while
     /// its driver is enabled in the same way.
     fn transmits(&self, channel: usize) -> bool {
         self.pins.get(channel).is_some_and(|pins| {

@@ -7,34 +7,34 @@ const TIME: u8 = 0;
 const STATUS: u8 = 1;
 const RESET: u8 = 2;
 
-/// Bit 31 of the counter: it stands still.
+/// Bit 31 of the counter: the counter is stopped.
 const STOPPED: u32 = 1 << 31;
 const COOKIE: u32 = 0x5A;
 
 /// The watchdog: a counter that runs down and bites when its bit 31 rises. FACTS 12.1.
 ///
-/// Whoever makes that bit rise makes it bite: the counter that passes 0, a time with bit 31 set
-/// that is written while it runs, and a cookie that comes before any time, because the time
-/// register then holds 0. The status is set one clock after the bit has risen, and the pins become
-/// inputs one clock after that.
+/// Every rise of that bit makes the watchdog bite: the counter passes 0; a time with bit 31 set is
+/// written while it runs; or a cookie arrives before any time, while the time register holds zero.
+/// The status is set one clock after the bit has risen, and the pins become inputs one clock after
+/// that.
 #[derive(Clone, Copy, Debug)]
 pub struct Watchdog {
     clock: u32,
     /// The time register, which the cookie loads into the counter.
     time: u32,
-    /// What the counter was loaded with, and when.
+    /// The value loaded into the counter, and the time of the load.
     loaded: u32,
     since: Nanos,
-    /// When the status is set, because bit 31 rose.
+    /// Time at which the status is set after bit 31 rose.
     status_due: Option<Nanos>,
-    /// When the pins become inputs, because bit 31 rose.
+    /// Time at which the pins become inputs after bit 31 rose.
     pins_due: Option<Nanos>,
     bitten: bool,
 }
 
 impl Watchdog {
-    /// A watchdog after configuration of the FPGA: its counter stands. Older firmware starts with
-    /// `bitten`.
+    /// A watchdog after configuration of the FPGA: its counter is stopped. Older firmware starts
+    /// with `bitten`.
     pub(crate) fn new(clock: u32, bitten: bool) -> Self {
         Self {
             clock: clock.max(1),
@@ -67,13 +67,13 @@ impl Watchdog {
         }
     }
 
-    /// When something happens if nobody writes to it.
+    /// Time of the next event without a write.
     pub(crate) fn next_event(&self) -> Option<Nanos> {
         let events = [self.status_due, self.pins_due, self.runs_out()];
         events.into_iter().flatten().min()
     }
 
-    /// Does what is due at `now`; `true` if the pins become inputs.
+    /// Handles the events due at `now`; `true` if the pins become inputs.
     pub(crate) fn event(&mut self, now: Nanos) -> bool {
         let due = |event: &mut Option<Nanos>| event.take_if(|event| *event <= now).is_some();
         self.bitten |= due(&mut self.status_due);
@@ -86,17 +86,18 @@ impl Watchdog {
         bites
     }
 
-    /// Whether it has bitten and nobody has cleared its status since.
+    /// True if the watchdog has bitten and its status has not been cleared since.
     pub fn has_bitten(&self) -> bool {
         self.bitten
     }
 
-    /// Whether its counter runs: somebody drives the board, and it bites unless its cookie comes.
+    /// True if the counter runs: the board is driven, and the watchdog bites unless its cookie
+    /// arrives.
     pub fn is_running(&self) -> bool {
         self.loaded & STOPPED == 0
     }
 
-    /// Puts the time into the counter.
+    /// Loads the time register into the counter.
     fn load(&mut self, now: Nanos) {
         let running = self.is_running();
         self.loaded = self.time;
@@ -106,13 +107,13 @@ impl Watchdog {
         }
     }
 
-    /// Bit 31 of the counter rises.
+    /// Handles a rise of the counter's bit 31.
     fn rises(&mut self, now: Nanos) {
         self.status_due = Some(now.saturating_add(self.nanos(1)));
         self.pins_due = Some(now.saturating_add(self.nanos(2)));
     }
 
-    /// When the counter passes 0, while it runs.
+    /// Time at which the running counter passes 0.
     fn runs_out(&self) -> Option<Nanos> {
         let running = self.is_running();
         let clocks = u64::from(self.loaded) + 1;
@@ -127,7 +128,7 @@ impl Watchdog {
         self.loaded.wrapping_sub((passed / 1_000_000_000) as u32)
     }
 
-    /// The time that a number of clocks takes.
+    /// Duration of a number of clocks.
     fn nanos(&self, clocks: u64) -> Nanos {
         (clocks * 1_000_000_000).div_ceil(u64::from(self.clock))
     }

@@ -1,61 +1,63 @@
-//! What a remote is for: the part behind the protocol.
+//! The application of a remote: the part behind the protocol.
 
 use super::Memory;
 use crate::wire::Nanos;
 use mesa_wire::lbp::RemoteFaults;
 
-/// The program of a remote: where its inputs come from and what its outputs do.
+/// The application of a remote: the source of its inputs and the effect of its outputs.
 ///
-/// The remote takes care of the protocol, of modes, faults and the watchdog, and calls in time
+/// The remote handles the protocol, modes, faults and the watchdog, and makes its calls in time
 /// order. `mode` is the software mode.
 pub trait Application: core::fmt::Debug + Send + 'static {
-    /// Power has come up and working parameters have been loaded.
+    /// Called after power-up, with the working parameters loaded.
     fn power_up(&mut self, memory: &mut Memory) {
         let _ = memory;
     }
 
-    /// Time passes up to `now`.
+    /// Advances to `now`.
     fn advance(&mut self, now: Nanos, mode: u8, memory: &Memory) {
         let _ = (now, mode, memory);
     }
 
-    /// Brings the inputs into memory, before it is read from the line.
+    /// Copies the inputs into memory, before the line reads them.
     fn sample(&mut self, mode: u8, memory: &mut Memory) {
         let _ = (mode, memory);
     }
 
-    /// Fills in the input data of a process-data reply, the fault byte excluded; all zeros before.
+    /// Fills in the input data of a process-data reply, without the fault byte; initially all
+    /// zeros.
     fn inputs(&mut self, mode: u8, memory: &mut Memory, data: &mut [u8]);
 
-    /// Whether this output data clears the faults, as it does on remotes without E7.
+    /// True if this output data clears the faults, as on remotes without E7.
     fn clears_faults(&self, data: &[u8]) -> bool {
         let _ = data;
         false
     }
 
-    /// Takes over the output data of a process-data request. Not called while a fault is set.
+    /// Applies the output data of a process-data request. Not called while a fault is set.
     fn outputs(&mut self, mode: u8, memory: &mut Memory, data: &[u8]);
 
-    /// Memory was written from the line. `faulty`: a fault is set, outputs must stay as they are.
+    /// Called after a memory write from the line. `faulty`: a fault is set, and outputs must not
+    /// change.
     fn written(&mut self, mode: u8, memory: &mut Memory, faulty: bool) {
         let _ = (mode, memory, faulty);
     }
 
-    /// Switches all outputs off: the watchdog has bitten, or power has gone.
+    /// Switches all outputs off: the watchdog has bitten, or power has failed.
     fn outputs_off(&mut self, memory: &mut Memory) {
         let _ = memory;
     }
 
-    /// The faults that hold now; each stays set in the remote until the host clears it.
+    /// The faults that are present now; each stays set in the remote until the host clears it.
     fn faults(&self) -> RemoteFaults {
         RemoteFaults::empty()
     }
 
-    /// The host cleared the faults: latches that are not the remote's own are released.
+    /// Called after the host cleared the faults: releases latches that are not the remote's own.
     fn faults_cleared(&mut self) {}
 }
 
-/// Inputs that are given, and outputs that are only kept.
+/// An application with preset inputs, which only stores its outputs.
 #[derive(Clone, Debug)]
 pub struct FixedData {
     inputs: [u8; 32],
@@ -87,7 +89,8 @@ impl FixedData {
         }
     }
 
-    /// The output data taken over last; empty before and after the outputs went off.
+    /// The output data that was applied last; empty initially and after the outputs were switched
+    /// off.
     pub fn outputs(&self) -> &[u8] {
         self.outputs.get(..self.outputs_len).unwrap_or(&[])
     }

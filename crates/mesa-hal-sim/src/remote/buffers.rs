@@ -1,26 +1,26 @@
-//! What a remote keeps on its way out: replies, and what it did besides.
+//! Output buffers of a remote: replies and events.
 
 use crate::wire::{Burst, Nanos};
 
-/// The most bytes a frame holds, CRC included.
+/// Maximum length of a frame in bytes, CRC included.
 pub(super) const MAX_FRAME: usize = 64;
-/// The most replies that are on their way at the same time.
+/// Maximum number of replies in flight.
 const QUEUE: usize = 8;
-/// The most events that are kept.
+/// Maximum number of stored events.
 const EVENTS: usize = 16;
 
-/// Something a remote did that is not a reply.
+/// An action of a remote other than a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RemoteEvent {
     /// The watchdog has bitten.
     WatchdogBites,
-    /// The frame timeout dropped this many characters.
+    /// The frame timeout dropped this number of characters.
     FrameTimeout(usize),
-    /// This reply is not sent.
+    /// The reply is not sent.
     DropsReply,
     /// The next reply has a wrong CRC.
     BadCrc,
-    /// The next reply has characters behind it.
+    /// The next reply is followed by extra characters.
     Extra,
     /// The next reply lacks characters.
     Short,
@@ -63,14 +63,14 @@ impl Reply {
     }
 }
 
-/// Replies that are on their way.
+/// Replies in flight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Queue {
     bursts: [Option<Burst>; QUEUE],
 }
 
 impl Queue {
-    /// A reply for which there is no room is lost, as on an overrun line.
+    /// Queues a reply; without room it is lost, like on an overrun line.
     pub(super) fn push(&mut self, burst: Burst) {
         if let Some(slot) = self.bursts.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(burst);
@@ -91,7 +91,7 @@ pub(super) struct Events {
 }
 
 impl Events {
-    /// The oldest event gives way when there are too many.
+    /// Stores an event; the oldest one is dropped if the buffer is full.
     pub(super) fn push(&mut self, at: Nanos, event: RemoteEvent) {
         if self.ring.iter().all(Option::is_some) {
             self.pop();

@@ -1,10 +1,10 @@
-//! What a remote is: name, modes, memory, and how it misbehaves.
+//! Configuration of a remote: name, modes, memory, and misbehaviour.
 
 use super::Memory;
 use crate::wire::{BIT_2M5, Nanos};
 use mesa_wire::lbp::{Capabilities, DiscoveryReply, LbpStatus, RemoteFaults};
 
-/// The most software modes a simulated remote has.
+/// Maximum number of software modes of a simulated remote.
 pub const MAX_MODES: usize = 16;
 
 /// A copy at power-up: from the EEPROM into working memory.
@@ -18,7 +18,7 @@ pub struct WorkingCopy {
     pub bytes: u16,
 }
 
-/// Where a parameter is in working memory.
+/// Place of a parameter in working memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParameterPlace {
     /// Address of its first byte.
@@ -27,24 +27,24 @@ pub struct ParameterPlace {
     pub bytes: u16,
 }
 
-/// Faults of the next replies, one after the other.
+/// Faults of the next replies, applied one after the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReplyFaults {
-    /// So many replies are not sent.
+    /// Number of replies that are not sent.
     pub drop: u32,
-    /// So many replies have their CRC inverted with 55.
+    /// Number of replies with an inverted CRC (xor 55).
     pub bad_crc: u32,
-    /// The next one is followed by this many bytes A5.
+    /// Number of bytes A5 that follow the next reply.
     pub extra: u32,
-    /// The next one lacks this many bytes at its end.
+    /// Number of bytes missing at the end of the next reply.
     pub short: u32,
-    /// The next one has this latency.
+    /// Latency of the next reply.
     pub late: Option<Nanos>,
-    /// So many replies are breaks instead: the line is low for the length of the reply.
+    /// Number of replies sent as a break: the line is low for the length of the reply.
     pub breaks: u32,
 }
 
-/// What a remote is and how it behaves.
+/// Properties and behaviour of a remote.
 ///
 /// The defaults are those of the remote model of the gateware transcripts.
 #[derive(Clone, Debug)]
@@ -53,56 +53,56 @@ pub struct ReplyFaults {
     reason = "each is a fault of its own that a remote can have"
 )]
 pub struct RemoteConfig {
-    /// Whether there is a remote on the line at all.
+    /// True if there is a remote on the line.
     pub present: bool,
     /// The four characters D0..D3.
     pub name: [u8; 4],
     /// The unit number.
     pub unit_number: u32,
-    /// Where in memory the unit number is, if it is a parameter.
+    /// Address of the unit number in memory, if it is a parameter.
     pub unit_address: Option<u16>,
-    /// What BB answers in each software mode.
+    /// Reply to BB in each software mode.
     pub modes: [Option<DiscoveryReply>; MAX_MODES],
     /// The software mode after power-up.
     pub initial_mode: u8,
     /// D6.
     pub hardware_mode: u8,
-    /// D5. A remote with a program in its flash memory has the program's.
+    /// D5. A remote with a program in its flash memory uses the program's revision.
     pub software_revision: u8,
-    /// The parameter that holds the revision of the running program, if there is one: it is set at
+    /// The parameter with the revision of the running program, if there is one: it is set at
     /// power-up, so that it follows an update.
     pub revision_place: Option<ParameterPlace>,
     /// D4.
     pub capabilities: Capabilities,
     /// DA.
     pub lbp_version: u8,
-    /// What working memory holds after power-up, but for the working copies.
+    /// Contents of working memory after power-up, except for the working copies.
     pub image: Memory,
-    /// What is loaded from the EEPROM at power-up.
+    /// Copies from the EEPROM at power-up.
     pub working_copies: Vec<WorkingCopy>,
-    /// How long an access that writes the EEPROM takes. The answer comes after that.
+    /// Duration of an access that writes the EEPROM; the reply follows afterwards.
     pub eeprom_write_time: Nanos,
-    /// From the end of a command to the start bit of its reply.
+    /// Time from the end of a command to the start bit of its reply.
     pub latency: Nanos,
-    /// Time without process data after which the watchdog bites; 0: never.
+    /// Time without process data until the watchdog bites; 0 for never.
     pub watchdog: Nanos,
-    /// Where in memory the watchdog time in ms (16 bits) is, if it is a parameter.
+    /// Address of the watchdog time in ms (16 bits) in memory, if it is a parameter.
     pub watchdog_address: Option<u16>,
-    /// Length of a bit, both ways.
+    /// Length of a bit in both directions.
     pub bit: Nanos,
-    /// Where in memory the index of the baud rate is, if it is a parameter: it sets `bit` at
+    /// Address of the index of the baud rate in memory, if it is a parameter: it sets `bit` at
     /// power-up. Manual: 7I77, "OPERATE MODE BAUD RATE".
     pub baud_address: Option<u16>,
-    /// Its jumper is in the setup position: from the next power-up on it has 115200 baud, and the
-    /// longest frame timeout.
+    /// The jumper is in the setup position: from the next power-up on the remote uses 115200 baud,
+    /// and the longest frame timeout.
     pub setup_jumper: bool,
     /// Frame timeout after power-up, in bit times.
     pub frame_timeout: u8,
     /// The fault byte after power-up.
     pub initial_faults: RemoteFaults,
-    /// What E7 leaves in the fault byte.
+    /// The fault byte after E7.
     pub stuck_faults: RemoteFaults,
-    /// C7 reads FF this many times after an E7.
+    /// Number of reads of C7 that return FF after an E7.
     pub clear_delay: u32,
     /// DF.
     pub cookie: u8,
@@ -110,13 +110,13 @@ pub struct RemoteConfig {
     pub initial_status: LbpStatus,
     /// E1 does not clear the LBP status.
     pub status_stuck: bool,
-    /// BC is not answered.
+    /// No reply to BC.
     pub no_unit_number: bool,
-    /// BB is not answered: a remote without discovery.
+    /// No reply to BB: a remote without discovery.
     pub no_discovery: bool,
-    /// Its process-data reply is data only, without the fault byte in front (7I64).
+    /// The process-data reply has only data, without a leading fault byte (7I64).
     pub no_fault_byte: bool,
-    /// E6 is acknowledged but has no meaning: a remote without software modes.
+    /// E6 is acknowledged without effect: a remote without software modes.
     pub ignores_modes: bool,
     /// The line towards the FPGA is low while no remote is present.
     pub idles_low: bool,
@@ -162,7 +162,7 @@ impl Default for RemoteConfig {
 }
 
 impl RemoteConfig {
-    /// What BB answers in `mode`, if the remote has that mode.
+    /// The reply to BB in `mode`, if the remote has that mode.
     pub fn mode(&self, mode: u8) -> Option<DiscoveryReply> {
         self.modes.get(usize::from(mode)).copied().flatten()
     }
@@ -178,8 +178,8 @@ impl RemoteConfig {
     }
 }
 
-/// Length of a bit for an index of the table of "OPERATE MODE BAUD RATE"; an index that is not in
-/// the table gives the default of 2.5 Mbaud.
+/// Length of a bit for an index of the table of "OPERATE MODE BAUD RATE"; an index outside the
+/// table gives the default of 2.5 Mbaud.
 pub(super) fn bit_of_index(index: u8) -> Nanos {
     const BAUD: [Nanos; 12] = [
         9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600, 1_250_000, 2_500_000,

@@ -14,15 +14,16 @@ use mesa_wire::lbp::{
     Capabilities, DISCOVERY, LbpStatus, PROCESS_DATA, RemoteFaults, UNIT_NUMBER, crc8,
 };
 
-/// A bit in the setup position of the jumper: 115200 baud, whatever the baud rate's parameter is; and
-/// the frame timeout, in bit times. Manual: 7I77, "SETUP/OPERATE MODE", "FRAMING".
+/// Length of a bit in the setup position of the jumper: 115200 baud, whatever the baud-rate
+/// parameter is; and the frame timeout, in bit times. Manual: 7I77, "SETUP/OPERATE MODE",
+/// "FRAMING".
 const SETUP_BIT: Nanos = 8_681;
 const SETUP_FRAME_TIMEOUT: u8 = 255;
 
 /// A simulated remote on its serial line.
 ///
 /// # Real time
-/// Allocates when it is made, never for a frame.
+/// Allocates when it is created, but not for a frame.
 #[derive(Debug)]
 pub struct Remote<A> {
     pub(super) config: RemoteConfig,
@@ -41,7 +42,7 @@ pub struct Remote<A> {
     events: Events,
 }
 
-/// What a power cycle resets.
+/// State that a power cycle resets.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) mode: u8,
@@ -49,7 +50,7 @@ pub(super) struct State {
     pub(super) status: LbpStatus,
     pub(super) clear_count: u32,
     pub(super) crc_errors: u8,
-    /// What EC was written with.
+    /// The value written to EC.
     pub(super) nonvolatile: u8,
     pub(super) rpc_access: u8,
     pub(super) rpc_table: RpcTable,
@@ -59,9 +60,9 @@ pub(super) struct State {
     pub(super) frame_timeout: u8,
     pub(super) busy_until: Nanos,
     pub(super) reset: bool,
-    /// Its program is missing or damaged.
+    /// The program is missing or damaged.
     pub(super) in_bootloader: bool,
-    /// D5: of the program that runs.
+    /// D5 of the running program.
     pub(super) revision: u8,
 }
 
@@ -94,10 +95,10 @@ struct Watchdog {
 }
 
 impl<A: Application> Remote<A> {
-    /// A remote that has just been powered up, at time 0.
+    /// A remote that was powered up at time 0.
     pub fn new(config: RemoteConfig, application: A) -> Self {
         let mut eeprom = Eeprom::new(config.eeprom_write_time);
-        // until something else is stored, the EEPROM holds what the working copies start with
+        // Until other values are stored, the EEPROM holds the initial values of the working copies.
         for copy in &config.working_copies {
             for offset in 0..copy.bytes {
                 let byte = config.image.byte(copy.to.wrapping_add(offset));
@@ -130,8 +131,8 @@ impl<A: Application> Remote<A> {
         remote
     }
 
-    /// Switches its supply on or off at `now`. Off, it is silent, its outputs are off and it
-    /// forgets everything but the EEPROM and the flash.
+    /// Switches the supply on or off at `now`. Without power the remote is silent, its outputs are
+    /// off, and it loses everything but the EEPROM and the flash.
     pub fn set_power(&mut self, now: Nanos, on: bool) {
         self.advance(now);
         if self.powered && !on {
@@ -179,18 +180,17 @@ impl<A: Application> Remote<A> {
         self.application.power_up(&mut self.memory);
     }
 
-    /// Whether it has power.
+    /// True if the remote has power.
     pub const fn is_powered(&self) -> bool {
         self.powered
     }
 
-    /// What it is and how it behaves.
+    /// The configuration of the remote.
     pub const fn config(&self) -> &RemoteConfig {
         &self.config
     }
 
-    /// Changes what it is and how it behaves. Memory and power-up values count from the next
-    /// power-up on.
+    /// Changes the configuration. Memory and power-up values apply from the next power-up on.
     pub fn configure(&mut self, change: impl FnOnce(&mut RemoteConfig)) {
         change(&mut self.config);
         self.parser.bit = self.config.bit;
@@ -201,12 +201,12 @@ impl<A: Application> Remote<A> {
         &mut self.reply_faults
     }
 
-    /// What it is for.
+    /// The application.
     pub const fn application(&self) -> &A {
         &self.application
     }
 
-    /// What it is for, to play the world.
+    /// Mutable access to the application, to act on its world.
     pub const fn application_mut(&mut self) -> &mut A {
         &mut self.application
     }
@@ -216,7 +216,7 @@ impl<A: Application> Remote<A> {
         &self.memory
     }
 
-    /// Working memory, to change it behind the line's back.
+    /// Mutable access to working memory, bypassing the line.
     pub const fn memory_mut(&mut self) -> &mut Memory {
         &mut self.memory
     }
@@ -226,7 +226,7 @@ impl<A: Application> Remote<A> {
         &self.eeprom
     }
 
-    /// The EEPROM, to prepare it.
+    /// Mutable access to the EEPROM, to prepare it.
     pub const fn eeprom_mut(&mut self) -> &mut Eeprom {
         &mut self.eeprom
     }
@@ -236,28 +236,29 @@ impl<A: Application> Remote<A> {
         self.flash.as_ref()
     }
 
-    /// The program flash, to prepare it and to spoil it.
+    /// Mutable access to the program flash, to prepare or damage it.
     pub const fn flash_mut(&mut self) -> Option<&mut Flash> {
         self.flash.as_mut()
     }
 
-    /// Takes the program flash away: from now on it is a remote that can not be updated.
+    /// Removes the program flash: the remote cannot be updated from now on.
     pub fn take_flash(&mut self) -> Option<Flash> {
         self.flash.take()
     }
 
-    /// Whether its program is missing or damaged, so that only the bootloader answers.
+    /// True if the program is missing or damaged, so that only the bootloader replies.
     pub const fn is_in_bootloader(&self) -> bool {
         self.state.in_bootloader
     }
 
-    /// Whether its flash memory holds a whole program for this card; so does one without flash memory.
+    /// True if the flash memory holds a valid program for this card, or if there is no flash
+    /// memory.
     pub fn is_program_whole(&self) -> bool {
         let flash = self.flash.as_ref();
         flash.is_none_or(|flash| program::revision(flash, self.config.name).is_some())
     }
 
-    /// D5: the revision of the program that runs; 0 in the bootloader.
+    /// D5: the revision of the running program; 0 in the bootloader.
     pub const fn revision(&self) -> u8 {
         self.state.revision
     }
@@ -272,9 +273,9 @@ impl<A: Application> Remote<A> {
         self.state.faults
     }
 
-    /// Sets the fault byte, as if something had happened: each bit stays until the host clears the
-    /// faults, and meanwhile outputs are not taken over (FACTS 1.5). The watchdog's bit switches
-    /// them off besides.
+    /// Sets the fault byte, as by an event: each bit stays until the host clears the faults, and
+    /// meanwhile outputs are not applied (FACTS 1.5). The watchdog's bit also switches the outputs
+    /// off.
     pub fn set_faults(&mut self, faults: RemoteFaults) {
         let news = faults - self.state.faults;
         if news.contains(RemoteFaults::WATCHDOG) {
@@ -289,7 +290,7 @@ impl<A: Application> Remote<A> {
         self.state.status
     }
 
-    /// Sets the LBP status, as if something had happened.
+    /// Sets the LBP status, as by an event.
     pub fn set_status(&mut self, status: LbpStatus) {
         self.state.status = status;
     }
@@ -299,12 +300,12 @@ impl<A: Application> Remote<A> {
         self.state.leds
     }
 
-    /// The oldest event that has not been taken yet. Sixteen are kept.
+    /// Takes the oldest event. The last sixteen are kept.
     pub fn take_event(&mut self) -> Option<(Nanos, RemoteEvent)> {
         self.events.pop()
     }
 
-    /// Process data has come in: the watchdog starts anew.
+    /// Restarts the watchdog after process data.
     pub(super) fn feed_watchdog(&mut self, at: Nanos) {
         let time = match self.config.watchdog_address {
             Some(address) => self.memory.word(address, 2) * 1_000_000,
@@ -313,7 +314,7 @@ impl<A: Application> Remote<A> {
         self.watchdog.deadline = (time > 0).then_some(at + time);
     }
 
-    /// Faults have been cleared: from now on outputs can be set, so the watchdog has to run.
+    /// Starts the watchdog after a clear of faults: from now on outputs can be set.
     pub(super) fn arm_watchdog(&mut self, at: Nanos) {
         if self.watchdog.deadline.is_none() {
             self.feed_watchdog(at);
@@ -335,7 +336,7 @@ impl<A: Application> Remote<A> {
     fn bite(&mut self, deadline: Nanos) {
         self.watchdog.deadline = None;
         self.application.outputs_off(&mut self.memory);
-        // Until the host clears the fault it is no news.
+        // A bite is a new event only after the host has cleared the previous fault.
         if !self.state.faults.contains(RemoteFaults::WATCHDOG) {
             self.state.faults |= RemoteFaults::WATCHDOG;
             self.state.status |= LbpStatus::WATCHDOG;

@@ -1,4 +1,4 @@
-//! What a remote does with a request.
+//! Execution of requests by a remote.
 
 use super::{
     Application, Remote,
@@ -11,10 +11,10 @@ use mesa_wire::lbp::{
     DISCOVERY, LbpStatus, LocalLocation, NonvolatileMemory, PROCESS_DATA, RemoteFaults, UNIT_NUMBER,
 };
 
-/// What EC is while accesses reach the flash.
+/// The value of EC for access to the flash.
 const FLASH: u8 = NonvolatileMemory::Flash as u8;
 
-/// What the line can reach: working memory, EEPROM, flash or the RPC table.
+/// Memory that the line can access: working memory, EEPROM, flash or the RPC table.
 struct Reach<'a, A> {
     remote: &'a mut Remote<A>,
     at: Nanos,
@@ -24,7 +24,7 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
     fn read(&mut self, address: u16) -> Result<u8, LbpStatus> {
         let remote = &*self.remote;
         match (remote.state.nonvolatile, &remote.flash) {
-            // Its tables are those of its program.
+            // The tables are part of the program.
             (0, _) if remote.state.in_bootloader => Ok(0),
             (0, _) => Ok(remote.memory.byte(address)),
             (FLASH, Some(flash)) => flash.read(address),
@@ -45,11 +45,11 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
 }
 
 impl<A: Application> Remote<A> {
-    /// Carries out a request; `None`: it stays silent.
+    /// Executes a request; `None` without a reply.
     pub(super) fn execute(&mut self, at: Nanos, request: &ReceivedRequest) -> Option<Reply> {
         let location = LocalLocation::new(request.command & 0x1F);
         match (request.command, location) {
-            // A bootloader knows no remote procedures.
+            // A bootloader has no remote procedures.
             (0x80..=0xBF, _) if self.state.in_bootloader => None,
             (DISCOVERY, _) => (!self.config.no_discovery)
                 .then(|| Reply::new(&self.config.sizes(self.state.mode).to_bytes())),
@@ -82,12 +82,12 @@ impl<A: Application> Remote<A> {
         }
         if self.state.faults.is_empty() {
             self.application.outputs(mode, &mut self.memory, data);
-            // an output may trip at once
+            // An output may trip immediately.
             self.state.faults |= self.application.faults();
         }
         self.application.sample(mode, &mut self.memory);
         let rx_size = self.config.sizes(mode).rx_size;
-        // With an RX size of 0 the reply is its CRC alone. FACTS 11.5.
+        // With an RX size of 0 the reply is only its CRC. FACTS 11.5.
         let mut reply = if self.config.no_fault_byte || rx_size == 0 {
             Reply::EMPTY
         } else {
@@ -151,7 +151,7 @@ impl<A: Application> Remote<A> {
             .written(self.state.mode, &mut self.memory, faulty);
     }
 
-    /// An RPC of the table. A list that can not be carried out answers nothing but the CRC.
+    /// Executes an RPC of the table. A list that fails gives a reply of only the CRC.
     fn stored(&mut self, at: Nanos, command: u8, data: &[u8]) -> Reply {
         self.application.sample(self.state.mode, &mut self.memory);
         let table = self.state.rpc_table.clone();
@@ -190,7 +190,7 @@ impl<A: Application> Remote<A> {
             LocalLocation::RPC_SIZE_LOW => size_low,
             LocalLocation::RPC_SIZE_HIGH => size_high,
             LocalLocation::COOKIE => self.config.cookie,
-            // a character of the name, or reserved
+            // A character of the name, or reserved.
             _ => {
                 let character = location.index().checked_sub(LocalLocation::NAME.index());
                 let character = character.and_then(|n| self.config.name.get(usize::from(n)));
@@ -199,7 +199,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    /// C7: not zero while the faults are still being cleared.
+    /// C7: non-zero while the faults are still being cleared.
     fn clearing(&mut self) -> u8 {
         if self.state.clear_count == 0 {
             return 0;
@@ -231,8 +231,8 @@ impl<A: Application> Remote<A> {
             }
             LocalLocation::SET_UNIT_ID => self.state.unit_id = value,
             LocalLocation::RESET_PROCESSOR => self.state.reset = value == 0x5A,
-            // does nothing now; or reserved; or a reset of the parser, which is between two frames anyway; or CRC_ENABLE:
-            // a 7I77 always checks CRCs
+            // No effect: reserved locations, a reset of the parser, which is between two frames
+            // here, and CRC_ENABLE: a 7I77 always checks CRCs.
             _ => {}
         }
     }

@@ -2,24 +2,25 @@
 
 use crate::wire::{Burst, Nanos, RemoteEnd};
 
-/// What can happen to a burst on its way.
+/// A fault of a burst on its way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WireFault {
-    /// It does not arrive.
+    /// The burst does not arrive.
     Lost,
-    /// One of its bits is inverted.
+    /// A bit is inverted.
     Corrupted,
-    /// So many characters are missing at its end.
+    /// Characters are missing at the end: this number.
     Short(u8),
-    /// So many characters A5 follow it.
+    /// Extra characters A5 follow: this number.
     Long(u8),
-    /// It arrives so much later. Of requests, which have ended when the cable sees them: no effect.
+    /// The burst arrives later by this time. No effect on requests, which the cable gets after
+    /// their end.
     Late(Nanos),
-    /// The line is low for its length instead.
+    /// The line is low for the length of the burst instead.
     Break,
 }
 
-/// Which bursts a fault is about.
+/// Direction of the bursts that a fault affects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Toward {
     /// Requests, from the FPGA to the remote.
@@ -28,33 +29,33 @@ pub enum Toward {
     Fpga,
 }
 
-/// What a cable did to the bursts in one direction.
+/// Statistics of a cable in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CableCounts {
-    /// Bursts that were put in at one end.
+    /// Bursts that entered the cable.
     pub bursts: u64,
-    /// Those that came out unchanged and in time.
+    /// Bursts that left it unchanged and in time.
     pub intact: u64,
-    /// Those lost, by a fault or because the cable was unplugged.
+    /// Bursts lost, by a fault or because the cable was unplugged.
     pub lost: u64,
-    /// Those corrupted.
+    /// Bursts corrupted.
     pub corrupted: u64,
-    /// Those shortened.
+    /// Bursts shortened.
     pub short: u64,
-    /// Those lengthened.
+    /// Bursts lengthened.
     pub long: u64,
-    /// Those delayed.
+    /// Bursts delayed.
     pub late: u64,
-    /// Those turned into a break.
+    /// Bursts turned into a break.
     pub breaks: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Planned {
     fault: WireFault,
-    /// Bursts that are left; `None`: by chance.
+    /// Remaining bursts; `None`: by chance.
     left: Option<u32>,
-    /// In 2^-32.
+    /// Probability in units of 2^-32.
     probability: u32,
 }
 
@@ -69,7 +70,7 @@ struct Direction {
 /// The cable between a channel and the remote at its other end.
 ///
 /// # Real time
-/// Allocates nothing for a burst.
+/// Does not allocate for a burst.
 #[derive(Debug)]
 pub struct Cable {
     far_end: Box<dyn RemoteEnd>,
@@ -81,7 +82,7 @@ pub struct Cable {
 }
 
 impl Cable {
-    /// A cable without faults to `far_end`. The seed decides what faults by chance will do.
+    /// A cable without faults to `far_end`. The seed determines the faults by chance.
     pub fn new(far_end: Box<dyn RemoteEnd>, seed: u64) -> Self {
         Self {
             far_end,
@@ -93,7 +94,7 @@ impl Cable {
         }
     }
 
-    /// The next `bursts` bursts suffer `fault`. Says whether there was room for one more plan;
+    /// Applies `fault` to the next `bursts` bursts. False if there is no room for one more plan;
     /// each direction has eight.
     pub fn inject(&mut self, toward: Toward, fault: WireFault, bursts: u32) -> bool {
         bursts == 0
@@ -107,7 +108,7 @@ impl Cable {
             )
     }
 
-    /// From now on each burst suffers `fault` with `probability` (0.0 to 1.0).
+    /// Applies `fault` to each burst with `probability` (0.0 to 1.0) from now on.
     pub fn inject_by_chance(&mut self, toward: Toward, fault: WireFault, probability: f64) -> bool {
         let probability = (probability.clamp(0.0, 1.0) * f64::from(u32::MAX)).round() as u32;
         self.plan(
@@ -137,27 +138,28 @@ impl Cable {
         self.to_fpga.plans = [None; PLANS];
     }
 
-    /// Pulls the plug: nothing arrives at either end. The remote keeps its power.
+    /// Unplugs the cable: nothing arrives at either end. The remote keeps its power.
     pub fn unplug(&mut self) {
         self.plugged = false;
     }
 
-    /// Puts the plug back.
+    /// Plugs the cable in again.
     pub fn replug(&mut self) {
         self.plugged = true;
     }
 
-    /// Whether the plug is in.
+    /// True if the cable is plugged in.
     pub const fn is_plugged(&self) -> bool {
         self.plugged
     }
 
-    /// Whether the FPGA sees a low line while the cable is unplugged (no bias on its receiver).
+    /// Sets the level that the FPGA sees while the cable is unplugged: low (no bias on its
+    /// receiver) or idle.
     pub const fn set_low_when_unplugged(&mut self, low: bool) {
         self.low_when_unplugged = low;
     }
 
-    /// What happened to the bursts so far.
+    /// Statistics so far.
     pub const fn counts(&self, toward: Toward) -> CableCounts {
         match toward {
             Toward::Remote => self.to_remote.counts,
@@ -172,7 +174,7 @@ impl Cable {
         }
     }
 
-    /// What comes out of a burst that is put in.
+    /// Carries a burst; returns the burst that arrives at the other end.
     fn carry(&mut self, toward: Toward, burst: &Burst) -> Option<Burst> {
         let plugged = self.plugged;
         let mut random = self.random;
@@ -212,7 +214,7 @@ impl Cable {
     }
 }
 
-/// Damages a burst; a burst without characters is lost. Says whether anything changed.
+/// Damages a burst; a burst without characters is lost. True if it has changed.
 fn suffer(burst: &mut Burst, fault: WireFault, random: &mut u64, counts: &mut CableCounts) -> bool {
     let before = *burst;
     match fault {
@@ -247,7 +249,7 @@ fn suffer(burst: &mut Burst, fault: WireFault, random: &mut u64, counts: &mut Ca
     *burst != before
 }
 
-/// splitmix64: small, and the same on every machine.
+/// SplitMix64: small, and the same on every machine.
 fn next(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let mut z = *state;
@@ -269,7 +271,7 @@ impl RemoteEnd for Cable {
     }
 
     fn transmit(&mut self) -> Option<Burst> {
-        // bounded: each turn takes one burst out of the remote
+        // Bounded: each iteration takes one burst out of the remote.
         while let Some(burst) = self.far_end.transmit() {
             if let Some(arrived) = self.carry(Toward::Fpga, &burst) {
                 return Some(arrived);
@@ -306,7 +308,7 @@ mod tests {
         Cable::new(Box::new(remote), seed)
     }
 
-    /// Asks for the cookie at `at`; the replies.
+    /// Requests the cookie at `at`; returns the replies.
     fn ask(cable: &mut Cable, at: Nanos) -> Vec<Burst> {
         let burst = Burst::new(at, 400, &[0xDF, 0x16]);
         cable.advance(burst.end());

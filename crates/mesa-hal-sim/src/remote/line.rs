@@ -1,14 +1,14 @@
-//! The UART of a remote: characters out of bursts, whatever their baud rate.
+//! The UART of a remote: extracts characters from bursts of any baud rate.
 
 use crate::wire::{Burst, Nanos};
 
-/// Gives `take` each character of `burst` that a receiver with bits of `bit` ns sees, and when:
-/// in the middle of its stop bit.
+/// Calls `take` for each character of `burst` that a receiver with bits of `bit` ns sees, with its
+/// time: the middle of its stop bit.
 pub(crate) fn receive(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)) {
     if burst.is_break || burst.bit == 0 || bit == 0 {
         return;
     }
-    // a receiver follows a rate that is off by up to 4 % without a sampling error
+    // A receiver follows a rate that is off by up to 4 % without a sampling error.
     if burst.bit.abs_diff(bit) * 25 <= bit {
         for (index, &byte) in burst.bytes().iter().enumerate() {
             take(burst.end_of(index) - burst.bit / 2, byte);
@@ -18,12 +18,12 @@ pub(crate) fn receive(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)
     }
 }
 
-/// Samples the burst's wave form at another rate, as a receiver set wrongly does.
+/// Samples the waveform of the burst at another rate, like a receiver with a wrong setting.
 fn resample(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)) {
     let mut from = burst.start;
     while let Some(edge) = next(burst, from, false) {
         if level(burst, edge + bit / 2) {
-            // a glitch, shorter than half a bit: no start bit
+            // A glitch of less than half a bit: not a start bit.
             from = edge + bit / 2;
             continue;
         }
@@ -34,7 +34,7 @@ fn resample(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)) {
             take(stop, byte);
             from = stop;
         } else {
-            // framing error: nothing until the line is high again
+            // Framing error: wait until the line is high again.
             match next(burst, stop, true) {
                 Some(high) => from = high,
                 None => return,
@@ -56,7 +56,7 @@ fn level(burst: &Burst, at: Nanos) -> bool {
     }
 }
 
-/// The first time from `from` on at which the line is at `wanted`, before the burst has ended.
+/// The first time from `from` on at which the line is at `wanted`, before the end of the burst.
 fn next(burst: &Burst, from: Nanos, wanted: bool) -> Option<Nanos> {
     let mut at = from;
     while at < burst.end() {
@@ -83,7 +83,7 @@ mod tests {
     fn the_same_rate_gives_the_characters_and_another_one_does_not() {
         let burst = Burst::new(1_000, 400, &[0xDF, 0x16]);
         assert_eq!(all(&burst, 400), [(4_800, 0xDF), (8_800, 0x16)]);
-        // 115200 baud: the whole burst is shorter than one character
+        // 115200 baud: the whole burst is shorter than one character.
         assert!(all(&burst, 8_680).iter().all(|&(_, byte)| byte != 0xDF));
     }
 

@@ -1,4 +1,4 @@
-//! What a remote remembers: working memory, EEPROM, program flash.
+//! Memories of a remote: working memory, EEPROM, program flash.
 
 use core::ops::Range;
 
@@ -32,14 +32,14 @@ impl Memory {
             .unwrap_or_default()
     }
 
-    /// Sets one byte, protected or not: the remote's own program may do that.
+    /// Sets one byte, protected or not, as the remote's own program may do.
     pub fn set_byte(&mut self, address: u16, value: u8) {
         if let Some(byte) = self.bytes.get_mut(usize::from(address)) {
             *byte = value;
         }
     }
 
-    /// Sets bytes from `address` on; past FFFF it goes on at 0.
+    /// Sets bytes from `address` on; wraps from FFFF to 0.
     pub fn load(&mut self, address: u16, data: &[u8]) {
         for (offset, &byte) in data.iter().enumerate() {
             self.set_byte(address.wrapping_add(offset as u16), byte);
@@ -66,7 +66,7 @@ impl Memory {
         self.protected = addresses;
     }
 
-    /// A write from the line.
+    /// Writes a byte from the line; fails at a protected address.
     pub fn write_from_line(&mut self, address: u16, value: u8) -> Result<(), LbpStatus> {
         if self.protected.contains(&address) {
             return Err(LbpStatus::INVALID_ADDRESS);
@@ -76,7 +76,7 @@ impl Memory {
     }
 }
 
-/// The EEPROM: what is written is there when the write time is over, and survives a power cycle.
+/// The EEPROM: a write takes effect after the write time, and survives a power cycle.
 #[derive(Clone, Debug)]
 pub struct Eeprom {
     bytes: Memory,
@@ -88,7 +88,7 @@ pub struct Eeprom {
 }
 
 impl Eeprom {
-    /// An EEPROM full of zeros that takes `write_time` for each access that writes.
+    /// An EEPROM of zeros with a `write_time` for each access that writes.
     pub fn new(write_time: Nanos) -> Self {
         Self {
             bytes: Memory::default(),
@@ -100,22 +100,22 @@ impl Eeprom {
         }
     }
 
-    /// Its cells.
+    /// The cells.
     pub const fn cells(&self) -> &Memory {
         &self.bytes
     }
 
-    /// How often they were written from the line.
+    /// Number of writes from the line.
     pub const fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// Its cells, to fill them as the factory does.
+    /// Mutable access to the cells, for factory values.
     pub const fn cells_mut(&mut self) -> &mut Memory {
         &mut self.bytes
     }
 
-    /// Finishes a write whose time is over.
+    /// Completes a write that is due.
     pub fn advance(&mut self, now: Nanos) {
         if self.pending_len > 0 && now >= self.busy_until {
             for &(address, value) in self.pending.iter().take(self.pending_len) {
@@ -126,13 +126,13 @@ impl Eeprom {
         }
     }
 
-    /// When a write in progress ends.
+    /// End of the write in progress.
     pub fn busy_until(&self) -> Option<Nanos> {
         (self.pending_len > 0).then_some(self.busy_until)
     }
 
-    /// Begins to write one byte of an access at `now`; the bytes of one access are written
-    /// together. Returns when it is done.
+    /// Starts to write one byte of an access at `now`; the bytes of one access are written
+    /// together. Returns the time of completion.
     pub fn write(&mut self, now: Nanos, address: u16, value: u8) -> Nanos {
         self.advance(now);
         if self.pending_len == 0 {
@@ -145,7 +145,7 @@ impl Eeprom {
         self.busy_until
     }
 
-    /// Power fails: a write that is not done is lost.
+    /// Handles a power failure: a write in progress is lost.
     pub const fn power_off(&mut self) {
         self.pending_len = 0;
     }
@@ -161,7 +161,7 @@ pub struct Flash {
     offset: u32,
     log2_erase: u8,
     log2_write: u8,
-    /// The block as it was before what is being done to it, and where it is.
+    /// Contents of the affected block before the operation in progress, and its place.
     before: Box<[u8]>,
     under_way: Option<Range<usize>>,
     busy_until: Nanos,
@@ -170,9 +170,9 @@ pub struct Flash {
     stuck: Option<usize>,
 }
 
-/// How long an erase of a flash block takes.
+/// Duration of the erase of a flash block.
 const ERASE_TIME: Nanos = 20_000_000;
-/// How long it takes to write a page.
+/// Duration of the write of a page.
 const PROGRAM_TIME: Nanos = 2_000_000;
 
 impl Flash {
@@ -193,24 +193,24 @@ impl Flash {
         }
     }
 
-    /// Whether reads of the line show nothing of it: whether those of real remotes do is not known.
+    /// Hides the flash from reads of the line: the behaviour of real remotes is unknown.
     pub const fn hide(&mut self, hidden: bool) {
         self.is_hidden = hidden;
     }
 
-    /// From now on the cell at `offset` is worn out, and keeps what it has.
+    /// Makes the cell at `offset` worn out from now on: it keeps its value.
     pub const fn stick(&mut self, offset: usize) {
         self.stuck = Some(offset);
     }
 
-    /// Sets its cells from offset 0 on, as the factory does.
+    /// Sets the cells from offset 0 on, like the factory.
     pub fn load(&mut self, data: &[u8]) {
         for (cell, &byte) in self.cells.iter_mut().zip(data) {
             *cell = byte;
         }
     }
 
-    /// Power fails at `now`: an erase or a write that is not over is done to half of its cells.
+    /// Handles a power failure at `now`: an erase or a write in progress affects half of its cells.
     pub fn power_off(&mut self, now: Nanos) {
         let under_way = self.under_way.take().filter(|_| now < self.busy_until);
         if let Some(block) = under_way.and_then(|range| self.cells.get_mut(range)) {
@@ -221,17 +221,17 @@ impl Flash {
         self.offset = 0;
     }
 
-    /// Its cells.
+    /// The cells.
     pub const fn cells(&self) -> &[u8] {
         &self.cells
     }
 
-    /// How often they were erased or written from the line.
+    /// Number of erases and writes from the line.
     pub const fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// One byte as accesses see it.
+    /// The byte that accesses read.
     pub fn read(&self, address: u16) -> Result<u8, LbpStatus> {
         let error = LbpStatus::INVALID_ADDRESS;
         match address {
@@ -252,7 +252,7 @@ impl Flash {
         }
     }
 
-    /// Writes one byte as accesses do, at `now`. Returns how long the remote is busy with it.
+    /// Writes one byte by an access at `now`. Returns the time for which the remote is busy.
     pub fn write(&mut self, now: Nanos, address: u16, value: u8) -> Result<Nanos, LbpStatus> {
         let error = LbpStatus::INVALID_ADDRESS;
         match address {
@@ -334,7 +334,7 @@ mod tests {
         assert!(flash.write(0, flash::COMMIT, flash::COMMIT_WRITE).unwrap() > 0);
         assert_eq!(flash.read(3), Ok(0x12));
         assert_eq!(flash.cells()[0x2103], 0x12);
-        // without an erase, bits only go from 1 to 0
+        // Without an erase, bits can only change from 1 to 0.
         flash.write(0, 3, 0x21).unwrap();
         flash.write(0, flash::COMMIT, flash::COMMIT_WRITE).unwrap();
         assert_eq!(flash.cells()[0x2103], 0x00);

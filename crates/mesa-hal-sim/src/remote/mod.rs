@@ -1,7 +1,7 @@
-//! Simulated remotes: the LBP protocol of a device around what the device is for.
+//! Simulated remotes: the LBP protocol of a device around its application.
 //!
-//! A [`Remote`] implements [`RemoteEnd`](super::wire::RemoteEnd); what stands behind the protocol
-//! is its [`Application`]. [`Remote::model`] is the remote of the gateware transcripts.
+//! A [`Remote`] implements [`RemoteEnd`](super::wire::RemoteEnd); the part behind the protocol is
+//! its [`Application`]. [`Remote::model`] is the remote of the gateware transcripts.
 
 mod application;
 mod buffers;

@@ -6,26 +6,26 @@ use super::{FixedData, MAX_MODES, Remote, RemoteConfig};
 use crate::wire::Nanos;
 use mesa_wire::lbp::{DiscoveryReply, LbpStatus, RemoteFaults};
 
-/// Why a line about the remote model was not understood.
+/// An error in a line for the remote model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// No `key=value`.
+    /// A word is not of the form `key=value`.
     #[error("word {word} of the line is no key=value")]
     NotAPair {
-        /// Which word, from 1.
+        /// Index of the word, from 1.
         word: usize,
     },
-    /// A key the model does not have.
+    /// An unknown key.
     #[error("word {word} of the line has a key that the remote model does not know")]
     UnknownKey {
-        /// Which word, from 1.
+        /// Index of the word, from 1.
         word: usize,
     },
     /// The value does not fit its key.
     #[error("word {word} of the line has a value that does not fit its key")]
     BadValue {
-        /// Which word, from 1.
+        /// Index of the word, from 1.
         word: usize,
     },
     /// `mem` or `nvm` without address and bytes.
@@ -34,7 +34,7 @@ pub enum ModelError {
 }
 
 impl Remote<FixedData> {
-    /// An absent remote; [`apply`](Self::apply) says what it becomes.
+    /// An absent remote; [`apply`](Self::apply) configures it.
     pub fn model() -> Self {
         let config = RemoteConfig {
             present: false,
@@ -43,8 +43,8 @@ impl Remote<FixedData> {
         Self::new(config, FixedData::default())
     }
 
-    /// Sets the model up from a line: `mem <address> <hex>`, `nvm <address> <hex>`, or
-    /// `key=value` pairs. A line that is not understood as a whole changes nothing.
+    /// Configures the model from a line: `mem <address> <hex>`, `nvm <address> <hex>`, or
+    /// `key=value` pairs. An invalid line changes nothing.
     pub fn apply(&mut self, line: &str) -> Result<(), ModelError> {
         let mut words = line.split_whitespace();
         if let Some(which @ ("mem" | "nvm")) = words.next() {

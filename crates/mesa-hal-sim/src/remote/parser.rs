@@ -1,4 +1,4 @@
-//! The remote's side of the wire: requests out of characters and times.
+//! The remote's side of the wire: decodes requests from characters and times.
 
 use super::buffers::MAX_FRAME;
 use crate::wire::Nanos;
@@ -28,12 +28,12 @@ impl Access {
         self.0 & 0x20 != 0
     }
 
-    /// In an RPC list: the data is in the list, not in the stream (bit 4, RID).
+    /// In an RPC list: the data is in the list instead of the stream (bit 4, RID).
     pub(super) const fn includes_data(self) -> bool {
         self.0 & 0x10 != 0
     }
 
-    /// Bytes by which the address moves afterwards: those of the data, or none (bit 3).
+    /// Increment of the address afterwards: the length of the data, or 0 (bit 3).
     pub(super) const fn step(self) -> u16 {
         if self.0 & 0x08 == 0 {
             0
@@ -42,7 +42,7 @@ impl Access {
         }
     }
 
-    /// Two address bytes follow; else the current address is used (bit 2).
+    /// Two address bytes follow; otherwise the current address is used (bit 2).
     pub(super) const fn has_address(self) -> bool {
         self.0 & 0x04 != 0
     }
@@ -52,18 +52,18 @@ impl Access {
         1 << (self.0 & 3)
     }
 
-    /// Data bytes that follow the address.
+    /// Number of data bytes after the address.
     pub(super) const fn data_len(self) -> usize {
         if self.is_write() { self.bytes() } else { 0 }
     }
 }
 
-/// A request as a remote received it, its CRC checked.
+/// A request that a remote received, with a valid CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ReceivedRequest {
     /// The command byte, 40 to FF.
     pub(super) command: u8,
-    /// The address that came with it.
+    /// The address in the request.
     pub(super) address: Option<u16>,
     data: [u8; MAX_FRAME],
     len: usize,
@@ -88,7 +88,7 @@ impl ReceivedRequest {
         })
     }
 
-    /// The data that came with it.
+    /// The data in the request.
     pub(super) fn data(&self) -> &[u8] {
         self.data.get(..self.len).unwrap_or(&[])
     }
@@ -99,35 +99,35 @@ impl ReceivedRequest {
     }
 }
 
-/// What a character did.
+/// Result of a character.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parsed {
     /// The request is not complete yet, or the character was skipped.
     Pending,
-    /// It completed a request.
+    /// The character completed a request.
     Request(ReceivedRequest),
-    /// It completed a frame whose CRC is wrong; the frame is dropped.
+    /// The character completed a frame with a wrong CRC; the frame is dropped.
     CrcError,
-    /// It is no command. Everything is skipped until the line has been idle.
+    /// The character is not a command. All characters are skipped until the line has been idle.
     NotACommand,
-    /// It began a frame that does not fit the buffer. Everything is skipped until the line has
-    /// been idle.
+    /// The character began a frame that exceeds the buffer. All characters are skipped until the
+    /// line has been idle.
     Overflow,
 }
 
-/// Incremental parser of a remote: characters with times in, complete requests out.
+/// Incremental parser of a remote: takes characters with times, returns complete requests.
 ///
 /// A partial frame is dropped when the line has been idle for longer than the frame timeout.
 /// Manual: 7I77, "FRAMING"; FACTS 1.5.
 ///
 /// # Real time
-/// Bounded by a constant for each character; allocates nothing.
+/// Bounded by a constant for each character; does not allocate.
 #[derive(Clone, Debug)]
 pub(super) struct Parser {
     /// Length of a bit; a character has ten.
     pub(super) bit: Nanos,
     /// Frame timeout in bit times (command EB). 0 counts as 1: without any timeout, one lost
-    /// character would silence the remote for good.
+    /// character would silence the remote permanently.
     pub(super) timeout_bits: u8,
     buffer: [u8; MAX_FRAME],
     len: usize,
@@ -150,8 +150,8 @@ impl Parser {
         }
     }
 
-    /// Drops a partial frame if the character that ends at `at` comes later than the frame timeout
-    /// allows; says how many characters were dropped.
+    /// Drops a partial frame if the character that ends at `at` exceeds the frame timeout; returns
+    /// the number of dropped characters.
     pub(super) fn expire(&mut self, at: Nanos) -> Option<usize> {
         let idle = at.saturating_sub(self.last + 10 * self.bit);
         if idle <= Nanos::from(self.timeout_bits.max(1)) * self.bit {
@@ -162,8 +162,8 @@ impl Parser {
         (dropped > 0).then_some(dropped)
     }
 
-    /// Takes the character that ended at `at`. `rpc_len` gives the data bytes that a request for an
-    /// RPC carries: without that, its end can not be found.
+    /// Takes the character that ended at `at`. `rpc_len` returns the number of data bytes in a
+    /// request of an RPC, which determines its end.
     pub(super) fn push(
         &mut self,
         at: Nanos,
@@ -186,7 +186,7 @@ impl Parser {
                     2 + 2 * usize::from(access.has_address()) + access.data_len()
                 }
                 0x80..=0xBF => 2 + rpc_len(byte),
-                // local reads, and the reset of the parser, are a command alone
+                // Local reads and the reset of the parser consist of the command only.
                 0xC0..=0xDF | 0xFF => 2,
                 0xE0..=0xFE => 3,
             };
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_partial_frame_is_dropped_after_the_frame_timeout_and_the_next_one_is_taken() {
-        // transcript t15d: a remote of 13 output bytes gets 12
+        // Transcript t15d: a remote of 13 output bytes gets 12.
         let mut parser = Parser::new(BIT);
         let mut at = 0;
         feed(&mut parser, &mut at, &[0xBD; 14], 13);
@@ -267,7 +267,7 @@ mod tests {
         assert!(matches!(parsed, Parsed::Request(_)));
     }
 
-    /// A frame without its CRC, and the data bytes if it calls an RPC. FACTS 1.3, 1.4.
+    /// A frame without its CRC, and the number of data bytes if it calls an RPC. FACTS 1.3, 1.4.
     fn any_request() -> impl Strategy<Value = (Vec<u8>, usize)> {
         let data = prop::collection::vec(any::<u8>(), 62);
         (0x40..=0xFFu8, data, 0..=62usize).prop_map(|(command, data, rpc_len)| {
@@ -328,7 +328,7 @@ mod tests {
             (body, size) in any_request(), flip in any::<prop::sample::Index>(),
         ) {
             let mut frame = sealed(&body);
-            // not in the command byte: that changes the length
+            // Not in the command byte, which determines the length.
             let bit = flip.index((frame.len() - 1) * 8);
             frame[1 + bit / 8] ^= 1 << (bit % 8);
             let mut parser = Parser::new(BIT);

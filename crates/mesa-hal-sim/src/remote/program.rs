@@ -4,31 +4,33 @@ use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
 use super::Flash;
 
-/// log2 of what one erase erases, and of what one write writes.
+/// log2 of the size of an erase block and of a write block.
 pub(super) const LOG2_ERASE: u8 = 12;
 pub(super) const LOG2_WRITE: u8 = 8;
 
 /// Bytes of the flash memory.
 pub(super) const SIZE: usize = 0x8000;
 
-/// Where a program begins: behind the block of the bootloader.
+/// Start of a program: after the block of the bootloader.
 const START: usize = 1 << LOG2_ERASE;
 
-/// Bytes of the program that a simulated remote has from the factory.
+/// Length of a simulated remote's factory program in bytes.
 const FACTORY: usize = 6000;
 
-/// What a simulated program begins with.
+/// First bytes of a simulated program.
 const MAGIC: [u8; 4] = *b"PROG";
 
-/// Bytes before the body: magic, name of the card, revision, three unused, length and CRC of the body.
+/// Bytes before the body: magic, name of the card, revision, three unused, length and CRC of the
+/// body.
 const HEADER: usize = 20;
 
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// A firmware file for a simulated remote: an image of its flash memory from offset 0 on, with what the
-/// bootloader looks at before it starts a program. Real files have no such header, or another.
+/// A firmware file for a simulated remote: an image of its flash memory from offset 0 on, with a
+/// header that the bootloader checks before it starts a program. Real files have no such header, or
+/// a different one.
 ///
-/// `body` is the length of the program; `revision` is what D5 says when it runs.
+/// `body` is the length of the program; `revision` is the value of D5 while it runs.
 pub fn firmware_file(card: [u8; 4], revision: u8, body: usize) -> Vec<u8> {
     let noise = |mut state: u32, bytes: usize| -> Vec<u8> {
         let next = |_| {
@@ -38,7 +40,7 @@ pub fn firmware_file(card: [u8; 4], revision: u8, body: usize) -> Vec<u8> {
         (0..bytes).map(next).collect()
     };
     let card_noise = u32::from_le_bytes(card);
-    // What stands for the bootloader: every file for a card has it, and nobody writes it.
+    // Placeholder for the bootloader: every file for a card contains it, and it is never written.
     let mut file = noise(card_noise, START);
     let body = noise(card_noise ^ u32::from(revision) << 8, body);
     file.extend(MAGIC);
@@ -50,14 +52,14 @@ pub fn firmware_file(card: [u8; 4], revision: u8, body: usize) -> Vec<u8> {
     file
 }
 
-/// A flash memory as it comes from the factory.
+/// A flash memory in factory state.
 pub(super) fn factory(card: [u8; 4], revision: u8) -> Flash {
     let mut flash = Flash::new(SIZE, LOG2_ERASE, LOG2_WRITE);
     flash.load(&firmware_file(card, revision, FACTORY));
     flash
 }
 
-/// What the bootloader finds: the revision of a program for this card, or `None`: it stays.
+/// The revision of a valid program for this card; `None`: the bootloader does not start one.
 pub(super) fn revision(flash: &Flash, card: [u8; 4]) -> Option<u8> {
     let program = flash.cells().get(START..)?;
     let (header, body) = program.split_at_checked(HEADER)?;

@@ -14,17 +14,17 @@ pub(super) const RPC_PITCH: u8 = 8;
 /// Size of the table: 64 lists, one pitch each.
 pub(super) const RPC_TABLE_SIZE: u16 = 64 * RPC_PITCH as u16;
 
-/// Memory that accesses, direct or stored in an RPC list, go to. What is refused is an error of the
-/// LBP status that it sets.
+/// Memory for accesses, direct or stored in an RPC list. A refused access returns the error for the
+/// LBP status.
 pub(super) trait RpcMemory {
-    /// One byte.
+    /// Reads one byte.
     fn read(&mut self, address: u16) -> Result<u8, LbpStatus>;
 
     /// Writes one byte.
     fn write(&mut self, address: u16, value: u8) -> Result<(), LbpStatus>;
 }
 
-/// The table of stored lists: RPC n begins at n * [`RPC_PITCH`], a list may run on over the next
+/// The table of stored lists: RPC n begins at n * [`RPC_PITCH`]; a list may extend over the next
 /// ones, and ends with a 0 or with the table.
 ///
 /// Manual: 7I77, "RPC COMMANDS".
@@ -41,7 +41,7 @@ impl Default for RpcTable {
     }
 }
 
-/// One entry of a list.
+/// An entry of a list.
 #[derive(Clone, Copy, Debug)]
 struct Entry<'a> {
     access: Access,
@@ -50,7 +50,7 @@ struct Entry<'a> {
 }
 
 impl RpcTable {
-    /// One byte of the table, as accesses see it while the RPCMEM access flag is set.
+    /// Reads one byte of the table, for accesses while the RPCMEM access flag is set.
     pub(super) fn read(&self, address: u16) -> Result<u8, LbpStatus> {
         self.bytes
             .get(usize::from(address))
@@ -65,8 +65,8 @@ impl RpcTable {
         Ok(())
     }
 
-    /// Bytes that a request for the RPC of `command` carries: those of its writes without included
-    /// data.
+    /// Number of data bytes in a request of the RPC of `command`: those of its writes without
+    /// included data.
     pub(super) fn request_len(&self, command: u8) -> Result<usize, LbpStatus> {
         let mut len = 0;
         let mut at = start(command);
@@ -79,11 +79,11 @@ impl RpcTable {
         Ok(len)
     }
 
-    /// Carries out the RPC of `command` with the data of its request. `current` is the current
-    /// address, which accesses without an address use.
+    /// Executes the RPC of `command` with the data of its request. `current` is the current
+    /// address, for accesses without an address.
     ///
     /// # Real time
-    /// Bounded by the table's size; allocates nothing.
+    /// Bounded by the table's size; does not allocate.
     pub(super) fn execute(
         &self,
         command: u8,
@@ -102,7 +102,7 @@ impl RpcTable {
             let size = entry.access.bytes();
             if !entry.access.is_write() {
                 for offset in 0..size {
-                    // one byte is kept for the CRC
+                    // The last byte is reserved for the CRC.
                     if reply.as_bytes().len() + 1 >= MAX_FRAME {
                         return Err(LbpStatus::BUFFER_OVERFLOW);
                     }
@@ -121,8 +121,8 @@ impl RpcTable {
         Ok(reply)
     }
 
-    /// The entry at `at` and where the next one begins. A byte that is no access, and an entry that
-    /// runs over the end of the table, are invalid addresses.
+    /// The entry at `at` and the position of the next one. A byte that is not an access, and an
+    /// entry that exceeds the table, are invalid addresses.
     fn entry(&self, at: usize) -> Result<Option<(Entry<'_>, usize)>, LbpStatus> {
         let error = LbpStatus::INVALID_ADDRESS;
         let (byte, mut rest) = match self.bytes.get(at..).and_then(<[u8]>::split_first) {
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn included_data_comes_from_the_list_and_the_rest_from_the_stream() {
-        // 7E: write long at 0200 with included data; 68: write byte at the current address
+        // 7E: write long at 0200 with included data; 68: write byte at the current address.
         let table = table(8, &[0x7E, 0x00, 0x02, 1, 2, 3, 4, 0x68, 0x48, 0]);
         let number = 0x81;
         let mut ram = Ram(vec![0; 0x1_0000]);

@@ -6,7 +6,7 @@ use crate::wire::Nanos;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     hz: u32,
-    /// Nanoseconds of one cycle in units of 2^-32.
+    /// Duration of one cycle, in units of 2^-32 ns.
     period: u128,
 }
 
@@ -24,7 +24,7 @@ impl Clock {
         self.hz
     }
 
-    /// When cycle number `cycle` begins.
+    /// Start of cycle number `cycle`.
     pub fn nanos(&self, cycle: u64) -> Nanos {
         ((u128::from(cycle) * self.period) >> 32) as Nanos
     }
@@ -39,23 +39,23 @@ impl Clock {
     }
 }
 
-/// The 16-bit tick counter that all timeouts of the port are measured with.
+/// The 16-bit tick counter behind all timeouts of the port.
 ///
-/// Its divider can be changed at any time, and the tick that is running then still takes its old
-/// time: that is why the first timeout after a START depends on what ran before.
+/// Its divider can be changed at any time, but the current tick keeps its old length: the first
+/// timeout after a START therefore depends on the previous command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TickTimer {
     count: u16,
-    /// Cycle at which `count` became what it is.
+    /// Cycle of the last change of `count`.
     since: u64,
-    /// Cycles of the tick that is running.
+    /// Length of the current tick in cycles.
     current: u64,
-    /// Cycles of the ticks after it.
+    /// Length of the following ticks in cycles.
     period: u64,
 }
 
 impl TickTimer {
-    /// The timer after reset, counting at its fastest.
+    /// The timer after reset, counting at its highest rate.
     pub fn new() -> Self {
         Self {
             count: 0,

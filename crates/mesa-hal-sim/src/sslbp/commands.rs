@@ -15,8 +15,9 @@ const WRITE: u8 = 0x80;
 impl Firmware {
     /// Takes a new command, if there is one.
     ///
-    /// While a command is in work only a stop is taken, and even that only ends the waiting:
-    /// nothing is stopped, and a STOPALL (low byte zero) then never completes. FACTS 3.1, 3.2.
+    /// While a command is in work only a stop is taken, and even that only ends the wait of the
+    /// command in work: no channel is stopped, and a STOPALL (low byte zero) then never completes.
+    /// FACTS 3.1, 3.2.
     pub(super) fn check_for_command(&mut self) {
         if !self.host.doorbell {
             return;
@@ -56,7 +57,7 @@ impl Firmware {
         }
     }
 
-    /// Any command with the DOIT bit; only 10NN itself is ever completed. FACTS 3, T:t30.
+    /// Handles any command with the DOIT bit; only 10NN itself ever completes. FACTS 3, T:t30.
     fn start_transfers(&mut self, mask: u8) {
         let requested = !self.memory.get(global::NOT_READY_BITS) & mask;
         self.memory.set(global::REQUEST_BITS, requested);
@@ -65,8 +66,9 @@ impl Firmware {
         self.spend(timing::DOIT_COMMAND);
     }
 
-    /// Goes on with a START of `kind`; COMMAND says now which channels (FACTS 11.3), and how far it
-    /// goes: what is neither setup nor normal does not get beyond the discovery reply (T:u01).
+    /// Continues a START of `kind`. COMMAND now selects the channels (FACTS 11.3), and its high
+    /// byte the extent: a START that is neither setup nor normal stops after the discovery reply
+    /// (T:u01).
     pub(super) fn start_channels(&mut self, kind: u8, written: u16) {
         let [mask, start_type] = written.to_le_bytes();
         let setup = kind == SETUP_START;
@@ -75,7 +77,7 @@ impl Firmware {
         } else {
             timing::NORMAL_TICK_RATE
         };
-        // The divider has 16 bits and counts two cycles more than it says.
+        // The divider has 16 bits and counts two cycles more than its value.
         let divider = u64::from((self.clock.hz() / rate).wrapping_sub(2) & 0xFFFF);
         self.timer.set_period(self.cycle, divider + 2);
         if setup {
@@ -88,8 +90,8 @@ impl Firmware {
                 .set(global::START_TIMEOUT, timing::NORMAL_START_TIMEOUT);
         }
         self.memory.set(global::START_TYPE, start_type);
-        // Only channels that do not run yet; that a stopped channel is not ready is forgotten
-        // here if it is not in the mask (FACTS 5.5).
+        // Only channels that do not run yet. The not-ready state of a stopped channel outside the
+        // mask is cleared here (FACTS 5.5).
         let new = !self.memory.get(global::START_BITS) & mask;
         self.memory.set(global::NOT_READY_BITS, new);
         self.memory.set(global::NOT_STARTED_BITS, new);
@@ -97,7 +99,7 @@ impl Firmware {
         self.spend(timing::START_COMMAND);
     }
 
-    /// Completes the command in work if everything it waits for has happened.
+    /// Completes the command in work if all its conditions are met.
     pub(super) fn check_completion(&mut self) {
         let mask = self.memory.get(global::CHANNEL_MASK);
         let not_ready = self.memory.get(global::NOT_READY_BITS);
@@ -164,7 +166,7 @@ impl Firmware {
         }
     }
 
-    /// Data memory is where address bit 9 is clear; the rest is hardware.
+    /// Data memory has address bit 9 clear; all other addresses are hardware.
     fn memory_address(address: u16) -> Option<u16> {
         (address & 0x200 == 0).then_some(address >> 1 & 0x200 | address & 0x1FF)
     }

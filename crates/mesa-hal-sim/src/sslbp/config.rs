@@ -1,12 +1,12 @@
-//! What the firmware image of an FPGA decides about a port: channels, clock, registers.
+//! Build options of a port in an FPGA's firmware image: channels, clock, registers.
 
-/// The most channels one SSLBP instance has.
+/// Maximum number of channels of one SSLBP instance.
 pub const MAX_CHANNELS: usize = 8;
 
-/// The most interface registers a channel has (GTAG 0xC6).
+/// Maximum number of interface registers of a channel (GTAG 0xC6).
 pub const MAX_INTERFACE_REGISTERS: usize = 7;
 
-/// How many interface registers each channel has.
+/// Number of interface registers of each channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum InterfaceRegisters {
     /// Three, 96 bits (GTAG 0xC1).
@@ -39,8 +39,8 @@ pub struct PortConfig {
 pub const MINOR_REVISION: u8 = 43;
 
 impl PortConfig {
-    /// A port with `channels` channels (limited to 1..=8) whose processor runs at `clock_hz`
-    /// (at least 1 MHz), with three interface registers.
+    /// A port with `channels` channels (limited to 1..=8), three interface registers, and a
+    /// processor clock of `clock_hz` (at least 1 MHz).
     pub fn new(channels: u8, clock_hz: u32) -> Self {
         Self {
             channels: channels.clamp(1, MAX_CHANNELS as u8),
@@ -50,15 +50,15 @@ impl PortConfig {
         }
     }
 
-    /// The same port with another minor revision in its local parameters. It behaves as 1.43 all the
-    /// same: how older firmware differs is not known.
+    /// The same port with another minor revision in its local parameters. The behaviour stays that
+    /// of 1.43: the differences of older firmware are unknown.
     #[must_use]
     pub const fn with_minor_revision(mut self, minor: u8) -> Self {
         self.minor_revision = minor;
         self
     }
 
-    /// The minor revision that its local parameters have.
+    /// The minor revision in its local parameters.
     pub const fn minor_revision(&self) -> u8 {
         self.minor_revision
     }

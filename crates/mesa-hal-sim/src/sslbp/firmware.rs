@@ -1,7 +1,7 @@
-//! The firmware's main loop: initialisation, one pass over the channels after the other, and the
-//! look for commands between them.
+//! The firmware's main loop: initialisation, passes over the channels, and the poll for commands
+//! between them.
 //!
-//! Every part of a pass is one step that takes its time (see `timing`). What a step does is
+//! Every part of a pass is one step that takes its time (see `timing`). The effects of a step are
 //! visible to the host from the beginning of the step on, less than a microsecond early.
 
 use super::clock::{Clock, TickTimer};
@@ -12,66 +12,67 @@ use super::uart::{BitRate, Receiver, Transmitter};
 use super::{InterfaceRegisters, MAX_CHANNELS, PortConfig, timing};
 use crate::wire::Nanos;
 
-/// Where the firmware is.
+/// Position in the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// Bit 14 of COMMAND is set.
     Reset,
-    /// Released; COMMAND is about to be cleared.
+    /// Released from reset; COMMAND will be cleared next.
     Released,
-    /// Memory is being set up.
+    /// Memory set-up.
     MemorySetup,
     /// Initialisation: DATA becomes AA.
     Initialize,
-    /// Initialisation: commands count again, bit rates are computed.
+    /// Initialisation: commands are accepted again, bit rates are computed.
     InitializeChannels,
     /// End of the initialisation.
     Initialized,
-    /// Begin of a pass.
+    /// Start of a pass.
     Head,
-    /// The pass has come to this channel.
+    /// Turn of this channel in the pass.
     Channel(usize),
     /// The checks for completed commands.
     Tail,
-    /// The look for a new command.
+    /// The poll for a new command.
     Check,
-    /// A START of this kind has made its division; now it takes its mask.
+    /// A START of this kind has done its division, and now takes its mask.
     TakeMask(u8),
-    /// Nothing can happen until COMMAND is written; passes of `length` cycles go on from `since`.
+    /// No event is possible until COMMAND is written; passes of `length` cycles continue from
+    /// `since`.
     Asleep {
         since: u64,
         length: u64,
         in_passes: bool,
     },
-    /// The firmware waits for a transmitter that stands still; only a reset helps.
+    /// Waits for a stopped transmitter; only a reset recovers.
     Hung,
 }
 
-/// One channel's UART.
+/// The UART of a channel.
 #[derive(Clone, Debug)]
 pub(super) struct Uart {
     pub rate: BitRate,
     pub transmitter: Transmitter,
     pub receiver: Receiver,
-    /// Characters were written while the bit rate was zero.
+    /// Set by characters written while the bit rate was zero.
     pub stuck: bool,
 }
 
-/// The processor with everything it touches.
+/// The processor with everything that it accesses.
 #[derive(Clone, Debug)]
 pub(super) struct Firmware {
     pub config: PortConfig,
     pub clock: Clock,
-    /// The cycle at which the next step begins, or, in a step, the present one.
+    /// The cycle at which the next step begins; within a step, the present one.
     pub cycle: u64,
     pub memory: Memory,
     pub host: HostRegisters,
     pub timer: TickTimer,
     pub uarts: [Uart; MAX_CHANNELS],
-    /// Characters 16 and up of the last replies.
+    /// Characters from index 16 on of the last replies.
     pub long_replies: [[u8; 16]; MAX_CHANNELS],
     phase: Phase,
-    /// Something happened in this pass that may matter in the next one.
+    /// Set by events in this pass that may matter in the next one.
     pub busy: bool,
     head_cycle: u64,
 }
@@ -102,7 +103,7 @@ impl Firmware {
         }
     }
 
-    /// The same, where power-up is at `now`.
+    /// The same firmware with power-up at `now`.
     pub fn begun_at(mut self, now: Nanos) -> Self {
         let power_up = self.clock.cycle_at(now);
         self.cycle += power_up;
@@ -110,8 +111,8 @@ impl Firmware {
         self
     }
 
-    /// Characters a FIFO holds: 16, and 32 where seven interface registers need more (assumed,
-    /// no transcript shows that variant).
+    /// Capacity of a FIFO in characters: 16, and 32 where seven interface registers need more
+    /// (assumed, no transcript shows that variant).
     pub fn fifo_capacity(config: PortConfig) -> usize {
         match config.interface_registers() {
             InterfaceRegisters::Three => 16,
@@ -124,12 +125,12 @@ impl Firmware {
         self.clock.nanos(self.cycle)
     }
 
-    /// Lets cycles pass.
+    /// Advances by a number of cycles.
     pub fn spend(&mut self, cycles: u64) {
         self.cycle += cycles;
     }
 
-    /// When the next step begins; `None` while only the host can start something.
+    /// Start of the next step; `None` while only the host can start something.
     pub fn next_step(&self) -> Option<Nanos> {
         match self.phase {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => None,
@@ -137,12 +138,12 @@ impl Firmware {
         }
     }
 
-    /// Whether the processor is held in reset.
+    /// True if the processor is held in reset.
     pub fn in_reset(&self) -> bool {
         self.phase == Phase::Reset
     }
 
-    /// COMMAND was written at `now`.
+    /// Handles a write to COMMAND at `now`.
     pub fn command_written(&mut self, now: Nanos) {
         let reset = self.host.command(now) & 0x4000 != 0;
         if reset {
@@ -155,18 +156,18 @@ impl Firmware {
         }
     }
 
-    /// A START goes on when its division is done; until then the host may write another mask.
+    /// Continues a START after its division; until then the host may write another mask.
     pub fn start_after_division(&mut self, kind: u8) {
         self.spend(timing::START_DIVISION);
         self.phase = Phase::TakeMask(kind);
     }
 
-    /// The firmware waits for ever.
+    /// Hangs the firmware until a reset.
     pub fn hang(&mut self) {
         self.phase = Phase::Hung;
     }
 
-    /// Goes on at the place in the loop where it is at `now`.
+    /// Continues at the place in the loop that corresponds to `now`.
     fn wake(&mut self, now: Nanos) {
         let Phase::Asleep {
             since,
@@ -193,7 +194,7 @@ impl Firmware {
         match self.phase {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => {}
             Phase::Released => {
-                // Memory is still as the program before the reset left it.
+                // Memory is still in the state before the reset.
                 if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
                     let now = self.now();
                     self.host.clear_command(now);
@@ -248,7 +249,7 @@ impl Firmware {
         }
     }
 
-    /// The command in work is done: COMMAND becomes 0.
+    /// Completes the command in work: COMMAND becomes 0.
     pub fn complete(&mut self) {
         self.memory.set(global::COMMAND_IN_WORK, 0);
         let now = self.now();
@@ -294,7 +295,7 @@ impl Firmware {
             }
             return;
         }
-        // A command that was written since the last check is work as well.
+        // A command written since the last check is work as well.
         if !self.busy && !self.host.doorbell {
             self.sleep(self.cycle - self.head_cycle, true);
             return;
@@ -305,8 +306,8 @@ impl Firmware {
         self.phase = Phase::Channel(0);
     }
 
-    /// Whether there is no work for a pass over the channels. A build of fewer than eight channels
-    /// is never idle: the stop bits of those it does not have stay set.
+    /// True if a pass over the channels has no work. A build of fewer than eight channels is never
+    /// idle: the stop bits of the missing channels stay set.
     fn is_idle(&self) -> bool {
         let work = self.memory.get(global::COMMAND_IN_WORK)
             | self.memory.get(global::STOP_BITS)

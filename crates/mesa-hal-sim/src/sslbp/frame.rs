@@ -1,4 +1,4 @@
-//! Frames on the wire: sending with CRC, receiving, and what counts as an error.
+//! Frames on the wire: sending with CRC, receiving, and counting errors.
 
 use super::firmware::Firmware;
 use super::memory::{channel, global};
@@ -10,12 +10,12 @@ use mesa_wire::lbp::crc8;
 const MAX_FRAME: usize = 32;
 
 impl Firmware {
-    /// Sends `bytes` and their CRC, and goes to `next`; `more` is what this frame costs more
-    /// than a single command.
+    /// Sends `bytes` and their CRC, and continues with `next`; `more` is the cost of this frame
+    /// beyond that of a single command.
     ///
-    /// Characters that wait are extra: they are counted, and the FIFO is cleared. Right after that
-    /// bit 0 of the FIFO's count is looked at: a character that completed since the clear, or since the
-    /// first look if none waited, is an overrun (FACTS 11.8).
+    /// Waiting characters are extra: they are counted, and the FIFO is cleared. Immediately
+    /// afterwards the firmware checks bit 0 of the FIFO's count: a character that completed since
+    /// the clear, or since the first check if none was waiting, is an overrun (FACTS 11.8).
     pub(super) fn send(&mut self, index: usize, bytes: &[u8], next: u8, more: u64) {
         self.wait_for_transmitter(index);
         let (until_look, rest) = timing::SEND_BEFORE;
@@ -67,7 +67,7 @@ impl Firmware {
         uart.map_or(0, |uart| uart.receiver.count(now))
     }
 
-    /// The firmware does nothing else while a FIFO is still giving characters away.
+    /// Waits for the transmit FIFO to empty; the firmware does nothing else meanwhile.
     fn wait_for_transmitter(&mut self, index: usize) {
         let now = self.now();
         let Some(uart) = self.uarts.get(index) else {
@@ -80,7 +80,7 @@ impl Firmware {
         }
     }
 
-    /// Takes a reply of `size` characters and its CRC, if it is there and good.
+    /// Takes a reply of `size` characters and its CRC; false if it is incomplete or invalid.
     pub(super) fn receive(&mut self, index: usize, size: u8) -> bool {
         let crc = self.memory.channel(index, channel::DISABLE_CRC) == 0;
         let wanted = usize::from(size) + usize::from(crc);
@@ -118,8 +118,8 @@ impl Firmware {
         good
     }
 
-    /// Puts a reply where the states look for it: 16 characters among the channel's variables,
-    /// what seven interface registers need beyond them beside.
+    /// Stores a reply at the addresses that the states use: 16 characters among the channel's
+    /// variables, and the rest, which seven interface registers need, in a separate buffer.
     fn store_reply(&mut self, index: usize, reply: &[u8]) {
         for (offset, &byte) in (channel::RECEIVED..channel::STATE).zip(reply) {
             self.memory.set_channel(index, offset, byte);
@@ -153,7 +153,7 @@ impl Firmware {
         ])
     }
 
-    /// Forgets the last reply, so that bytes no reply fills read as zero.
+    /// Clears the last reply, so that bytes that no reply fills read as zero.
     pub(super) fn clear_reply(&mut self, index: usize) {
         for offset in channel::RECEIVED..channel::STATE {
             self.memory.set_channel(index, offset, 0);
@@ -163,20 +163,20 @@ impl Firmware {
         }
     }
 
-    /// Remembers the time of this frame.
+    /// Stores the time of this frame.
     pub(super) fn start_timer(&mut self, index: usize) {
         let [low, high] = self.timer.read(self.cycle).to_le_bytes();
         self.memory.set_channel(index, channel::SENT_AT, low);
         self.memory.set_channel(index, channel::SENT_AT + 1, high);
     }
 
-    /// Ticks since the last frame, modulo 256: the firmware compares one byte.
+    /// Ticks since the last frame, modulo 256: the firmware compares a single byte.
     pub(super) fn ticks_since_sent(&mut self, index: usize) -> u8 {
         let now = self.timer.read(self.cycle) as u8;
         now.wrapping_sub(self.memory.channel(index, channel::SENT_AT))
     }
 
-    /// Whether the reply is overdue; if so that is counted.
+    /// True if the reply is overdue, which is then counted as an error.
     pub(super) fn timed_out(&mut self, index: usize) -> bool {
         self.spend(timing::CHECK_TIMER_BRANCH);
         self.is_overdue(index)
@@ -193,19 +193,19 @@ impl Firmware {
         overdue
     }
 
-    /// Starts over at the cookie if the reply is overdue, unless there were too many errors.
+    /// Restarts at the cookie if the reply is overdue, unless the limit of errors is exceeded.
     pub(super) fn restart_if_timed_out(&mut self, index: usize) {
         if self.is_overdue(index) && !self.has_too_many_errors(index) {
             self.go_to(index, state::START_TIMER);
         }
     }
 
-    /// Whether one kind of error has passed the limit.
+    /// True if the count of one kind of error has exceeded the limit.
     pub(super) fn has_too_many_errors(&self, index: usize) -> bool {
         self.memory.channel(index, channel::ERROR_LOG) & error::TOO_MANY != 0
     }
 
-    /// Counts an error; the one after the limit is one too many. FACTS 4.4.
+    /// Counts an error; the first one above the limit sets the flag for too many errors. FACTS 4.4.
     pub(super) fn count_error(&mut self, index: usize, counter: u16, bit: u8) {
         let (until_clear, rest) = timing::COUNT_ERROR;
         self.spend(until_clear);
@@ -219,8 +219,8 @@ impl Firmware {
         self.spend(rest);
     }
 
-    /// Notes an error: a DOIT does not wait for this channel any longer, and what was received is
-    /// thrown away.
+    /// Records an error: a DOIT no longer waits for this channel, and the received data is
+    /// discarded.
     pub(super) fn set_error(&mut self, index: usize, bit: u8) {
         let which = 1_u8 << index;
         self.memory.set_channel_bits(index, channel::ERROR_LOG, bit);

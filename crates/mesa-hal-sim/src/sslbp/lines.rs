@@ -1,12 +1,12 @@
-//! What the eight serial lines of a port look like from inside the FPGA.
+//! The eight serial lines of a port, as seen from inside the FPGA.
 
 use crate::wire::{Burst, Nanos, RemoteEnd};
 
 /// The far ends of a port's serial lines.
 ///
-/// The port calls in time order: [`transmit`](Self::transmit) when the last stop bit of a burst
-/// has left the FPGA, then at once [`receive`](Self::receive) until it returns `None`. A burst
-/// towards the FPGA may begin (much) later than that; bursts of one channel must be in order.
+/// The port makes its calls in time order: [`transmit`](Self::transmit) when the last stop bit of a
+/// burst has left the FPGA, then immediately [`receive`](Self::receive) until it returns `None`. A
+/// burst towards the FPGA may begin (much) later than that; bursts of one channel must be in order.
 pub trait Lines {
     /// A burst of the FPGA on `channel` has ended, at `burst.end()`.
     fn transmit(&mut self, channel: usize, burst: &Burst);
@@ -14,19 +14,19 @@ pub trait Lines {
     /// The next burst towards the FPGA on `channel`, if there is one.
     fn receive(&mut self, channel: usize) -> Option<Burst>;
 
-    /// Whether the line towards the FPGA is held low at `now`.
+    /// True if the line towards the FPGA is held low at `now`.
     fn held_low(&mut self, channel: usize, now: Nanos) -> bool {
         let _ = (channel, now);
         false
     }
 
-    /// Time has passed up to `now`: also for far ends that nobody talks to.
+    /// Advances the far ends to `now`, also those without any communication.
     fn advance(&mut self, now: Nanos) {
         let _ = now;
     }
 }
 
-/// Lines with nothing plugged in: every burst is lost, nothing ever answers.
+/// Lines with nothing plugged in: every burst is lost, and there are no replies.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoLines;
 
@@ -38,7 +38,7 @@ impl Lines for NoLines {
     }
 }
 
-/// One socket for each channel, with or without a remote in it.
+/// One socket per channel, with or without a remote in it.
 impl<const N: usize> Lines for [Option<Box<dyn RemoteEnd>>; N] {
     fn transmit(&mut self, channel: usize, burst: &Burst) {
         if let Some(Some(remote)) = self.get_mut(channel) {

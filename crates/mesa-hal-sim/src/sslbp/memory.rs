@@ -1,11 +1,11 @@
-//! The interface processor's data memory, and where its variables are.
+//! The interface processor's data memory, and the addresses of its variables.
 //!
-//! The model keeps its variables where local reads and writes find them, so that a local write
-//! acts on the simulated firmware as it does on the real one.
+//! The model keeps its variables at the addresses of local reads and writes, so that a local write
+//! acts on the simulated firmware as on the real one.
 
 /// Addresses of the variables of the whole port. FACTS 2.3, T:t01.
 pub(super) mod global {
-    /// 0x12 for SSLBP; the other parameters follow it.
+    /// 0x12 for SSLBP; the other parameters follow.
     pub const INTERFACE_TYPE: u16 = 0x00;
     /// Bits of the data port.
     pub const INTERFACE_WIDTH: u16 = 0x01;
@@ -21,7 +21,7 @@ pub(super) mod global {
     pub const PROCESSOR_TYPE: u16 = 0x06;
     /// Number of channels of this build.
     pub const CHANNELS: u16 = 0x07;
-    /// The names with a path of their own, four characters each: 8I20, 7I64.
+    /// Names with their own start sequence, four characters each: 8I20, 7I64.
     pub const KNOWN_NAMES: u16 = 0x08;
     /// Constant 1.
     pub const ONE: u16 = 0x29;
@@ -29,25 +29,25 @@ pub(super) mod global {
     pub const TRUE: u16 = 0x2B;
     /// High byte of the last START command.
     pub const START_TYPE: u16 = 0x47;
-    /// Not zero when the port has been set up.
+    /// Non-zero after the port has been set up.
     pub const INITIALIZED: u16 = 0x48;
     /// One bit for each channel of this build.
     pub const CHANNEL_MASK: u16 = 0x49;
-    /// High byte of the command in work, zero if there is none.
+    /// High byte of the command in work; zero without one.
     pub const COMMAND_IN_WORK: u16 = 0x4E;
-    /// Channels that are run.
+    /// Running channels.
     pub const START_BITS: u16 = 0x51;
-    /// Channels that are still to be stopped.
+    /// Channels that still have to stop.
     pub const STOP_BITS: u16 = 0x52;
     /// Channels that are not ready for DOIT.
     pub const NOT_READY_BITS: u16 = 0x53;
-    /// Channels that neither started nor failed yet.
+    /// Channels that have neither started nor failed yet.
     pub const NOT_STARTED_BITS: u16 = 0x54;
-    /// Channels whose transfer is wanted.
+    /// Channels with a requested transfer.
     pub const REQUEST_BITS: u16 = 0x55;
-    /// Channels without a good reply to this DOIT.
+    /// Channels without a valid reply to this DOIT.
     pub const INVALID_BITS: u16 = 0x56;
-    /// Channels this DOIT still waits for.
+    /// Channels that this DOIT still waits for.
     pub const NOT_DONE_BITS: u16 = 0x57;
     /// Channels that chattered once; keeps the firmware loop running.
     pub const CHATTER_BITS: u16 = 0x58;
@@ -73,29 +73,29 @@ pub(super) mod channel {
     pub const CRC_ERRORS: u16 = 0x14;
     /// Wrong cookies.
     pub const COOKIE_ERRORS: u16 = 0x15;
-    /// Characters that completed between the clearing of the FIFO and the look after it.
+    /// Characters that completed between the clearing of the FIFO and the check after it.
     pub const OVERRUNS: u16 = 0x16;
-    /// Replies that did not come in time.
+    /// Replies that did not arrive in time.
     pub const TIMEOUTS: u16 = 0x17;
-    /// Characters that nobody asked for.
+    /// Unexpected characters.
     pub const EXTRA_CHARACTERS: u16 = 0x18;
     /// Framing errors.
     pub const BREAKS: u16 = 0x19;
     /// Fault reports of the remote.
     pub const REMOTE_FAULTS: u16 = 0x1A;
-    /// How many errors of one kind are allowed.
+    /// Permitted number of errors of one kind.
     pub const ERROR_LIMIT: u16 = 0x1B;
-    /// Characters that the pass-through reply has, without its CRC.
+    /// Characters of the pass-through reply, without its CRC.
     pub const REPLY_SIZE: u16 = 0x1C;
-    /// 0x80 8I20, 0x74 7I64, 0 anything else.
+    /// 0x80 for an 8I20, 0x74 for a 7I64, 0 otherwise.
     pub const IDENTITY: u16 = 0x1D;
-    /// Not zero: neither send nor expect CRCs.
+    /// Non-zero: CRCs are neither sent nor expected.
     pub const DISABLE_CRC: u16 = 0x1E;
-    /// When the last frame was sent, in ticks (16 bits).
+    /// Time of the last sent frame, in ticks (16 bits).
     pub const SENT_AT: u16 = 0x21;
     /// Reply timeout in ticks.
     pub const TIMEOUT: u16 = 0x23;
-    /// Not zero for remotes that answer the discovery RPC.
+    /// Non-zero for remotes that answer the discovery RPC.
     pub const GENERIC: u16 = 0x24;
     /// The remote's fault byte (CS byte 3).
     pub const REMOTE_FAULT: u16 = 0x25;
@@ -117,8 +117,8 @@ pub(super) const CHANNEL_START: u16 = 0x70;
 pub(super) const CHANNEL_STRIDE: u16 = 0x32;
 
 const SIZE: usize = 1024;
-/// What a reset of the processor clears: the variables of the port and of channels 0 to 2, those of
-/// channel 2 up to its name. FACTS 11.2.
+/// Bytes that a reset of the processor clears: the variables of the port and of channels 0 to 2,
+/// those of channel 2 up to its name. FACTS 11.2.
 const CLEARED: usize = 0x100;
 
 /// 1024 bytes of data memory.
@@ -133,7 +133,7 @@ impl Memory {
         Self { bytes: [0; SIZE] }
     }
 
-    /// Sets memory up as the firmware does it after each reset; what is beyond [`CLEARED`] stays.
+    /// Sets memory up like the firmware after each reset; memory beyond [`CLEARED`] is kept.
     pub fn set_up(&mut self, channels: u8, baud_rate: u32) {
         let memory = self;
         for byte in memory.bytes.iter_mut().take(CLEARED) {

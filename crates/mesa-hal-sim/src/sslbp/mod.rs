@@ -1,7 +1,7 @@
 //! The SSLBP gateware: an interface processor with its firmware, host registers and UARTs.
 //!
-//! [`SslbpPort`] behaves like version 1.43 of the gateware, as its transcripts record it. Its
-//! firmware is one endless loop that visits all channels, one after the other, and looks for a
+//! [`SslbpPort`] behaves like version 1.43 of the gateware, as recorded in the transcripts. Its
+//! firmware is one endless loop that visits all channels, one after the other, and polls for a
 //! command of the host after each pass; every channel is a state machine of its own:
 //!
 //! | file | what |
@@ -17,18 +17,17 @@
 //! | `uart`, `clock` | UARTs, tick timer |
 //! | `timing` | every calibrated cost |
 //!
-//! # Where it comes from
-//! FACTS 2 to 6 and the transcripts. The order of the loop, the layout of its variables and which
-//! step counts as which error were read, for facts alone, in the firmware's published sources
-//! (revision 42); every behaviour that a transcript shows is held against it by
+//! # Sources
+//! FACTS 2 to 6 and the transcripts. The order of the loop, the layout of its variables and the
+//! error counted by each step come, as facts alone, from the firmware's published sources (revision
+//! 42); every behaviour that a transcript shows is compared with it by
 //! `tests/gateware_conformance/main.rs`.
 //!
 //! # Not confirmed by a transcript
-//! The variant with seven interface registers is taken to be the same firmware with more data
-//! bytes (28 out, 28 in and the fault byte) and FIFOs of 32 characters. Other clocks than 100 MHz
-//! are taken to change the processor's pace and the rounding of bit and tick times, and nothing
-//! else. Of an 8I20's own normal start only the beginning is known: it does not get beyond
-//! the state 2A.
+//! The variant with seven interface registers is assumed to have the same firmware with more data
+//! bytes (28 out, 28 in and the fault byte) and FIFOs of 32 characters. Clocks other than 100 MHz
+//! are assumed to change only the processor's pace and the rounding of bit and tick times. Of an
+//! 8I20's own normal start only the beginning is known: the simulated one stops at state 2A.
 
 mod clock;
 mod commands;

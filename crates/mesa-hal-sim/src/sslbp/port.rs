@@ -1,13 +1,13 @@
-//! A port as the rest of the FPGA sees it.
+//! The outside of a port, towards the rest of the FPGA.
 
 use super::firmware::Firmware;
 use super::{Lines, PortConfig, Register};
 use crate::wire::Nanos;
 
-/// One simulated SSLBP instance.
+/// A simulated SSLBP instance.
 ///
 /// Drive it in time order: [`advance`](Self::advance) up to a time, then read and write registers
-/// at that time. Everything is deterministic, the state has a fixed size, and nothing allocates.
+/// at that time. Behaviour is deterministic, the state has a fixed size, and nothing allocates.
 #[derive(Clone, Debug)]
 pub struct SslbpPort {
     firmware: Firmware,
@@ -15,7 +15,7 @@ pub struct SslbpPort {
 }
 
 impl SslbpPort {
-    /// A port at power-up: the firmware initialises itself first, which takes 37 us with one
+    /// A port at power-up: the firmware first initialises itself, which takes 37 us with one
     /// channel and 142 us with eight (at 100 MHz).
     pub fn new(config: PortConfig) -> Self {
         Self {
@@ -24,8 +24,8 @@ impl SslbpPort {
         }
     }
 
-    /// The same at the time `now`, in an FPGA that has its configuration from `configured` on: not
-    /// before `now`. Until its firmware is ready, all its registers read 0.
+    /// A port at the time `now`, in an FPGA that is configured from `configured` on: not before
+    /// `now`. Until its firmware is ready, all its registers read 0.
     pub fn configured_at(config: PortConfig, now: Nanos, configured: Nanos) -> Self {
         Self {
             firmware: Firmware::new(config).begun_at(configured.max(now)),
@@ -38,15 +38,15 @@ impl SslbpPort {
         &self.firmware.config
     }
 
-    /// How far the port has been advanced.
+    /// The time to which the port has been advanced.
     pub fn now(&self) -> Nanos {
         self.now
     }
 
     /// Host write at `now`; call [`advance`](Self::advance) up to `now` before.
     ///
-    /// Writing DATA while COMMAND bit 14 is set would load a program word into the processor;
-    /// other programs are not simulated, the write is lost.
+    /// Writing DATA while COMMAND bit 14 is set would load a program word into the processor; other
+    /// programs are not simulated, and the write is lost.
     pub fn write(&mut self, now: Nanos, register: Register, value: u32) {
         self.now = self.now.max(now);
         let firmware = &mut self.firmware;
@@ -84,7 +84,7 @@ impl SslbpPort {
         }
     }
 
-    /// When something can happen next without the host, if anything can.
+    /// Time of the next event without the host, if there is one.
     pub fn next_event(&self) -> Option<Nanos> {
         let burst = self.next_burst_end().map(|(end, _)| end);
         let change = self.firmware.host.next_change(self.now);
@@ -92,17 +92,17 @@ impl SslbpPort {
         burst.into_iter().chain(step).chain(change).min()
     }
 
-    /// Takes it that nothing happens before `now`, which [`next_event`](Self::next_event) must have
-    /// said: what the lines do from here on counts from `now`.
+    /// Moves the time to `now` without any event before, as [`next_event`](Self::next_event) must
+    /// have returned: changes of the lines from here on count from `now`.
     pub fn skip_to(&mut self, now: Nanos) {
         self.now = self.now.max(now);
     }
 
-    /// Lets time pass up to `to`, both included.
+    /// Advances to `to`, inclusive.
     ///
     /// # Real time
-    /// Steps only through what happens: while every channel waits for the host, any span of time
-    /// is one jump. Allocates: no (what the remotes behind `lines` do is their own affair).
+    /// Steps through events only: while every channel waits for the host, any span of time is one
+    /// jump. Allocates: no (except for the remotes behind `lines`).
     pub fn advance(&mut self, to: Nanos, lines: &mut dyn Lines) {
         self.listen_to_levels(lines);
         loop {
@@ -151,8 +151,8 @@ impl SslbpPort {
     }
 }
 
-/// Words of the processor's program, as DATA shows them while the processor is held in reset.
-/// Only these are known (T:t01, t01b); all others read as zero here.
+/// Words of the processor's program, as DATA shows them while the processor is held in reset. Only
+/// these are known (T:t01, t01b); all others read as zero here.
 fn program_word(address: u16) -> u32 {
     match address {
         0x026 => 0xB002,

@@ -3,7 +3,7 @@
 use super::{MAX_CHANNELS, MAX_INTERFACE_REGISTERS};
 use crate::wire::Nanos;
 
-/// One 32-bit register of a port, as the host sees it.
+/// A 32-bit register of a port, as the host sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Register {
     /// COMMAND, one for the port.
@@ -18,7 +18,7 @@ pub enum Register {
 
 /// Bit 31 of a COMMAND write: the write is ignored. FACTS 2.2.
 const WRITE_IGNORE: u32 = 0x8000_0000;
-/// How long after it was cleared COMMAND still swallows writes. FACTS 3.4.
+/// Time after a clear of COMMAND in which its writes are lost. FACTS 3.4.
 const SWALLOWED: Nanos = 20;
 
 const BANK: usize = MAX_INTERFACE_REGISTERS + 1;
@@ -28,14 +28,14 @@ const BANK: usize = MAX_INTERFACE_REGISTERS + 1;
 pub(super) struct HostRegisters {
     command: u16,
     written_at: Nanos,
-    /// When the firmware cleared COMMAND, the last two times: a step's effect can lie a little
-    /// ahead.
+    /// The last two times at which the firmware cleared COMMAND: the effect of a step can be
+    /// slightly in the future.
     cleared_at: [Option<Nanos>; 2],
-    /// COMMAND was written since the firmware last looked.
+    /// Set by a COMMAND write until the firmware polls it.
     pub doorbell: bool,
-    /// What the host wrote to DATA.
+    /// Last host write to DATA.
     pub data_in: u8,
-    /// What the host reads from DATA: before, from then on, and when.
+    /// Host reads of DATA: the value before a change, the value after it, and its time.
     data_before: u8,
     data_out: u8,
     data_at: Nanos,
@@ -60,7 +60,7 @@ impl HostRegisters {
         }
     }
 
-    /// What COMMAND reads at `now`.
+    /// Value of COMMAND at `now`.
     pub fn command(&self, now: Nanos) -> u16 {
         let gone =
             self.cleared_at.iter().flatten().any(|&cleared| {
@@ -69,7 +69,7 @@ impl HostRegisters {
         if gone { 0 } else { self.command }
     }
 
-    /// When COMMAND or DATA will next read differently by what the firmware has already decided.
+    /// Time of the next change of COMMAND or DATA that the firmware has already decided.
     pub fn next_change(&self, now: Nanos) -> Option<Nanos> {
         let [last, before] = self.cleared_at;
         [last, before, Some(self.data_at)]
@@ -90,13 +90,13 @@ impl HostRegisters {
         true
     }
 
-    /// The firmware clears COMMAND at `at`.
+    /// Clears COMMAND at `at`, by the firmware.
     pub fn clear_command(&mut self, at: Nanos) {
         let [last, _] = self.cleared_at;
         self.cleared_at = [Some(at), last];
     }
 
-    /// What DATA reads at `now`.
+    /// Value of DATA at `now`.
     pub fn data(&self, now: Nanos) -> u8 {
         if now < self.data_at {
             self.data_before
@@ -105,7 +105,7 @@ impl HostRegisters {
         }
     }
 
-    /// The firmware sets DATA at `at`.
+    /// Sets DATA at `at`, by the firmware.
     pub fn set_data(&mut self, at: Nanos, value: u8) {
         self.data_before = self.data_out;
         self.data_out = value;
@@ -119,7 +119,7 @@ impl HostRegisters {
         }
     }
 
-    /// What the host wrote to a channel's register.
+    /// The last host write to a channel's register.
     pub fn inward(&self, channel: usize, register: usize) -> u32 {
         self.inward
             .get(channel)
@@ -128,7 +128,7 @@ impl HostRegisters {
             .unwrap_or(0)
     }
 
-    /// What the host reads from a channel's register.
+    /// The value that host reads of a channel's register return.
     pub fn outward(&self, channel: usize, register: usize) -> u32 {
         self.outward
             .get(channel)
@@ -137,7 +137,7 @@ impl HostRegisters {
             .unwrap_or(0)
     }
 
-    /// Sets what the host reads from a channel's register.
+    /// Sets the value that host reads of a channel's register return.
     pub fn set_outward(&mut self, channel: usize, register: usize, value: u32) {
         if let Some(slot) = slot(&mut self.outward, channel, register) {
             *slot = value;
@@ -145,7 +145,7 @@ impl HostRegisters {
     }
 
     /// Sets all interface registers of a channel from process data, the least significant byte
-    /// first; what `data` does not fill becomes zero.
+    /// first; registers beyond `data` become zero.
     pub fn set_interface(&mut self, channel: usize, registers: usize, data: &[u8]) {
         for register in 0..registers {
             let mut word = [0; 4];

@@ -15,15 +15,15 @@ use super::state::{
 use super::timing;
 
 const COOKIE: u8 = 0x5A;
-/// Frame timeout that is set in the remote: four characters in bit times. FACTS 1.3.
+/// Frame timeout set in the remote: four characters in bit times. FACTS 1.3.
 const FRAME_TIMEOUT: u8 = 40;
-/// Identity bytes of the two remotes with a path of their own.
+/// Identity bytes of the two remotes with their own start sequence.
 const IDENTITY_8I20: u8 = 0x80;
 pub(super) const IDENTITY_7I64: u8 = 0x74;
-/// Writes FFFF to the 8I20's address 0x0854, and reads it back. FACTS 11.5.
+/// Commands that write FFFF to the 8I20's address 0x0854, and read it back. FACTS 11.5.
 const CLEAR_8I20: [u8; 5] = [0x65, 0x54, 0x08, 0xFF, 0xFF];
 const READ_8I20: [u8; 3] = [0x45, 0x54, 0x08];
-/// The watchdog bit in what is sent to a 7I64.
+/// The watchdog bit in the data sent to a 7I64.
 const WATCHDOG_7I64: u8 = 0x08;
 
 /// LBP commands of a START. FACTS 1.2, 1.3, 4.1.
@@ -41,7 +41,7 @@ const DISCOVERY_RPC: u8 = 0xBB;
 pub(super) const PROCESS_DATA_RPC: u8 = 0xBD;
 
 impl Firmware {
-    /// One turn of a channel that is in a START state.
+    /// Runs one pass of a channel in a START state.
     pub(super) fn run_start(&mut self, index: usize, which: u8, code: u8) {
         match code {
             state::RESET => self.reset_channel(index),
@@ -92,7 +92,7 @@ impl Firmware {
         }
     }
 
-    /// The second half: outputs off, faults cleared, and no fault left.
+    /// The second half: outputs off, faults cleared, no fault remaining.
     fn clear_faults(&mut self, index: usize, code: u8) {
         match code {
             SEND_OUTPUTS_OFF => self.send_zeros(index, GET_OUTPUTS_OFF),
@@ -132,8 +132,8 @@ impl Firmware {
         }
     }
 
-    /// The 8I20's own way: its word at 0x0854 is written, and read until it is 0. FACTS 11.5. What
-    /// comes after that is not known.
+    /// The start sequence of the 8I20: its word at 0x0854 is written, and read until it is 0. FACTS
+    /// 11.5. The rest of the sequence is unknown.
     fn start_8i20(&mut self, index: usize, code: u8) {
         match code {
             SEND_CLEAR_8I20 => {
@@ -163,7 +163,7 @@ impl Firmware {
         }
     }
 
-    /// A step whose reply only has to come: on to `next`, or back to the cookie.
+    /// A step that only needs a reply: continues with `next`, or returns to the cookie.
     fn get(&mut self, index: usize, size: u8, next: u8) {
         if self.receive(index, size) {
             self.spend(timing::GO_ON);
@@ -216,8 +216,8 @@ impl Firmware {
         }
     }
 
-    /// In setup mode a remote without this RPC is let through; in normal mode it is not, and the
-    /// channel stays here until the timeouts are too many.
+    /// In setup mode a remote without this RPC passes; in normal mode the channel stays here until
+    /// the limit of timeouts is exceeded.
     fn get_unit_number(&mut self, index: usize) {
         if self.receive(index, 4) {
             let number = self.received_word(index, 0);
@@ -267,7 +267,7 @@ impl Firmware {
         }
     }
 
-    /// Whether the remote has the known name number `n`.
+    /// True if the remote has the known name number `n`.
     fn is_named(&self, index: usize, n: u16) -> bool {
         (0..4).all(|i| {
             self.memory.channel(index, channel::NAME + i)
@@ -275,9 +275,9 @@ impl Firmware {
         })
     }
 
-    /// A remote with a path of its own: fixed sizes, no mode, no discovery. FACTS 4.7. A START that is
-    /// neither setup nor normal stays in this state (FACTS 11.12 for the 7I64; taken to be so for the
-    /// 8I20).
+    /// Sets up a remote with its own start sequence: fixed sizes, no mode, no discovery. FACTS 4.7.
+    /// A START that is neither setup nor normal stays in this state (FACTS 11.12 for the 7I64;
+    /// assumed for the 8I20).
     fn set_identity(&mut self, index: usize, which: u8, identity: u8, next: u8) {
         self.memory.set_channel(index, channel::IDENTITY, identity);
         self.memory.set_channel(index, channel::RECEIVE_SIZE, 8);
@@ -317,7 +317,7 @@ impl Firmware {
         }
     }
 
-    /// A setup START is complete: from here on the channel passes accesses through.
+    /// Completes a setup START: from here on the channel passes accesses through.
     fn finish_setup(&mut self, index: usize, which: u8) {
         let known = status::NOT_READY | status::NO_IDENTITY | status::REMOTE_FAULT;
         self.memory

@@ -34,12 +34,12 @@ pub(super) const GET_FAULTS_CLEARED: u8 = 0x23;
 pub(super) const SEND_FAULT: u8 = 0x24;
 pub(super) const GET_FAULT: u8 = 0x25;
 pub(super) const CHECK_FAULT: u8 = 0x26;
-/// The 8I20's own start: a word is written, then read until it is 0. FACTS 11.5.
+/// Start sequence of the 8I20: a word is written, then read until it is 0. FACTS 11.5.
 pub(super) const SEND_CLEAR_8I20: u8 = 0x27;
 pub(super) const GET_CLEAR_8I20: u8 = 0x28;
 pub(super) const SEND_CLEARED_8I20: u8 = 0x29;
 pub(super) const GET_CLEARED_8I20: u8 = 0x2A;
-/// What follows in it, which no transcript shows: the channel stays here.
+/// The next state of that sequence, which no transcript shows: the channel stays here.
 pub(super) const GO_ON_8I20: u8 = 0x2B;
 pub(super) const SEND_CHATTER: u8 = 0x3A;
 pub(super) const GET_CHATTER: u8 = 0x3B;

@@ -16,11 +16,11 @@ const WITH_ADDRESS: u8 = 0x04;
 const LOCAL: u8 = 0xC0;
 const SIZE: u8 = 0x03;
 
-/// Most characters of process data in one frame.
+/// Maximum number of characters of process data in one frame.
 const MAX_DATA: usize = 4 * MAX_INTERFACE_REGISTERS;
 
 impl Firmware {
-    /// One turn of a channel that runs.
+    /// Runs one pass of a running channel.
     pub(super) fn run_channel(&mut self, index: usize, which: u8) {
         let code = self.memory.channel(index, channel::STATE);
         let requested = self.memory.get(global::REQUEST_BITS) & which != 0;
@@ -60,7 +60,7 @@ impl Firmware {
         }
     }
 
-    /// Process data of zeros, as many as the remote takes.
+    /// Sends process data of zeros, in the size of the remote.
     pub(super) fn send_zeros(&mut self, index: usize, next: u8) {
         let size = usize::from(self.memory.channel(index, channel::TRANSMIT_SIZE));
         let mut frame = [0; MAX_DATA + 3];
@@ -107,7 +107,7 @@ impl Firmware {
         }
     }
 
-    /// The first DOIT ends the chatter for good.
+    /// Ends the chatter permanently, at the first DOIT.
     fn end_chatter(&mut self, index: usize) {
         if self.memory.channel(index, channel::GENERIC) != 0 {
             self.go_to(index, SEND_PROCESS_DATA);
@@ -116,7 +116,8 @@ impl Firmware {
         }
     }
 
-    /// Sends as many bytes of the interface registers as the remote takes and there are.
+    /// Sends bytes of the interface registers: as many as the remote takes, at most as many as
+    /// exist.
     fn send_process_data(&mut self, index: usize) {
         let registers = self.config.interface_registers().count();
         let size = usize::from(self.memory.channel(index, channel::TRANSMIT_SIZE));
@@ -172,7 +173,7 @@ impl Firmware {
         self.go_to(index, next);
     }
 
-    /// A 7I64 takes 24 outputs and no watchdog bit. FACTS 4.7, T:t26.
+    /// Sends to a 7I64, which takes 24 outputs and no watchdog bit. FACTS 4.7, T:t26.
     fn send_7i64(&mut self, index: usize) {
         let [a, b, c, _] = self.host.inward(index, 1).to_le_bytes();
         let more = timing::SEND_PROCESS_DATA + 4 * timing::SEND_DATA_BYTE;
@@ -197,7 +198,7 @@ impl Firmware {
         }
     }
 
-    /// Any command with bit 6 is passed through, whatever it means to the remote. FACTS 6.1.
+    /// Passes any command with bit 6 through, whatever its meaning to the remote. FACTS 6.1.
     fn send_access(&mut self, index: usize, which: u8) {
         let [address_low, address_high, _, command] = self.host.inward(index, 0).to_le_bytes();
         if command & COMMAND == 0 {

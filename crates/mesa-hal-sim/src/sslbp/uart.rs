@@ -1,8 +1,8 @@
-//! One channel's UART: a transmitter and a receiver with FIFOs of 16 characters.
+//! The UART of a channel: a transmitter and a receiver with FIFOs of 16 characters.
 
 use crate::wire::{Burst, Nanos};
 
-/// Receiver flag: a start bit that was none.
+/// Receiver flag: a false start bit.
 pub(super) const FALSE_START: u8 = 0x01;
 /// Receiver flag: a character without a stop bit.
 pub(super) const BREAK: u8 = 0x02;
@@ -32,24 +32,23 @@ impl BitRate {
         }
     }
 
-    /// Nanoseconds of one bit; zero when the UART stands still.
+    /// Nanoseconds of one bit; zero for a stopped UART.
     pub fn bit(self) -> Nanos {
         self.bit
     }
 }
 
-/// What leaves the FPGA.
+/// The transmitter of a UART.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Transmitter {
     queue: [Option<Burst>; 2],
 }
 
 impl Transmitter {
-    /// Sends characters of which the first is written at `now`. A full FIFO (`capacity` characters
-    /// beside the one being shifted) loses its oldest waiting character for each one more: all are
-    /// written before the first has left. FACTS 11.4.
-    /// There is a short `gap` between characters, which the burst spreads over its bits so that
-    /// it ends when the last character does.
+    /// Sends characters, the first of which is written at `now`. A full FIFO (`capacity` characters
+    /// beside the one being shifted) loses its oldest waiting character for each further one: all
+    /// are written before the first has left. FACTS 11.4. There is a short `gap` between
+    /// characters, which the burst spreads over its bits so that it ends with the last character.
     pub fn send(&mut self, now: Nanos, rate: BitRate, gap: Nanos, bytes: &[u8], capacity: usize) {
         let free = self.queue.iter().flatten().map(Burst::end).max();
         let start = free.map_or(now, |end| end.max(now));
@@ -70,8 +69,7 @@ impl Transmitter {
         }
     }
 
-    /// When the FIFO has given its last character to the shift register, if that is later than
-    /// `now`.
+    /// Time at which the FIFO passes its last character to the shift register, if later than `now`.
     pub fn fifo_empty_after(&self, now: Nanos) -> Option<Nanos> {
         self.queue
             .iter()
@@ -81,12 +79,12 @@ impl Transmitter {
             .max()
     }
 
-    /// When the burst in work has left the FPGA.
+    /// End of the burst in progress.
     pub fn next_end(&self) -> Option<Nanos> {
         self.queue.iter().flatten().map(Burst::end).min()
     }
 
-    /// Takes the burst that ended first.
+    /// Takes the burst that ends first.
     pub fn take_ended(&mut self) -> Option<Burst> {
         let end = self.next_end()?;
         self.queue
@@ -96,10 +94,10 @@ impl Transmitter {
     }
 }
 
-/// What comes into the FPGA.
+/// The receiver of a UART.
 ///
-/// Bursts are kept as they are on the line, and sampled the way the receiver does it, so that a
-/// wrong bit rate or a break gives the characters and flags that the hardware would see.
+/// Bursts are kept as they are on the line, and sampled like in the hardware, so that a wrong bit
+/// rate or a break gives the same characters and flags.
 #[derive(Clone, Debug)]
 pub(super) struct Receiver {
     rate: BitRate,
@@ -109,15 +107,15 @@ pub(super) struct Receiver {
     count: usize,
     flags: u8,
     queue: [Option<Burst>; MAX_QUEUED],
-    /// From when on the receiver looks for the next start bit.
+    /// Time from which the receiver looks for the next start bit.
     idle_from: Nanos,
-    /// When the line was held low last.
+    /// The last time span in which the line was held low.
     low: Option<Low>,
-    /// From the middle of a stop bit until the character is counted.
+    /// Time from the middle of a stop bit until the character is counted.
     delay: Nanos,
 }
 
-/// A time in which the line is held low.
+/// A time span in which the line is held low.
 #[derive(Clone, Copy, Debug)]
 struct Low {
     since: Nanos,
@@ -147,15 +145,14 @@ impl Receiver {
         self.rate = rate;
     }
 
-    /// A burst that comes along the line; lost if too many are on their way already.
+    /// Queues a burst that arrives along the line; lost if the queue is full.
     pub fn expect(&mut self, burst: Burst) {
         if let Some(slot) = self.queue.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(burst);
         }
     }
 
-    /// Says whether the line is held low from `now` on. What a burst has on the line meanwhile is
-    /// lost.
+    /// Holds the line low from `now` on, or releases it. The part of a burst in that time is lost.
     pub fn hold_low(&mut self, now: Nanos, low: bool) {
         let is_held = self.low.is_some_and(|low| low.until.is_none());
         match (low, &mut self.low) {
@@ -183,7 +180,7 @@ impl Receiver {
         self.flags
     }
 
-    /// Takes the oldest character; 0 from an empty FIFO.
+    /// Takes the oldest character; 0 if the FIFO is empty.
     pub fn pop(&mut self) -> u8 {
         if self.count == 0 {
             return 0;
@@ -206,7 +203,7 @@ impl Receiver {
         self.flags = 0;
     }
 
-    /// A full FIFO loses its oldest character. FACTS 11.4.
+    /// Adds a character; a full FIFO loses its oldest one. FACTS 11.4.
     fn push(&mut self, byte: u8) {
         if self.count >= self.capacity {
             self.pop();
@@ -218,14 +215,15 @@ impl Receiver {
         self.count += 1;
     }
 
-    /// Receives everything whose stop bit is sampled up to `now`.
+    /// Receives all characters with a stop bit sampled up to `now`.
     fn listen(&mut self, now: Nanos) {
         let bit = self.rate.bit();
         if bit == 0 {
             return;
         }
         let character = 9 * bit + bit / 2;
-        // bounded: each turn goes on by half a bit at least, and a line held low is one turn
+        // Bounded: each iteration advances by at least half a bit, and a line held low is one
+        // iteration.
         while let Some(edge) = self.next_edge() {
             let zeros = self.zeros(edge, now, character);
             if zeros > 0 {
@@ -263,7 +261,7 @@ impl Receiver {
         }
     }
 
-    /// When the line goes low next, or is low already, from `idle_from` on.
+    /// Time from `idle_from` on at which the line goes low next, or is already low.
     fn next_edge(&mut self) -> Option<Nanos> {
         let of_low = self.low.and_then(|low| {
             let edge = low.since.max(self.idle_from);
@@ -278,7 +276,8 @@ impl Receiver {
         of_low
     }
 
-    /// Number of characters received up to `now` that begin at `edge` and are held low throughout.
+    /// Number of characters that begin at `edge`, are held low throughout, and are received up to
+    /// `now`.
     fn zeros(&self, edge: Nanos, now: Nanos, character: Nanos) -> u64 {
         let Some(low) = self.low.filter(|low| low.since <= edge) else {
             return 0;
@@ -291,7 +290,7 @@ impl Receiver {
         received.min(held)
     }
 
-    /// Whether the line is held low at `time`.
+    /// True if the line is held low at `time`.
     fn is_low(&self, time: Nanos) -> bool {
         self.low
             .is_some_and(|low| low.since <= time && low.until.is_none_or(|until| time < until))
@@ -316,7 +315,7 @@ impl Receiver {
     }
 }
 
-/// The line's level at `time` if only `burst` were on it.
+/// The level of the line at `time` with only `burst` on it.
 fn level(burst: &Burst, time: Nanos) -> bool {
     if time < burst.start || time >= burst.end() || burst.bit == 0 {
         return true;
@@ -401,7 +400,7 @@ mod tests {
         assert_eq!(receiver.count(8_000), 2);
         assert_eq!(receiver.count(1_000_000), 16);
         receiver.hold_low(1_000_000, false);
-        // The character that had begun still ends.
+        // The character in progress still ends.
         receiver.clear(1_004_000);
         assert_eq!(receiver.count(2_000_000), 0);
     }

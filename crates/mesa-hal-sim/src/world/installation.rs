@@ -1,4 +1,4 @@
-//! What is wired to the inputs of the machine: switches, handwheels, the emergency stop.
+//! Wiring of the machine's inputs: switches, handwheels, the emergency stop.
 
 use std::collections::VecDeque;
 
@@ -6,8 +6,8 @@ use super::switch::{Change, Switch, SwitchConfig, Terminal};
 use super::wheel::{Wheel, WheelConfig};
 use crate::wire::Nanos;
 
-/// The most changes that wait for their time. A later one of the same input takes the place of
-/// the last then.
+/// Maximum number of pending changes. Above it, a new change replaces the last one of the same
+/// input.
 const MOST_CHANGES: usize = 4096;
 
 /// An emergency-stop chain. While it is closed, its inputs are on; pressing it opens it.
@@ -15,31 +15,31 @@ const MOST_CHANGES: usize = 4096;
 pub struct EstopConfig {
     /// Inputs that go off together.
     pub inputs: Vec<Terminal>,
-    /// Whether it cuts the power of all drives: their motors coast.
+    /// Cuts the power of all drives: their motors coast.
     pub cuts_drives: bool,
-    /// Remotes, by port and channel, whose field power it cuts, and with that the supply of the
+    /// Remotes, by port and channel, whose field power it cuts, and with it the supply of the
     /// switches and handwheels that are wired to them.
     pub cuts_field: Vec<(usize, usize)>,
 }
 
-/// Everything that makes signals for inputs.
+/// All sources of signals at inputs.
 #[derive(Debug, Default)]
 pub(crate) struct Installation {
     pub(crate) switches: Vec<Switch>,
     pub(crate) wheels: Vec<Wheel>,
     pub(crate) estop: Option<EstopConfig>,
     pub(crate) pressed: bool,
-    /// In the order of their times.
+    /// Pending changes, ordered by time.
     changes: VecDeque<Change>,
 }
 
 impl Installation {
-    /// Whether there is nothing.
+    /// True if nothing is wired.
     pub(crate) fn is_empty(&self) -> bool {
         self.switches.is_empty() && self.wheels.is_empty() && self.estop.is_none()
     }
 
-    /// Adds a switch on an axis that stands at a position.
+    /// Adds a switch on an axis at a position.
     pub(crate) fn add_switch(&mut self, now: Nanos, config: SwitchConfig, position: f64) -> usize {
         let switch = Switch::new(config, position);
         self.put(Change {
@@ -57,7 +57,7 @@ impl Installation {
         self.wheels.len() - 1
     }
 
-    /// An axis has moved.
+    /// Applies the movement of an axis to its switches.
     pub(crate) fn moved(&mut self, axis: usize, times: [Nanos; 2], positions: [f64; 2]) {
         let changes = &mut self.changes;
         for switch in &mut self.switches {
@@ -75,7 +75,7 @@ impl Installation {
         }
     }
 
-    /// Opens or closes the chain, and says what changes with that.
+    /// Opens or closes the chain, and queues the resulting changes.
     pub(crate) fn press(&mut self, now: Nanos, pressed: bool) {
         self.pressed = pressed;
         let Some(estop) = &self.estop else {
@@ -97,7 +97,7 @@ impl Installation {
         }
     }
 
-    /// The next change whose time has come, for any input or for the remote on a channel.
+    /// Takes the next due change, of any input or of the remote on a channel.
     pub(crate) fn take(&mut self, now: Nanos, remote: Option<(usize, usize)>) -> Option<Change> {
         let due = self.changes.iter().take_while(|change| change.at <= now);
         let mut wanted = due.enumerate().filter(|(_, change)| {
@@ -115,7 +115,7 @@ impl Installation {
         Some(change)
     }
 
-    /// Whether something is wired to the remote on a channel.
+    /// True if a signal is wired to the remote on a channel.
     pub(crate) fn is_wired_to(&self, port: usize, channel: usize) -> bool {
         let there = |terminal: Terminal| {
             matches!(terminal, Terminal::Remote { port: p, channel: c, .. }
@@ -147,7 +147,7 @@ fn is_supplied_by(estop: &EstopConfig, terminal: Terminal) -> bool {
     }
 }
 
-/// Puts a change where its time is.
+/// Inserts a change in order of time.
 fn put(changes: &mut VecDeque<Change>, change: Change) {
     if changes.len() >= MOST_CHANGES {
         let mut same = changes.iter_mut().rev();

@@ -1,5 +1,5 @@
-//! The machine around the electronics: motors that follow an analog voltage, between hard stops, and
-//! what is wired to inputs: switches at positions, handwheels, an emergency-stop chain.
+//! The machine around the electronics: motors that follow an analog voltage between hard stops, and
+//! the wiring of inputs: switches at positions, handwheels, an emergency-stop chain.
 
 mod installation;
 mod motion;

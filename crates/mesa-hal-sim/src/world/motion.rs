@@ -1,30 +1,30 @@
-//! How a shaft moves while what acts on it stays the same: the exact solution, piece by piece.
+//! Motion of a shaft under constant forces: the exact solution, piece by piece.
 
-/// What acts on a shaft. Accelerations are forces over the inertia.
+/// Forces on a shaft, as accelerations: force divided by inertia.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Forces {
-    /// The speed that the drive is told; `None` while it has no power.
+    /// Speed commanded to the drive; `None` without power.
     pub(super) target: Option<f64>,
     /// Time constant of the velocity loop in seconds.
     pub(super) time_constant: f64,
-    /// The most that the drive accelerates the shaft by, either way.
+    /// Maximum acceleration by the drive, in either direction.
     pub(super) strength: f64,
-    /// What friction slows the shaft by.
+    /// Deceleration by friction.
     pub(super) drag: f64,
 }
 
-/// Where a shaft is and how fast it is.
+/// Position and velocity of a shaft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct State {
     pub(super) position: f64,
     pub(super) velocity: f64,
 }
 
-/// The motion of a shaft in one direction, up to where something else begins.
+/// Motion of a shaft in one direction, until the forces change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Piece {
     course: Course,
-    /// After how many seconds, and the velocity there.
+    /// Duration in seconds, and the velocity at the end.
     ends: Option<(f64, f64)>,
 }
 
@@ -34,11 +34,11 @@ enum Course {
     Lag { toward: f64, time_constant: f64 },
 }
 
-/// A loop that is this much beyond the drive's strength is still within it.
+/// Tolerance for rounding: a loop this much beyond the drive's strength is still within it.
 const ROUNDING: f64 = 1e-9;
 
 impl Forces {
-    /// What the drive alone accelerates a shaft by.
+    /// Acceleration of a shaft by the drive alone.
     fn pull(&self, velocity: f64) -> f64 {
         let Some(target) = self.target else {
             return 0.0;
@@ -53,13 +53,13 @@ impl Forces {
         }
     }
 
-    /// Which way a shaft that stands still begins to move, if it does.
+    /// Direction in which a shaft at rest begins to move, if it does.
     pub(super) fn departs(&self) -> Option<f64> {
         let pull = self.pull(0.0);
         (pull.abs() > self.drag).then_some(pull)
     }
 
-    /// How a shaft goes on; `None` if it stands still and stays so.
+    /// The next piece of a shaft's motion; `None` if it stays at rest.
     pub(super) fn piece(&self, velocity: f64) -> Option<Piece> {
         let way = if velocity == 0.0 {
             self.departs()?
@@ -106,7 +106,7 @@ impl Forces {
     }
 }
 
-/// A constant acceleration, until the shaft stands still or has a velocity.
+/// A constant acceleration, until the shaft stops or reaches a velocity.
 fn uniform(velocity: f64, acceleration: f64, until: Option<f64>) -> Piece {
     let after = |end: f64| {
         let seconds = (end - velocity) / acceleration;
@@ -126,12 +126,12 @@ fn uniform(velocity: f64, acceleration: f64, until: Option<f64>) -> Piece {
 }
 
 impl Piece {
-    /// The same speed for ever.
+    /// A constant speed without end.
     pub(super) fn steady(velocity: f64) -> Self {
         uniform(velocity, 0.0, None)
     }
 
-    /// How much of `seconds` it lasts, and the state of the shaft then.
+    /// Runs the piece for at most `seconds`; returns the duration and the state afterwards.
     pub(super) fn run(&self, from: State, seconds: f64) -> (f64, State) {
         match self.ends {
             Some((end, velocity)) if end <= seconds => {
@@ -142,12 +142,12 @@ impl Piece {
         }
     }
 
-    /// After how many of `seconds` the shaft comes to `stop`, which it does in that time.
+    /// Time in seconds at which the shaft reaches `stop`, which it does within `seconds`.
     pub(super) fn reaches(&self, from: State, seconds: f64, stop: f64) -> f64 {
         let beyond =
             |at: f64| (self.after(from, at).position - stop) * (from.position - stop) < 0.0;
         let (mut before, mut after) = (0.0, seconds);
-        // Halves a ten-thousandth of a second to less than what a double tells apart.
+        // Bisection of a ten-thousandth of a second down to less than the resolution of a double.
         for _ in 0..60 {
             let middle = f64::midpoint(before, after);
             if from.position != stop && !beyond(middle) {

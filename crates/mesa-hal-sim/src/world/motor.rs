@@ -1,23 +1,23 @@
-//! A motor with its velocity drive, its encoder, and what it moves between hard stops.
+//! A motor with its velocity drive, its encoder, and an axis between hard stops.
 
 use thiserror::Error;
 
 use super::motion::{Forces, Piece, State};
 use crate::wire::Nanos;
 
-/// The longest piece of a movement that is handed on in one go.
+/// Longest segment of a movement that is reported at once.
 const LONGEST_SEGMENT: Nanos = 100_000;
 
-/// Slower than this (units per second), a motor that nothing drives stands still.
+/// Speed (units per second) below which a motor without any drive force is at rest.
 const STANDSTILL: f64 = 1e-9;
 
-/// The most changes of what acts on a shaft in one segment; further ones are taken later.
+/// Maximum number of changes of the forces in one segment; further ones follow later.
 const MOST_PIECES: usize = 16;
 
-/// What a motor, its drive, its encoder and its axis are like. Positions are in machine units, forces
-/// in any unit, the same for all: with millimetres and newtons an inertia of 1 is 1000 kg.
+/// Properties of a motor, its drive, its encoder and its axis. Positions are in machine units,
+/// forces in any unit, the same for all: with millimetres and newtons an inertia of 1 is 1000 kg.
 ///
-/// [`Motor::new`] takes what is in the ranges that are given here.
+/// [`Motor::new`] accepts values in the ranges given here.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorConfig {
     /// Speed at full-scale voltage, in units per second. More than 0, up to 1e9.
@@ -25,33 +25,34 @@ pub struct MotorConfig {
     /// Full-scale voltage of the drive's input. More than 0, up to 100.
     pub full_scale: f64,
     /// Time constant of the velocity loop in seconds, as long as the drive's force suffices; 0
-    /// follows at once. Up to 10.
+    /// follows immediately. Up to 10.
     pub time_constant: f64,
-    /// Dead band of the drive's input in volts: what is told is less by so much, either way.
-    /// 0 to 10.
+    /// Dead band of the drive's input in volts: subtracted from the command in either direction. 0
+    /// to 10.
     pub friction: f64,
-    /// Encoder counts (quadrature edges) for each unit; negative if the encoder is reversed.
-    /// -1e7 to 1e7, and not 0.
+    /// Encoder counts (quadrature edges) per unit; negative for a reversed encoder. -1e7 to 1e7,
+    /// except 0.
     pub counts_per_unit: f64,
     /// Counts from index pulse to index pulse; 0 if there is no index.
     pub counts_per_revolution: u32,
-    /// The force that an acceleration of one unit/s² takes. 1e-9 to 1e9.
+    /// Force for an acceleration of one unit/s². 1e-9 to 1e9.
     pub inertia: f64,
-    /// The most force that the drive has; infinite for no limit. More than 0.
+    /// Maximum force of the drive; infinite for no limit. More than 0.
     pub max_force: f64,
-    /// The force of dry friction: slows what coasts, and below it nothing moves. 0 to 1e9.
+    /// Force of dry friction: slows a coasting motor, and a smaller force does not move a motor at
+    /// rest. 0 to 1e9.
     pub drag: f64,
-    /// Positions of the hard stops, the lower one first; infinite for none. Nothing gets past them,
-    /// and nothing bounces.
+    /// Positions of the hard stops, the lower one first; infinite for none. The axis stops there
+    /// without bouncing.
     pub stops: [f64; 2],
-    /// Where it stands at power-up, brought between the stops. -1e9 to 1e9. The index is at multiples
-    /// of the counts of a revolution from 0.
+    /// Position at power-up, clamped to the stops. -1e9 to 1e9. The index is at multiples of the
+    /// counts of a revolution from 0.
     pub position: f64,
 }
 
 impl Default for MotorConfig {
-    /// 100 units/s at 10 V, 5 ms, no friction, 1000 counts a unit, an index every 4000 counts. The
-    /// drive is as strong as it has to be, there are no stops, and it stands at 0.
+    /// 100 units/s at 10 V, 5 ms, no friction, 1000 counts per unit, an index every 4000 counts,
+    /// unlimited force, no stops, position 0.
     fn default() -> Self {
         Self {
             max_speed: 100.0,
@@ -69,21 +70,21 @@ impl Default for MotorConfig {
     }
 }
 
-/// A motor that can not be.
+/// An invalid motor.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum MotorError {
-    /// A number that is not in its range.
+    /// A number outside its range.
     #[error("{field} of a motor is {value}: allowed is {allowed}")]
     OutOfRange {
         /// The field of [`MotorConfig`].
         field: &'static str,
-        /// What it has.
+        /// Its value.
         value: f64,
-        /// What is allowed, for people.
+        /// The permitted range, as text.
         allowed: &'static str,
     },
-    /// Stops that leave no way between them.
+    /// Stops without any travel between them.
     #[error(
         "the stops of a motor are {low} and {high}: allowed are two positions, the lower one first; -inf and inf for none"
     )]
@@ -96,7 +97,7 @@ pub enum MotorError {
 }
 
 impl MotorConfig {
-    /// Whether there can be such a motor.
+    /// Checks the ranges.
     fn check(&self) -> Result<(), MotorError> {
         let positive = |value: f64| value > 0.0 && value <= 1e9;
         let not_negative = |value: f64| (0.0..=1e9).contains(&value);
@@ -169,12 +170,12 @@ impl MotorConfig {
     }
 }
 
-/// A piece of a movement in one direction, as the encoder sees it.
+/// A segment of a movement in one direction, as the encoder sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// When it begins.
+    /// Time of the beginning.
     pub start: Nanos,
-    /// When it ends; later than `start`.
+    /// Time of the end; later than `start`.
     pub end: Nanos,
     /// Encoder position at the beginning, in counts.
     pub from: f64,
@@ -184,12 +185,12 @@ pub struct Segment {
     pub counts_per_revolution: u32,
 }
 
-/// A motor whose speed follows a voltage with a first-order lag, as far as its force goes.
+/// A motor whose speed follows a voltage with a first-order lag, within its force.
 ///
-/// While its drive has power, that accelerates by `(told - speed) / time_constant`, at most by
-/// `max_force / inertia`; a drive that is disabled is told 0. Dry friction acts against the motion.
-/// Without power only friction slows it. It is stepped with the exact solution, so that its path
-/// does not depend on how often somebody looks.
+/// While its drive has power, the drive accelerates the motor by `(commanded - speed) /
+/// time_constant`, at most by `max_force / inertia`; the command to a disabled drive is 0. Dry
+/// friction acts against the motion. Without power only friction slows the motor. Each step uses
+/// the exact solution, so that the path does not depend on the number of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
     config: MotorConfig,
@@ -212,7 +213,7 @@ impl Motor {
     /// A motor at rest, with power.
     ///
     /// # Errors
-    /// There is no such motor: a number is not in the range that [`MotorConfig`] gives, or none.
+    /// A value is outside the range in [`MotorConfig`], or is not a number.
     pub fn new(config: MotorConfig) -> Result<Self, MotorError> {
         config.check()?;
         Ok(Self::at_rest(config))
@@ -234,7 +235,7 @@ impl Motor {
         }
     }
 
-    /// What it is like.
+    /// The configuration of the motor.
     pub fn config(&self) -> &MotorConfig {
         &self.config
     }
@@ -253,22 +254,22 @@ impl Motor {
         }
     }
 
-    /// What its encoder stands at, in counts.
+    /// Position of its encoder in counts.
     pub fn counts(&self) -> f64 {
         self.state.position * self.config.counts_per_unit
     }
 
-    /// The energy of its motion: force times units.
+    /// The kinetic energy: force times units.
     pub fn energy(&self) -> f64 {
         self.config.inertia * self.velocity() * self.velocity() / 2.0
     }
 
-    /// Whether it stands at a hard stop.
+    /// True if the axis is at a hard stop.
     pub fn is_at_stop(&self) -> bool {
         self.config.stops.contains(&self.state.position)
     }
 
-    /// Turns the shaft at a given speed, whatever the drive does; `None` lets it go.
+    /// Turns the shaft at a given speed, regardless of the drive; `None` releases it.
     pub fn turn_by_hand(&mut self, velocity: Option<f64>) {
         let now = self.velocity();
         if velocity.is_none() && self.turned_by_hand.is_some() {
@@ -277,7 +278,7 @@ impl Motor {
         self.turned_by_hand = velocity.map(finite);
     }
 
-    /// Jams the axis where it is, whatever drives it, or frees it.
+    /// Jams the axis at its position, regardless of the drive, or frees it.
     pub fn block(&mut self, blocked: bool) {
         self.blocked = blocked;
         if blocked {
@@ -285,17 +286,17 @@ impl Motor {
         }
     }
 
-    /// Whether the axis is jammed.
+    /// True if the axis is jammed.
     pub fn is_blocked(&self) -> bool {
         self.blocked
     }
 
-    /// Gives the drive its power, or cuts it: without, it neither drives nor brakes.
+    /// Switches the drive's power: without it, the drive neither drives nor brakes.
     pub fn set_power(&mut self, powered: bool) {
         self.powered = powered;
     }
 
-    /// Whether the drive has power.
+    /// True if the drive has power.
     pub fn is_powered(&self) -> bool {
         self.powered
     }
@@ -309,7 +310,7 @@ impl Motor {
             effective.copysign(volts).clamp(-limit, limit) / limit * self.config.max_speed;
     }
 
-    /// Lets time pass up to `to` and hands on the movement in pieces of one direction each, with the
+    /// Advances to `to`, and reports the movement in segments of one direction each, with the
     /// positions at the beginning and at the end.
     pub(crate) fn advance(&mut self, to: Nanos, mut moved: impl FnMut(&Segment, [f64; 2])) {
         while self.now < to {
@@ -339,7 +340,7 @@ impl Motor {
         !is_driven && velocity.abs() < STANDSTILL
     }
 
-    /// Whether a stop keeps it from moving that way.
+    /// True if a stop prevents a movement in that direction.
     fn is_held(&self, way: f64) -> bool {
         let [low, high] = self.config.stops;
         let position = self.state.position;
@@ -356,7 +357,7 @@ impl Motor {
         }
     }
 
-    /// Moves it up to `end`, not far away, over whatever changes on the way.
+    /// Moves up to `end`, within one segment, through all changes of the forces on the way.
     fn run(&mut self, end: Nanos, moved: &mut impl FnMut(&Segment, [f64; 2])) {
         let mut left = (end - self.now) as f64 * 1e-9;
         let mut start = self.now;
@@ -380,7 +381,7 @@ impl Motor {
                 break;
             }
         }
-        // It came to rest within a nanosecond of the last piece.
+        // The motor came to rest within a nanosecond of the last piece.
         if start < end {
             self.hand_on(start, end, from, moved);
         }
@@ -397,7 +398,7 @@ impl Motor {
         }
     }
 
-    /// Follows a piece for at most `seconds`, up to its end or to a stop; how long that took.
+    /// Follows a piece for at most `seconds`, up to its end or to a stop; returns the time used.
     fn follow(&mut self, piece: &Piece, seconds: f64) -> f64 {
         let [low, high] = self.config.stops;
         let (took, state) = piece.run(self.state, seconds);

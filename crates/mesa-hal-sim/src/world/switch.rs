@@ -2,7 +2,7 @@
 
 use crate::wire::Nanos;
 
-/// Where a signal goes: a terminal of the machine's electronics.
+/// Destination of a signal: a terminal of the machine's electronics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Terminal {
     /// A digital input of a remote.
@@ -26,7 +26,7 @@ pub enum Terminal {
     },
 }
 
-/// A signal that changes.
+/// A change of a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Change {
     pub(crate) at: Nanos,
@@ -37,18 +37,18 @@ pub(crate) struct Change {
 /// A home or limit switch, and the input it is wired to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SwitchConfig {
-    /// The axis whose position it looks at.
+    /// The axis whose position actuates it.
     pub axis: usize,
-    /// It is actuated from this position on, in units, ...
+    /// First position in units at which the switch is actuated.
     pub from: f64,
-    /// ... up to this one; infinite for no end.
+    /// Last position at which it is actuated; infinite for no end.
     pub to: f64,
-    /// By how many units the axis has to leave before it is released. 0 or more.
+    /// Distance in units by which the axis must leave before the switch is released. 0 or more.
     pub hysteresis: f64,
-    /// For how long its contact bounces after it has changed: it opens and closes twice more, in equal
-    /// parts of this time. 0: it does not.
+    /// Bounce time of the contact after a change: it opens and closes twice more, in equal parts of
+    /// this time. 0 for no bounce.
     pub bounce: Nanos,
-    /// Whether its input is on while it is not actuated (normally closed).
+    /// True if its input is on while the switch is not actuated (normally closed).
     pub normally_closed: bool,
     /// The input.
     pub terminal: Terminal,
@@ -61,7 +61,7 @@ pub struct Switch {
     actuated: bool,
 }
 
-/// How often a contact changes that bounces, the first time and the last included.
+/// Number of changes of a bouncing contact, the first and the last included.
 const CHANGES: u64 = 5;
 
 impl Switch {
@@ -73,22 +73,22 @@ impl Switch {
         }
     }
 
-    /// What it is like.
+    /// The configuration of the switch.
     pub fn config(&self) -> &SwitchConfig {
         &self.config
     }
 
-    /// Whether the axis actuates it.
+    /// True if the axis actuates it.
     pub fn is_actuated(&self) -> bool {
         self.actuated
     }
 
-    /// Whether its contact is closed: its input is on.
+    /// True if its contact is closed: its input is on.
     pub fn is_closed(&self) -> bool {
         self.actuated != self.config.normally_closed
     }
 
-    /// Follows the axis, in one direction, and hands on what changes.
+    /// Follows a movement of the axis in one direction, and reports the changes of the contact.
     pub(crate) fn follow(
         &mut self,
         times: [Nanos; 2],
@@ -98,7 +98,7 @@ impl Switch {
         let [start, end] = times;
         let [from, to] = positions;
         let mut reached = from;
-        // In and out again: no more than two changes in one direction.
+        // In and out again: at most two changes in one direction.
         for _ in 0..2 {
             let Some(border) = self.border(reached, to) else {
                 return;
@@ -111,7 +111,7 @@ impl Switch {
         }
     }
 
-    /// Where it changes next on the way.
+    /// The next position on the path at which the switch changes.
     fn border(&self, from: f64, to: f64) -> Option<f64> {
         let SwitchConfig {
             from: low,
@@ -163,7 +163,7 @@ mod tests {
         Switch::new(config, 0.0)
     }
 
-    /// Moves at a unit a microsecond; when it changed, and to what.
+    /// Moves one unit per microsecond; returns the changes with their times.
     fn go(switch: &mut Switch, from: f64, to: f64) -> Vec<(Nanos, bool)> {
         let mut changes = Vec::new();
         let end = ((to - from).abs() * 1e3).round() as Nanos;

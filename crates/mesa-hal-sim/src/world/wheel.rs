@@ -3,7 +3,7 @@
 use super::switch::{Change, Terminal};
 use crate::wire::Nanos;
 
-/// The most clicks that wait to be turned.
+/// Maximum number of clicks that can be pending.
 const MOST_CLICKS: i64 = 1_000_000;
 
 /// A handwheel and the two inputs that its quadrature is wired to.
@@ -11,20 +11,20 @@ const MOST_CLICKS: i64 = 1_000_000;
 pub struct WheelConfig {
     /// Its signal A.
     pub a: Terminal,
-    /// Its signal B. A leads B when it is turned up.
+    /// Its signal B. A leads B when turning up.
     pub b: Terminal,
-    /// How fast it is turned, in clicks per second. A click is a whole cycle of A and B: four edges.
+    /// Speed of turning in clicks per second. A click is a whole cycle of A and B: four edges.
     pub speed: f64,
 }
 
-/// A handwheel that is turned from click to click.
+/// A handwheel, turned from click to click.
 #[derive(Clone, Debug)]
 pub struct Wheel {
     config: WheelConfig,
-    /// Edges that are left, and which way.
+    /// Remaining edges; the sign is the direction.
     left: i64,
     next: Nanos,
-    /// Edges that it was turned by.
+    /// Edges turned so far.
     edges: i64,
 }
 
@@ -40,29 +40,29 @@ impl Wheel {
         }
     }
 
-    /// What it is like.
+    /// The configuration of the wheel.
     pub fn config(&self) -> &WheelConfig {
         &self.config
     }
 
-    /// Whole clicks that it was turned by, down ones subtracted.
+    /// Whole clicks turned so far, up minus down.
     pub fn clicks(&self) -> i64 {
         self.edges.div_euclid(EDGES)
     }
 
-    /// Whether it still turns.
+    /// True while clicks are pending.
     pub fn is_turning(&self) -> bool {
         self.left != 0
     }
 
-    /// What its signals are: A, then B.
+    /// The levels of its signals: A, then B.
     pub(crate) fn signals(&self) -> [(Terminal, bool); 2] {
         let phase = self.edges.rem_euclid(EDGES);
         let WheelConfig { a, b, .. } = self.config;
         [(a, matches!(phase, 1 | 2)), (b, matches!(phase, 2 | 3))]
     }
 
-    /// Has it turned from now on, behind what is left of before. `false` if that is too far.
+    /// Adds clicks after those that are still pending. `false` if there would be too many.
     pub(crate) fn turn(&mut self, now: Nanos, clicks: i64) -> bool {
         let edges = clicks.saturating_mul(EDGES).saturating_add(self.left);
         if edges.unsigned_abs() > (MOST_CLICKS * EDGES).unsigned_abs() {
@@ -75,12 +75,12 @@ impl Wheel {
         true
     }
 
-    /// Turns it up to `to`.
+    /// Turns the wheel up to `to`.
     pub(crate) fn advance(&mut self, to: Nanos, mut changed: impl FnMut(Change)) {
         while self.left != 0 && self.next <= to {
             let way = self.left.signum();
             let WheelConfig { a, b, .. } = self.config;
-            // Up: A rises, B rises, A falls, B falls. Down: the other way round.
+            // Up: A rises, B rises, A falls, B falls. Down: in reverse.
             let edge = (self.edges - i64::from(way < 0)).rem_euclid(EDGES);
             let terminal = if edge % 2 == 0 { a } else { b };
             let rises = (edge < 2) == (way > 0);

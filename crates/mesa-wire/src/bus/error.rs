@@ -1,34 +1,34 @@
-//! What a bus error says, whatever the bus.
+//! Bus errors, common to all buses.
 
 use core::fmt;
 
 /// An error of a [`RegisterBus`](super::RegisterBus).
 ///
-/// `Display` says what happened, where, how long was waited, and what to do.
+/// `Display` names the failure, its place and the time waited, and suggests a remedy.
 pub trait BusError: core::error::Error + 'static {
-    /// The kind, for code that treats buses alike.
+    /// The kind of error, for code that treats all buses alike.
     fn kind(&self) -> BusErrorKind;
 }
 
-/// What happened, as far as all buses have it in common.
+/// Kinds of bus errors, as far as all buses share them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum BusErrorKind {
-    /// The reply came after the deadline.
+    /// The reply arrived after the deadline.
     Late,
-    /// No reply came at all.
+    /// No reply arrived.
     Lost,
-    /// Only a reply to an earlier request came.
+    /// Only a reply to an earlier request arrived.
     Stale,
-    /// Somebody is there and refuses: no board at this address and port.
+    /// The host refuses: no board at this address and port.
     Refused,
-    /// There is no way to the board.
+    /// There is no route to the board.
     Unreachable,
-    /// The reply has not the size that was asked for.
+    /// The reply has the wrong size.
     Short,
-    /// The access list does not fit: too long for a packet, or outside of its buffer.
+    /// The access list is too long for a packet, or exceeds its buffer.
     Invalid,
     /// Another program or host drives the device.
     Occupied,

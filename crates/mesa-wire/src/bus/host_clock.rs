@@ -6,9 +6,10 @@ use rustix::time::{ClockId, clock_gettime};
 
 use super::{Clock, Instant};
 
-/// The host's monotonic clock, from when it was made. On Linux it counts the time in which the host
-/// was suspended (`CLOCK_BOOTTIME`), so that a reply that has waited through a suspend is late, and
-/// ages include it. A virtual machine that was stopped depends on its hypervisor for that.
+/// The host's monotonic clock, counted from its creation. On Linux the clock includes time in which
+/// the host was suspended (`CLOCK_BOOTTIME`), so that a reply that has waited through a suspend is
+/// late, and ages include the suspend. Time in which a virtual machine is stopped is included only
+/// if its hypervisor counts it.
 #[derive(Clone, Copy, Debug)]
 pub struct HostClock {
     origin: Duration,
@@ -19,25 +20,25 @@ const HOST_CLOCK: ClockId = ClockId::Boottime;
 #[cfg(not(target_os = "linux"))]
 const HOST_CLOCK: ClockId = ClockId::Monotonic;
 
-/// The time of the host's clock since an origin that the host chooses.
+/// Time of the host's clock since an origin that the host chooses.
 fn host_time() -> Duration {
     let time = clock_gettime(HOST_CLOCK);
     let nanos = u32::try_from(time.tv_nsec).unwrap_or(0);
     Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), nanos)
 }
 
-/// Below this the kernel's wake-up is less exact than looking again and again.
+/// Below this remaining time the clock is polled: the kernel's wake-up is less exact.
 pub const SPIN: Duration = Duration::from_micros(20);
 
 impl HostClock {
-    /// A clock that begins now.
+    /// A clock that starts at zero now.
     pub fn new() -> Self {
         Self {
             origin: host_time(),
         }
     }
 
-    /// Waits until `deadline`: sleeps, and looks again and again at the end.
+    /// Waits until `deadline`: sleeps first, and polls the clock at the end.
     pub fn sleep_until(&self, deadline: Instant) {
         let left = deadline.since(self.read());
         if left > SPIN {
@@ -48,7 +49,7 @@ impl HostClock {
         }
     }
 
-    /// The time.
+    /// The current time.
     pub fn read(&self) -> Instant {
         Instant::from_nanos(host_time().saturating_sub(self.origin).as_nanos() as u64)
     }
@@ -78,8 +79,8 @@ impl Clock for HostClock {
 mod tests {
     use super::*;
 
-    /// `/proc/uptime` counts the time in which the host was suspended. The test finds the wrong clock
-    /// on a host that was, or under `unshare --time --boottime SECONDS`.
+    /// `/proc/uptime` includes time in suspend. The test detects the wrong clock on a host that has
+    /// been suspended, or under `unshare --time --boottime SECONDS`.
     #[test]
     fn the_host_clock_counts_time_in_suspend() {
         let uptime = || {
@@ -87,7 +88,7 @@ mod tests {
             let seconds: f64 = text.split(' ').next().unwrap().parse().unwrap();
             Duration::from_secs_f64(seconds)
         };
-        // In steps of 10 ms.
+        // `/proc/uptime` counts in steps of 10 ms.
         let before = uptime().saturating_sub(Duration::from_millis(20));
         let time = host_time();
         let after = uptime() + Duration::from_millis(20);

@@ -2,8 +2,8 @@
 //!
 //! A bus has one primitive: a list of accesses, run in order on the hardware, on a word buffer. The
 //! list holds indices and no borrowed slices, so that it can be built once, encoded
-//! ([`RegisterBus::prepare`]) and run every cycle. What became of the writes, the [`Reply`] tells.
-//! Time is a [`Clock`]: virtual in simulation.
+//! ([`RegisterBus::prepare`]) and run every cycle. The [`Reply`] indicates whether the writes were
+//! executed. Time is a [`Clock`]: virtual in simulation.
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
@@ -23,7 +23,7 @@ use alloc::vec::Vec;
 use core::fmt::Debug;
 use core::time::Duration;
 
-/// A point on the clock of a bus: nanoseconds since an origin of the bus's own.
+/// A point on the clock of a bus: nanoseconds since an origin that the bus chooses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(transparent))]
@@ -45,7 +45,7 @@ impl Instant {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
 
-    /// The point `duration` later; the end of time if that overflows.
+    /// The point `duration` later; saturates on overflow.
     #[must_use]
     pub const fn after(self, duration: Duration) -> Self {
         match duration.as_nanos() {
@@ -55,7 +55,7 @@ impl Instant {
     }
 }
 
-/// Which way an access moves its words.
+/// Direction in which an access moves its words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Direction {
     /// From the register into the word buffer.
@@ -64,7 +64,7 @@ pub enum Direction {
     Write,
 }
 
-/// One access: `count` neighbouring registers from `address` on (4 bytes apart), and the place of
+/// One access: `count` adjacent registers from `address` on (4 bytes apart), and the position of
 /// their words in the buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Access {
@@ -84,19 +84,19 @@ impl Access {
         Self::new(Direction::Read, address, first, count)
     }
 
-    /// Writes of single words to these addresses, in order, and the words.
+    /// Accesses that write single words to these addresses, in order, and their word buffer.
     pub fn writes(all: impl IntoIterator<Item = (u16, u32)>) -> (Vec<Self>, Vec<u32>) {
         let all = (0..).zip(all);
         all.map(|(n, (address, word))| (Self::write(address, n, 1), word))
             .unzip()
     }
 
-    /// A write of `count` registers from the buffer, from `first` on.
+    /// A write of `count` registers from the buffer, from index `first` on.
     pub const fn write(address: u16, first: u16, count: u16) -> Self {
         Self::new(Direction::Write, address, first, count)
     }
 
-    /// An access in this direction.
+    /// An access in the given direction.
     pub const fn new(direction: Direction, address: u16, first: u16, count: u16) -> Self {
         Self {
             address,
@@ -113,48 +113,48 @@ impl Access {
     }
 }
 
-/// Until when the board holds a part of a list back: the beginning of its own next period.
+/// A request that the board holds a part of a list back until its next period begins.
 ///
-/// With that the board's clock paces the cycle: [`start`](RegisterBus::start) sends the list, and
-/// [`finish`](RegisterBus::finish) returns when the next period has begun.
+/// The board's clock then paces the cycle: [`start`](RegisterBus::start) sends the list, and
+/// [`finish`](RegisterBus::finish) returns after the next period has begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Hold {
-    /// The accesses from this one on wait for the period, and all after it.
+    /// Index of the first access that waits for the period; all later ones wait too.
     pub before: usize,
-    /// They wait no longer than this.
+    /// Longest wait.
     pub limit: Duration,
 }
 
-/// What a reply showed.
+/// Result of running a list: evidence about the writes, and about other masters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reply {
-    /// Everything that was written before, and with this list, was executed exactly once and in
-    /// order, since the reply before. What depends on the last write must not be trusted
-    /// otherwise.
+    /// True if all earlier writes since the previous reply, and those of this list, were executed
+    /// exactly once and in order. Do not trust values that depend on the last write otherwise.
     pub certain: bool,
-    /// Writes that, as is known since this reply, the board has not executed, or not in time.
+    /// Writes that this reply proves missing: not executed by the board, or not in time.
     pub lost_writes: u32,
-    /// Packets of somebody else who drives the board as well: [`BusStatistics::others`].
+    /// Packets of another master of the same board: see [`BusStatistics::others`].
     pub others: u32,
-    /// How long the board held the list back, if it was to: what the host had left of its period.
+    /// Time for which the board held the list back, if it was asked to: the part of its period that
+    /// the host left unused.
     pub slack: Option<Duration>,
 }
 
 impl Reply {
-    /// All that was written has arrived: what a bus says on which nothing can be lost.
+    /// All writes have arrived: the reply of a bus that cannot lose anything.
     pub const CERTAIN: Self = Self {
         certain: true,
         lost_writes: 0,
         others: 0,
         slack: None,
     };
-    /// No reply was to come: nothing is known of the writes yet.
+    /// No reply was expected: the fate of the writes is not known yet.
     pub const UNHEARD: Self = Self {
         certain: false,
         ..Self::CERTAIN
     };
 
-    /// What this reply and a `later` one showed together.
+    /// The combined result of this reply and a `later` one.
     #[must_use]
     pub const fn and(self, later: Self) -> Self {
         Self {
@@ -166,70 +166,70 @@ impl Reply {
     }
 }
 
-/// Which board is at the end of a bus: what no other board has, whatever its firmware.
+/// Identity of the board at the end of a bus: data that no other board shares, whatever its
+/// firmware.
 ///
-/// The default is that of a bus whose board cannot be exchanged.
+/// The default value is for a bus whose board cannot be exchanged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct BoardIdentity {
     /// The MAC address, high byte first.
     pub mac: [u8; 6],
-    /// The card's name as the board pads it.
+    /// The card's name, padded as on the board.
     pub card: [u8; 16],
 }
 
-/// How much an exchange outside of lists is worth.
+/// Effort to spend on an exchange outside of lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
-    /// One try with the deadline of the cycle, without allocation.
+    /// A single attempt within the deadline of the cycle, without allocation.
     Once,
-    /// As an [`exchange`](RegisterBus::exchange): repeated when it is lost.
+    /// Like an [`exchange`](RegisterBus::exchange): repeated if a packet is lost.
     Repeated,
 }
 
-/// The list of a bus that has no form of its own for lists, and [holds](RegisterBus::CAN_HOLD) nothing
-/// back.
+/// The list type of a bus that has no encoded form for lists and cannot
+/// [hold](RegisterBus::CAN_HOLD) anything back.
 pub type AccessList = Box<[Access]>;
 
-/// What a bus counted since it was made. Buses that can not lose anything leave all at zero.
+/// Statistics of a bus since its creation. All counts stay zero on a bus that cannot lose anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BusStatistics {
-    /// Exchanges tried.
+    /// Exchanges attempted.
     pub exchanges: u64,
-    /// Replies that came after their deadline, and were thrown away.
+    /// Replies that arrived after their deadline and were discarded.
     pub late: u64,
     /// Exchanges without any reply.
     pub lost: u64,
-    /// Replies to an earlier request, thrown away.
+    /// Replies to an earlier request, discarded.
     pub stale: u64,
-    /// Replies that came twice.
+    /// Duplicate replies.
     pub duplicate: u64,
     /// Replies with too few or too many bytes.
     pub short: u64,
-    /// Datagrams that are no replies, or are not from the board.
+    /// Datagrams that are not replies, or not from the board.
     pub foreign: u64,
     /// Write exchanges that the board has not executed.
     pub lost_writes: u64,
     /// Write exchanges that were executed after a reply had shown them missing, or after a newer
-    /// one. They are not counted as lost any more. A bus that remembers a limited number takes one
-    /// that comes very late for a repeated one.
+    /// write. They are removed from the count of lost writes. A bus with a bounded memory counts a
+    /// very late one as repeated.
     pub late_writes: u64,
-    /// Executions of write exchanges that were executed before: the network duplicated them, or
-    /// another program writes to this board.
+    /// Repeated executions of one write exchange: the network duplicated it, or another program
+    /// writes to this board.
     pub repeated_writes: u64,
-    /// Write exchanges that nothing is known of, because too many others followed before the board
-    /// was heard again.
+    /// Write exchanges whose fate is unknown: too many others followed before the next reply.
     pub unconfirmed_writes: u64,
-    /// Exchanges that left it uncertain whether the newest write was the last that was executed, or
-    /// whether nothing else was since the exchange before. What depends on the last write must not
-    /// be trusted after one of them.
+    /// Exchanges after which it is uncertain whether the newest write was executed last, or whether
+    /// anything else was executed since the exchange before. Do not trust values that depend on the
+    /// last write after such an exchange.
     pub doubts: u64,
-    /// Packets that the board has received beyond ours, when somebody else drives it: who sends at
-    /// least 100 a second all the time is noticed within a second, and again in each while he does;
-    /// bursts of less than a fifth of a second are not. Replies have to come ten times a second for
-    /// that, what is lost of ours makes others' look less, and each reply that comes twice stands for
-    /// four packets of ours that did.
+    /// Packets that the board received beyond those of this bus, while another master drives it. A
+    /// master that sends at least 100 packets/s all the time is detected within 1 s, and again in
+    /// every second in which it continues; bursts shorter than 0.2 s are not detected. Detection
+    /// needs at least ten replies per second. Lost packets of this bus reduce the count, and every
+    /// duplicate reply raises the threshold by four packets, as evidence of duplicate requests.
     pub others: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,
@@ -238,7 +238,7 @@ pub struct BusStatistics {
 }
 
 impl BusStatistics {
-    /// Those of a bus that only counts its exchanges.
+    /// Statistics of a bus that only counts its exchanges.
     #[must_use]
     pub fn of_exchanges(exchanges: u64) -> Self {
         Self {
@@ -247,7 +247,7 @@ impl BusStatistics {
         }
     }
 
-    /// All counts in the order of the fields, for who keeps them in words.
+    /// All counts in the order of the fields, for storage as words.
     #[must_use]
     pub const fn counts(&self) -> [u64; 15] {
         let Self {
@@ -286,7 +286,7 @@ impl BusStatistics {
         ]
     }
 
-    /// Those of which these are the [`counts`](Self::counts).
+    /// The statistics whose [`counts`](Self::counts) these are.
     #[must_use]
     pub const fn from_counts(counts: [u64; 15]) -> Self {
         let [
@@ -326,16 +326,16 @@ impl BusStatistics {
     }
 }
 
-/// The time of a bus: virtual in simulation, the host's otherwise.
+/// The clock of a bus: virtual in simulation, the host's otherwise.
 pub trait Clock {
-    /// The time. Never goes back.
+    /// The current time; never goes back.
     fn now(&mut self) -> Instant;
 
-    /// Lets `duration` pass.
+    /// Waits for `duration`.
     fn wait(&mut self, duration: Duration);
 
-    /// Lets at least `duration` pass, without using a CPU meanwhile: cheaper than [`wait`](Self::wait),
-    /// and less exact. The same where nothing is cheaper.
+    /// Waits for at least `duration` without using a CPU meanwhile: cheaper than
+    /// [`wait`](Self::wait), and less exact. Defaults to `wait`.
     fn sleep(&mut self, duration: Duration) {
         self.wait(duration);
     }
@@ -355,9 +355,10 @@ impl<C: Clock + ?Sized> Clock for &mut C {
     }
 }
 
-/// 32-bit registers at 16-bit byte addresses.
+/// A bus of 32-bit registers at 16-bit byte addresses.
 ///
-/// A bus that has no packets implements [`exchange`](Self::exchange), and with [`AccessList`]:
+/// A bus without packets implements [`exchange`](Self::exchange), and two short methods with
+/// [`AccessList`]:
 ///
 /// ```
 /// use mesa_wire::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
@@ -401,84 +402,84 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// # Ok::<(), core::convert::Infallible>(())
 /// ```
 ///
-/// A driver needs the bus to be a [`Clock`] as well. A `&mut B` is a bus, too.
+/// A driver also needs the bus to be a [`Clock`]. A `&mut B` is a bus as well.
 ///
 /// # Real time
-/// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: they are
-/// what the cycle uses. The others belong to set-up: they are bounded, but may allocate and try
-/// again.
+/// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: the
+/// cycle uses them. The other methods belong to set-up: they are bounded, but may allocate and
+/// retry.
 pub trait RegisterBus {
-    /// What can go wrong.
+    /// Error of an exchange.
     type Error: BusError;
 
-    /// A list of accesses that the bus has checked, in the form it is run in. It still tells what
-    /// they are.
+    /// A list of accesses that the bus has checked, in the form in which it runs them. The accesses
+    /// can still be read from it.
     type List: AsRef<[Access]> + Debug + Send;
 
-    /// Whether the board can hold a part of a list back until its next period ([`Hold`]).
+    /// True if the board can hold a part of a list back until its next period ([`Hold`]).
     const CAN_HOLD: bool = false;
 
     /// Runs `accesses` in order on `words`.
     ///
-    /// On Ethernet this is one packet out and one packet back, repeated when it is lost. When it
-    /// fails, no word of the buffer that a read names has been changed.
+    /// On Ethernet this is one packet out and one packet back, repeated if it is lost. On failure,
+    /// no word of the buffer that a read names has changed.
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
 
-    /// Checks a list against the limits of the bus and brings it into the form it is run in.
+    /// Checks a list against the limits of the bus and encodes it.
     ///
-    /// `hold` is for a bus that [can](Self::CAN_HOLD) do that.
+    /// `hold` may only be given to a bus that [supports it](Self::CAN_HOLD).
     fn prepare(
         &mut self,
         accesses: &[Access],
         hold: Option<Hold>,
     ) -> Result<Self::List, Self::Error>;
 
-    /// Begins to run a list that was prepared on this bus: what it writes is sent, and what it reads
-    /// is asked for. [`finish`](Self::finish) ends it; nothing else may be run in between.
+    /// Starts a list that was prepared on this bus: sends its writes and requests its reads.
+    /// [`finish`](Self::finish) ends it; nothing else may run in between.
     ///
-    /// A bus on which nothing can be in flight leaves it all to `finish`, as the provided function
+    /// A bus on which nothing can be in flight leaves all work to `finish`, as the provided method
     /// does.
     fn start(&mut self, _list: &Self::List, _words: &[u32]) -> Result<(), Self::Error> {
         Ok(())
     }
 
-    /// Takes the reply to the list that was started. When it fails, no word has been changed.
+    /// Takes the reply to the started list. On failure, no word has changed.
     ///
-    /// A list that reads nothing may have no reply: then nothing is known of its writes before a
-    /// later one ([`Reply::UNHEARD`]).
+    /// A list without reads may have no reply: the fate of its writes is then unknown until a later
+    /// reply ([`Reply::UNHEARD`]).
     fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error>;
 
-    /// [`start`](Self::start) and [`finish`](Self::finish).
+    /// Runs a list: [`start`](Self::start), then [`finish`](Self::finish).
     fn run(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
         self.start(list, words)?;
         self.finish(list, words)
     }
 
-    /// Writes `accesses` as one exchange of the cycle, without a list that was prepared: for writes of
-    /// which each time another part is made.
+    /// Writes `accesses` as one exchange of the cycle, without a prepared list: for writes that
+    /// differ from cycle to cycle.
     ///
-    /// A bus whose exchanges are packets does it in one packet, without waiting and without
-    /// allocation. The provided function makes an [`exchange`](Self::exchange).
+    /// A bus whose exchanges are packets sends one packet, without waiting for a reply and without
+    /// allocation. The provided method makes an [`exchange`](Self::exchange).
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.exchange(accesses, words)
     }
 
-    /// The cycle has this period, and its exchanges may take `deadline` from now on. `None`: what they
-    /// may take follows the period, unless the bus was made with something else. A bus on which
-    /// nothing can be late ignores it.
+    /// Sets the period of the cycle, and the `deadline` of its exchanges from now on. With `None`
+    /// the deadline follows the period, unless another one was given when the bus was created. A
+    /// bus on which nothing can be late ignores the call.
     fn set_cycle(&mut self, _period: Duration, _deadline: Option<Duration>) {}
 
-    /// Which board answers: a driver compares it with the board that it was started with before it
-    /// writes a set-up again. A bus behind which another board can answer implements it, and one
-    /// that is around another bus passes it on.
+    /// Identifies the board that answers. A driver compares it with the board of its start before
+    /// it writes the set-up again. A bus behind which the board can be exchanged implements this
+    /// method, and a wrapper around another bus passes the call on.
     ///
     /// # Errors
-    /// Those of an exchange.
+    /// Errors of an exchange.
     fn board(&mut self, _effort: Effort) -> Result<BoardIdentity, Self::Error> {
         Ok(BoardIdentity::default())
     }
 
-    /// What was counted so far: for people. What to do next, a [`Reply`] tells.
+    /// Statistics so far, for display. A program decides what to do next by the [`Reply`].
     fn statistics(&self) -> BusStatistics {
         BusStatistics::default()
     }

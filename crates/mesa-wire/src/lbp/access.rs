@@ -1,8 +1,8 @@
-//! What a host does with a remote's memory and its local locations.
+//! Accesses of a host to a remote's memory and to its local locations.
 
 use core::fmt;
 
-/// How much of a remote's memory one access moves.
+/// Number of bytes that one access to a remote's memory moves.
 ///
 /// Manual: 7I77, "LBP DATA READ/WRITE COMMAND".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -34,7 +34,7 @@ impl AccessSize {
         }
     }
 
-    /// The bits of a value of this size.
+    /// Mask of the bits of a value of this size.
     pub const fn mask(self) -> u64 {
         match self {
             Self::Byte => u8::MAX as u64,
@@ -45,8 +45,8 @@ impl AccessSize {
     }
 }
 
-/// A local location of a remote, one byte: read by C0 to DF, written by E0 to FF. What the manual
-/// calls reserved is read as 0, and not changed by a write.
+/// A local location of a remote, one byte: read by C0 to DF, written by E0 to FF. A location that
+/// the manual calls reserved reads as 0, and a write does not change it.
 ///
 /// Manual: 7I77, "LOCAL LBP READ COMMANDS", "LOCAL LBP WRITE COMMANDS"; FACTS 1.3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -57,19 +57,19 @@ impl LocalLocation {
     pub const UNIT_ADDRESS: Self = Self(0x00);
     /// [`LbpStatus`](super::LbpStatus); writing 00 clears it.
     pub const STATUS: Self = Self(0x01);
-    /// Whether CRCs are checked; always on a 7I77.
+    /// Non-zero if CRCs are checked; always on a 7I77.
     pub const CRC_ENABLE: Self = Self(0x02);
     /// Number of CRC errors.
     pub const CRC_ERROR_COUNT: Self = Self(0x03);
     /// Software mode.
     pub const SOFTWARE_MODE: Self = Self(0x06);
-    /// Writing FF clears faults; reads back non-zero until that is done.
+    /// Writing FF clears faults; reads as non-zero until the remote has done so.
     pub const CLEAR_FAULTS: Self = Self(0x07);
     /// Non-zero: accesses reach the RPC table instead of the memory.
     pub const RPC_MEMORY_ACCESS: Self = Self(0x0A);
     /// Frame timeout in bit times.
     pub const FRAME_TIMEOUT: Self = Self(0x0B);
-    /// Which memory the read and write commands address: see [`NonvolatileMemory`].
+    /// Selects the memory that the read and write commands address: see [`NonvolatileMemory`].
     pub const NONVOLATILE: Self = Self(0x0C);
     /// First character of the name; the other three follow (read).
     pub const NAME: Self = Self(0x10);
@@ -91,13 +91,13 @@ impl LocalLocation {
     pub const LBP_VERSION: Self = Self(0x1A);
     /// Adds the byte to the current address (write).
     pub const ADDRESS_ADD: Self = Self(0x1A);
-    /// Unit identification of a serial remote (read).
+    /// Unit ID of a serial remote (read).
     pub const UNIT_ID: Self = Self(0x1B);
-    /// Bytes from one list of the RPC table to the next (read).
+    /// Distance in bytes from one list of the RPC table to the next (read).
     pub const RPC_PITCH: Self = Self(0x1C);
     /// Low byte of the size of the RPC table (read).
     pub const RPC_SIZE_LOW: Self = Self(0x1D);
-    /// Sets the unit identification of a serial remote (write).
+    /// Sets the unit ID of a serial remote (write).
     pub const SET_UNIT_ID: Self = Self(0x1D);
     /// High byte of the size of the RPC table (read).
     pub const RPC_SIZE_HIGH: Self = Self(0x1E);
@@ -108,7 +108,7 @@ impl LocalLocation {
     /// Resets the remote's parser; the only write without data.
     pub const RESET_PARSER: Self = Self(0x1F);
 
-    /// Location `index`; `None` above 1F.
+    /// The location `index`; `None` above 1F.
     pub const fn new(index: u8) -> Option<Self> {
         if index < 0x20 {
             Some(Self(index))
@@ -117,22 +117,22 @@ impl LocalLocation {
         }
     }
 
-    /// Its number, 0 to 1F.
+    /// Index of the location, 0 to 1F.
     pub const fn index(self) -> u8 {
         self.0
     }
 }
 
-/// The memory that survives a power cycle of the remote, with what selects it at
+/// Non-volatile memory of the remote, with the code that selects it at
 /// [`LocalLocation::NONVOLATILE`], where 0 deselects it.
 ///
 /// FACTS 1.3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum NonvolatileMemory {
-    /// Parameters are here.
+    /// EEPROM, with the parameters.
     #[default]
     Eeprom = 1,
-    /// Its firmware is here: see [`flash`](super::flash).
+    /// Flash, with the firmware: see [`flash`](super::flash).
     Flash = 2,
 }
 
@@ -143,18 +143,18 @@ pub enum NonvolatileMemory {
 pub enum RemoteAccess {
     /// Read of memory.
     Read {
-        /// Where.
+        /// Address in the memory.
         address: u16,
-        /// How much.
+        /// Size of the value.
         size: AccessSize,
     },
     /// Write of memory.
     Write {
-        /// Where.
+        /// Address in the memory.
         address: u16,
-        /// How much.
+        /// Size of the value.
         size: AccessSize,
-        /// What, right-justified.
+        /// The value, right-justified.
         value: u64,
     },
     /// Read of a local location.
@@ -174,7 +174,7 @@ impl RemoteAccess {
         }
     }
 
-    /// What it writes, right-justified; `None` if it reads.
+    /// The value that it writes, right-justified; `None` for a read.
     pub const fn written(self) -> Option<u64> {
         match self {
             Self::Write { size, value, .. } => Some(value & size.mask()),
@@ -183,7 +183,7 @@ impl RemoteAccess {
         }
     }
 
-    /// A read of the same place.
+    /// A read of the same location.
     #[must_use]
     pub const fn read_back(self) -> Self {
         match self {
@@ -193,14 +193,14 @@ impl RemoteAccess {
         }
     }
 
-    /// Characters on the line, both ways, without the remote's own time.
+    /// Characters on the line in both directions, the remote's processing time not included.
     pub const fn characters(self) -> u32 {
         match self {
-            // command, address and CRC; then the data, and the other CRC
+            // Command, address and CRC; then the data and the other CRC.
             Self::Read { size, .. } | Self::Write { size, .. } => {
                 (size.bytes() as u32).saturating_add(4 + 1)
             }
-            // command and CRC; then a byte, and the other CRC
+            // Command and CRC; then a byte and the other CRC.
             Self::ReadLocal(_) | Self::WriteLocal(..) => 2 + 1 + 1,
         }
     }
@@ -232,7 +232,7 @@ mod tests {
         RemoteAccess::Read { address, size }
     }
 
-    /// Gateware transcript t05: a read of eight bytes has 4 + 9 characters.
+    /// Gateware transcript t05: a read of eight bytes takes 4 + 9 characters.
     #[test]
     fn characters_on_the_line_are_counted_with_their_crc() {
         assert_eq!(read(0x200, AccessSize::Double).characters(), 13);

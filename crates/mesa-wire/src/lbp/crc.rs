@@ -21,7 +21,7 @@ mod tests {
     #[test]
     fn crc_of_the_check_string_and_of_recorded_frames() {
         assert_eq!(crc8(b"123456789"), 0xA1);
-        // gateware transcript t03: cookie request and reply, frame timeout, discovery reply
+        // Gateware transcript t03: cookie request and reply, frame timeout, discovery reply.
         assert_eq!(crc8(&[0xDF]), 0x16);
         assert_eq!(crc8(&[0x5A]), 0xA5);
         assert_eq!(crc8(&[0xEB, 0x28]), 0xB7);

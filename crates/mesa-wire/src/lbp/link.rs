@@ -1,40 +1,40 @@
-//! A line to one remote in setup mode, whatever carries it, and what is done over any of them.
+//! A line to one remote in setup mode, independent of the carrier, and access to its memories.
 
 use core::error::Error;
 use core::time::Duration;
 
 use super::{LocalLocation, NonvolatileMemory, RemoteAccess};
 
-/// A line to one remote in setup mode: a channel of the FPGA
-/// (`sslbp::PortLink` of `mesa-hal`), or a serial port of the host
-/// (`SerialHost` of `mesa-tools`). Discovery, parameters and updates use no other.
+/// A line to one remote in setup mode: a channel of the FPGA (`sslbp::PortLink` of `mesa-hal`), or
+/// a serial port of the host (`SerialHost` of `mesa-tools`). Discovery, parameters and updates use
+/// it only.
 pub trait RemoteLink {
-    /// Why an access failed.
+    /// Error of an access.
     type Error: Error + 'static;
 
-    /// Reads or writes, and gives what was read, right-justified; 0 for a write. Tried again when the
-    /// reply is lost: all accesses are such that doing them twice is doing them once.
+    /// Reads or writes, and returns the value read, right-justified; 0 for a write. Repeated if the
+    /// reply is lost, so that every access must be idempotent.
     ///
     /// # Errors
-    /// There is no good reply, within a bounded time.
+    /// No valid reply within a bounded time.
     fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error>;
 
-    /// Lets time pass.
+    /// Waits for `time`.
     fn wait(&mut self, time: Duration);
 
-    /// The error for what went wrong with non-volatile memory in this access.
+    /// The error for a problem with non-volatile memory in this access.
     fn nonvolatile_error(
         &mut self,
         access: RemoteAccess,
         problem: NonvolatileProblem<Self::Error>,
     ) -> Self::Error;
 
-    /// Reads or writes the working memory, or one that survives a power cycle, and gives what is
-    /// there then.
+    /// Reads or writes the working memory, or a non-volatile one, and returns its value afterwards.
     ///
-    /// What is written to one that survives is read back until it has been kept. A value that is
-    /// there already is not written: such memory wears out. Access to it is switched off again,
-    /// whatever happens: the reply to the selection may have been lost after it was done. FACTS 6.3.
+    /// A value written to non-volatile memory is read back until the memory has kept it. A value
+    /// that is already there is not written, because such memory wears out. The memory is
+    /// deselected again in every case: the selection may have been executed although its reply was
+    /// lost. FACTS 6.3.
     ///
     /// # Errors
     /// The access failed, or the memory does not keep the value.
@@ -58,21 +58,21 @@ pub trait RemoteLink {
     }
 }
 
-/// What goes wrong with non-volatile memory, where the line does not.
+/// A problem with non-volatile memory over a working line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NonvolatileProblem<E> {
-    /// Access to it could not be switched off again.
+    /// The memory could not be deselected.
     StillSelected(E),
-    /// It does not keep the value.
+    /// The memory does not keep the value.
     NotKept {
-        /// What was written.
+        /// The value written.
         written: u64,
-        /// What was read last.
+        /// The value read last.
         read: u64,
     },
 }
 
-/// How long non-volatile memory may take to keep a value.
+/// Wait before the first check that non-volatile memory has kept a value.
 const KEEP_FIRST: Duration = Duration::from_millis(10);
 const KEEP_PAUSE: Duration = Duration::from_millis(20);
 const KEEP_ATTEMPTS: u8 = 6;

@@ -1,9 +1,9 @@
 //! The serial Little Binary Protocol as bytes: accesses, requests, CRC-8, flag bytes. Pure, no I/O.
 //!
-//! This is the host's side: a [`RemoteAccess`] goes through an FPGA
-//! (`sslbp::Port` of `mesa-hal`), or as a [`Request`] over a serial port.
+//! The module contains the host's parts: a [`RemoteAccess`] goes through an FPGA (`sslbp::Port` of
+//! `mesa-hal`), or as a [`Request`] over a serial port.
 
-// A wrong sum would be a wrong packet.
+// An arithmetic overflow would send a wrong packet.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod access;

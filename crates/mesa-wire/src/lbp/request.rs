@@ -1,14 +1,14 @@
-//! What a host sends, and the check of what it gets back.
+//! Requests of a host, and the check of their replies.
 
 use alloc::{vec, vec::Vec};
 
 use super::{LocalLocation, RemoteAccess, crc8};
 
-/// What is wrong with the reply to a request.
+/// An invalid reply to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LbpError {
-    /// The reply is shorter or longer than the command's answer.
+    /// The reply is shorter or longer than the command's reply.
     #[error(
         "reply to command {command:02X} has {actual} bytes, expected {expected}; check wiring, and that the size in the discovery answer is that of the current mode"
     )]
@@ -34,18 +34,18 @@ pub enum LbpError {
     },
 }
 
-/// Command byte of the discovery RPC, which is answered by a [`DiscoveryReply`].
+/// Command byte of the discovery RPC; its reply is a [`DiscoveryReply`].
 ///
 /// FACTS 1.2: one section of the manual swaps it with the unit number RPC.
 pub const DISCOVERY: u8 = 0xBB;
 
-/// Command byte of the RPC that is answered by the unit number, 4 bytes.
+/// Command byte of the unit number RPC; its reply has 4 bytes.
 pub const UNIT_NUMBER: u8 = 0xBC;
 
 /// Command byte of the RPC that exchanges process data; the reply begins with the fault byte.
 pub const PROCESS_DATA: u8 = 0xBD;
 
-/// A request of the host: its frame, and how long the answer must be.
+/// A request of the host: its frame, and the expected length of the reply.
 ///
 /// # Real time
 /// For set-up: allocates.
@@ -56,7 +56,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// Reads or writes the remote's memory, or one of its local locations.
+    /// Reads or writes the remote's memory or one of its local locations.
     pub fn access(access: RemoteAccess) -> Self {
         let mut body = vec![access.command()];
         let reply_len = match access {
@@ -84,8 +84,8 @@ impl Request {
         Self::new(body, reply_len.into())
     }
 
-    /// Calls the RPC with the command byte `command`, 80 to BF, with `data`. It answers with
-    /// `reply_len` bytes of data.
+    /// Calls the RPC with the command byte `command`, 80 to BF, and the argument `data`; the reply
+    /// has `reply_len` bytes of data.
     pub fn rpc(command: u8, data: &[u8], reply_len: usize) -> Self {
         debug_assert_eq!(
             command & 0xC0,
@@ -105,20 +105,20 @@ impl Request {
         }
     }
 
-    /// What goes over the wire, CRC included.
+    /// The bytes on the wire, CRC included.
     pub fn as_bytes(&self) -> &[u8] {
         &self.frame
     }
 
-    /// Bytes of the answer, CRC included.
+    /// Length of the reply in bytes, CRC included.
     pub const fn reply_len(&self) -> usize {
         self.reply_len.saturating_add(1)
     }
 
-    /// Checks an answer and returns its data without the CRC.
+    /// Checks a reply and returns its data without the CRC.
     ///
     /// # Errors
-    /// [`LbpError`] for a reply of another length, or with a wrong CRC.
+    /// [`LbpError`] for a reply of another length or with a wrong CRC.
     pub fn check_reply<'a>(&self, reply: &'a [u8]) -> Result<&'a [u8], LbpError> {
         let command = self.frame.first().copied().unwrap_or(0);
         let (&actual, data) = reply
@@ -140,23 +140,23 @@ impl Request {
     }
 }
 
-/// The answer to the [`DISCOVERY`] RPC.
+/// The reply to the [`DISCOVERY`] RPC.
 ///
 /// Manual: 7I77, "DISCOVERY RPC"; FACTS 1.2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DiscoveryReply {
-    /// Bytes the remote sends in a process-data reply: fault byte included, CRC not.
+    /// Bytes of a process-data reply: fault byte included, CRC not.
     pub rx_size: u8,
-    /// Bytes of data in a process-data request: neither command nor CRC.
+    /// Bytes of data of a process-data request: neither command nor CRC.
     pub tx_size: u8,
-    /// Address of the process table of contents; 0: the remote has none.
+    /// Address of the process table of contents; 0 if the remote has none.
     pub ptoc: u16,
     /// Address of the global table of contents.
     pub gtoc: u16,
 }
 
 impl DiscoveryReply {
-    /// The reply's data.
+    /// The data of the reply.
     pub const fn to_bytes(self) -> [u8; 6] {
         let [ptoc_low, ptoc_high] = self.ptoc.to_le_bytes();
         let [gtoc_low, gtoc_high] = self.gtoc.to_le_bytes();
@@ -170,7 +170,7 @@ impl DiscoveryReply {
         ]
     }
 
-    /// From the reply's data.
+    /// Decodes the data of the reply.
     pub const fn from_bytes(bytes: [u8; 6]) -> Self {
         let [rx_size, tx_size, p0, p1, g0, g1] = bytes;
         Self {

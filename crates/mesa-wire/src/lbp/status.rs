@@ -3,7 +3,7 @@
 use bitflags::bitflags;
 use core::fmt;
 
-/// What [`LocalLocation::COOKIE`](super::LocalLocation::COOKIE) returns.
+/// The value of [`LocalLocation::COOKIE`](super::LocalLocation::COOKIE).
 pub const COOKIE: u8 = 0x5A;
 
 bitflags! {
@@ -12,7 +12,7 @@ bitflags! {
     /// Manual: 7I77, "LOCAL LBP READ COMMANDS"; FACTS 1.5.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct LbpStatus: u8 {
-        /// A command came in too slowly and was dropped.
+        /// A command arrived too slowly and was dropped.
         const FRAME_TIMEOUT = 0x40;
         /// A write to a protected area, or to an address that does not exist.
         const INVALID_ADDRESS = 0x20;
@@ -27,16 +27,16 @@ bitflags! {
 }
 
 bitflags! {
-    /// What a remote can do (D4). Unknown bits are kept.
+    /// Capabilities of a remote (D4). Unknown bits are kept.
     ///
     /// FACTS 1.3.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Capabilities: u8 {
-        /// It checks CRCs.
+        /// The remote checks CRCs.
         const CRC = 0x01;
-        /// It has an EEPROM for its parameters.
+        /// The remote has an EEPROM for its parameters.
         const EEPROM = 0x04;
-        /// Its program can be updated over LBP.
+        /// The remote's program can be updated over LBP.
         const FLASH = 0x08;
         const _ = !0;
     }
@@ -49,9 +49,9 @@ bitflags! {
     /// Manual: 7I77, "CS REGISTER AFTER DOIT".
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct RemoteFaults: u8 {
-        /// The remote saw errors on the line.
+        /// The remote detected errors on the line.
         const COMMUNICATION = 0x80;
-        /// It was started in a software mode that it does not have.
+        /// START requested a software mode that the remote does not have.
         const ILLEGAL_MODE = 0x40;
         /// Field power is missing or too low.
         const LOW_VOLTAGE = 0x20;
@@ -63,8 +63,8 @@ bitflags! {
         const OVER_TEMPERATURE = 0x04;
         /// The enable input is not active.
         const NO_ENABLE = 0x02;
-        /// No process data for longer than the watchdog time, so that the outputs are off; also
-        /// the state after power-up.
+        /// No process data for longer than the watchdog time: the outputs are off. Also set after
+        /// power-up.
         const WATCHDOG = 0x01;
         const _ = !0;
     }
@@ -87,7 +87,7 @@ impl fmt::Display for RemoteFaults {
     }
 }
 
-/// Writes the words of the bits that are set, from bit 0 on, or `none`.
+/// Writes the words of the set bits, from bit 0 on, or `none`.
 pub fn write_flags(
     f: &mut fmt::Formatter<'_>,
     bits: u8,
@@ -105,16 +105,16 @@ pub fn write_flags(
     Ok(())
 }
 
-/// Where a remote's program flash is reached while [`NonvolatileMemory::Flash`](super::NonvolatileMemory::Flash) is
-/// selected.
+/// Registers of a remote's program flash, reachable while
+/// [`NonvolatileMemory::Flash`](super::NonvolatileMemory::Flash) is selected.
 ///
 /// FACTS 1.6.
 pub mod flash {
     /// 32 bits: offset in the flash of the block to erase or to write.
     pub const OFFSET: u16 = 0x8000;
-    /// One byte: log2 of the size of what one erase erases.
+    /// One byte: log2 of the size of an erase block.
     pub const LOG2_ERASE_SIZE: u16 = 0x8004;
-    /// One byte: log2 of the size of what one write writes.
+    /// One byte: log2 of the size of a write block.
     pub const LOG2_WRITE_SIZE: u16 = 0x8005;
     /// One byte: writing it carries out [`COMMIT_ERASE`] or [`COMMIT_WRITE`].
     pub const COMMIT: u16 = 0x8007;

@@ -2,12 +2,12 @@
 
 use super::{Lbp16Error, Operation, Operations, elements};
 
-/// One command of a request, with what the board answered to it.
+/// One command of a request, with the board's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Answered<'a> {
-    /// The command, and what it writes.
+    /// The command, and the data that it writes.
     pub operation: Operation<'a>,
-    /// What it has read: empty for a write. Shorter than [`Command::data_len`] if the reply ends
+    /// The bytes read: empty for a write. Shorter than [`Command::data_len`] if the reply ends
     /// before.
     ///
     /// [`Command::data_len`]: super::Command::data_len
@@ -15,8 +15,8 @@ pub struct Answered<'a> {
 }
 
 impl Answered<'_> {
-    /// The elements that were written or read, as little-endian numbers; one that was cut off is left
-    /// out.
+    /// The elements that were written or read, as little-endian numbers. A truncated element is
+    /// left out.
     pub fn elements(&self) -> impl Iterator<Item = u64> + '_ {
         let command = self.operation.command;
         let bytes = if command.write {
@@ -27,7 +27,7 @@ impl Answered<'_> {
         elements(bytes, command.size)
     }
 
-    /// Whether the reply has everything that the command reads.
+    /// True if the reply contains everything that the command reads.
     pub fn is_whole(&self) -> bool {
         let command = self.operation.command;
         command.write || self.read.len() == command.data_len()
@@ -35,10 +35,10 @@ impl Answered<'_> {
 }
 
 impl<'a> Operations<'a> {
-    /// Bytes of the reply to what is left of the request; 0 if the board does not answer it.
+    /// Bytes of the reply to the remaining operations; 0 if the board does not answer them.
     ///
     /// # Errors
-    /// That of the first command that is none.
+    /// That of the first invalid command.
     pub fn reply_len(&self) -> Result<usize, Lbp16Error> {
         let mut len = 0;
         for operation in self.clone() {
@@ -50,7 +50,7 @@ impl<'a> Operations<'a> {
         Ok(len)
     }
 
-    /// Takes a reply apart: each command with what it has read.
+    /// Splits a reply: each command with the bytes that it has read.
     pub fn with_reply(
         self,
         reply: &'a [u8],
@@ -76,8 +76,8 @@ mod tests {
     use super::*;
     use crate::lbp16::{Command, Space};
 
-    /// Manual: 7I97, "ELBPCOM": the cookie of HostMot2, and the IP address in the EEPROM; between them
-    /// a write.
+    /// Manual: 7I97, "ELBPCOM": the cookie of HostMot2 and the IP address in the EEPROM, with a
+    /// write between them.
     const REQUEST: [u8; 14] = [
         0x01, 0x42, 0x00, 0x01, 0x01, 0xD9, 0x18, 0x00, 0x34, 0x12, 0x82, 0x49, 0x20, 0x00,
     ];

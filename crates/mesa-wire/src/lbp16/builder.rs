@@ -1,13 +1,13 @@
-//! A request as a host makes it.
+//! Requests, as a host builds them.
 
 use alloc::vec::Vec;
 use core::ops::Range;
 
 use super::{Command, Lbp16Error, MAX_COUNT, Space};
 
-/// Encodes commands one after the other, and knows the reply.
+/// Encodes commands one after the other, and keeps track of the reply's layout.
 ///
-/// Manual: 7I97, "LBP16 COMMANDS". A request and its reply may have
+/// Manual: 7I97, "LBP16 COMMANDS". A request and its reply may have up to
 /// [`MAX_PACKET`](super::MAX_PACKET) bytes: the bus that sends it checks that.
 ///
 /// # Real time
@@ -26,12 +26,12 @@ use super::{Command, Lbp16Error, MAX_COUNT, Space};
 pub struct RequestBuilder {
     /// The request so far.
     pub bytes: Vec<u8>,
-    /// Bytes of the reply; 0 if the request is not answered.
+    /// Length of the reply in bytes; 0 if the board does not answer the request.
     pub reply_len: usize,
 }
 
 impl RequestBuilder {
-    /// Reads `count` registers of the space's own size; returns where they are in the reply.
+    /// Reads `count` registers of the space's own size; returns their range in the reply.
     ///
     /// # Errors
     /// As [`command`](Self::command).
@@ -44,8 +44,8 @@ impl RequestBuilder {
         self.command(Command::read(space, count), address, &[])
     }
 
-    /// Writes registers of the space's own size, little endian; returns where their bytes are in the
-    /// request.
+    /// Writes registers of the space's own size, little endian; returns the range of their bytes in
+    /// the request.
     ///
     /// # Errors
     /// As [`command`](Self::command).
@@ -60,13 +60,13 @@ impl RequestBuilder {
         self.command(Command::write(space, count), address, data)
     }
 
-    /// Any command.
+    /// Adds any command.
     ///
-    /// `address` is left out if the command has none, `data` is empty if it reads. Returns where the
-    /// data is: in the reply for a read, in the request for a write.
+    /// `address` is left out if the command has none; `data` is empty for a read. Returns the range
+    /// of the data: in the reply for a read, in the request for a write.
     ///
     /// # Errors
-    /// [`Lbp16Error::Count`] and [`Lbp16Error::DataLength`]. The request stays as it was.
+    /// [`Lbp16Error::Count`] and [`Lbp16Error::DataLength`]. The request stays unchanged.
     pub fn command(
         &mut self,
         command: Command,
@@ -84,8 +84,8 @@ impl RequestBuilder {
         Ok(self.push(command, address, data))
     }
 
-    /// As [`command`](Self::command), for a command that is known to be sound: its count and its data
-    /// are not checked. A count of 0 can be set later, in [`bytes`](Self::bytes).
+    /// As [`command`](Self::command), for a command that is known to be valid: its count and its
+    /// data are not checked. A count of 0 can be set later, in [`bytes`](Self::bytes).
     pub fn push(&mut self, command: Command, address: u16, data: &[u8]) -> Range<usize> {
         debug_assert_eq!(data.len(), command.written_len(), "{command:?}");
         self.bytes.extend(command.encode().to_le_bytes());
@@ -134,7 +134,8 @@ mod tests {
 
     #[test]
     fn reading_1024_bytes_of_flash_is_the_packet_of_the_manual() {
-        // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": 01CE000056341200, 404E0400, 400E, 400E, 400E.
+        // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": 01CE000056341200, 404E0400,
+        // 400E, 400E, 400E.
         let (bytes, reply) = built(|request| {
             let address = Command::write(Space::Flash, 1).standing();
             let data = 0x0012_3456_u32.to_le_bytes();

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// The most elements of one command.
+/// Maximum number of elements of one command.
 pub const MAX_COUNT: u8 = 127;
 
 const WRITE: u16 = 1 << 15;
@@ -13,7 +13,7 @@ const SIZE_SHIFT: u32 = 8;
 const INCREMENT: u16 = 1 << 7;
 const COUNT_MASK: u8 = 0x7F;
 
-/// One of the eight memory spaces.
+/// A memory space, one of eight.
 ///
 /// Manual: 7I97, "7I97 SUPPORTED MEMORY SPACES".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -38,14 +38,14 @@ pub enum Space {
 }
 
 impl fmt::Display for Space {
-    /// Its number, and what it is: `2 (EEPROM)`.
+    /// Number and name of the space: `2 (EEPROM)`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({})", *self as u8, self.name())
     }
 }
 
 impl Space {
-    /// What it is, as people call it.
+    /// The usual name of the space.
     pub const fn name(self) -> &'static str {
         match self {
             Self::HostMot2 => "HostMot2",
@@ -59,7 +59,7 @@ impl Space {
         }
     }
 
-    /// The space of the lowest three bits of `bits`.
+    /// The space in the lowest three bits of `bits`.
     pub const fn from_bits(bits: u16) -> Self {
         match bits & 7 {
             0 => Self::HostMot2,
@@ -73,8 +73,7 @@ impl Space {
         }
     }
 
-    /// The size in which its registers are read and written: 32 bits in spaces 0 and 3, 16 in the
-    /// others.
+    /// Size of its registers: 32 bits in spaces 0 and 3, 16 bits in the others.
     pub const fn element(self) -> ElementSize {
         match self {
             Self::HostMot2 | Self::Flash => ElementSize::Double,
@@ -98,7 +97,7 @@ pub enum ElementSize {
 }
 
 impl ElementSize {
-    /// The size of the lowest two bits of `bits`.
+    /// The size in the lowest two bits of `bits`.
     pub const fn from_bits(bits: u16) -> Self {
         match bits & 3 {
             0 => Self::Byte,
@@ -114,7 +113,7 @@ impl ElementSize {
     }
 }
 
-/// A command word, taken apart.
+/// A decoded command word.
 ///
 /// Manual: 7I97, "LBP16 COMMANDS".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -123,20 +122,20 @@ impl ElementSize {
     reason = "they are single bits on the wire"
 )]
 pub struct Command {
-    /// The host writes; otherwise it reads.
+    /// Set for a write, clear for a read.
     pub write: bool,
-    /// An address follows; otherwise the space's address pointer is used.
+    /// An address follows; otherwise the address pointer of the space is used.
     pub address: bool,
-    /// The info area of the space is meant, not the space itself.
+    /// Addresses the info area of the space instead of the space itself.
     pub info: bool,
-    /// Which space.
+    /// The addressed space.
     pub space: Space,
     /// Size of one element.
     pub size: ElementSize,
-    /// The address pointer moves on by the size after every element. Data ports want it to stand.
+    /// The address pointer advances by the size after every element. Data ports need it to stay.
     pub increment: bool,
-    /// Number of elements. Neither a [`RequestBuilder`](super::RequestBuilder) nor
-    /// [`Operations`](super::Operations) take others than 1 to [`MAX_COUNT`].
+    /// Number of elements. [`RequestBuilder`](super::RequestBuilder) and
+    /// [`Operations`](super::Operations) accept 1 to [`MAX_COUNT`].
     pub count: u8,
 }
 
@@ -171,7 +170,7 @@ impl Command {
         }
     }
 
-    /// The same with an address pointer that stands, as data ports want it.
+    /// The same without increment, for data ports.
     #[must_use]
     pub const fn standing(self) -> Self {
         Self {
@@ -180,17 +179,17 @@ impl Command {
         }
     }
 
-    /// Bytes that are transferred: behind the command in a request, or in the reply.
+    /// Bytes of data: after the command in a request, or in the reply.
     pub const fn data_len(&self) -> usize {
         (self.count as usize).saturating_mul(self.size.bytes())
     }
 
-    /// Bytes of data that follow the command in a request: none for a read.
+    /// Bytes of data after the command in a request: 0 for a read.
     pub(super) const fn written_len(self) -> usize {
         if self.write { self.data_len() } else { 0 }
     }
 
-    /// Takes a command word apart.
+    /// Decodes a command word.
     pub const fn decode(word: u16) -> Self {
         Self {
             write: word & WRITE != 0,
@@ -203,7 +202,7 @@ impl Command {
         }
     }
 
-    /// The command word.
+    /// Encodes the command word.
     pub const fn encode(&self) -> u16 {
         flag(self.write, WRITE)
             | flag(self.address, ADDRESS)
@@ -238,8 +237,9 @@ mod tests {
 
     #[test]
     fn commands_of_every_space_are_those_of_the_manual() {
-        // Manual: 7I97, "SPACE 0: HOSTMOT2 REGISTERS" to "SPACE 7: LBP READ ONLY AREA": "read with address NNxxLLHH", "write with address",
-        // "read", "write", for NN = 85: 5 elements with increment.
+        // Manual: 7I97, "SPACE 0: HOSTMOT2 REGISTERS" to "SPACE 7: LBP READ ONLY AREA": "read with
+        // address NNxxLLHH", "write with address", "read", "write", for NN = 85: 5 elements with
+        // increment.
         let manual = [
             (Space::HostMot2, [0x42, 0xC2, 0x02, 0x82]),
             (Space::EthernetChip, [0x45, 0xC5, 0x05, 0x85]),
@@ -262,8 +262,8 @@ mod tests {
 
     #[test]
     fn commands_of_the_info_areas_are_those_of_the_manual() {
-        // Manual: 7I97, "INFO_AREA ACCESS". Its table gives the size bits of space 3 as 16 bits,
-        // as for all info areas.
+        // Manual: 7I97, "INFO_AREA ACCESS". Its table gives the size bits of space 3 as 16 bits, as
+        // for all info areas.
         let manual = [
             (Space::HostMot2, 0x61, 0x21),
             (Space::EthernetChip, 0x65, 0x25),

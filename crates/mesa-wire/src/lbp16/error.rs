@@ -1,18 +1,18 @@
-//! Why LBP16 bytes could not be built or taken apart.
+//! Errors of building and decoding LBP16 bytes.
 
 use super::Space;
 
-/// What is wrong with a command, a packet, or what a board says of its spaces.
+/// An invalid command, packet, or description of a space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lbp16Error {
     /// A command for no element, or for more than its count field holds.
     #[error("a command for {count} elements; 1 to 127 are possible, use several commands")]
     Count {
-        /// The number asked for.
+        /// Number requested.
         count: u8,
     },
-    /// The data is not what the command announces.
+    /// The data does not have the length that the command announces.
     #[error(
         "{found} bytes of data for a command that writes {expected}; give its count times the \
          size of its elements"
@@ -29,26 +29,26 @@ pub enum Lbp16Error {
          is the count of this command too large, or that of the one before too small?"
     )]
     CutOff {
-        /// Where in the request the command begins.
+        /// Offset of the command in the request.
         offset: usize,
-        /// What should follow: a command word, an address, data.
+        /// The missing part: a command word, an address, data.
         what: &'static str,
-        /// Bytes of it.
+        /// Its length in bytes.
         expected: usize,
         /// Bytes left.
         found: usize,
     },
-    /// The command word is none.
+    /// The command word is invalid.
     #[error(
         "byte {offset}: command 0x{word:04X} is for 0 elements; ask for 1 to 127, or leave it out"
     )]
     BadCommand {
-        /// Where in the request the command begins.
+        /// Offset of the command in the request.
         offset: usize,
         /// The command word.
         word: u16,
     },
-    /// The info area of a space is not there.
+    /// The space has no info area.
     #[error(
         "info area of space {space} with cookie 0x{found:04X}, expected 0x{expected:04X}; \
          this firmware does not have the space, or this is no Mesa board"
@@ -56,9 +56,9 @@ pub enum Lbp16Error {
     Cookie {
         /// The space.
         space: Space,
-        /// What its cookie should be.
+        /// The expected cookie.
         expected: u16,
-        /// What it is.
+        /// The cookie found.
         found: u16,
     },
 }

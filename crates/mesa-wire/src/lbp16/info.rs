@@ -2,31 +2,31 @@
 
 use super::{ElementSize, Lbp16Error, Space};
 
-/// High bits of the cookie; the low four are the number of the space.
+/// High bits of the cookie; the low four bits are the number of the space.
 const COOKIE: u16 = 0x5A00;
 
-/// What a space says about itself.
+/// The info area of a space.
 ///
 /// Manual: 7I97, "INFO AREA".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct InfoArea {
-    /// The space that is described.
+    /// The described space.
     pub space: Space,
-    /// How the space may be accessed.
+    /// Type of memory, and the permitted accesses.
     pub sizes: MemorySizes,
-    /// How large it is.
+    /// Sizes of the space, its pages and its erase blocks.
     pub ranges: MemoryRanges,
-    /// Where the address pointer of the space stands.
+    /// Current address pointer of the space.
     pub pointer: u16,
     /// Name, padded with zeros.
     pub name: [u8; 8],
 }
 
 impl InfoArea {
-    /// Words of an info area.
+    /// Length of an info area in words.
     pub const WORDS: usize = 8;
 
-    /// Reads the words of an info area, of the space that was asked.
+    /// Decodes the words of the info area of `space`.
     ///
     /// # Errors
     /// [`Lbp16Error::Cookie`].
@@ -50,7 +50,7 @@ impl InfoArea {
         })
     }
 
-    /// The words, as a board shows them.
+    /// Encodes the words as a board returns them.
     pub fn words(&self) -> [u16; Self::WORDS] {
         let [a0, a1, b0, b1, c0, c1, d0, d1] = self.name;
         let [a, b, c, d] = [[a0, a1], [b0, b1], [c0, c1], [d0, d1]].map(u16::from_le_bytes);
@@ -59,19 +59,19 @@ impl InfoArea {
         [cookie, sizes.0, ranges.0, self.pointer, a, b, c, d]
     }
 
-    /// The name without its padding; `?` if it is no text.
+    /// The name without its padding; `?` if it is not valid text.
     pub fn name(&self) -> &str {
         text(&self.name)
     }
 }
 
-/// The text up to the first zero, without blanks at its end; `?` if it is none.
+/// The text up to the first zero, without trailing blanks; `?` if it is not valid text.
 pub fn text(padded: &[u8]) -> &str {
     let used = padded.split(|&byte| byte == 0).next().unwrap_or(&[]);
     str::from_utf8(used).unwrap_or("?").trim_end()
 }
 
-/// What kind of memory a space is. Manual: 7I97, "INFO AREA MEMSIZES FORMAT".
+/// Memory type of a space. Manual: 7I97, "INFO AREA MEMSIZES FORMAT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum MemoryType {
@@ -85,7 +85,7 @@ pub enum MemoryType {
     Flash = 0x0F,
 }
 
-/// The MEMSIZES word: writable, type, and which element sizes are allowed.
+/// The MEMSIZES word: writable, type, and permitted element sizes.
 ///
 /// Manual: 7I97, "INFO AREA MEMSIZES FORMAT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -97,12 +97,12 @@ impl MemorySizes {
         Self((writable as u16) << 15 | (kind as u16) << 8 | 1 << size as u8)
     }
 
-    /// Whether the space can be written.
+    /// True if the space can be written.
     pub const fn writable(self) -> bool {
         self.0 & 1 << 15 != 0
     }
 
-    /// What kind of memory it is; `None` if it has a code that the manual does not list.
+    /// Memory type; `None` for a code that the manual does not list.
     pub const fn kind(self) -> Option<MemoryType> {
         match self.0 >> 8 & 0x7F {
             0x01 => Some(MemoryType::Register),
@@ -113,7 +113,7 @@ impl MemorySizes {
         }
     }
 
-    /// Whether elements of this size are allowed.
+    /// True if elements of this size are permitted.
     pub const fn allows(self, size: ElementSize) -> bool {
         self.0 & 1 << size as u8 != 0
     }
@@ -126,23 +126,23 @@ impl MemorySizes {
 pub struct MemoryRanges(pub u16);
 
 impl MemoryRanges {
-    /// The word for 2^`erase` bytes an erase block, 2^`page` a page, 2^`range` in all; `erase` and
-    /// `page` are 0 for what is not flash.
+    /// The word for 2^`erase` bytes per erase block, 2^`page` per page, 2^`range` in all; `erase`
+    /// and `page` are 0 for anything but flash.
     pub const fn new(erase: u8, page: u8, range: u8) -> Self {
         Self((erase as u16 & 0x1F) << 11 | (page as u16 & 0x1F) << 6 | range as u16 & 0x3F)
     }
 
-    /// Bytes that are erased together; 1 if nothing has to be.
+    /// Bytes of an erase block; 1 if nothing needs erasing.
     pub const fn erase_block(self) -> u64 {
         1 << (self.0 >> 11)
     }
 
-    /// Bytes that are written together; 1 if any number can be.
+    /// Bytes of a page, the unit of a write; 1 if any number can be written.
     pub const fn page(self) -> u64 {
         1 << (self.0 >> 6 & 0x1F)
     }
 
-    /// Bytes of the space.
+    /// Size of the space in bytes.
     pub const fn range(self) -> u64 {
         1 << (self.0 & 0x3F)
     }

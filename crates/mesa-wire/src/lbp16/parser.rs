@@ -1,28 +1,28 @@
-//! A request as a board sees it.
+//! Requests, as a board decodes them.
 
 use super::{Command, ElementSize, Lbp16Error};
 
-/// One command of a request, with what follows it.
+/// One command of a request, with its address and data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Operation<'a> {
     /// The command.
     pub command: Command,
-    /// The address that follows it, if it has one.
+    /// The address after the command, if it has one.
     pub address: Option<u16>,
-    /// The bytes to be written; empty for a read.
+    /// The bytes to write; empty for a read.
     pub data: &'a [u8],
 }
 
 impl Operation<'_> {
-    /// The elements to be written, as little-endian numbers; none for a read.
+    /// The elements to write, as little-endian numbers; none for a read.
     pub fn elements(&self) -> impl Iterator<Item = u64> + '_ {
         elements(self.data, self.command.size)
     }
 }
 
-/// The operations of a request, in order.
+/// Iterator over the operations of a request, in order.
 ///
-/// Ends after the first error: where the next command would begin is not known.
+/// Ends after the first error, because the start of the next command is then unknown.
 ///
 /// # Real time
 /// Every item takes at least two bytes of the request, so there are at most half as many items as
@@ -91,7 +91,7 @@ impl<'a> Iterator for Operations<'a> {
     }
 }
 
-/// Little-endian numbers of one size, side by side; one that was cut off is left out.
+/// Adjacent little-endian numbers of one size; a truncated one is left out.
 pub fn elements(bytes: &[u8], size: ElementSize) -> impl Iterator<Item = u64> {
     bytes.chunks_exact(size.bytes()).map(number)
 }

@@ -1,4 +1,5 @@
-//! Registers and layouts of spaces 2 to 7, as addresses. Sources: manual 7I97, the section named.
+//! Registers and layouts of spaces 2 to 7, as addresses. Sources: the named sections of manual
+//! 7I97.
 
 use bitflags::bitflags;
 
@@ -6,7 +7,7 @@ use bitflags::bitflags;
 pub mod eeprom {
     /// Bytes of the space.
     pub const LEN: u16 = 0x80;
-    /// The bytes before this address can not be written.
+    /// Bytes before this address cannot be written.
     pub const FIRST_WRITABLE: u16 = 0x20;
     /// MAC address, low word first: three words.
     pub const MAC: u16 = 0x02;
@@ -24,7 +25,7 @@ pub mod eeprom {
 
 /// Space 3, "FLASH MEMORY REGISTERS".
 pub mod flash {
-    /// Byte address in the flash; moves on by 4 with each access of [`DATA`].
+    /// Byte address in the flash; advances by 4 with each access of [`DATA`].
     pub const ADDRESS: u16 = 0x00;
     /// Data port.
     pub const DATA: u16 = 0x04;
@@ -32,17 +33,17 @@ pub mod flash {
     pub const ID: u16 = 0x08;
     /// Writing erases the sector at [`ADDRESS`].
     pub const SECTOR_ERASE: u16 = 0x0C;
-    /// Bytes of a page, which are written together.
+    /// Bytes of a page, the unit of a write.
     pub const PAGE: usize = 256;
-    /// Bytes of a sector, which are erased together.
+    /// Bytes of a sector, the unit of an erase.
     pub const SECTOR: usize = 0x1_0000;
 }
 
 /// Space 4, "SPACE 4 LBP TIMER/UTILITY AREA".
 pub mod timer {
-    /// Free-running microseconds; writes do nothing.
+    /// Free-running microseconds; writes have no effect.
     pub const TIME_STAMP: u16 = 0x00;
-    /// Writing waits for that many microseconds.
+    /// Writing waits for the written number of microseconds.
     pub const WAIT_US: u16 = 0x02;
     /// Longest wait for HostMot2, in microseconds.
     pub const HM2_TIMEOUT: u16 = 0x04;
@@ -50,7 +51,7 @@ pub mod timer {
     pub const WAIT_FOR_HM2_REFERENCE: u16 = 0x06;
     /// The same for timers 1 to 4: four registers.
     pub const WAIT_FOR_HM2_TIMER1: u16 = 0x08;
-    /// Eight registers for anything.
+    /// Eight scratch registers.
     pub const SCRATCH: u16 = 0x10;
 }
 
@@ -58,9 +59,9 @@ pub mod timer {
 pub mod control {
     /// See [`ErrorRegister`](super::ErrorRegister).
     pub const ERROR: u16 = 0x00;
-    /// Requests that were no row of whole commands.
+    /// Requests that were not a sequence of whole commands.
     pub const PARSE_ERRORS: u16 = 0x02;
-    /// Accesses that a space did not take.
+    /// Accesses that a space rejected.
     pub const MEMORY_ERRORS: u16 = 0x04;
     /// Writes that were refused.
     pub const WRITE_ERRORS: u16 = 0x06;
@@ -76,22 +77,22 @@ pub mod control {
     pub const TX_UDP: u16 = 0x10;
     /// Packets that could not be sent.
     pub const TX_BAD: u16 = 0x12;
-    /// Bit 0: the LEDs show debug information, not HostMot2's.
+    /// Bit 0: the LEDs show debug information instead of HostMot2's.
     pub const LED_MODE: u16 = 0x14;
-    /// Address in this space of what the debug LEDs show.
+    /// Address in this space of the word that the debug LEDs show.
     pub const DEBUG_LED_POINTER: u16 = 0x16;
-    /// For anything, such as sequence numbers.
+    /// Scratch register, for example for sequence numbers.
     pub const SCRATCH: u16 = 0x18;
-    /// `5A0N` allows writes to space N until the end of the packet.
+    /// `5A0N` enables writes to space N until the end of the packet.
     pub const WRITE_ENABLE: u16 = 0x1A;
-    /// A value that is not 0 resets the firmware: up to half a second of silence.
+    /// A non-zero value resets the firmware: up to half a second without replies.
     pub const RESET: u16 = 0x1C;
     /// The FPGA's configuration port (ICAP), for a reload.
     pub const ICAP: u16 = 0x1E;
 
-    /// What [`WRITE_ENABLE`] takes to allow EEPROM writes.
+    /// Value of [`WRITE_ENABLE`] that enables EEPROM writes.
     pub const ENABLE_EEPROM: u16 = 0x5A02;
-    /// What [`WRITE_ENABLE`] takes to allow flash writes and erases.
+    /// Value of [`WRITE_ENABLE`] that enables flash writes and erases.
     pub const ENABLE_FLASH: u16 = 0x5A03;
 }
 
@@ -103,15 +104,15 @@ pub mod read_only {
     pub const LBP_VERSION: u16 = 0x10;
     /// Version of the firmware.
     pub const FIRMWARE_VERSION: u16 = 0x12;
-    /// Option jumpers: where the IP address comes from.
+    /// Option jumpers: source of the IP address.
     pub const JUMPERS: u16 = 0x14;
-    /// When the last packet began to come in, in microseconds.
+    /// Start of the reception of the last packet, in microseconds.
     pub const RECEIVE_START: u16 = 0x18;
-    /// When it had come in.
+    /// End of the reception of the last packet, in microseconds.
     pub const RECEIVE_DONE: u16 = 0x1A;
-    /// When the previous reply began to go out.
+    /// Start of the transmission of the previous reply, in microseconds.
     pub const SEND_START: u16 = 0x1C;
-    /// When it had gone out.
+    /// End of the transmission of the previous reply, in microseconds.
     pub const SEND_DONE: u16 = 0x1E;
     /// The first firmware version that can reload the FPGA (FACTS 10.2).
     pub const RELOAD_FIRMWARE: u16 = 15;
@@ -121,17 +122,17 @@ bitflags! {
     /// The error register, space 6 address 0. Manual: 7I97, "ERROR REGISTER FORMAT".
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct ErrorRegister: u16 {
-        /// A request was no row of whole commands.
+        /// A request was not a sequence of whole commands.
         const PARSE = 1 << 0;
-        /// A space did not take an access.
+        /// A space rejected an access.
         const MEMORY = 1 << 1;
         /// A write was refused.
         const WRITE = 1 << 2;
-        /// A packet came in damaged.
+        /// A received packet was damaged.
         const RECEIVE = 1 << 3;
         /// A packet could not be sent.
         const TRANSMIT = 1 << 4;
-        /// HostMot2's timer did not come in time.
+        /// HostMot2's timer did not fire in time.
         const HM2_TIMEOUT = 1 << 5;
         /// Reserved bits are kept.
         const _ = !0;

@@ -26,7 +26,7 @@ impl Pair {
         }
     }
 
-    /// Steps until a reply comes, or the time is over.
+    /// Steps until a reply arrives, or the time is over.
     fn reply(&mut self, patience: Duration) -> Option<(Vec<u8>, Duration)> {
         let start = Instant::now();
         let mut buffer = [0; 2048];
@@ -89,7 +89,7 @@ fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten()
 #[test]
 fn a_reply_waits_while_the_board_waits() {
     let mut pair = Pair::new(Mishaps::default());
-    // WaituS 20000, then the cookie; and a second client's question behind it.
+    // WaituS 20000, then the cookie; and a second request behind it.
     pair.client
         .send(&[0x01, 0xD1, 0x02, 0x00, 0x20, 0x4E, 0x01, 0x42, 0x00, 0x01])
         .unwrap();

@@ -6,7 +6,7 @@ use mesa_wire::lbp::{
     Request, crc8,
 };
 
-/// A host on the line of one device; time goes on with each request.
+/// A host on the line of one device; each request advances the time.
 pub(super) struct Host<'a> {
     pub(super) remote: &'a mut dyn RemoteEnd,
     pub(super) now: Nanos,
@@ -22,13 +22,13 @@ impl<'a> Host<'a> {
         self.remote.advance(self.now);
     }
 
-    /// The data of the answer, if there is one.
+    /// The data of the reply, if there is one.
     pub(super) fn ask(&mut self, request: &Request) -> Option<Vec<u8>> {
         let reply = self.send(request.as_bytes())?;
         Some(request.check_reply(&reply).unwrap().to_vec())
     }
 
-    /// Sends a frame without its CRC, and returns the answer without its own.
+    /// Sends a frame without its CRC, and returns the reply without its own.
     pub(super) fn raw(&mut self, body: &[u8]) -> Vec<u8> {
         let mut reply = self.send(&[body, &[crc8(body)]].concat()).unwrap();
         let crc = reply.pop();
@@ -96,7 +96,7 @@ impl<'a> Host<'a> {
         )
     }
 
-    /// What SSLBP does at START after discovery.
+    /// The steps of SSLBP at START after discovery.
     pub(super) fn start(&mut self, mode: u8) -> DiscoveryReply {
         self.set(LocalLocation::SOFTWARE_MODE, mode);
         let sizes = self.discovery();

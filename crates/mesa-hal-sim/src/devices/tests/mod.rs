@@ -1,4 +1,4 @@
-//! The devices as the line and the world see them.
+//! The devices from the side of the line and of the world.
 
 mod host;
 mod protocol;
@@ -15,7 +15,7 @@ use mesa_wire::lbp::{
     Request,
 };
 
-/// Makes a fault's cause come or go.
+/// Creates or removes the cause of a fault.
 type Cause = fn(&mut dyn SimDevice, bool);
 
 /// A card's line, name and sizes (RX, TX) by mode.
@@ -30,7 +30,7 @@ fn sizes_and_names_of_each_mode_are_those_of_the_cards() {
     let mut i7i76 = FieldIo::i7i76().unwrap();
     let mut i7i76e = FieldIo::i7i76e().unwrap();
     let spindle = [(5, 4), (9, 4), (12, 4)];
-    // FACTS 8.2, 8.3, 8.4; of the last three the names and numbers of modes alone: FACTS 8.7.
+    // FACTS 8.2, 8.3, 8.4; of the last three only the names and numbers of modes: FACTS 8.7.
     let cards: [Card<'_>; 6] = [
         (&mut field, b"7I77", &[(5, 2), (9, 2), (10, 2), (12, 2)]),
         (&mut analog, b"7I77", &[(1, 10)]),
@@ -77,7 +77,7 @@ fn records_of_the_field_io_have_the_names_and_order_of_the_card() {
             "io_encoder_analog_fieldvoltage"
         ]
     );
-    // FACTS 7.1: type, bits, type of data, direction, min, max
+    // FACTS 7.1: type, bits, type of data, direction, min, max.
     assert_eq!(ptoc[0].1[..4], [0xA0, 16, 0x01, 0x80]);
     assert_eq!(ptoc[1].1[..4], [0xA0, 32, 0x01, 0x00]);
     assert_eq!(ptoc[2].1[..4], [0xA0, 8, 0x02, 0x00]);
@@ -112,7 +112,7 @@ fn outputs_follow_the_host_only_while_no_fault_is_set() {
     let mut host = Host::new(&mut remote);
     host.set(LocalLocation::SOFTWARE_MODE, 0);
     let sizes = host.discovery();
-    // FACTS 1.5: powers up with fault 01
+    // FACTS 1.5: powers up with fault 01.
     assert_eq!(
         host.exchange(sizes, &[0xFF, 0xFF]).0,
         RemoteFaults::WATCHDOG
@@ -162,7 +162,7 @@ fn inputs_analog_values_and_mpgs_arrive_in_their_places() {
     assert_eq!(data[8], 169, "field voltage");
     assert_eq!(data[9..11], [0, 0]);
     let now = host.now;
-    // two cycles of a 5 V MPG: 1X, thresholds of mode 3
+    // Two cycles of a 5 V MPG: 1X, thresholds of mode 3.
     for _ in 0..2 {
         for (a, b) in [(5.0, 0.0), (5.0, 5.0), (0.0, 5.0), (0.0, 0.0)] {
             remote.set_input_volts(18, a).unwrap();
@@ -288,7 +288,7 @@ fn analog_outputs_have_the_volts_of_their_13_bits_when_enabled() {
     let mut remote = Analog::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     let sizes = host.start(0);
-    // FACTS 7.4: 5.0 V -> 2047, -10 V -> 1000
+    // FACTS 7.4: 5.0 V -> 2047, -10 V -> 1000.
     let pack = |raw: [u16; 6], enables: u128| {
         let bits = raw
             .iter()
@@ -319,7 +319,7 @@ fn analog_outputs_have_the_volts_of_their_13_bits_when_enabled() {
         [0.0, 0.0, 0.0, 0.0, 0.0, 4095.0 * step].map(Some),
         "only the spindle is enabled"
     );
-    // manual 7I77, "ANALOG SECTION WATCHDOG"
+    // Manual 7I77, "ANALOG SECTION WATCHDOG".
     remote.advance(now + 50_000_000);
     assert_eq!(volts(&remote), [Some(0.0); 6]);
     assert_eq!(remote.world().output(5), Some(false));
@@ -341,7 +341,7 @@ fn forty_eight_outputs_and_the_field_voltage_of_a_7i72() {
 
 #[test]
 fn a_7i64_has_no_discovery_and_its_faults_are_cleared_by_process_data() {
-    // FACTS 4.7; transcript t26
+    // FACTS 4.7; transcript t26.
     let mut remote = Plain::i7i64().unwrap();
     SimDevice::set_input(&mut remote, 8, true).unwrap();
     SimDevice::set_input_volts(&mut remote, 0, 3.3).unwrap();
@@ -354,7 +354,7 @@ fn a_7i64_has_no_discovery_and_its_faults_are_cleared_by_process_data() {
     let request = Request::rpc(DISCOVERY, &[], 6);
     assert_eq!(host.ask(&request), None);
     host.now += 1_000_000;
-    // The reply has no fault byte, so what the helper takes for it is the first data byte.
+    // The reply has no fault byte: the helper returns the first data byte instead.
     host.exchange(sizes, &[0xFF; 3]);
     assert_eq!(
         host.local(LocalLocation::FAULTS),

@@ -1,4 +1,4 @@
-//! What the line can do to a device besides process data.
+//! Accesses from the line to a device other than process data.
 
 use super::{super::*, Host, lit};
 use crate::{
@@ -83,7 +83,7 @@ fn records_are_protected_and_an_attempt_is_told() {
 
 #[test]
 fn the_rpc_list_of_the_manual_runs_on_a_remote() {
-    // manual 7I77, "EXAMPLE RPC COMMAND LIST": RPC5 at 0028
+    // Manual 7I77, "EXAMPLE RPC COMMAND LIST": RPC5 at 0028.
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     host.set(LocalLocation::RPC_MEMORY_ACCESS, 1);
@@ -98,8 +98,9 @@ fn the_rpc_list_of_the_manual_runs_on_a_remote() {
     assert_eq!(host.read(0x10, AccessSize::Word), 0xCC55);
 }
 
-/// Manual 7I77, "EXAMPLE LBP COMMANDS": write AA BB CC DD to 0010 with auto-increment, write two more
-/// bytes at the current address, which leaves the address pointer at 0014, and read eight at 0010.
+/// Manual 7I77, "EXAMPLE LBP COMMANDS": write AA BB CC DD to 0010 with auto-increment, write two
+/// more bytes at the current address, which leaves the address pointer at 0014, and read eight at
+/// 0010.
 #[test]
 fn the_example_commands_of_the_manual_in_a_row() {
     let mut remote = crate::remote::Remote::model();
@@ -118,7 +119,7 @@ fn the_example_commands_of_the_manual_in_a_row() {
 
 #[test]
 fn the_program_can_be_updated_through_the_flash_registers() {
-    // FACTS 1.6
+    // FACTS 1.6.
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     assert_eq!(host.local(LocalLocation::CAPABILITIES), 0x0D);
@@ -147,7 +148,7 @@ fn layouts_pack_what_they_unpack() {
     layout.unpack(0, &mut memory, &wire);
     let mut again = vec![0; 24];
     layout.pack(0, &memory, &mut again);
-    // 185 bits
+    // 185 bits.
     assert_eq!(again[..23], wire[..23]);
     assert_eq!(again[23], wire[23] & 1);
     assert!(!remote.application().clears_faults(&wire));
@@ -155,7 +156,7 @@ fn layouts_pack_what_they_unpack() {
 
 #[test]
 fn another_baud_rate_takes_effect_after_a_power_cycle() {
-    // manual 7I77, "OPERATE MODE BAUD RATE": index 4 is 115200 baud
+    // Manual 7I77, "OPERATE MODE BAUD RATE": index 4 is 115200 baud.
     let mut remote = FieldIo::i7i77().unwrap();
     let nv = remote.application().layout().address("NVBaudRate").unwrap();
     let mut host = Host::new(&mut remote);
@@ -191,7 +192,7 @@ proptest::proptest! {
         let mut now = 0;
         for (mut bytes, gap) in noise {
             if sealed {
-                // half of the runs are made of frames that pass the CRC
+                // Half of the runs consist of frames with a valid CRC.
                 bytes.truncate(12);
                 bytes.push(mesa_wire::lbp::crc8(&bytes));
             }

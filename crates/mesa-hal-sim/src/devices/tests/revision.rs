@@ -3,7 +3,7 @@
 use super::*;
 use crate::remote::firmware_file;
 
-/// A card with a parameter of so many bits.
+/// A card with a parameter of `bits` bits.
 fn card(bits: u8) -> Remote<Device<Plain>> {
     let text = format!(
         "remote 7X99\nrevision 9\nmode 0 outputs\n  data Output 8 bits out\n\

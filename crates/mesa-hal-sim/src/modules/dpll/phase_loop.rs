@@ -1,4 +1,4 @@
-//! The loop itself, in clocks: accumulator, limit, filter, integrator and outputs.
+//! The phase-locked loop, in clocks: accumulator, limit, filter, integrator and outputs.
 
 /// Width of the phase accumulator.
 pub(super) const DDS_SIZE: u32 = 42;
@@ -9,17 +9,17 @@ const HALF: u64 = TURN / 2;
 /// Bits of the accumulator below those that the phase register shows.
 const HIDDEN: u32 = DDS_SIZE - 32;
 
-/// How far ahead [`PhaseLoop::next_change`] looks, in steps: several periods at the fastest filter.
+/// Range of [`PhaseLoop::next_change`] in steps: several periods at the fastest filter.
 const LOOK_AHEAD: u32 = 1 << 17;
 
 /// The registers of the loop, after `clocks` clock edges.
 ///
 /// Three nested counters divide the clock: the prescaler gives the steps of the accumulator, and
-/// the time constant, which is a prescaler too, gives those of the filter. What a step computes
-/// from the phase error passes through two registers before the accumulator sees it.
+/// the time constant, which is a prescaler too, gives those of the filter. The result of a step on
+/// the phase error passes through two registers before it reaches the accumulator.
 ///
-/// All words have the gateware's widths: correction, limit, filter and integrator 24 bits, signed,
-/// in 2^-42 of a period for each step. They wrap.
+/// All words have the gateware's widths: correction, limit, filter and integrator have 24 bits,
+/// signed, in 2^-42 of a period per step. They wrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PhaseLoop {
     clocks: u64,
@@ -33,17 +33,17 @@ pub(super) struct PhaseLoop {
     prescale_count: u8,
     filter_count: u16,
     accumulator: u64,
-    /// The phase error within the limit.
+    /// The phase error, clamped to the limit.
     bounded: i32,
     filtered: i32,
     integral: i32,
     correction: i32,
-    /// The timers' outputs, which are registered: they follow the phase by a clock.
+    /// The timers' outputs, which are registered: they follow the phase one clock later.
     timer_levels: [bool; 4],
 }
 
 impl Default for PhaseLoop {
-    /// After configuration: all registers 0, and the outputs high.
+    /// The state after configuration: all registers 0, and the outputs high.
     fn default() -> Self {
         Self {
             clocks: 0,
@@ -66,7 +66,7 @@ impl Default for PhaseLoop {
 }
 
 impl PhaseLoop {
-    /// The 32 bits of the phase that can be read.
+    /// The 32 readable bits of the phase.
     pub fn phase(&self) -> u32 {
         (self.accumulator >> HIDDEN) as u32
     }
@@ -76,19 +76,19 @@ impl PhaseLoop {
         self.accumulator = u64::from(phase) << HIDDEN | hidden;
     }
 
-    /// Prescale and the present correction; the limit can not be read.
+    /// Prescale and the present correction; the limit cannot be read back.
     pub fn control_0(&self) -> u32 {
         u32::from(self.prescale) << 24 | self.correction as u32 & 0x00FF_FFFF
     }
 
-    /// Sets prescale and limit; the loop forgets what it knew of its error.
+    /// Sets prescale and limit; clears the error, the filter and the integrator.
     pub fn set_control_0(&mut self, value: u32) {
         self.prescale = (value >> 24) as u8;
         self.limit = wrapped(value as i32);
         (self.phase_error, self.filtered, self.integral) = (0, 0, 0);
     }
 
-    /// Clocks from one step of the accumulator to the next; 0 counts through all 8 bits.
+    /// Clocks per step of the accumulator; 0 counts through all 8 bits.
     pub fn clocks_per_step(&self) -> u64 {
         match self.prescale {
             0 => 256,
@@ -104,7 +104,7 @@ impl PhaseLoop {
         }
     }
 
-    /// Lets clocks pass until there were `clocks` in all.
+    /// Advances to `clocks` clocks in all.
     pub fn run_to(&mut self, clocks: u64) {
         while self.clocks < clocks {
             let room = clocks - self.clocks - 1;
@@ -113,8 +113,8 @@ impl PhaseLoop {
         }
     }
 
-    /// The number of the clock edge at which an output changes next, and whether it rises. `None`
-    /// if it does not while nobody touches the loop, or not in sight.
+    /// The number of the clock edge at which an output next changes; the flag is true if it rises.
+    /// `None` if the output does not change within sight while the registers stay unchanged.
     pub fn next_change(&self, output: u8) -> Option<(u64, bool)> {
         let mut ahead = *self;
         let before = ahead.level(output)?;
@@ -134,7 +134,7 @@ impl PhaseLoop {
     }
 
     /// Clocks from now on in which nothing changes but the counters and, uniformly, the
-    /// accumulator. `u64::MAX` if that is so for ever.
+    /// accumulator. `u64::MAX` if that never ends.
     fn uniform(&self) -> u64 {
         if self.correction != self.next_correction() || self.bounded != self.next_bounded() {
             return 0;
@@ -146,7 +146,7 @@ impl PhaseLoop {
         self.clocks_to_step() + steps * self.clocks_per_step()
     }
 
-    /// Lets `clocks` pass in which nothing changes but the counters and the accumulator.
+    /// Advances by `clocks` in which only the counters and the accumulator change.
     fn skip(&mut self, clocks: u64) {
         self.clocks += clocks;
         let first = self.clocks_to_step();
@@ -162,7 +162,7 @@ impl PhaseLoop {
         self.count_filter(steps);
     }
 
-    /// One clock edge.
+    /// Advances by one clock edge.
     fn clock(&mut self) {
         self.clocks += 1;
         for (timer, level) in self.timers.into_iter().zip(&mut self.timer_levels) {
@@ -177,7 +177,7 @@ impl PhaseLoop {
         self.correction = correction;
     }
 
-    /// One step of the accumulator.
+    /// Advances by one step of the accumulator.
     fn step(&mut self) {
         self.prescale_count = self.prescale;
         self.accumulator = self.accumulator_after(1);
@@ -188,7 +188,7 @@ impl PhaseLoop {
         self.bounded = self.next_bounded();
     }
 
-    /// Lets the filter's prescaler count `steps`.
+    /// Advances the filter's prescaler by `steps`.
     fn count_filter(&mut self, steps: u64) {
         let first = u64::from(self.filter_count.wrapping_sub(1));
         let period = match self.filter_prescale {
@@ -206,7 +206,7 @@ impl PhaseLoop {
         (i128::from(self.accumulator) + moved).rem_euclid(i128::from(TURN)) as u64
     }
 
-    /// How far a step moves the phase.
+    /// Change of the phase per step.
     fn rate(&self) -> i64 {
         i64::from(self.base_rate) - i64::from(self.correction)
     }
@@ -244,7 +244,7 @@ impl PhaseLoop {
         is_high(self.accumulator, timer)
     }
 
-    /// Whether an output already shows the present phase.
+    /// True if an output already shows the present phase.
     fn is_shown(&self, output: u8) -> bool {
         self.level(output) == Some(self.phase_is_high(self.offset(output)))
     }
@@ -256,7 +256,7 @@ impl PhaseLoop {
             .map_or(0, |&timer| timer)
     }
 
-    /// Clocks before the one with which an output changes, as long as the rate stays.
+    /// Clocks before the one at which an output changes, at a constant rate.
     fn clocks_to_change(&self, output: u8) -> Option<u64> {
         if !self.is_shown(output) {
             return Some(0);
@@ -273,7 +273,7 @@ impl PhaseLoop {
     }
 }
 
-/// The phase of a timer: it is ahead by its register.
+/// The phase of a timer: ahead by its register.
 fn turned(accumulator: u64, timer: u16) -> u64 {
     (accumulator + (u64::from(timer) << (DDS_SIZE - 16))) % TURN
 }
@@ -283,7 +283,7 @@ fn is_high(accumulator: u64, timer: u16) -> bool {
     turned(accumulator, timer) < HALF
 }
 
-/// The 24-bit word that hardware of that width is left with.
+/// The value truncated to a signed word of 24 bits, as in the hardware.
 fn wrapped(value: i32) -> i32 {
     value << 8 >> 8
 }

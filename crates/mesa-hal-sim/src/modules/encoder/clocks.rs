@@ -2,16 +2,16 @@
 
 use crate::wire::Nanos;
 
-/// Clock edges since the FPGA was configured.
+/// Clock edges since the configuration of the FPGA.
 pub(super) type Clocks = u64;
 
-/// The clock that everything here runs on.
+/// The clock of all the dividers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     hz: u32,
     /// Its period, if it is a whole number.
     period: Option<Nanos>,
-    /// When the FPGA was configured.
+    /// Time of the configuration of the FPGA.
     origin: Nanos,
 }
 
@@ -26,7 +26,7 @@ impl Clock {
         }
     }
 
-    /// The FPGA is configured again.
+    /// Restarts at a new configuration of the FPGA.
     pub fn restart(&mut self, origin: Nanos) {
         self.origin = origin;
     }
@@ -35,7 +35,7 @@ impl Clock {
         f64::from(self.hz)
     }
 
-    /// How many clock edges there were up to `now`.
+    /// Number of clock edges up to `now`.
     pub fn passed(&self, now: Nanos) -> Clocks {
         let nanos = now.saturating_sub(self.origin);
         match self.period {
@@ -54,21 +54,21 @@ impl Clock {
     }
 }
 
-/// The divider of multiplexer and filters. It is loaded with its register whenever it has run out,
-/// so that a change waits for that.
+/// The divider of multiplexer and filters. The divider loads its register whenever it has run out,
+/// so that a change of the register waits for that.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Divider {
-    /// The last three times that it was loaded, the newest first.
+    /// The last three load times, the newest first.
     loaded: [Clocks; 3],
-    /// How often it was loaded.
+    /// Number of loads.
     count: u64,
     period: Clocks,
-    /// What is loaded after `.1`, and what was before.
+    /// The period of loads after the clock edge `.1`, and the period before it (`.2`).
     register: (Clocks, Clocks, Clocks),
 }
 
 impl Divider {
-    /// A divider that was loaded first at the clock edge `first`.
+    /// A divider whose first load is at the clock edge `first`.
     pub fn new(register: u32, first: Clocks) -> Self {
         let period = period(register);
         Self {
@@ -79,7 +79,7 @@ impl Divider {
         }
     }
 
-    /// Its register is written at the clock edge `now`.
+    /// Writes the register at the clock edge `now`.
     pub fn write(&mut self, now: Clocks, register: u32) {
         let (present, _, _) = self.register;
         self.register = (period(register), now, present);
@@ -89,7 +89,7 @@ impl Divider {
         self.count
     }
 
-    /// When it was loaded last, and the two times before.
+    /// The time of the last load, and of the two before.
     pub fn loaded(&self) -> [Clocks; 3] {
         self.loaded
     }
@@ -99,7 +99,7 @@ impl Divider {
         last + self.period
     }
 
-    /// Goes on to the next time that it is loaded.
+    /// Advances to the next load.
     pub fn step(&mut self) {
         let [last, before, _] = self.loaded;
         let next = self.next();
@@ -109,7 +109,7 @@ impl Divider {
         self.count += 1;
     }
 
-    /// Goes on through all loads up to `to`.
+    /// Advances through all loads up to `to`.
     pub fn run_to(&mut self, to: Clocks) {
         while self.next() <= to {
             self.step();
@@ -117,7 +117,7 @@ impl Divider {
         }
     }
 
-    /// Goes on by as many loads as there are up to `to`, or by a multiple of `by` below that.
+    /// Advances by the number of loads up to `to`, rounded down to a multiple of `by`.
     pub fn skip(&mut self, to: Clocks, by: u64) {
         let (present, since, _) = self.register;
         let [last, ..] = self.loaded;
@@ -126,7 +126,7 @@ impl Divider {
         }
         let loads = (to - last) / self.period / by * by;
         let at = |load: u64| last + load * self.period;
-        // The times before may have been periods of another rate.
+        // The earlier loads may have been periods of another rate.
         self.loaded = match (loads, self.loaded) {
             (0, loaded) => loaded,
             (1, [_, before, _]) => [at(1), last, before],
@@ -136,10 +136,10 @@ impl Divider {
     }
 }
 
-/// The counter's top bit: it has run out. Loaded with it, it runs out at once.
+/// The counter's top bit: it has run out. A counter loaded with this bit runs out at once.
 const RUN_OUT: u32 = 0x800;
 
-/// Clocks from load to load, of a rate register.
+/// Clocks between loads for a rate register.
 pub(super) fn period(register: u32) -> Clocks {
     if register & RUN_OUT != 0 {
         1
@@ -153,14 +153,14 @@ pub(super) fn period(register: u32) -> Clocks {
 pub(super) struct Stamps {
     register: u16,
     present: Stretch,
-    /// What the counter does after the first count with the divisor that was written last.
+    /// Continuation after the first count with the divisor that was written last.
     following: Stretch,
 }
 
-/// The counter from an edge on that it counts at.
+/// The counter from one of its count edges on.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
-    /// The clock edge of the first count, and the counter after it.
+    /// Clock edge of the first count, and the counter's value after it.
     first: Clocks,
     count: u64,
     period: Clocks,
@@ -172,7 +172,7 @@ impl Stretch {
         self.count + counts
     }
 
-    /// The first count after a clock edge, and what follows it with another period.
+    /// Continues with another period from the first count after a clock edge.
     fn followed(self, clock: Clocks, period: Clocks) -> Self {
         let counts = (clock + self.period).saturating_sub(self.first) / self.period;
         Self {
@@ -184,9 +184,9 @@ impl Stretch {
 }
 
 impl Stamps {
-    /// Divides by the clock itself.
+    /// Code for the undivided clock.
     const UNDIVIDED: u16 = 0x8000;
-    /// From the write of the divider to the last count that it does not change.
+    /// From the write of the divider to the last count with the old divisor.
     const TO_LOAD: Clocks = 1;
 
     pub fn new() -> Self {
@@ -206,7 +206,7 @@ impl Stamps {
         self.register
     }
 
-    /// A count in progress still comes; a new divisor holds from there on.
+    /// Writes the divisor. A count in progress is completed; the new divisor applies from there on.
     pub fn write(&mut self, now: Clocks, register: u16) {
         self.register = register;
         let (last, period) = (now + Self::TO_LOAD, Self::period(register));
@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(divider.loaded(), [12, 6, 0]);
         divider.write(13, 0x800);
         divider.run_to(21);
-        // The six clocks that had begun still pass.
+        // The six clocks of the count in progress still pass.
         assert_eq!(divider.loaded(), [21, 20, 19]);
         assert_eq!(divider.count(), 2 + 4);
         divider.write(21, 0);

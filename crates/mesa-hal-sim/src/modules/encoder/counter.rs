@@ -1,8 +1,8 @@
-//! One counter with its three lines and its probe: samples, filters, quadrature, index and latch.
+//! A counter with its three lines and its probe: samples, filters, quadrature, index and latch.
 //!
 //! All steps are those of the gateware, sample by sample (FACTS 12.12; recordings of the enc and qc
-//! families). The index is gated and given its polarity in front of its filter, and the probe has a
-//! filter too. While nothing moves, no sample is looked at.
+//! families). The index gets its gate and its polarity in front of its filter, and the probe has a
+//! filter too. Samples are skipped while nothing moves.
 
 use super::clocks::{Clocks, Divider, Stamps};
 
@@ -25,11 +25,11 @@ const LIVE: u32 = 0b111;
 pub(super) const TO_SELECT: Clocks = 2;
 /// From a load of the divider to the filters' tick: multiplexed, and plain.
 const TO_TICK: [Clocks; 2] = [2, 0];
-/// From a tick to the clock edge at which the levels of the filters show as live bits, and to the
-/// one at which they are counted.
+/// From a tick to the clock edge at which the levels of the filters appear as live bits, and to the
+/// edge at which they are counted.
 const TO_LIVE: Clocks = 1;
 const TO_COUNT: Clocks = 2;
-/// How long before a sample a line has to be at its level: multiplexed, and plain.
+/// Time before a sample by which a line must have reached its level: multiplexed, and plain.
 const AHEAD: [Clocks; 2] = [3, 1];
 
 /// Levels of A, B and index.
@@ -38,20 +38,19 @@ pub(super) type Abz = [bool; 3];
 /// Levels of A, B, the conditioned index and the probe.
 type Levels = [bool; 4];
 
-/// Changes of the lines that no sample has seen yet. More than these within two samples are
-/// glitches that none will see.
+/// Capacity for changes of the lines that have not been sampled yet. More changes than this within
+/// two samples are glitches that no sample sees.
 const WAITING: usize = 8;
 
-/// Capacity of the queue of changes: the most that a bus and the pins make within
-/// two clocks.
+/// Capacity of the queue of changes: the most that a bus and the pins make within two clocks.
 const QUEUED: usize = 4;
 
-/// One counter, at a clock edge up to which all has happened.
+/// A counter, simulated up to a clock edge.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "they are lines")]
 pub(super) struct Counter {
-    /// Samples of even encoders are taken while the select line is low, of odd ones while it is
-    /// high; plain encoders have all of them.
+    /// Samples of even encoders are taken while the select line is low, of odd ones while the line
+    /// is high; plain encoders have all of them.
     place: Place,
     divider: Divider,
     count: u16,
@@ -61,23 +60,23 @@ pub(super) struct Counter {
     has_probe: bool,
     mask: bool,
     probe: bool,
-    /// What the last sample saw, and what the lines do since.
+    /// The lines at the last sample, and their changes since.
     line: Abz,
     waiting: [(Clocks, Abz); WAITING],
     pending: usize,
     filters: [Filter; 4],
     /// The levels that were counted last.
     counted: Levels,
-    /// The levels that are counted next, and at which clock edge.
+    /// The levels that are counted next, and the clock edge of that.
     due: Option<(Clocks, Levels)>,
-    /// The first sample after configuration is not counted.
+    /// False until the first sample after configuration, which is not counted.
     is_started: bool,
-    /// Changes that are to come, each after a clock edge; the oldest first.
+    /// Pending changes, each after a clock edge; the oldest first.
     changes: [(Clocks, Change); QUEUED],
     queued: usize,
 }
 
-/// A change of what a counter works with.
+/// A change of a counter's registers or pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     /// CONTROL is written.
@@ -97,8 +96,8 @@ pub(super) enum Place {
     Plain,
 }
 
-/// Counts up while its line is high and down while it is low. The level follows at the ends, one
-/// tick later.
+/// A filter that counts up while its line is high and down while the line is low. The level follows
+/// at the ends, one tick later.
 #[derive(Clone, Copy, Debug, Default)]
 struct Filter {
     samples: u8,
@@ -150,12 +149,12 @@ impl Counter {
         }
     }
 
-    /// The lines, from before configuration on.
+    /// Sets the lines, from before configuration on.
     pub fn with_lines(self, line: Abz) -> Self {
         Self { line, ..self }
     }
 
-    /// The lines have been like this for long, and nothing was counted.
+    /// Settles on these lines, as after a long rest, without counting.
     pub fn settle(&mut self, line: Abz) {
         self.line = line;
         self.pending = 0;
@@ -169,13 +168,13 @@ impl Counter {
         self.due = None;
     }
 
-    /// What COUNT holds.
+    /// The word that COUNT holds.
     pub fn count_word(&self) -> u32 {
         u32::from(self.count) | u32::from(self.stamp) << 16
     }
 
-    /// What CONTROL holds at the clock edge `now`. Without a probe pin the bits of the probe read
-    /// 0.
+    /// The word that CONTROL holds at the clock edge `now`. Without a probe pin the bits of the
+    /// probe read 0.
     pub fn control_word(&self, now: Clocks) -> u32 {
         let absent = if self.has_probe {
             0
@@ -199,7 +198,7 @@ impl Counter {
         self.control |= QUADRATURE_ERROR;
     }
 
-    /// Something changes after the clock edge `at`, which is not before an earlier one.
+    /// Queues a change after the clock edge `at`, which is not before that of an earlier change.
     pub fn change(&mut self, at: Clocks, change: Change, stamps: &Stamps) {
         if let [(oldest, _), ..] = self.changes
             && self.queued == QUEUED
@@ -212,7 +211,7 @@ impl Counter {
         }
     }
 
-    /// Whether something changes after the clock edge `at` that was asked for at this very edge.
+    /// True if a change is queued for the clock edge `at` itself.
     pub fn changes_at(&self, at: Clocks) -> bool {
         let mut changes = self.changes.iter().take(self.queued);
         changes.any(|&(edge, _)| edge == at)
@@ -221,7 +220,7 @@ impl Counter {
     fn apply(&mut self, change: Change) {
         match change {
             Change::Control(value) => {
-                // Writing a 1 takes back the quadrature error.
+                // Writing a 1 clears the quadrature error.
                 let error = self.control & QUADRATURE_ERROR & !value;
                 self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
             }
@@ -236,8 +235,8 @@ impl Counter {
         }
     }
 
-    /// The lines change, so that samples from the clock edge `next` on can see it: the first edge
-    /// that is not before the change.
+    /// Changes the lines, so that samples from the clock edge `next` on see the change: the first
+    /// edge that is not before it.
     pub fn set_lines(&mut self, next: Clocks, abz: Abz) {
         let seen = next + self.of_place(AHEAD);
         let last = self.pending.min(WAITING - 1);
@@ -247,7 +246,7 @@ impl Counter {
         self.pending = last + 1;
     }
 
-    /// Lets everything happen up to the clock edge `to`, that included.
+    /// Advances up to and including the clock edge `to`.
     pub fn run_to(&mut self, to: Clocks, stamps: &Stamps) {
         while let [(at, change), ..] = self.changes
             && self.queued > 0
@@ -300,7 +299,7 @@ impl Counter {
         }
     }
 
-    /// Whether samples of the present lines change nothing.
+    /// True if samples of the present lines change nothing.
     fn is_settled(&self) -> bool {
         let length = self.filter_length();
         let filters = self.filters.iter().zip(self.inputs());
@@ -311,7 +310,7 @@ impl Counter {
                 .all(|(filter, line)| filter.is_settled(line, length))
     }
 
-    /// The lines at the clock edge of a sample.
+    /// Takes the lines at the clock edge of a sample.
     fn look(&mut self, sampled: Clocks) {
         let seen = self.waiting.iter().take(self.pending);
         let seen = seen.take_while(|(at, _)| *at <= sampled).count();
@@ -325,7 +324,7 @@ impl Counter {
         self.pending -= seen;
     }
 
-    /// The filters take a sample.
+    /// Lets the filters take a sample.
     fn tick(&mut self, tick: Clocks) {
         if !core::mem::replace(&mut self.is_started, true) {
             return;
@@ -339,7 +338,7 @@ impl Counter {
         self.due = (levels != self.counted).then_some((tick + TO_COUNT, levels));
     }
 
-    /// What the filters have let through is counted. Whatever latches takes the count before it.
+    /// Counts the filtered levels. A latch takes the count before this step.
     fn count(&mut self, levels: Levels, stamp: u16) {
         let before = core::mem::replace(&mut self.counted, levels);
         let [a, b, index, probe] = levels;
@@ -361,7 +360,7 @@ impl Counter {
 
     fn step(&mut self, before: [bool; 2], after: [bool; 2]) -> i16 {
         if self.control & UP_DOWN != 0 {
-            // A counts on its rising edge; up when B was high before it.
+            // A counts on its rising edge: up if B was high before the edge.
             return match (before, after) {
                 ([false, true], [true, _]) => 1,
                 ([false, false], [true, _]) => -1,
@@ -371,7 +370,7 @@ impl Counter {
         match (quarter(after) + 4 - quarter(before)) % 4 {
             1 => 1,
             3 => -1,
-            // Both lines at once: no telling which way.
+            // Both lines changed at once: the direction is unknown.
             2 => {
                 self.control |= QUADRATURE_ERROR;
                 0
@@ -388,7 +387,7 @@ impl Counter {
         }
     }
 
-    /// What the filters take: A, B, the index with its polarity and its gate, and the probe.
+    /// Inputs of the filters: A, B, the index with its polarity and its gate, and the probe.
     fn inputs(&self) -> Levels {
         let [a, b, index] = self.line;
         let polarity = self.control & AB_POLARITY != 0;
@@ -398,7 +397,7 @@ impl Counter {
         [a, b, index, self.probe]
     }
 
-    /// The conditioned index has risen. One that comes together with a count swallows it when it
+    /// Handles the rise of the conditioned index. A count at the same time is lost if the index
     /// clears (FACTS 12.5).
     fn index(&mut self, held: u16) {
         let mask = self.control & MASK_POLARITY != 0;
@@ -416,7 +415,7 @@ impl Counter {
         }
     }
 
-    /// The probe has changed to its active level.
+    /// Handles the change of the probe to its active level.
     fn probe(&mut self, held: u16) {
         if !self.has_probe || self.control & LATCH_ON_PROBE == 0 {
             return;
@@ -428,7 +427,7 @@ impl Counter {
     }
 }
 
-/// Where in a period of A and B: A leads when it counts up.
+/// Quarter of a period of A and B: A leads when counting up.
 fn quarter(ab: [bool; 2]) -> u8 {
     match ab {
         [false, false] => 0,

@@ -1,38 +1,38 @@
 //! The scan of an input module, in clocks: raw inputs, their filters, and the counters on them.
 
-/// The most inputs a module has.
+/// Maximum number of inputs of a module.
 pub(super) const MAX_INPUTS: usize = 32;
 
-/// How long the external multiplexer takes to follow its address, in clocks (200 ns).
+/// Delay of the external multiplexer after a change of its address, in clocks (200 ns).
 const MULTIPLEXER_DELAY: u64 = 20;
 
 const INVERT: u32 = 1 << 5;
 const LAST_INPUT: u32 = 0x1F;
 
-/// What of an input module is clocked.
+/// The clocked part of an input module.
 ///
-/// Every four clocks times the divisor is a slot, and each slot moves one input on. They come from
-/// the last to the first, over and over, since configuration. What a slot takes in is raw one slot
-/// later, and the filter sees it one scan later.
+/// A slot takes four clocks times the divisor and advances by one input. Slots run from the last
+/// input to the first, repeatedly, from configuration on. The level that a slot samples is raw one
+/// slot later, and the filter sees it one scan later.
 ///
-/// The filter of an input counts up while it is 1 and down while it is 0. It is on when the count
-/// has reached its number of scans, and off when it is 0: what chatters adds up.
+/// The filter of an input counts up while it is 1 and down while it is 0. The filtered input turns
+/// on when the count reaches the number of scans, and off at 0: a chattering input accumulates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Scanner {
     clocks: u64,
-    /// The clock edges that began the present slot and that end it.
+    /// The clock edges at the beginning and at the end of the present slot.
     slot_begin: u64,
     slot_end: u64,
     last: u8,
     control: u32,
     pub long_filter: u32,
-    /// The input whose slot it is, which InMux puts out as the address, ...
+    /// The input of the slot, which InMux outputs as the address.
     address: u8,
-    /// ... the one before, ...
+    /// The input of the slot before.
     previous: u8,
-    /// ... and the one that is processed at the end of the slot.
+    /// The input that is processed at the end of the slot.
     index: u8,
-    /// What InMux has taken in for it.
+    /// The level that InMux has sampled for it.
     taken: bool,
     front: Front,
     raw: u32,
@@ -41,16 +41,16 @@ pub(super) struct Scanner {
     pub mpgs: [MpgCounter; 4],
 }
 
-/// What stands between the lines and the scan.
+/// The stage between the lines and the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Front {
-    /// InMux: the one line of the multiplexer.
+    /// InMux: the single line of the multiplexer.
     Multiplexer(GlitchFilter),
-    /// InM: all lines, as they were one clock ago.
+    /// InM: all lines, delayed by one clock.
     Lines(u32),
 }
 
-/// Seven clocks that the one line of a multiplexer has to stay as it is.
+/// The glitch filter of the multiplexer's line: the level must stay for seven clocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct GlitchFilter {
     line: bool,
@@ -108,12 +108,12 @@ impl Scanner {
         self.filtered
     }
 
-    /// Clocks that a slot takes.
+    /// Clocks per slot.
     pub fn slot_clocks(&self) -> u64 {
         4 * u64::from((self.control >> 6 & 0x3FF) + 1)
     }
 
-    /// The address after `clocks` clock edges, if nobody writes until then.
+    /// The address after `clocks` clock edges, without a write until then.
     pub fn address_at(&self, clocks: u64) -> u8 {
         let Some(over) = clocks.checked_sub(self.slot_end + 1) else {
             return self.address;
@@ -123,9 +123,9 @@ impl Scanner {
         ((u64::from(self.address) + inputs - slots) % inputs) as u8
     }
 
-    /// Lets clocks pass until there were `clocks` in all, with these levels at the inputs.
+    /// Advances to `clocks` clocks in all, with these levels at the inputs.
     ///
-    /// A scan that changed nothing is followed by more of its kind, which are skipped.
+    /// Scans after one that changed nothing are equal, and are skipped.
     pub fn run_to(&mut self, clocks: u64, lines: u32) {
         let scan = self.slot_clocks() * (u64::from(self.last) + 1);
         while self.clocks < clocks {
@@ -162,7 +162,7 @@ impl Scanner {
         }
     }
 
-    /// What the lines do up to `to`; gives what the last clock edge takes in.
+    /// Runs the lines up to `to`; returns the level that the last clock edge samples.
     fn run_lines(&mut self, to: u64, lines: u32) -> bool {
         let clocks = to.saturating_sub(self.clocks);
         let late = (self.slot_begin + MULTIPLEXER_DELAY).saturating_sub(self.clocks);
@@ -186,7 +186,7 @@ impl Scanner {
         }
     }
 
-    /// The clock edge that ends a slot.
+    /// Handles the clock edge that ends a slot.
     fn end_slot(&mut self, taken: bool) {
         let bit = 1_u32 << (self.index & 0x1F);
         self.filter(bit);
@@ -202,7 +202,7 @@ impl Scanner {
         self.slot_end += self.slot_clocks();
     }
 
-    /// The filter of the input whose turn it is sees what is raw there.
+    /// Runs the filter of the current input on its raw level.
     fn filter(&mut self, bit: u32) {
         let is_long = self.long_filter & bit != 0;
         let (short, long) = (self.control >> 16 & 0x3F, self.control >> 22);
@@ -226,7 +226,7 @@ impl Scanner {
         }
     }
 
-    /// The input whose turn it is has changed behind its filter.
+    /// Counts a change of the current input after its filter.
     fn count_mpg(&mut self) {
         let level = |input: u8| self.filtered >> (input & 0x1F) & 1 != 0;
         let (a, b) = (level(self.index & !1), level(self.index | 1));
@@ -235,7 +235,7 @@ impl Scanner {
         };
         let is_a = self.index & 1 == 0;
         if mpg.times_four || (is_a && b) {
-            // B leads A when it counts up.
+            // B leads A when counting up.
             let is_up = (a == b) == is_a;
             mpg.count = mpg.count.wrapping_add_signed(if is_up { 1 } else { -1 });
         }
@@ -245,7 +245,7 @@ impl Scanner {
 impl GlitchFilter {
     const FULL: u64 = 7;
 
-    /// Lets `clocks` pass with this level.
+    /// Advances by `clocks` with this level.
     fn run(&mut self, level: bool, clocks: u64) {
         if clocks > 0 {
             // The line is registered: its level counts from the next clock on.
@@ -255,7 +255,7 @@ impl GlitchFilter {
         }
     }
 
-    /// Lets `clocks` pass with the registered level.
+    /// Advances by `clocks` with the registered level.
     fn count(&mut self, clocks: u64) {
         if clocks == 0 {
             return;
@@ -266,7 +266,7 @@ impl GlitchFilter {
         } else {
             before
         };
-        // The output follows the count by a clock.
+        // The output follows the count one clock later.
         if clocks > to_end {
             self.output = self.line;
         } else if to_end == Self::FULL {

@@ -1,17 +1,17 @@
-//! A phase accumulator: it divides a clock by any fraction.
+//! A phase accumulator: divides a clock by any fraction.
 
-/// Adds its rate to 16 bits at each clock, and ticks when they overflow. Times are counted in
-/// clocks.
+/// A divider that adds its rate to 16 bits at each clock, and ticks when they overflow. Times are
+/// in clocks.
 ///
-/// Nothing is stepped: ticks are computed from when the rate was last changed.
+/// Ticks are not stepped but computed from the time of the last change of the rate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Divider {
     segment: Segment,
-    /// The rate that follows, and from when.
+    /// The next rate, and the clock from which it applies.
     next: Option<(u64, u32)>,
 }
 
-/// The time in which the rate stays what it is.
+/// A span of time with a constant rate.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: u64,
@@ -21,7 +21,7 @@ struct Segment {
 }
 
 impl Segment {
-    /// Everything added up, in 65536ths of a tick.
+    /// The accumulated sum, in 65536ths of a tick.
     fn total(self, clock: u64) -> u64 {
         u64::from(self.phase) + clock.saturating_sub(self.from) * u64::from(self.rate)
     }
@@ -46,7 +46,7 @@ impl Segment {
 }
 
 impl Divider {
-    /// A divider that stands, from a clock on.
+    /// A stopped divider, from a clock on.
     pub(super) const fn new(from: u64) -> Self {
         let segment = Segment {
             from,
@@ -65,7 +65,7 @@ impl Divider {
         self.next.map_or(self.segment.rate, |(_, rate)| rate)
     }
 
-    /// A rate is written at `now` and added from `from` on; what was before `now` is not asked
+    /// Writes a rate at `now` that is added from `from` on; clocks before `now` cannot be queried
     /// any more.
     pub(super) fn set_rate(&mut self, now: u64, from: u64, rate: u32) {
         if let Some((since, rate)) = self.next.filter(|&(since, _)| since <= now) {
@@ -80,7 +80,7 @@ impl Divider {
         segment.ticks + (segment.total(clock) >> 16)
     }
 
-    /// The clock at which there are this many ticks; `None` if it stands.
+    /// The clock of this many ticks; `None` if the divider stands still.
     pub(super) fn reaches(&self, ticks: u64) -> Option<u64> {
         let end = self.next.map_or(u64::MAX, |(from, _)| from);
         let reached = self.segment.reaches(ticks).filter(|&clock| clock <= end);

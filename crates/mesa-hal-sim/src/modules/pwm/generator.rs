@@ -1,4 +1,4 @@
-//! One PWM generator: what its two pins show at a clock, computed from what was written to it.
+//! A PWM generator: the levels of its two pins at a clock, computed from its written registers.
 
 use super::divider::Divider;
 
@@ -11,31 +11,30 @@ const PDM_STEPS: u32 = 4096;
 const GREATEST_DUTY: u32 = 0xFFF;
 const FRACTIONS: u64 = 0x1_0000;
 
-/// Clocks from a write to the moment at which the generator has it.
+/// Clocks from a write until the generator uses the word.
 const TAKEN_AFTER: u64 = 2;
 
-/// Clocks from the end of a period to the moment at which the generator has the value that waited
-/// for it.
+/// Clocks from the end of a period until the generator uses the value that waited for it.
 const LOADED_AFTER: u64 = 2;
 
-/// Clocks through which sign and mode, the comparison with the reference, the reference's turn and
-/// the PDM adder go before they show on a pin.
+/// Clocks until a change shows on a pin: of sign and mode, of the comparison with the reference, of
+/// the reference's turn, and of the PDM adder.
 const SIGN_DELAY: u64 = 1;
 const COMPARE_DELAY: u64 = 2;
 const TURN_DELAY: u64 = 3;
 const PDM_DELAY: u64 = 3;
 
-/// How many clocks after a tick a value may come that is still added at it.
+/// Number of clocks after a tick within which a value is still added at that tick.
 const ADDED_AHEAD: u64 = 1;
 
-/// Which signal a generator puts on which pin.
+/// Assignment of the signals of a generator to its pins.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Style {
     /// PWM on the first pin, sign on the second.
     Magnitude,
     /// Sign on the first pin, PWM on the second.
     Swapped,
-    /// PWM on the first pin if bit 31 is set, on the second if it is not.
+    /// PWM on the first pin if bit 31 is set, on the second otherwise.
     UpDown,
     /// Pulse density on the first pin, sign on the second.
     Pdm,
@@ -46,36 +45,36 @@ pub(super) enum Style {
 pub(super) struct Reference {
     /// Counts the steps of a PWM period.
     pub(super) pwm: Divider,
-    /// Each tick is an addition of the PDM.
+    /// Each tick is one addition of the PDM.
     pub(super) pdm: Divider,
 }
 
 /// A generator.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Generator {
-    /// What it has worked with, oldest first: pins show what was a few clocks ago.
+    /// Recent stages, oldest first: pins show the state of a few clocks ago.
     past: [Stage; 4],
-    /// A value that waits for the end of a period, and since when.
+    /// A value that waits for the end of a period, and the clock since when.
     waiting: Option<(u32, u64)>,
 }
 
-/// What a generator works with from a clock on.
+/// The state of a generator from a clock on.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stage {
     from: u64,
     value: u32,
     mode: u32,
-    /// It begins because a value was loaded that had waited.
+    /// True if the stage begins with the load of a value that had waited.
     is_load: bool,
     /// The PDM adder at the beginning: after this many ticks, with the carry of the last one.
     ticks: u64,
     sum: u32,
     carry: bool,
-    /// The same of the adder of the fraction, which takes a step at each end of a period.
+    /// The adder of the fraction at the beginning, which advances at each end of a period.
     fraction: Fraction,
 }
 
-/// The adder that dithers, at the beginning of a stage: after this many ticks of the reference.
+/// The adder for dithering, at the beginning of a stage: after this many ticks of the reference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Fraction {
     ticks: u64,
@@ -95,7 +94,7 @@ impl Generator {
         }
     }
 
-    /// Takes over what has come into effect up to `now`.
+    /// Applies the load that has taken effect up to `now`.
     pub(super) fn settle(&mut self, now: u64, reference: &Reference) {
         let load = self.load(reference).filter(|load| load.from <= now);
         if let Some(load) = load {
@@ -104,11 +103,11 @@ impl Generator {
         }
     }
 
-    /// A value is written; [`settle`](Self::settle) comes first.
+    /// Writes a value; call [`settle`](Self::settle) first.
     pub(super) fn write_value(&mut self, now: u64, value: u32, reference: &Reference) {
         let [.., newest] = &mut self.past;
         if newest.is_load && newest.from >= now {
-            // What is just being loaded is this.
+            // The load in progress takes the new value.
             newest.value = value;
             return;
         }
@@ -123,11 +122,12 @@ impl Generator {
         self.push(stage);
     }
 
-    /// A mode is written; [`settle`](Self::settle) comes first.
+    /// Writes a mode; call [`settle`](Self::settle) first.
     ///
-    /// A value that waits is loaded before it, if a period ends before it is taken; with it, if
-    /// there is no double buffer any more, or if the new mode has another idea of which half of the
-    /// period this is: that looks like the end of one. Or else at the end of the next period.
+    /// A waiting value is loaded before the mode if a period ends before the mode takes effect. The
+    /// value is loaded together with the mode if that has no double buffer, or if it changes which
+    /// half of the period this is: the change looks like the end of a period. Otherwise the value
+    /// is loaded at the end of the next period.
     pub(super) fn write_mode(&mut self, now: u64, mode: u32, reference: &Reference) {
         let before = self.newest();
         let from = now + TAKEN_AFTER;
@@ -161,7 +161,7 @@ impl Generator {
         }
     }
 
-    /// When something that was written comes into effect, after `seen`.
+    /// The clock after `seen` at which a written word next takes effect.
     pub(super) fn next_change(&self, seen: u64, reference: &Reference) -> Option<u64> {
         let stages = self.past.iter().map(|stage| stage.from);
         let load = self.load(reference).map(|stage| stage.from);
@@ -170,7 +170,7 @@ impl Generator {
         changes.filter(|&from| from > seen).min()
     }
 
-    /// The level of the first pin at a clock, or of the second.
+    /// The level of the first or of the second pin at a clock.
     pub(super) fn level(&self, clock: u64, second: bool, reference: &Reference) -> bool {
         let at = |delay| self.stage_at(clock.saturating_sub(delay), reference);
         let now = at(SIGN_DELAY);
@@ -193,7 +193,7 @@ impl Generator {
         }
     }
 
-    /// What it works with at a clock.
+    /// The stage in effect at a clock.
     pub(super) fn stage_at(&self, clock: u64, reference: &Reference) -> Stage {
         let load = self.load(reference).filter(|load| load.from <= clock);
         let past = || self.past.iter().rev().find(|stage| stage.from <= clock);
@@ -204,7 +204,7 @@ impl Generator {
         self.past[3]
     }
 
-    /// The stage that begins when the value that waits is taken.
+    /// The stage that begins when the waiting value is loaded.
     fn load(&self, reference: &Reference) -> Option<Stage> {
         let (value, since) = self.waiting?;
         let newest = self.newest();
@@ -213,7 +213,7 @@ impl Generator {
     }
 
     fn push(&mut self, stage: Stage) {
-        // What begins at the same clock or later has not been seen.
+        // A stage that begins at the same clock or later has not shown yet: replace it.
         if self.newest().from < stage.from {
             self.past.rotate_left(1);
         }
@@ -235,16 +235,16 @@ impl Stage {
         self.mode & SYMMETRICAL != 0
     }
 
-    /// Steps of the width that the mode says.
+    /// Number of steps in the width that the mode selects.
     pub(super) fn steps(&self) -> u32 {
         1 << (9 + (self.mode & 3))
     }
 
-    /// The part of the time in which the first pin is high at a clock, 0 to 1. A value of as many
-    /// steps as there are or more is constantly on.
+    /// Fraction of the time in which the first pin is high at a clock, 0 to 1. A value of at least
+    /// the number of steps is constantly on.
     ///
-    /// It is the mean of the periods that dither, but for one that a carry of the value before has
-    /// wrapped to 0.
+    /// The result is the mean of the dithered periods, except for a period that a carry of the
+    /// previous value has wrapped to 0.
     pub(super) fn high_part(&self, clock: u64, reference: &Reference) -> f64 {
         let part = |duty: u32| (f64::from(duty) / f64::from(self.steps())).min(1.0);
         let mean = || {
@@ -280,12 +280,12 @@ impl Stage {
         reference.pwm.reaches((before + 1) * self.period())
     }
 
-    /// Which half of a symmetrical period it is after this many ticks.
+    /// True in the second half of a symmetrical period, after this many ticks.
     fn is_second_half(&self, ticks: u64) -> bool {
         ticks & u64::from(self.steps()) != 0
     }
 
-    /// Whether the mode that comes with it looks like the end of a period.
+    /// True if the mode that comes with the stage looks like the end of a period.
     fn seems_to_end(&self, before: &Self, reference: &Reference) -> bool {
         let was = before.is_second_half(reference.pwm.ticks(self.from));
         let is = self.is_second_half(reference.pwm.ticks(self.from + 1));
@@ -296,7 +296,7 @@ impl Stage {
         }
     }
 
-    /// What the value is compared with after this many ticks: it counts up, or up and down.
+    /// Reference for the comparison after this many ticks: counts up, or up and down.
     fn ramp(&self, ticks: u64) -> u64 {
         if self.symmetrical() && self.is_second_half(ticks) {
             !ticks
@@ -305,15 +305,15 @@ impl Stage {
         }
     }
 
-    /// The PWM signal: high while the value and its carry are more than the reference. The carry is
-    /// added without saturation: Mesa's VHDL, `dpwmpdmgenh`.
+    /// The PWM signal: high while the value and its carry exceed the reference. The carry is added
+    /// without saturation: Mesa's VHDL, `dpwmpdmgenh`.
     fn compares(&self, ramp: u64, carry: bool) -> bool {
         let carry = carry && self.mode & DITHER != 0;
         let value = (self.duty() + u32::from(carry)) & GREATEST_DUTY;
         u64::from(value) > ramp & u64::from(self.steps() - 1)
     }
 
-    /// What is added at the end of each period, in 65536ths.
+    /// Fraction added at the end of each period, in 65536ths.
     fn added(&self) -> u64 {
         if self.mode & DITHER == 0 {
             return 0;
@@ -321,8 +321,8 @@ impl Stage {
         u64::from(self.value) % FRACTIONS
     }
 
-    /// The adder of the fraction at a clock, and the carry that is added to the duty while it
-    /// dithers: that of the last end of a period, whichever value that had.
+    /// The adder of the fraction at a clock, and the carry that is added to the duty while
+    /// dithering: that of the last end of a period, whichever value was in effect then.
     fn dither(&self, clock: u64, reference: &Reference) -> (u32, bool) {
         let Fraction { ticks, sum, carry } = self.fraction;
         if self.mode & DITHER == 0 {
@@ -338,8 +338,8 @@ impl Stage {
         ((sum % FRACTIONS) as u32, sum >= FRACTIONS)
     }
 
-    /// The clock at which the period ends in which it began, if a carry of the value before wraps
-    /// the duty to 0 until then.
+    /// The clock of the end of the period in which the stage began, if a carry of the previous
+    /// value wraps the duty to 0 until then.
     fn wrapped_until(&self, reference: &Reference) -> Option<u64> {
         let wraps = self.mode & DITHER != 0 && self.duty() == GREATEST_DUTY && self.fraction.carry;
         let ends = self.fraction.ticks / self.period() + 1;
@@ -359,7 +359,7 @@ impl Stage {
         ((sum % steps) as u32, sum >= steps)
     }
 
-    /// The same with another value, that had waited.
+    /// The stage that follows with another value, after a load.
     fn loaded(&self, from: u64, value: u32, reference: &Reference) -> Self {
         Self {
             value,
@@ -368,7 +368,7 @@ impl Stage {
         }
     }
 
-    /// The same from a clock on, with the adder as it then is.
+    /// The stage that follows at a clock, with the adder's state at that clock.
     fn followed(&self, from: u64, reference: &Reference) -> Self {
         let ticks = reference.pdm.ticks(from.saturating_sub(1 + ADDED_AHEAD));
         let (sum, carry) = self.adder(ticks);

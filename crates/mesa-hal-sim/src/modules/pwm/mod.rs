@@ -35,18 +35,18 @@ const FULL_SCALE: f64 = 10.0;
 struct Pins {
     out: Option<usize>,
     direction: Option<usize>,
-    /// The /enable pin, and which generator's enable bit it follows.
+    /// The /enable pin, and the generator whose enable bit it follows.
     enable: Option<usize>,
     enabled_by: usize,
 }
 
 /// All PWM generators. FACTS 12.3, 13.5.
 ///
-/// Those of module version 1 can dither: at the end of each period the fraction of the value is added
-/// up, and the carry is added to the duty of the next period.
+/// A generator of module version 1 can dither: at the end of each period the fraction of the value
+/// is accumulated, and the carry is added to the duty of the next period.
 ///
-/// They run from configuration on, enabled or not: the enables only drive pins of their own, low
-/// while the bit is set. What a pin shows is computed when somebody looks, to the clock.
+/// All generators run from configuration on, enabled or not: the enables only drive pins of their
+/// own, low while the bit is set. The level of a pin is computed on demand, exact to the clock.
 #[derive(Clone, Debug)]
 pub struct Pwm {
     clock: u32,
@@ -61,7 +61,7 @@ pub struct Pwm {
 }
 
 impl Pwm {
-    /// Generators after configuration of the FPGA, which was at `now`.
+    /// Generators after the configuration of the FPGA at `now`.
     pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, now: Nanos) -> Self {
         let count = module.instances.min(32);
         let pin = |unit, pin| firmware.pin(module.gtag, unit, pin);
@@ -128,13 +128,13 @@ impl Pwm {
         self.look_ahead();
     }
 
-    /// When a value or a mode that was written comes into effect: a few clocks later, or at the
-    /// end of the period.
+    /// Time at which a written value or mode takes effect: a few clocks later, or at the end of the
+    /// period.
     pub(crate) const fn next_event(&self) -> Option<Nanos> {
         self.next_event
     }
 
-    /// Takes over what has come into effect.
+    /// Applies written words that have taken effect.
     pub(crate) fn event(&mut self, now: Nanos) {
         let clock = self.clocks(now);
         self.seen = clock;
@@ -155,7 +155,7 @@ impl Pwm {
         self.generators.len()
     }
 
-    /// Frequency of a generator in hertz: of its periods, and of the single steps for PDM.
+    /// Frequency of a generator in hertz: of its periods, or of the single steps for PDM.
     pub fn frequency(&self, unit: usize, now: Nanos) -> f64 {
         let Some(generator) = self.generators.get(unit) else {
             return 0.0;
@@ -169,9 +169,9 @@ impl Pwm {
         clock * f64::from(self.reference.pwm.rate()) / f64::from(stage.steps()) / halves
     }
 
-    /// The part of the time in which a generator's first pin is high, 0 to 1; `None` while nobody
-    /// drives it. As a plain output it is high always or never, and so it is while its clock
-    /// stands.
+    /// Fraction of the time in which a generator's first pin is high, 0 to 1; `None` while the pin
+    /// is not driven. A plain output is high always or never; so is a generator whose clock stands
+    /// still.
     pub fn duty(&self, unit: usize, io: &IoPorts, now: Nanos) -> Option<f64> {
         let generator = self.generators.get(unit)?;
         let clock = self.clocks(now);
@@ -195,16 +195,16 @@ impl Pwm {
         Some(if inverted { 1.0 - high } else { high })
     }
 
-    /// The voltage of an analog output of a 7I97, whose low-pass filter stands behind the pin:
-    /// 0 V at half scale. That it rests at 0 V while nobody drives the pin is an assumption; the
-    /// manual does not say.
+    /// The voltage of an analog output of a 7I97, whose low-pass filter is behind the pin: 0 V at
+    /// half scale. The 0 V of a pin that is not driven is an assumption; the manual does not
+    /// specify it.
     pub fn volts(&self, unit: usize, io: &IoPorts, now: Nanos) -> f64 {
         let duty = self.duty(unit, io, now);
         duty.map_or(0.0, |high| (high - 0.5) * 2.0 * FULL_SCALE)
     }
 
-    /// Whether the drive-enable switch of an output conducts: its /enable pin is driven low, be
-    /// it by the module or as a plain output.
+    /// True if the drive-enable switch of an output conducts: its /enable pin is driven low, by the
+    /// module or as a plain output.
     pub fn drive_enabled(&self, unit: usize, io: &IoPorts) -> bool {
         self.pins
             .get(unit)
@@ -226,7 +226,7 @@ impl Pwm {
         }
     }
 
-    /// Whether a generator has its direction on a pin of its own, as sign and magnitude need.
+    /// True if a generator has its direction on a separate pin, as sign and magnitude need.
     pub fn has_direction_pin(&self, unit: usize) -> bool {
         self.pins
             .get(unit)

@@ -1,13 +1,13 @@
-//! A PWM generator stepped clock by clock: a second opinion about what is computed.
+//! A PWM generator stepped clock by clock: an independent check of the computed one.
 //!
-//! Everything is a row of registers that take their inputs at an edge of the 200 MHz clock
-//! (FACTS 12.3; the recordings show the same delays). Nothing is shared with what it checks.
+//! The model is a chain of registers that take their inputs at an edge of the 200 MHz clock (FACTS
+//! 12.3; the recordings show the same delays). It shares no code with the model that it checks.
 
 use super::{PIN_DIRECTION, PIN_OUT, Pwm};
 use crate::fpga::firmware::gtag;
 use crate::machines;
 
-/// What a host writes passes three registers on its way to the fast clock.
+/// The three registers that a written word passes on its way to the fast clock.
 #[derive(Clone, Copy, Debug, Default)]
 struct Crossing {
     word: u32,
@@ -17,7 +17,7 @@ struct Crossing {
 }
 
 impl Crossing {
-    /// One edge; the word that is taken over by it.
+    /// Advances by one edge; returns the word that the fast clock takes over at this edge.
     fn step(&mut self, open: bool) -> Option<u32> {
         let taken = self.seen && self.sure;
         let (seen, sure) = (self.seen, self.sure);
@@ -33,7 +33,7 @@ impl Crossing {
     }
 }
 
-/// A rate, its accumulator, and whether that has just overflowed.
+/// A rate, its accumulator, and a flag for an overflow at the last edge.
 #[derive(Clone, Copy, Debug, Default)]
 struct Accumulator {
     word: Crossing,
@@ -43,7 +43,7 @@ struct Accumulator {
 }
 
 impl Accumulator {
-    /// One edge; whether what it drives steps at it.
+    /// Advances by one edge; true if the driven counter steps at this edge.
     fn step(&mut self) -> bool {
         let ticks = self.overflown;
         self.sum += self.rate;
@@ -56,7 +56,7 @@ impl Accumulator {
     }
 }
 
-/// The generator: what it shows after each edge.
+/// The generator and the levels of its pins after each edge.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stepped {
     pwm: Accumulator,
@@ -71,8 +71,8 @@ struct Stepped {
     old_half: bool,
     high: bool,
     sum: u32,
-    /// The end of a period on its way to the adder of the fraction, as long as a value takes that
-    /// waits for it.
+    /// The end of a period on its way to the adder of the fraction: the same delay as for a value
+    /// that waits for the end.
     ends: [bool; 2],
     fraction: u32,
     carry: u32,
@@ -137,7 +137,7 @@ impl Stepped {
     }
 }
 
-/// The same numbers for the same seed.
+/// A deterministic sequence of numbers for each seed.
 struct Numbers(u64);
 
 impl Numbers {
@@ -153,7 +153,7 @@ impl Numbers {
     }
 }
 
-/// Where the two differ first in a run of a module version.
+/// The first difference between the two models in a run of a module version.
 fn difference(seed: u64, version: u8) -> Option<String> {
     let firmware = machines::firmware_7i97(1);
     let mut module = *firmware.module(gtag::PWM).expect("a 7I97 has PWM");
@@ -164,7 +164,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
     let mut said = Vec::new();
     let mut next = [20; 4];
     let mut at = 20;
-    // What a change of the width does to a fraction in progress is not known: it is set once.
+    // The effect of a change of width on a fraction in progress is unknown: the width is set once.
     let width = numbers.below(8);
     let mut first = (version > 0).then_some(1);
     for clock in 0..24_000u64 {
@@ -189,7 +189,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
                 1 => numbers.below(128),
                 _ => numbers.of(&[0, 0x1000, 0x4000, 0x7000, 0x8000, 0xF000, 0xFFFF, 64425]),
             };
-            // Two writes of one register within eight clocks are none of a real bus.
+            // A real bus does not write one register twice within eight clocks.
             if now >= next[usize::from(register)] {
                 next[usize::from(register)] = now + 40;
                 said.push(format!("{now} {register}: {word:#010X}"));

@@ -1,4 +1,4 @@
-//! Characters that come at the wrong moment, and a line that goes low. FACTS 11.8, 11.12.
+//! Characters at the wrong time, and a line that goes low. FACTS 11.8, 11.12.
 
 use super::{Bench, MS, REMOTE, US};
 use crate::sslbp::{Lines, Register, SslbpPort};
@@ -13,7 +13,7 @@ const CHARACTER: Nanos = 3_809;
 /// One clock cycle.
 const CYCLE: Nanos = 10;
 
-/// A line that is held low, or high with nothing on it.
+/// A line that is held low, or an idle one.
 struct Held(bool);
 
 impl Lines for Held {
@@ -28,7 +28,7 @@ impl Lines for Held {
     }
 }
 
-/// A remote that answers each request with good process data, and sends a stray burst once.
+/// A remote that replies to each request with valid process data, and sends one stray burst.
 struct Answering {
     reply: Option<Burst>,
     stray: Option<Burst>,
@@ -45,7 +45,7 @@ impl Lines for Answering {
     }
 }
 
-/// A port of one channel whose remote runs and has had its first DOIT.
+/// A port of one channel with a running remote, after its first DOIT.
 fn running() -> (SslbpPort, Nanos) {
     let mut bench = Bench::new(super::PortConfig::new(1, 100_000_000), &[REMOTE]);
     bench.start(0x0901);
@@ -57,7 +57,7 @@ fn running() -> (SslbpPort, Nanos) {
     (bench.port, bench.now)
 }
 
-/// Writes a command at `at`; when COMMAND reads 0 again.
+/// Writes a command at `at`; returns the time at which COMMAND reads 0 again.
 fn command(port: &mut SslbpPort, at: Nanos, command: u32, lines: &mut dyn Lines) -> Nanos {
     port.advance(at, lines);
     port.write(at, Register::Command, command);
@@ -72,8 +72,8 @@ fn command(port: &mut SslbpPort, at: Nanos, command: u32, lines: &mut dyn Lines)
     }
 }
 
-/// Local error bits after a DOIT during which stray `characters` arrive, for each clock cycle in
-/// which the last of them can complete around the moment of sending.
+/// Local error bits after a DOIT during which stray `characters` arrive, for each clock cycle
+/// around the time of sending in which the last of them can complete.
 fn errors_by_phase(characters: &[u8]) -> Vec<u32> {
     let (original, now) = running();
     let (first, second) = (now + 10 * US, now + 300 * US);
@@ -196,7 +196,7 @@ fn a_line_that_is_low_again_before_the_reply_does_no_harm() {
     bench.wait(5 * US);
     bench.lines.low = None;
     bench.wait(100 * US);
-    // Characters that wait cost one DOIT, and no more.
+    // Characters that wait in the FIFO cost a single DOIT.
     let results: Vec<u32> = (0..3)
         .map(|_| {
             assert!(bench.command(0x1001, MS).is_some());

@@ -14,7 +14,7 @@ const US: Nanos = 1_000;
 
 type Ends = [Option<Box<dyn RemoteEnd>>; 8];
 
-/// Lines that remember what went out.
+/// Lines that record the transmitted bursts.
 struct Tapped {
     ends: Ends,
     sent: Vec<(usize, Burst)>,
@@ -87,7 +87,7 @@ impl Bench {
         self.port.read(self.now, register)
     }
 
-    /// Writes a command and waits until COMMAND reads 0; the time it took.
+    /// Writes a command and waits until COMMAND reads 0; returns the time that took.
     fn command(&mut self, command: u32, limit: Nanos) -> Option<Nanos> {
         self.write(Register::Command, command);
         let start = self.now;
@@ -166,7 +166,7 @@ fn stopall_during_a_transfer_sticks_until_a_stop_with_a_mask() {
         "repeating does not help"
     );
     assert!(bench.command(0x08FF, MS).is_some());
-    // The firmware still finds the COMMAND write that freed it, and calls it invalid; a command
+    // The firmware still finds the COMMAND write that freed it, and treats it as invalid; a command
     // that is written half a microsecond later is cleared together with it.
     bench.wait(15 * US);
     assert_eq!(
@@ -314,7 +314,7 @@ fn a_write_to_a_register_that_is_not_there_does_nothing() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever is written, the port goes on with bounded work and the ROM reset brings it back.
+    /// Whatever is written, the port continues with bounded work, and the ROM reset recovers it.
     #[test]
     fn any_sequence_of_writes_leaves_a_port_that_a_reset_brings_back(
         writes in proptest::collection::vec((0_u8..4, any::<u32>(), 0_u64..200_000), 1..40),

@@ -1,4 +1,4 @@
-//! What a reset of the processor leaves, and a START that is neither setup nor normal. FACTS 11.1,
+//! State after a reset of the processor, and a START that is neither setup nor normal. FACTS 11.1,
 //! 11.2, 11.12.
 
 use super::{Bench, MS, PortConfig, REMOTE, US};
@@ -24,7 +24,7 @@ impl Bench {
         }
     }
 
-    /// Releases the processor after a reset, and lets it initialise itself.
+    /// Releases the processor after a reset, and waits for its initialisation.
     fn reset(&mut self) {
         self.write(Register::Command, 0x4000);
         self.wait(10 * US);
@@ -32,7 +32,8 @@ impl Bench {
         self.wait(MS);
     }
 
-    /// Releases the processor; how long COMMAND shows what was written, up to 30 us.
+    /// Releases the processor; returns the time in which COMMAND shows the written word, up to 30
+    /// us.
     fn release(&mut self) -> Nanos {
         self.write(Register::Command, 0x0001);
         let released = self.now;
@@ -95,7 +96,7 @@ fn command_clears_at_once_only_in_an_idle_initialised_build_of_eight() {
     assert!(at_once(8, &[], &|_| {}));
     assert!(!at_once(5, &[], &|_| {}));
     assert!(!at_once(8, &[REMOTE], &|bench| bench.start(0x0901)));
-    // During STOPALL memory is not initialised.
+    // STOPALL does not initialise memory.
     assert!(!at_once(8, &[], &|bench| {
         bench.write(Register::Command, 0x0800);
         bench.wait(50 * US);
@@ -137,7 +138,7 @@ fn a_7i64_stays_in_state_17_if_its_start_is_overwritten_by_a_doit() {
     assert_eq!(bench.read(Register::Cs(0)) >> 16, 0x17);
     assert!(bench.command(0x08FF, MS).is_some());
     bench.wait(50 * US);
-    // The way out: a stop, and a START that nothing overwrites.
+    // The remedy: a stop, and a START that nothing overwrites.
     assert!(bench.command(0x08FF, MS).is_some());
     bench.wait(50 * US);
     assert_eq!(bench.read(Register::Cs(0)), 0x0000_C100);

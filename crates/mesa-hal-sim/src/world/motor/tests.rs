@@ -84,7 +84,7 @@ fn friction_holds_and_a_disabled_drive_brakes() {
     assert_eq!(motor.velocity(), 0.0);
 }
 
-/// 40 units/s by hand, then nothing but friction: 20 of force on an inertia of 0.5.
+/// Starts by hand at 40 units/s, then only friction acts: 20 of force on an inertia of 0.5.
 fn coasting() -> Motor {
     let mut motor = Motor::new(MotorConfig {
         inertia: 0.5,
@@ -132,10 +132,10 @@ fn a_drive_gives_its_force_and_no_more() {
         assert!(acceleration <= 200.0 + 1e-6, "{acceleration}");
         last = motor.velocity();
     }
-    // (120 - 20) times the way is the energy, as long as the force is all it has.
+    // (120 - 20) times the distance is the energy, as long as the drive is at its maximum force.
     assert!((motor.velocity() - 60.0).abs() < 1e-9);
     assert!((motor.energy() - 100.0 * motor.position()).abs() < 1e-6);
-    // At the end the loop gives what friction takes: 20 / 0.5 * 5 ms below what it is told.
+    // At the end the loop compensates the friction: 20 / 0.5 * 5 ms below the commanded speed.
     motor.advance(2_000_000_000, |_, _| {});
     assert!(
         (motor.velocity() - 99.8).abs() < 1e-6,
@@ -349,7 +349,7 @@ fn what_no_motor_can_be_is_refused_with_its_name_its_value_and_what_is_allowed()
     assert_eq!(Motor::new(usual), Ok(Motor::default()));
 }
 
-/// Numbers as they come from somewhere else: usual ones, tiny and huge ones, and none.
+/// Numbers from any source: usual, tiny, huge and infinite ones, and zero.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -20.0..20.0_f64,
