@@ -33,7 +33,7 @@ pub struct ElementTable {
     pub number: Option<u16>,
     /// The value of the output when nothing else is set: 0 is off and 0 V.
     pub safe: f64,
-    /// The element that must be on for the output to reach the terminal; empty if there is none.
+    /// The element that must be on for the output to reach the terminal; empty without one.
     pub enabled_by: &'static str,
 }
 

@@ -92,8 +92,8 @@ impl DataRecord {
         Ok(ParameterValue { raw, value })
     }
 
-    /// Writes the parameter and reads it back. A whole number is written as it is stored in the
-    /// remote, without its scale, as in LinuxCNC.
+    /// Writes the parameter and reads it back. A whole number is written in its stored form,
+    /// without scale, as in LinuxCNC.
     ///
     /// A non-volatile parameter is written through the EC sequence (FACTS 6.3).
     ///

@@ -11,7 +11,7 @@ use crate::{
 use alloc::format;
 use core::time::Duration;
 
-/// The oldest firmware 1.x whose CS has the remote's faults.
+/// The oldest firmware 1.x that reports the remote's faults in CS.
 ///
 /// Manual: 7I77, "CS REGISTER AFTER DOIT".
 const OLDEST_MINOR: u8 = 29;
@@ -19,9 +19,9 @@ const OLDEST_MINOR: u8 = 29;
 /// The last of the variables of a channel: the duration of an exchange. FACTS 2.4.
 const LAST_VARIABLE: u16 = 0x30;
 
-/// How often a byte is read while the bus doubts that it is the one that was asked for.
+/// Largest number of reads of a byte while the bus doubts that the right byte was returned.
 const READS: u8 = 10;
-/// A copy of a packet comes hardly later.
+/// Longest expected delay of a packet's copy.
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
@@ -34,18 +34,19 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
     ///
     /// # Errors
-    /// There is no such address; the bus fails, or the port does not answer.
+    /// The address does not exist; the bus fails, or the port does not answer.
     pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
         self.require_local(address)?;
         let mut before = None;
         for _ in 0..READS {
             let doubts = self.bus.statistics().doubts;
             let byte = self.local_read_once(address)?;
-            // A network can deliver an earlier command once more, and DATA has the byte of that one.
+            // A network can deliver an earlier command once more, and DATA then contains the byte
+            // of that one.
             if self.bus.statistics().doubts == doubts || before.replace(byte) == Some(byte) {
                 return Ok(byte);
             }
-            // So that what comes then are copies of this one.
+            // Any copies that arrive later are then copies of this command.
             self.bus.wait(COPIES);
         }
         let what = format!("local address {address:#05X}");
@@ -67,7 +68,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.unexpected("the local address".into(), found, expected, hint))
     }
 
-    /// Reads neighbouring bytes of the port's memory.
+    /// Reads consecutive bytes of the port's memory.
     fn local_bytes<const N: usize>(&mut self, first: u16) -> PortResult<[u8; N], B> {
         let mut bytes = [0; N];
         for (address, byte) in (first..).zip(&mut bytes) {
@@ -80,8 +81,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// OPERATIONS".
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if it is not kept, or there is no
-    /// such address; the bus fails, or the port does not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if the byte is not kept, or
+    /// the address does not exist; the bus fails, or the port does not answer.
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
@@ -94,7 +95,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.not_kept(what, read.into(), value.into(), "reset the port"))
     }
 
-    /// Reads the local parameters and checks that this crate can work with the firmware.
+    /// Reads the local parameters and checks that this crate supports the firmware.
     ///
     /// FACTS 2.3.
     ///
@@ -156,8 +157,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads the first bytes of a variable of `channel`.
     ///
     /// # Errors
-    /// There is no such channel, or the parameters are not known; the bus fails, or the port does not
-    /// answer.
+    /// The channel does not exist, or the parameters are not known; the bus fails, or the port does
+    /// not answer.
     pub fn read_variable<const N: usize>(
         &mut self,
         channel: Channel,
@@ -172,8 +173,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Ok(self.known_parameters()?.variable(channel, variable))
     }
 
-    /// Sets the baud rate of `channel`; [`stop_all`](Self::stop_all) makes it effective, and
-    /// [`ChannelVariable::BaudRate`] reads it even before.
+    /// Sets the baud rate of `channel`. The rate takes effect with [`stop_all`](Self::stop_all);
+    /// [`ChannelVariable::BaudRate`] contains it even before.
     ///
     /// FACTS 2.4.
     ///
