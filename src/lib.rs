@@ -56,7 +56,7 @@
 //! | package | for |
 //! |---|---|
 //! | `mesa-wire` | other drivers or simulators: contains [`bus`], [`lbp`] and [`lbp16`] |
-//! | `mesa-hal-sim` | tests and work without a board: simulated FPGA, remotes, motors, Ethernet board |
+//! | `mesa-hal-sim` | tests and development: simulated FPGA, remotes, motors, Ethernet board |
 //! | `mesa-tools` | inventory, diagnosis and wiring, remotes in setup mode; the command `mesa` |
 //!
 //! The simulator shares only `mesa-wire` with the driver, so that the two cannot contain the same
@@ -85,6 +85,7 @@
 //! | offline | a remote that takes no part in transfers: it failed too often, or reported a fault |
 //! | setting | a register that is written at set-up, when it changes, and after a reset |
 //! | evidence | registers read in every cycle, which show that the board still has its set-up |
+//!
 //! # The real-time contract
 //! [`Driver::read`] and [`Driver::write`] do one exchange each, which the bus bounds by a deadline.
 //! The two do not allocate, log, panic, or wait for hardware: a busy port is a state, not a loop.

@@ -229,7 +229,7 @@ impl<L: AsRef<[Access]>> Known<L> {
     /// True if the board is the same one and its description still consists of the same words.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     ///
     /// # Real time
     /// With [`Effort::Once`] five exchanges, without allocation.
@@ -260,7 +260,7 @@ impl Description {
     /// Prepares reading the description again on this bus.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
         let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();

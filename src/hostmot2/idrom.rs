@@ -121,7 +121,8 @@ impl Idrom {
         between.map_or(most, |bytes| most.min((bytes / BYTES) as usize))
     }
 
-    /// Slots of pin descriptors up to the end of the IDROM's memory, those of local I/O pins included.
+    /// Slots of pin descriptors up to the end of the IDROM's memory, including those of local I/O
+    /// pins.
     pub(super) fn pin_slots(&self) -> usize {
         (IDROM_BYTES.saturating_sub(self.offset_to_pins) / 4) as usize
     }

@@ -23,7 +23,7 @@ pub struct PortRegisters<T> {
     pub invert: T,
 }
 
-/// One I/O port.
+/// An I/O port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct IoPort {
     /// Addresses of its registers.
@@ -32,7 +32,7 @@ pub struct IoPort {
     pub setup: PortRegisters<u32>,
 }
 
-/// One pin of a port.
+/// A pin of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PinPlace {
     /// Number of the port.
@@ -118,7 +118,7 @@ impl IoPorts {
     /// True if any pin is an output in the present state of the board.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn drives<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
         for port in &self.ports {
             if bus.read(port.address.direction)? != 0 {
@@ -207,7 +207,7 @@ impl IoPorts {
     /// 12.2).
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     ///
     /// # Real time
     /// For set-up: allocates.

@@ -8,7 +8,7 @@ use core::ops::{Index, IndexMut};
 /// Largest number of channels of a port.
 pub const MAX_CHANNELS: u8 = 8;
 
-/// One channel of a port: 0 to 7.
+/// A channel of a port: 0 to 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(transparent))]

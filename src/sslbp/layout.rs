@@ -88,8 +88,8 @@ impl Layout {
         Self::new(module, port, hostmot2.sserial_channels(module.gtag, port))
     }
 
-    /// The registers of port `instance` of `module`, which has `channels` channels according to
-    /// the pin descriptors.
+    /// The registers of port `instance` of `module`, which has `channels` channels according to the
+    /// pin descriptors.
     ///
     /// # Errors
     /// As [`locate`](Self::locate).

@@ -28,7 +28,7 @@ pub enum StartMode {
     Setup,
 }
 
-/// One operation of a port: a command, with the registers that belong to it.
+/// An operation of a port: a command, with the registers that belong to it.
 ///
 /// Only the commands that the manuals define can be made: other bits beside DOIT run the transfer
 /// but leave COMMAND busy permanently (FACTS 3).

@@ -207,7 +207,7 @@ impl ImagePlan {
     /// read with extra registers.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub(crate) fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let mut reads_back = false;
         let drives = self.settings.iter_mut().filter(|setting| setting.is_drive);
@@ -268,7 +268,7 @@ impl ImagePlan {
     /// Writes the set-up for the first time: in one exchange, acknowledged.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         let (accesses, mut words) = Access::writes(self.first_set_up());
         bus.exchange(&accesses, &mut words)

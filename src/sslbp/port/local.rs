@@ -100,8 +100,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// FACTS 2.3.
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port does
-    /// not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port
+    /// does not answer.
     pub fn identify(&mut self) -> PortResult<PortParameters, B> {
         let parameters = self.local_bytes(0)?;
         let clock = self.local_bytes(PortParameters::CLOCK)?;

@@ -21,7 +21,7 @@ pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
 /// The assumed clock of a processor whose parameters have not been read, in hertz.
 const USUAL_CLOCK: u32 = 100_000_000;
 
-/// One SSLBP port.
+/// An SSLBP port.
 #[derive(Clone, Debug)]
 pub struct Port {
     layout: Layout,
