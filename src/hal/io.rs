@@ -83,8 +83,8 @@ pub struct Counter {
     /// as before, but may be wrong. The causes are:
     /// - The counter was set up again (the board was reset, its watchdog has bitten, or the bus was
     ///   down), and the counts in between are not known.
-    /// - No inputs were received for so long that the encoder may have turned further than 16 bits
-    ///   can represent.
+    /// - The gap without received inputs was long enough for the encoder to turn further than 16
+    ///   bits can represent.
     /// - The encoder was at nine tenths of `max-count-rate` and seemed to stop from one cycle to
     ///   the next, as it does beyond that rate.
     /// - Packets were lost, late or repeated within 100 cycles after the board was set up.

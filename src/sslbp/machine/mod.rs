@@ -225,8 +225,8 @@ impl Machine {
         self.sent_from = Some(now);
     }
 
-    /// Records that the begun operation was written. `arrived`: false if the port may not have
-    /// received it.
+    /// Records that the begun operation was written. `arrived`: false if the write failed, so that
+    /// the port may not have received it.
     pub fn written(&mut self, now: Instant, arrived: bool) {
         let sent_from = self.sent_from.take().unwrap_or(now);
         let Some(operation) = self.begun.take() else {
