@@ -1,8 +1,9 @@
-//! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC. To develop against
-//! without a board there is a simulated FPGA, the package `mesa-hal-sim`.
+//! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC. The package
+//! `mesa-hal-sim` contains a simulated FPGA for development without a board.
 //!
 //! A [`Board`] is identified and configured, started as a [`Driver`], and cycled: `read`, the
-//! application's own work on [`Pins`], `write`. On Linux a [`runner`] does that, once in each period:
+//! application's own work on [`Pins`], `write`. On Linux a [`runner`] does this once in each
+//! period:
 //!
 //! ```
 //! use std::ops::ControlFlow::{Break, Continue};
@@ -15,7 +16,7 @@
 //! let field: I7i77Field = driver.attach((0, 0))?; // port 0, channel 0
 //! let drive = driver.attach::<I7i77Analog>((0, 1))?.analog_out[0];
 //! let ended = Runner::new(driver).run(|cycle| {
-//!     // `cycle.read` is what failed in part, or as a whole
+//!     // `cycle.read` contains failures of parts, or of the whole read
 //!     let limit = field.inputs[2].read(cycle.pins()); // TB8 pin 3: value, valid, age
 //!     let may_move = limit.valid && !limit.value;
 //!     drive.enable(cycle.pins_mut(), may_move);
@@ -27,108 +28,112 @@
 //! # }
 //! ```
 //!
-//! # Who needs what
-//! An application needs the names at the root, and of [`driver`] and [`hal`] what it wants to know
-//! beyond them. Each module says whom it is for:
+//! # Modules
+//! An application needs the names at the root, and parts of [`driver`] and [`hal`]. The other
+//! modules serve special tasks:
 //!
 //! | module | for |
 //! |---|---|
 //! | [`driver`] | applications: settings, the cycle, faults, recovery, statistics |
 //! | [`hal`] | applications: typed pins and parameters, LinuxCNC's names |
-//! | [`boards`] | applications: handles of known cards and boards; whoever adds a card or a board |
-//! | [`modules`] | whoever adds a HostMot2 module: registers, pins and cycle of one in one place |
-//! | [`bus`] | whoever brings another bus, or adds a module |
-//! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
+//! | [`boards`] | applications: handles of known cards and boards; support for new ones |
+//! | [`modules`] | support for a new HostMot2 module: its registers, pins and cycle in one place |
+//! | [`bus`] | support for another bus, or for a new module |
+//! | [`transport`] | applications on Ethernet; wrappers of buses that record, or inject faults |
 //! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
-//! | [`runner`] | applications on Linux: the thread of the cycle, and how it ends |
-//! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
-//! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
+//! | [`runner`] | applications on Linux: the thread of the cycle, and its end |
+//! | [`discovery`], [`remote`] | support for a new card; tools: descriptions and parameters |
+//! | [`hostmot2`], [`sslbp`] | tools: contents of a firmware, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
-//! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
+//! | [`gateware`] | reference: facts missing in the manuals, cited in the code by number |
 //!
-//! A layer knows only those below it: `bus` and the wire formats know nothing else, `hal` and
-//! `hostmot2` stand on them, then `sslbp`, `discovery`, `remote` with `boards`, `modules`, `driver`.
+//! A layer depends only on those below it: `bus` and the wire formats are independent, `hal` and
+//! `hostmot2` build on them, then `sslbp`, `discovery`, `remote` with `boards`, `modules`,
+//! `driver`.
 //!
-//! Other packages have what belongs to none of these:
+//! Further packages:
 //!
 //! | package | for |
 //! |---|---|
-//! | `mesa-wire` | whoever writes another driver or simulator: [`bus`], [`lbp`] and [`lbp16`] are from there |
-//! | `mesa-hal-sim` | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
-//! | `mesa-tools` | tools: inventory, diagnosis and wiring, remotes in setup mode; the command `mesa` |
+//! | `mesa-wire` | other drivers or simulators: contains [`bus`], [`lbp`] and [`lbp16`] |
+//! | `mesa-hal-sim` | tests and development: simulated FPGA, remotes, motors, Ethernet board |
+//! | `mesa-tools` | inventory, diagnosis and wiring, remotes in setup mode; the command `mesa` |
 //!
-//! The simulator shares `mesa-wire` with the driver and nothing else, so that the two can not agree on
-//! the same mistake.
+//! The simulator shares only `mesa-wire` with the driver, so that the two cannot contain the same
+//! error.
 //!
-//! Pages with code that runs: [home an axis on its index](driver::homing),
-//! [faults and re-arm](driver::faults), [several boards](driver::several_boards),
-//! threads and realtime set-up on Linux (`runner::linux`, feature `realtime`),
-//! [parameters of remotes](guides::parameters), [your own module](guides::own_module),
-//! [your own card](guides::own_card), [LinuxCNC and the simulated board](guides::linuxcnc). What a remote
-//! that fails costs the others of its port is on [a page](driver::neighbours) without.
+//! Pages with code that runs: [home an axis on its index](driver::homing), [faults and
+//! re-arm](driver::faults), [several boards](driver::several_boards), threads and realtime set-up
+//! on Linux (`runner::linux`, feature `realtime`), [parameters of remotes](guides::parameters),
+//! [your own module](guides::own_module), [your own card](guides::own_card), [LinuxCNC and the
+//! simulated board](guides::linuxcnc). [A further page](driver::neighbours), without code,
+//! describes the effects of a failing remote on the others of its port.
 //!
-//! # Words
-//! | word | means |
+//! # Terms
+//! | term | meaning |
 //! |---|---|
-//! | board | an FPGA card that a host talks to, such as a 7I97 |
+//! | board | an FPGA card that a host communicates with, such as a 7I97 |
 //! | module | a part of its firmware, such as the PWM generators or a smart-serial port |
 //! | port | one smart-serial module with its channels. Ports of I/O pins are always I/O ports |
 //! | channel | one serial line of a port, 0 to 7 |
-//! | remote | the device at the end of a channel. A card may hold several: a 7I77 holds two |
+//! | remote | the device at the end of a channel. A card may contain several: a 7I77 contains two |
 //! | transfer | one exchange of process data between a port and its remotes; the command is DOIT |
 //! | process data | the inputs and outputs that a transfer moves, as the remote describes them |
-//! | group | the pins that become valid, old and safe together: those of a remote, or of the board |
-//! | safe state | what outputs do that nobody drives: off, or 0 |
+//! | group | pins that become valid, old and safe together: those of a remote, or of the board |
+//! | safe state | the state of outputs that are not driven: off, or 0 |
 //! | armed | a group's outputs follow the application. After a fault they are safe until re-armed |
 //! | offline | a remote that takes no part in transfers: it failed too often, or reported a fault |
 //! | setting | a register that is written at set-up, when it changes, and after a reset |
-//! | evidence | registers read in every cycle, which tell that the board still has its set-up |
+//! | evidence | registers read in every cycle, which show that the board still has its set-up |
 //!
 //! # The real-time contract
 //! [`Driver::read`] and [`Driver::write`] do one exchange each, which the bus bounds by a deadline.
-//! They do not allocate, log, panic, or wait for hardware: a busy port is a state, not a loop. Only
-//! where the application asks for it does `read` wait for the next period of the board's own clock
-//! ([`Pace::Board`]). Everything else belongs to set-up or maintenance, is bounded as well, and may
-//! allocate. Each item has a section "Real time".
+//! The two do not allocate, log, panic, or wait for hardware: a busy port is a state, not a loop.
+//! Only if the application requests it does `read` wait for the next period of the board's own
+//! clock ([`Pace::Board`]). Everything else belongs to set-up or maintenance, is bounded as well,
+//! and may allocate. Each item has a section "Real time".
 //!
-//! # What becomes of packets
-//! Over Ethernet every reply tells which write was the last that the board executed, and how many
-//! packets it has received. A packet that is lost, late, duplicate or reordered is noticed with the
-//! next reply, and counted as what it was as far as the board can tell: see
-//! [`BusStatistics`](bus::BusStatistics). The inputs that depend on it are not taken.
+//! # Lost and late packets
+//! Over Ethernet every reply indicates the last write that the board executed, and the number of
+//! packets that it has received. A packet that is lost, late, duplicate or reordered is detected
+//! with the next reply, and counted by its kind as far as the board can distinguish it: see
+//! [`BusStatistics`](bus::BusStatistics). The inputs that depend on it are discarded.
 //!
-//! # What a pin says
-//! Reading an input gives its value, whether it is valid, and its age: the age of the data, from
-//! the moment its transfer was started. An output that is not finite becomes its safe value, one
-//! that is out of range its nearest limit; both are counted. After a failure, outputs are safe
-//! until the application re-arms them: [`driver::faults`] has every fault.
+//! # Validity and age of pins
+//! Reading an input returns its value, its validity, and its age: the age of the data, measured
+//! from the start of its transfer. An output that is not finite is replaced by its safe value, one
+//! that is out of range by its nearest limit; both are counted. After a failure, outputs are safe
+//! until the application re-arms them: [`driver::faults`] lists every fault.
 //!
-//! # What nothing can notice
-//! - An encoder counts 16 bits: one that moves more than 32,767 counts between two good reads is
-//!   miscounted. At 3 million counts a second that is 10 ms. That it may have happened is on its
-//!   pin `count-unsure`; whether it did, nothing can tell, and the axis has to be homed again.
-//! - Smart serial replies carry no number. One that comes a whole period late is distinguished
-//!   from the next by the rest a channel gets after a failure; two in a row that late are not.
-//! - A program that drives the same board is noticed when the bus is opened, and in the cycle when it
-//!   sends as much for a second ([`BusStatistics::others`](bus::BusStatistics::others));
-//!   one that sends less is not. Never let two programs drive one board: what it has ordered until
-//!   then is done.
-//! - A write packet that the network delays is executed when it arrives: for a moment the outputs
-//!   are older than the newest. The next reply shows it, and the next write overrides it.
+//! # Undetectable events
+//! - An encoder counts 16 bits: an encoder that moves more than 32,767 counts between two good
+//!   reads is miscounted. At 3 million counts per second that takes 10 ms. The pin `count-unsure`
+//!   indicates that a miscount is possible; whether it has happened cannot be detected, and the
+//!   axis must be homed again.
+//! - Smart serial replies carry no number. A reply that comes a whole period late is distinguished
+//!   from the next one by the pause of a channel after a failure; two consecutive replies with that
+//!   delay are not.
+//! - A program that drives the same board is detected when the bus is opened, and in the cycle when
+//!   it sends as many packets for a second ([`BusStatistics::others`](bus::BusStatistics::others));
+//!   a program that sends fewer is not. Never let two programs drive one board: commands that it
+//!   has sent until then are executed.
+//! - A write packet that the network delays is executed when it arrives: for a short time the
+//!   outputs are older than the newest. The next reply shows it, and the next write overrides it.
 //!
 //! # Features
-//! - `std` (default): [`transport`] and [`runner`]. Without it the core needs `alloc`, at set-up only.
-//! - `log` (default): messages at set-up and where a driver is dropped, never in the cycle; and events,
-//!   when they are asked for ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A program
-//!   that uses `tracing` gets them by its bridge (crate `tracing-log`, which `tracing_subscriber::fmt::init`
-//!   sets up).
-//! - `serde`: events, statistics, states and settings can be sent, and kept in files.
-//! - `realtime`: a [`runner`] that stops on a signal, and on Linux what its thread asks of the kernel:
-//!   priority, locked memory, CPUs.
+//! - `std` (default): [`transport`] and [`runner`]. Without `std` the core needs `alloc`, at set-up
+//!   only.
+//! - `log` (default): messages at set-up and when a driver is dropped, never in the cycle; and
+//!   events on request ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A
+//!   program that uses `tracing` receives them through its bridge (crate `tracing-log`, which
+//!   `tracing_subscriber::fmt::init` sets up).
+//! - `serde`: events, statistics, states and settings can be sent, and stored in files.
+//! - `realtime`: a [`runner`] that stops on a signal and, on Linux, configures its thread in the
+//!   kernel: priority, locked memory, CPUs.
 //!
 //! # Safety
-//! These boards move heavy machines. Never depend on software to disable a motor when somebody
-//! would be exposed to a hazard should it start.
+//! The boards move heavy machines. Never rely on software to disable a motor if a person would be
+//! exposed to a hazard should it start.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![cfg_attr(
     not(test),

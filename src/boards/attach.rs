@@ -1,4 +1,4 @@
-//! Handles of a board or a card: one way to find them, whatever they are of.
+//! Handles of a board or a card: one mechanism to find them for all kinds.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -12,8 +12,8 @@ use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
 
-/// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
-/// that this crate knows, or of your own.
+/// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): for a
+/// kind that this crate supports, or for your own.
 ///
 /// ```
 /// use mesa_hal::boards::{AttachError, Finder, RemoteHandles};
@@ -42,73 +42,73 @@ use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
 /// }
 /// ```
 pub trait RemoteHandles: Sized {
-    /// What the remote has to be.
+    /// Table of the required kind of remote.
     const TABLE: &'static RemoteTable;
 
     /// Finds the handles among the pins of a remote of this kind.
     ///
     /// # Errors
-    /// [`AttachError::Pin`] if it lacks one, in its software mode.
+    /// [`AttachError::Pin`] if a pin is missing in the remote's software mode.
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError>;
 }
 
-/// Handles of a kind of board: the same for its own functions.
+/// Handles of a kind of board, for the board's own functions.
 pub trait BoardHandles: Sized {
-    /// What the board has to be.
+    /// Table of the required kind of board.
     const TABLE: &'static BoardTable;
 
     /// Finds the handles among the pins of a board of this kind.
     ///
     /// # Errors
-    /// [`AttachError::Pin`] if it lacks one.
+    /// [`AttachError::Pin`] if a pin is missing.
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError>;
 }
 
 /// Handles of a whole card, found by [`Driver::attach_card`](crate::driver::Driver::attach_card):
-/// those of its remotes, and of what is on it of the board's own functions.
+/// those of its remotes, and those of the board's own functions that are on the card.
 pub trait CardHandles: Sized {
-    /// What the pins of the card's connector have to be.
+    /// Table of the required pins of the card's connector.
     const TABLE: &'static CardTable;
 
     /// Finds the handles of the card.
     ///
     /// # Errors
-    /// [`AttachError`] of the first part that is not as it has to be.
+    /// [`AttachError`] of the first part that does not match.
     fn find(card: &CardFinder<'_>) -> Result<Self, AttachError>;
 }
 
-/// Why there are no handles of a board or a remote.
+/// Reason why handles of a board or a remote were not found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum AttachError {
     /// The firmware is for another board.
     #[error("this is a {found}, and a {expected} was asked for (is the address another board's?)")]
     OtherBoard {
-        /// The board asked for.
+        /// The requested board.
         expected: &'static str,
-        /// What the firmware says it is for.
+        /// The board for which the firmware is made.
         found: String,
     },
     /// The firmware lacks a module of this kind of board.
     #[error(transparent)]
     Module(#[from] HostMot2Error),
-    /// No remote takes part there.
+    /// No remote takes part on this channel.
     #[error(
         "no remote takes part on {remote}, where a {expected} was asked for; \
          `missing` says why, if it was configured"
     )]
     NoRemote {
-        /// The remote.
+        /// The address of the remote.
         remote: RemoteId,
-        /// What was asked for.
+        /// The requested kind of remote.
         expected: &'static str,
     },
-    /// It is another remote, or another part of the card.
+    /// The remote is another one, or another part of the card.
     #[error("{remote}: {source}")]
     Identity {
-        /// The remote.
+        /// The address of the remote.
         remote: RemoteId,
-        /// What it is.
+        /// The mismatch.
         source: IdentityError,
     },
     /// No connector of the board with this channel has the pins of the card.
@@ -117,12 +117,12 @@ pub enum AttachError {
          {expected}: name the card's first channel, or load a firmware that is made for the card"
     )]
     NoConnector {
-        /// The remote.
+        /// The requested first channel.
         remote: RemoteId,
-        /// The card asked for.
+        /// The requested card.
         expected: &'static str,
     },
-    /// The table can not stand for a remote that is absent.
+    /// The table cannot stand in for a remote that is absent.
     #[error(
         "the table of a {kind} can not stand for one that is absent in software mode {mode}: {why}; \
          plug it in, or complete the table"
@@ -130,27 +130,27 @@ pub enum AttachError {
     Table {
         /// The kind of remote.
         kind: &'static str,
-        /// The software mode it is configured for.
+        /// The configured software mode.
         mode: u8,
-        /// What is wrong with the table.
+        /// Problem of the table.
         why: String,
     },
-    /// A pin that belongs to this kind of board or remote is not there, or is of another kind.
+    /// A pin that this kind of board or remote should have is missing, or is of another kind.
     #[error(
         "{name}: {source}. A {kind} has it: does the software mode, the firmware or the number of \
          instances in use differ?"
     )]
     Pin {
-        /// What its name begins with, or is.
+        /// Name of the pin, or its beginning.
         name: String,
         /// The kind of board or remote.
         kind: &'static str,
-        /// Why.
+        /// The cause.
         source: Box<PinError>,
     },
 }
 
-/// The pins of one board or remote, by the ends of their names.
+/// The pins of one board or remote, identified by the ends of their names.
 #[derive(Clone, Copy, Debug)]
 pub struct Finder<'a> {
     pins: &'a Pins,
@@ -164,7 +164,7 @@ impl<'a> Finder<'a> {
         Self { pins, prefix, kind }
     }
 
-    /// A handle that `find` finds by its whole name, for example `DigitalIn::find`.
+    /// Finds a handle by its whole name with `find`, for example `DigitalIn::find`.
     ///
     /// # Errors
     /// [`AttachError::Pin`] with the name.
@@ -181,16 +181,16 @@ impl<'a> Finder<'a> {
         })
     }
 
-    /// Whether there is a pin or parameter of that name.
+    /// True if a pin or parameter with that name exists.
     pub fn has(&self, name: &str) -> bool {
         let name = format!("{}.{name}", self.prefix);
         self.pins.id(&name).is_ok()
     }
 
-    /// Handles whose names end in two digits, from 00 on.
+    /// Finds handles whose names end in two digits, from 00 on.
     ///
     /// # Errors
-    /// [`AttachError::Pin`] with the name of the first that is not there.
+    /// [`AttachError::Pin`] with the name of the first missing one.
     pub fn numbered<T: Copy + Default, const N: usize>(
         &self,
         stem: &str,
@@ -199,7 +199,7 @@ impl<'a> Finder<'a> {
         self.each(|n| self.one(&format!("{stem}{n:02}"), &find))
     }
 
-    /// Handles by their number.
+    /// Finds handles by their number.
     ///
     /// # Errors
     /// The first error of `find`.
@@ -214,7 +214,7 @@ impl<'a> Finder<'a> {
         Ok(all)
     }
 
-    /// An analog output and its enable.
+    /// Finds an analog output and its enable.
     ///
     /// # Errors
     /// [`AttachError::Pin`].
@@ -224,7 +224,7 @@ impl<'a> Finder<'a> {
     }
 }
 
-/// A remote as it is found on a channel: its description and the prefix of its pins.
+/// The remote on a channel: its description and the prefix of its pins.
 type Found<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
 
 /// The parts of one card.
@@ -257,7 +257,7 @@ impl CardFinder<'_> {
         RemoteTable::attach(self.board.pins, (self.remotes)(channel), remote)
     }
 
-    /// The handles of the card's encoders, in its order.
+    /// Finds the handles of the card's encoders, in the order of the card.
     ///
     /// # Errors
     /// [`AttachError::Pin`] if one is not in use.
@@ -271,7 +271,7 @@ impl CardFinder<'_> {
 }
 
 impl CardTable {
-    /// Finds the handles of the card of this kind whose first channel this is.
+    /// Finds the handles of the card of this kind that has this first channel.
     pub(crate) fn attach<'a, T: CardHandles>(
         (pins, board): (&'a Pins, &'a str),
         firmware: &HostMot2,
@@ -294,8 +294,8 @@ impl CardTable {
 }
 
 impl RemoteTable {
-    /// Finds the handles of a remote of this kind, and of no other, by its description and the prefix
-    /// of its pins.
+    /// Finds the handles of a remote of exactly this kind, by its description and the prefix of its
+    /// pins.
     pub(crate) fn attach<T: RemoteHandles>(
         pins: &Pins,
         found: Found<'_>,
@@ -311,7 +311,7 @@ impl RemoteTable {
 }
 
 impl BoardTable {
-    /// Finds the handles of a board of this kind, and of no other.
+    /// Finds the handles of a board of exactly this kind.
     pub(crate) fn attach<T: BoardHandles>(
         (pins, prefix): (&Pins, &str),
         firmware: &HostMot2,

@@ -1,4 +1,4 @@
-//! The boards that this crate knows.
+//! Tables of the supported boards.
 
 use super::{BoardTable, FlashLayout, ModuleTerminals, PwmTable, i7i77, i7i97};
 use crate::hal::Terminals;
@@ -8,8 +8,8 @@ use crate::hostmot2::{Gtag, HostMot2, TickRate};
 pub const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl BoardTable {
-    /// A board with connectors for cards, of which nothing else is known. Its encoders run at the
-    /// rate that the 7I77 is made for: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    /// A board with connectors for cards and no further known functions. Its encoders run at the
+    /// rate for which the 7I77 is designed: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
     pub const CONNECTORS: Self = Self {
         name: "",
         encoder_rate: TickRate::MUX_7I77,
@@ -33,11 +33,11 @@ impl BoardTable {
         ..Self::CONNECTORS
     };
 
-    /// The tables that are built in.
+    /// The built-in tables.
     pub const KNOWN: [&'static Self; 2] = [&i7i97::BOARD, &Self::I7I92];
 
-    /// The table for a firmware: the first of `added` and of those that are built in that fits;
-    /// [`CONNECTORS`](Self::CONNECTORS) if none does.
+    /// The table for a firmware: the first matching one of `added` and then of the built-in ones;
+    /// [`CONNECTORS`](Self::CONNECTORS) if none matches.
     pub fn for_firmware(firmware: &HostMot2, added: &[&'static Self]) -> &'static Self {
         let mut tables = added.iter().copied().chain(Self::KNOWN);
         tables
@@ -78,7 +78,7 @@ mod tests {
             panic!("one kind");
         };
         let at = |number| Terminals::of(io.terminals, number).terminal;
-        // As a 7I92 itself was asked: mesaflash, `--readhmid`.
+        // As reported by a real 7I92 (mesaflash, `--readhmid`).
         for (number, terminal) in [
             (0, "P2 DB25 pin 1"),
             (1, "P2 DB25 pin 14"),

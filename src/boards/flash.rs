@@ -1,4 +1,4 @@
-//! Where things are in the flash memories of the boards that this crate knows.
+//! Layouts of the flash memories of supported boards.
 
 use super::{BoardTable, FlashLayout};
 
@@ -21,9 +21,9 @@ impl FlashLayout {
         ..Self::I7I97
     };
 
-    /// The layout of the board of this name, as
-    /// [`Identity::card`](crate::ethernet::Identity::card) has it. `None` for boards whose
-    /// layout is not known: a 7I97T, for one, is no 7I97.
+    /// The layout for the board with this name, as in
+    /// [`Identity::card`](crate::ethernet::Identity::card). `None` for boards with an unknown
+    /// layout; a 7I97T, for example, does not have the layout of a 7I97.
     pub fn for_card(name: &str) -> Option<&'static Self> {
         let mut layouts = BoardTable::KNOWN
             .into_iter()

@@ -3,7 +3,7 @@
 
 use crate::discovery::{DataType, ElementTable, RemoteTable};
 
-/// The gateware sends 4 bytes, of which the outputs are three. FACTS 11.10.
+/// The gateware sends 4 bytes, three of which are outputs. FACTS 11.10.
 ///
 /// Source: public tables of the field's clients; gateware transcript t26 for the sizes and for the
 /// place of the inputs.

@@ -8,7 +8,7 @@ use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, DigitalOut, Terminals};
 
 /// 48 outputs; mode 1 adds the field voltage, whose scale is not confirmed: the remote's own
-/// description counts.
+/// description takes precedence.
 pub const REMOTE: RemoteTable = RemoteTable::new(
     "7I72",
     *b"7I72",

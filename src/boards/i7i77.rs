@@ -1,7 +1,7 @@
 //! The 7I77 and the 7I77D: 32 inputs, 16 outputs, six analog outputs with enables, six encoders.
 //!
-//! For SSLBP it is two remotes that share a name, and are told apart by their unit number: field
-//! I/O ([`FIELD`], channel 0) and analog ([`ANALOG`], channel 1). Channel 2 is the RS-422 terminal
+//! SSLBP sees two remotes that share a name and are distinguished by their unit number: field I/O
+//! ([`FIELD`], channel 0) and analog ([`ANALOG`], channel 1). Channel 2 is the RS-422 terminal
 //! block TB6. The encoders belong to the FPGA: see [`CARD`].
 //!
 //! Source: manual 7I77, "CONNECTORS" and "OPERATION"; FACTS 8.
@@ -13,8 +13,8 @@ use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
 use crate::hostmot2::Gtag;
 
-/// Field I/O in all its modes: 0 inputs and outputs; 1 with four analog inputs; 2 with field voltage
-/// as well; 3 with two MPGs as well.
+/// Field I/O in all its modes: 0 has inputs and outputs; 1 adds four analog inputs; 2 also the
+/// field voltage; 3 also two MPGs.
 pub const FIELD: RemoteTable = RemoteTable::new(
     "7I77 field I/O",
     *b"7I77",
@@ -32,7 +32,7 @@ pub const FIELD: RemoteTable = RemoteTable::new(
 )
 .of_class(0x12);
 
-/// Analog outputs and drive enables. It has one mode.
+/// Analog outputs and drive enables, with a single mode.
 pub const ANALOG: RemoteTable = RemoteTable::new(
     "7I77 analog",
     *b"7I77",
@@ -63,7 +63,7 @@ const fn analog_out(n: u16, name: &'static str, enable: &'static str) -> Element
     volts.nth(ANALOG_OUT, n).enabled_by(enable)
 }
 
-/// The card and its encoders on a connector: six of them, three terminals pairs each.
+/// The card and its encoders on a connector: six of them, with three terminal pairs each.
 ///
 /// Source: FACTS 8.1; manual 7I77, "CONNECTORS".
 pub const CARD: CardTable = CardTable {
@@ -95,7 +95,7 @@ pub const CARD: CardTable = CardTable {
     ],
 };
 
-/// The terminals of channel 2 of each card, for a remote of its own.
+/// The terminals of channel 2 of each card, for a separate remote.
 ///
 /// Source: manual 7I77, "RS-422 INTERFACE".
 pub const SERIAL_TERMINALS: &[Terminals] = &[Terminals::new(
@@ -140,11 +140,11 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
 )];
 
 /// A whole 7I77: its two remotes, and the six encoders on TB3 and TB4, which are counters of the
-/// board that it is plugged into.
+/// board into which it is plugged.
 ///
-/// `attach_card` takes the port and the first of the card's three channels. On a 7I92 that is channel
-/// 0 for the card on P2, and channel 3 for one on P1; on a 7I97, whose own channel 0 is on TB4, it is
-/// channel 1 for a card on P1.
+/// `attach_card` takes the port and the first of the card's three channels. On a 7I92 that is
+/// channel 0 for the card on P2, and channel 3 for one on P1; on a 7I97, whose own channel 0 is on
+/// TB4, it is channel 1 for a card on P1.
 ///
 /// ```
 /// use mesa_hal::{Driver, I7i77, I7i97, Settings};
@@ -188,8 +188,8 @@ impl CardHandles for I7i77 {
     }
 }
 
-/// The pins of the field I/O. Those of a 7I77 connect the load to field power, those of a 7I77D to
-/// ground; the two kinds of card say the same of themselves.
+/// The pins of the field I/O. The outputs of a 7I77 connect the load to field power, those of a
+/// 7I77D to ground; the descriptions of the two kinds of card are identical.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Field {
     /// INPUT0 to INPUT31.
@@ -223,8 +223,8 @@ impl RemoteHandles for I7i77Field {
 /// The pins of the analog part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Analog {
-    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. Those of AOUT0 to AOUT4 have the same
-    /// enable, and [`AnalogOut::enable`] is of one of them all the same.
+    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. AOUT0 to AOUT4 share one enable;
+    /// [`AnalogOut::enable`] nevertheless applies to each of them individually.
     pub analog_out: [AnalogOut; 6],
     /// ENA0 to ENA4, switched together.
     pub analogena: DigitalOut,

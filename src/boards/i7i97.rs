@@ -2,7 +2,8 @@
 //! inputs with MPGs, six isolated outputs, a serial port and 17 expansion pins.
 //!
 //! The functions are those of its standard firmware. Custom firmware may use the expansion pins for
-//! modules: its pin descriptors tell. Newer firmware may have InM for InMux, and OutM for SSR.
+//! modules, as its pin descriptors show. Newer firmware may have InM instead of InMux, and OutM
+//! instead of SSR.
 //!
 //! Source: manual 7I97, "TB1 ENCODER 0 THROUGH 2" to "TB5 I/O"; FACTS 9.2.
 
@@ -25,7 +26,7 @@ pub const BOARD: BoardTable = BoardTable {
     // Manual: 7I97, "SUGGESTED PWM SETUP".
     pwm: PwmTable {
         hz: 48_000,
-        // The second is of the 7I97T, whose clock is 160 MHz.
+        // The second one is for the 7I97T, whose clock is 160 MHz.
         hz_dither: &[96_000, 75_000],
         generators: 6,
         full_scale: 10.0,
@@ -42,7 +43,7 @@ pub const BOARD: BoardTable = BoardTable {
         ModuleTerminals::new(&[Gtag::IO_PORT], EXPANSION_AT),
         ModuleTerminals::new(&[Gtag::SSERIAL, Gtag::SSERIAL_B], SERIAL_AT),
     ],
-    // On P1, with firmware that is made for it.
+    // On P1, with suitable firmware.
     cards: &[&i7i77::CARD],
     flash: Some(&FlashLayout::I7I97),
 };
@@ -108,27 +109,28 @@ pub const INPUT_COMMONS: &[Terminals] = &[
     Terminals::new("TB5 pin ", 4, &["IN COMMON"], &[3, 6, 9, 12]),
 ];
 
-/// The pins of a 7I97's own functions. Remotes on its serial port have handles of their own; pins
-/// that only this board's firmware has, such as the rates of its modules, are found by name.
+/// The pins of a 7I97's own functions. Remotes on its serial port have separate handles; pins that
+/// only this board's firmware has, such as the rates of its modules, are found by name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i97 {
     /// The six encoders.
     pub encoders: [Counter; 6],
     /// AOUT0 to AOUT5, in volts. Each has 0 V while its own `enable` is false; AOUT0 to AOUT3 also
-    /// while [`enable_0_to_3`](Self::enable_0_to_3) is. [`AnalogOut::enable`] switches both.
+    /// while [`enable_0_to_3`](Self::enable_0_to_3) is false. [`AnalogOut::enable`] switches both.
     pub analog_out: [AnalogOut; 6],
-    /// The switches ENA0 to ENA3, which are one output of the FPGA. It follows generator 0: this is
-    /// the `enable` of AOUT0. Those of AOUT1 to AOUT3 have no switch, they only make 0 V.
+    /// The switches ENA0 to ENA3, which are one output of the FPGA. The output follows generator 0
+    /// and is the `enable` of AOUT0. The enables of AOUT1 to AOUT3 have no switch; they only cause
+    /// 0 V.
     pub enable_0_to_3: Output<bool>,
     /// The switch ENA4: the `enable` of AOUT4.
     pub enable_4: Output<bool>,
     /// The switch ENA5: the `enable` of AOUT5.
     pub enable_5: Output<bool>,
-    /// The 16 isolated inputs, filtered, of InMux or else InM.
+    /// The 16 isolated inputs, filtered, from InMux or else InM.
     pub inputs: [DigitalIn; 16],
     /// The counts of the MPGs on IN0 to IN7.
     pub mpg_counts: [Input<i32>; 4],
-    /// The six isolated outputs, of SSR or else OutM.
+    /// The six isolated outputs, from SSR or else OutM.
     pub outputs: [DigitalOut; 6],
     /// CR01 to CR04.
     pub leds: [Output<bool>; 4],
@@ -138,7 +140,7 @@ impl BoardHandles for I7i97 {
     const TABLE: &'static BoardTable = &BOARD;
 
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
-        // The newer module only where the usual one is not: beside it, it is for something else.
+        // The newer module is used only without the usual one: beside that, it has another purpose.
         let either = |usual: &'static str, newer: &'static str, pin: &str| {
             let is_there = |module| pins.has(&format!("{module}.00.{pin}"));
             if !is_there(usual) && is_there(newer) {

@@ -1,4 +1,4 @@
-//! Is the remote what it should be?
+//! Checks of a remote's identity.
 
 use alloc::format;
 use alloc::string::String;
@@ -7,7 +7,7 @@ use super::{i7i64, i7i72, i7i77};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::sslbp::RemoteName;
 
-/// The tables of remotes that are built in.
+/// The built-in tables of remotes.
 pub const REMOTES: [&RemoteTable; 4] = [
     &i7i77::FIELD,
     &i7i77::ANALOG,
@@ -15,19 +15,19 @@ pub const REMOTES: [&RemoteTable; 4] = [
     &i7i64::REMOTE,
 ];
 
-/// A remote that is not the one asked for.
+/// A remote that differs from the requested one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{actual}, and {expected} was expected: {hint}")]
 pub struct IdentityError {
-    /// What answers.
+    /// The actual remote.
     pub actual: String,
-    /// What was expected.
+    /// The expected remote.
     pub expected: String,
-    /// What to do.
+    /// Advice on the next step.
     pub hint: &'static str,
 }
 
-/// Checks that a remote is of a kind, and has a unit number, as far as they are given.
+/// Checks the kind and the unit number of a remote, as far as they are given.
 pub(crate) fn check_identity(
     descriptor: &RemoteDescriptor,
     kind: Option<&RemoteTable>,
@@ -60,8 +60,8 @@ pub(crate) fn check_identity(
     }
 }
 
-/// Checks that it is not another kind of card, or another part of it. A unit number that belongs to
-/// no part that is known passes, because an owner can set it: the pins decide.
+/// Checks that the remote is not another kind of card, or another part of it. A unit number that
+/// matches no known part is accepted, because the user can set it: the pins decide.
 pub(super) fn require(
     table: &RemoteTable,
     descriptor: &RemoteDescriptor,

@@ -1,9 +1,9 @@
-//! Boards and cards as data: tables of what they do not tell of themselves, and structs of handles
-//! with the same shapes for the same functions.
+//! Boards and cards as data: tables of properties that they do not report themselves, and structs
+//! of handles with the same shapes for the same functions.
 //!
-//! [`BoardTable`] and [`RemoteTable`](crate::discovery::RemoteTable) are for the kinds that this
-//! crate knows and for your own; so are [`BoardHandles`], [`RemoteHandles`] and [`CardHandles`], which
-//! one mechanism attaches.
+//! [`BoardTable`] and [`RemoteTable`](crate::discovery::RemoteTable) serve the kinds that this
+//! crate supports and your own; so do [`BoardHandles`], [`RemoteHandles`] and [`CardHandles`],
+//! which are attached by one common mechanism.
 
 mod attach;
 mod board_table;

@@ -1,4 +1,4 @@
-//! The register bus of `mesa-wire`, and the process image: what a cycle reads and writes.
+//! The register bus of `mesa-wire`, and the process image: all reads and writes of a cycle.
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 

@@ -1,28 +1,28 @@
-//! What discovery finds out about a remote.
+//! Results of discovery about a remote.
 
 use super::ProblemKind;
 use crate::sslbp::{AccessSize, RemoteName};
 use alloc::{format, string::String, vec::Vec};
 
-/// Everything discovery finds out about a remote, in the software mode it was started in.
+/// Complete description of a remote, in the software mode in which it was started.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RemoteDescriptor {
     /// Its name.
     pub name: RemoteName,
-    /// Its unit number: printed on the card's label, or set by its owner.
+    /// Its unit number: printed on the card's label, or set by the user.
     pub unit_number: u32,
-    /// The software mode it was started in.
+    /// The software mode in which it was started.
     pub software_mode: u8,
     /// The elements of its process data, in PTOC order: the order in which they are packed.
     pub process_data: Vec<DataRecord>,
-    /// The parameters: records of the GTOC that are no process data.
+    /// The parameters: records of the GTOC that are not process data.
     pub parameters: Vec<DataRecord>,
-    /// The modes it knows.
+    /// The modes listed in its tables.
     pub modes: Vec<ModeRecord>,
 }
 
 impl RemoteDescriptor {
-    /// The parameter of that name, as the remote spells it or as LinuxCNC does, in lower case.
+    /// The parameter with that name, as spelled by the remote or, in lower case, by LinuxCNC.
     pub fn parameter(&self, name: &str) -> Option<&DataRecord> {
         self.parameters.iter().find(|record| record.is_named(name))
     }
@@ -33,19 +33,19 @@ impl RemoteDescriptor {
 /// Source: manual 7I77, "PROCESS DATA DESCRIPTOR"; FACTS 7.1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataRecord {
-    /// Where the record itself is in the remote's memory.
+    /// Address of the record itself in the remote's memory.
     pub record_address: u16,
     /// Size in bits, 1 to 255.
     pub bits: u8,
-    /// How its bits are meant.
+    /// Encoding of its bits.
     pub data_type: DataType,
-    /// Which way it goes.
+    /// Direction of the data.
     pub direction: DataDirection,
     /// Value of the smallest raw value, in [`unit`](Self::unit)s.
     pub min: f32,
     /// Value of the largest raw value, in [`unit`](Self::unit)s.
     pub max: f32,
-    /// Where the data is in the remote's memory.
+    /// Address of the data in the remote's memory.
     pub address: u16,
     /// The unit, for example `volts`; often empty.
     pub unit: String,
@@ -54,27 +54,27 @@ pub struct DataRecord {
 }
 
 impl DataRecord {
-    /// Whether it has this name: as the remote spells it, or as LinuxCNC does, in lower case.
+    /// True if it has this name, as spelled by the remote or, in lower case, by LinuxCNC.
     pub fn is_named(&self, name: &str) -> bool {
         hal_name(&self.name) == hal_name(name)
     }
 
-    /// Whether it is worth keeping in a file: it is non-volatile, can be written, and an access has its
-    /// size.
+    /// True if it is worth saving in a file: non-volatile, writable, and of a size that an access
+    /// can have.
     pub fn is_kept(&self) -> bool {
         self.data_type.is_nonvolatile()
             && self.direction != DataDirection::Input
             && self.is_readable()
     }
 
-    /// Whether it is a value that an access can read.
+    /// True if its value can be read with an access.
     pub fn is_readable(&self) -> bool {
         self.data_type != DataType::Pad && AccessSize::for_bits(self.bits).is_some()
     }
 }
 
-/// A remote's own name for something as HAL has it: lower case, and `_` for what a HAL file can
-/// not hold.
+/// A remote's own name for an item in HAL spelling: lower case, with `_` for characters that a HAL
+/// file cannot hold.
 pub(crate) fn hal_name(name: &str) -> String {
     name.chars()
         .map(|c| match c.to_ascii_lowercase() {
@@ -89,9 +89,9 @@ pub(crate) fn hal_name(name: &str) -> String {
 /// Source: manual 7I77, "MODE DESCRIPTOR".
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModeRecord {
-    /// Where the record is in the remote's memory.
+    /// Address of the record in the remote's memory.
     pub record_address: u16,
-    /// Which mode.
+    /// Number of the mode.
     pub index: u8,
     /// Hardware or software mode.
     pub mode_type: ModeType,
@@ -99,7 +99,7 @@ pub struct ModeRecord {
     pub name: String,
 }
 
-/// Who sets a mode.
+/// Source of a mode setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ModeType {
     /// 00: EEPROM or jumper.
@@ -121,7 +121,7 @@ impl ModeType {
     }
 }
 
-/// How the bits of an element are meant.
+/// Encoding of an element's bits.
 ///
 /// Source: manual 7I77, "DATA_TYPE"; FACTS 7.3 for 08 and above.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -152,7 +152,7 @@ pub enum DataType {
     EncoderHigh,
     /// 28: low part of a count.
     EncoderLow,
-    /// A type this crate does not know.
+    /// A type that this crate does not support.
     Unknown(u8),
 }
 
@@ -177,7 +177,7 @@ impl DataType {
         }
     }
 
-    /// Whether an element of this type can have `bits` bits.
+    /// Checks that an element of this type can have `bits` bits.
     pub(super) fn check_width(self, bits: u16) -> Result<(), ProblemKind> {
         let expected = match (self, bits) {
             (Self::Float | Self::NonvolFloat, 32 | 64) => return Ok(()),
@@ -190,7 +190,7 @@ impl DataType {
         Err(ProblemKind::illegal("width", found, expected))
     }
 
-    /// Whether values of this type survive a power cycle of the remote.
+    /// True if values of this type survive a power cycle of the remote.
     pub const fn is_nonvolatile(self) -> bool {
         matches!(
             self,
@@ -199,12 +199,12 @@ impl DataType {
     }
 }
 
-/// Which way an element goes, seen from the host.
+/// Direction of an element, seen from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DataDirection {
     /// 00: read from the remote.
     Input,
-    /// 40: both ways.
+    /// 40: in both directions.
     Bidirectional,
     /// 80: written to the remote.
     Output,
@@ -221,12 +221,12 @@ impl DataDirection {
         }
     }
 
-    /// Whether it is part of what the remote sends.
+    /// True if the element is part of the data that the remote sends.
     pub const fn is_input(self) -> bool {
         matches!(self, Self::Input | Self::Bidirectional)
     }
 
-    /// Whether it is part of what the remote receives.
+    /// True if the element is part of the data that the remote receives.
     pub const fn is_output(self) -> bool {
         matches!(self, Self::Output | Self::Bidirectional)
     }

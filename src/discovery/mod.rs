@@ -1,6 +1,8 @@
-//! Discovery of remotes: PTOC and GTOC, process-data and mode records, and where the process data is.
+//! Discovery of remotes: PTOC and GTOC, process-data and mode records, and the layout of the
+//! process data.
 //!
-//! Source: manual 7I77, "PROCESS DATA DISCOVERY" to "DISCOVERY SEQUENCE"; FACTS 7, which wins.
+//! Source: manual 7I77, "PROCESS DATA DISCOVERY" to "DISCOVERY SEQUENCE"; FACTS 7, which takes
+//! precedence.
 
 mod descriptor;
 mod plan;

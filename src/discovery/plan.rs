@@ -1,10 +1,10 @@
-//! Which element of process data is where in the interface registers.
+//! Places of the process data's elements in the interface registers.
 
 use super::{DataRecord, DataType, Problem, ProblemKind, RemoteDescriptor, Table};
 use crate::sslbp::ProcessDataSizes;
 use alloc::vec::Vec;
 
-/// Where the process data of a remote is in the interface registers of its channel, computed once.
+/// Layout of a remote's process data in the interface registers of its channel, computed once.
 ///
 /// Elements are packed in the order of the PTOC, least significant bit first. Inputs and outputs
 /// are two independent streams; a bidirectional element is in both. Pads are zeros in the output.
@@ -14,34 +14,34 @@ use alloc::vec::Vec;
 pub struct PackingPlan {
     /// The elements, in PTOC order.
     pub elements: Vec<Element>,
-    /// All inputs together, in bits.
+    /// Width of all inputs together, in bits.
     pub input_bits: u32,
-    /// All outputs together, in bits.
+    /// Width of all outputs together, in bits.
     pub output_bits: u32,
 }
 
 /// An element of process data and its places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Element {
-    /// The place of its record in the descriptor's `process_data`; of a count in two parts that of
-    /// the first.
+    /// Index of its record in the descriptor's `process_data`; for a count in two parts, of the
+    /// first one.
     pub record: usize,
     /// Its first bit in the input stream, if it is an input.
     pub input: Option<u16>,
     /// Its first bit in the output stream, if it is an output.
     pub output: Option<u16>,
-    /// Its width; for a count in two parts both together.
+    /// Its width; for a count in two parts, the sum of both.
     pub bits: u16,
-    /// How many of the bits of a count are an upper part that comes first; else 0.
+    /// Number of bits of a count's upper part if that comes first; else 0.
     pub high_bits: u8,
 }
 
 impl PackingPlan {
-    /// The plan for what a remote says of itself, on a port with 3 or 7 interface registers for
-    /// each channel. Behind it nothing about the layout is left to check.
+    /// The plan for a remote with this descriptor, on a port with 3 or 7 interface registers for
+    /// each channel. A plan needs no further checks of the layout.
     ///
     /// # Errors
-    /// [`Problem`], naming the record; nothing in a descriptor makes it panic or go on for long.
+    /// [`Problem`], naming the record. No descriptor causes a panic or unbounded work.
     pub fn new(descriptor: &RemoteDescriptor, registers: u8) -> Result<Self, Problem> {
         let mut plan = Self::default();
         let limit = u32::from(registers) * 32;
@@ -104,7 +104,7 @@ impl PackingPlan {
             input,
             output,
             bits,
-            // With the low part first, the two are one number of neighbouring bits.
+            // With the low part first, the two parts form one number of adjacent bits.
             high_bits: match record.data_type {
                 DataType::EncoderHigh => record.bits,
                 _ => 0,
@@ -113,7 +113,7 @@ impl PackingPlan {
         Ok(())
     }
 
-    /// What a remote with this plan, with or without a fault byte, tells of its sizes.
+    /// Sizes that a remote with this plan reports, with or without a fault byte.
     pub(crate) fn sizes(&self, has_fault_byte: bool) -> ProcessDataSizes {
         // At most 28 bytes, those of seven registers.
         ProcessDataSizes {
@@ -127,7 +127,7 @@ impl PackingPlan {
         self.input_bits.div_ceil(8)
     }
 
-    /// Bytes of a request after its command: what the remote calls TXSize.
+    /// Bytes of a request after its command; named TXSize in the remote.
     pub fn output_bytes(&self) -> u32 {
         self.output_bits.div_ceil(8)
     }

@@ -11,11 +11,11 @@ use crate::{
 };
 use alloc::{string::ToString, vec::Vec};
 
-/// Stops the port, starts `channels` in setup mode and discovers what is there; in their order, with
-/// the reason where nothing started.
+/// Stops the port, starts `channels` in setup mode and discovers the remotes there. The results are
+/// in the order of `channels`; a channel on which no remote started has the reason instead.
 ///
-/// Leaves the port in setup mode, so that parameters can be read and written. A remote whose tables
-/// are damaged does not disturb the others.
+/// Leaves the port in setup mode, so that parameters can be read and written. A remote with damaged
+/// tables does not disturb the others.
 ///
 /// Manual: 7I77, "DISCOVERY SEQUENCE".
 ///
@@ -60,8 +60,8 @@ fn discover_remote<B: RegisterBus + Clock>(
     found
 }
 
-/// A host that ended in the middle of an access to non-volatile memory has left that memory where
-/// the tables are; a START does not change that. FACTS 6.3.
+/// Selects the memory that contains the tables. A host that ended during an access to non-volatile
+/// memory has left that memory selected in its place; a START does not change that. FACTS 6.3.
 fn show_tables<M: RemoteLink>(memory: &mut M, started: &StartedRemote) -> Result<(), M::Error> {
     if started.ptoc == 0 && started.gtoc == 0 {
         return Ok(());
@@ -70,26 +70,27 @@ fn show_tables<M: RemoteLink>(memory: &mut M, started: &StartedRemote) -> Result
     memory.access(None, select).map(drop)
 }
 
-/// Whether the remote is in the software mode it was started in, of those that it tells of.
+/// True if the remote is in the software mode in which it was started, and lists that mode if it
+/// lists any.
 ///
-/// A setup START does not look at the fault byte, and so succeeds in a software mode that the
-/// remote does not have (FACTS 4.1); the tables are then those of another mode.
+/// A setup START does not check the fault byte, and so succeeds in a software mode that the remote
+/// does not have (FACTS 4.1); the tables are then those of another mode.
 fn has_mode<M: RemoteLink>(
     memory: &mut M,
     started: &StartedRemote,
     known: &[u8],
 ) -> Result<bool, M::Error> {
-    /// What is written to [`LocalLocation::CLEAR_FAULTS`].
+    /// Value written to [`LocalLocation::CLEAR_FAULTS`].
     const CLEAR: u8 = 0xFF;
     let mode = started.software_mode;
     if !known.is_empty() && !known.contains(&mode) {
         return Ok(false);
     }
-    // Remotes older than discovery have one mode.
+    // Remotes that predate discovery have one mode.
     if started.ptoc == 0 || is_accepted(memory)? {
         return Ok(true);
     }
-    // The fault may be left from an earlier START: nothing has cleared it since.
+    // The fault may be left from an earlier START, because nothing has cleared it since.
     for (location, value) in [
         (LocalLocation::CLEAR_FAULTS, CLEAR),
         (LocalLocation::SOFTWARE_MODE, mode),

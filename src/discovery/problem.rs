@@ -1,4 +1,4 @@
-//! What can be wrong with what a remote tells about itself.
+//! Defects in a remote's description of itself.
 
 use crate::sslbp::RemoteName;
 use alloc::{
@@ -8,7 +8,7 @@ use alloc::{
 use core::fmt;
 use thiserror::Error;
 
-/// Something that a remote tells about itself and that can not be right.
+/// A defect in a remote's description of itself.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("{name} (unit number {unit_number:#010X}), {table} record at {record:#06X}: {kind}")]
 pub struct Problem {
@@ -16,17 +16,17 @@ pub struct Problem {
     pub name: RemoteName,
     /// The remote's unit number.
     pub unit_number: u32,
-    /// The table that leads there.
+    /// The table that contains the record.
     pub table: Table,
-    /// Address of the record; of the table itself, where there is no record.
+    /// Address of the record; of the table itself if no record is concerned.
     pub record: u16,
-    /// What is wrong.
+    /// Kind of defect.
     pub kind: ProblemKind,
 }
 
 impl Problem {
-    /// Whether the layout of the process data is in doubt. Such a remote must not run: its pins
-    /// would show, or set, the wrong bits.
+    /// True if the defect makes the layout of the process data doubtful. Such a remote must not
+    /// run: its pins would show, or set, the wrong bits.
     pub(super) const fn affects_process_data(&self) -> bool {
         matches!(self.table, Table::Process) && !matches!(self.kind, ProblemKind::Odd { .. })
     }
@@ -35,9 +35,9 @@ impl Problem {
 /// A table of contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Table {
-    /// PTOC: the process data of the software mode that the remote was started in.
+    /// PTOC: the process data of the software mode in which the remote was started.
     Process,
-    /// GTOC: everything that the remote has.
+    /// GTOC: everything that the remote contains.
     Global,
 }
 
@@ -50,7 +50,7 @@ impl fmt::Display for Table {
     }
 }
 
-/// What is wrong with a record or a table.
+/// Kind of defect of a record or a table.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ProblemKind {
@@ -60,42 +60,42 @@ pub enum ProblemKind {
          start again"
     )]
     ReadFailed {
-        /// Where.
+        /// Address of the read.
         address: u16,
     },
-    /// Too many reads, or too many of them failed.
+    /// Too many reads were needed, or too many of them failed.
     #[error(
         "discovery gave up after {accesses} accesses; the remote's tables are damaged, or its \
          cable is"
     )]
     GaveUp {
-        /// Accesses until then.
+        /// Number of accesses until then.
         accesses: u32,
     },
-    /// The remote has no tables, and none is known for its name.
+    /// The remote has no tables, and this crate has no table for its name.
     #[error(
         "it is not supported: it has no discovery, and there is no table of all its process data, with \
          finite limits; leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
     )]
     NoTables,
-    /// The remote tells nothing but its name, and no table is known for that.
+    /// The remote reports only its name, and this crate has no table for that.
     #[error(
         "it waits in its bootloader, without a whole program: give `mesa update` again, with its jumper \
          in the setup position"
     )]
     InBootloader,
-    /// The remote does not have the software mode that was asked for, and is in another.
+    /// The remote does not have the requested software mode, and is in another one.
     #[error(
         "software mode {mode} is not one of this remote's modes ({}); start it in one of these",
         list(.known)
     )]
     IllegalSoftwareMode {
-        /// What was asked for.
+        /// The requested mode.
         mode: u8,
-        /// The software modes it tells of.
+        /// The software modes that it lists.
         known: Vec<u8>,
     },
-    /// What the remote transfers is not what its tables describe.
+    /// The transferred process data does not match the remote's tables.
     #[error(
         "it transfers {rx} bytes of process data in and {tx} out, but its tables describe {plan_rx} \
          and {plan_tx}; switch its power off and on, and update its firmware if that does not help"
@@ -110,7 +110,7 @@ pub enum ProblemKind {
         /// Bytes to the remote by its tables.
         plan_tx: u32,
     },
-    /// Process data that does not fit into the interface registers.
+    /// The process data does not fit into the interface registers.
     #[error(
         "with it the {direction} process data has {bits} bits, but the interface registers hold \
          {limit}"
@@ -118,7 +118,7 @@ pub enum ProblemKind {
     RegistersTooSmall {
         /// `input` or `output`.
         direction: &'static str,
-        /// Bits so far.
+        /// Bits up to this element.
         bits: u32,
         /// Bits of the interface registers.
         limit: u32,
@@ -128,7 +128,7 @@ pub enum ProblemKind {
         "the table has no end within {entries} entries; the remote's firmware is damaged, update it"
     )]
     TableWithoutEnd {
-        /// Entries until then.
+        /// Number of entries until then.
         entries: u16,
     },
     /// A table lists a record twice: a loop, or a damaged table.
@@ -137,26 +137,26 @@ pub enum ProblemKind {
         /// The later entry, counted from 0.
         entry: u16,
     },
-    /// Something in a record that can not be.
+    /// A record contains an impossible value.
     #[error("its {field} is {found}, expected {expected}")]
     Illegal {
-        /// What of the record.
+        /// Field of the record.
         field: &'static str,
-        /// What is there.
+        /// Value found.
         found: String,
-        /// What could be there.
+        /// Possible values.
         expected: &'static str,
     },
-    /// Something in a record that leaves its place among the process data certain.
+    /// A record contains an odd value that does not affect the layout of the process data.
     #[error("its {what}")]
     Odd {
-        /// What it is, and what is made of it.
+        /// The oddity, and its effect.
         what: String,
     },
-    /// The record runs over the end of the address space.
+    /// The record extends beyond the end of the address space.
     #[error("it does not end before the end of the address space")]
     PastEnd,
-    /// One part of a count in two parts stands alone.
+    /// A count in two parts lacks one of them.
     #[error(
         "it is one part of a count, and the other part does not follow; choose another software mode"
     )]

@@ -1,4 +1,4 @@
-//! Bytes and records of a remote's memory, fetched with as few accesses as possible.
+//! Bytes and records of a remote's memory, read with as few accesses as possible.
 
 use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind};
 use crate::lbp::RemoteLink;
@@ -10,20 +10,21 @@ use alloc::{
     vec::Vec,
 };
 
-/// Addresses that can not be read before discovery gives up. Each costs some hundred milliseconds.
+/// Number of unreadable addresses after which discovery gives up; each costs some hundred
+/// milliseconds.
 const FAILURES: u32 = 4;
 
-/// Characters of a string, its end not counted.
+/// Largest number of characters of a string, not counting its end.
 const CHARACTERS: u16 = 255;
 
-/// Characters that clients keep. FACTS 7.1.
+/// Number of characters that are kept, as in other clients. FACTS 7.1.
 const KEPT: u16 = 48;
 
 /// Record types. Manual: 7I77, "RECORD_TYPE", "MODE DESCRIPTOR".
 const DATA: u8 = 0xA0;
 const MODE: u8 = 0xB0;
 
-/// Where the strings begin. FACTS 7.1.
+/// Offsets of the strings. FACTS 7.1.
 const UNIT: u16 = 14;
 const MODE_NAME: u16 = 4;
 
@@ -33,21 +34,21 @@ pub(super) enum Record {
     Mode(ModeRecord),
 }
 
-/// Reads ahead in doubles, and reads no byte twice.
+/// Reads ahead in doubles, and never reads a byte twice.
 pub(super) struct Reader<'m, M> {
     memory: &'m mut M,
     most_accesses: u32,
-    /// What has been read. Never larger than eight bytes for each access.
+    /// Bytes read up to now; at most eight for each access.
     known: BTreeMap<u16, u8>,
-    /// The largest access that works with this remote.
+    /// The largest access size that works with this remote.
     size: AccessSize,
     pub accesses: u32,
     failures: u32,
     /// The last access that failed.
     pub error: Option<String>,
-    /// Records that were read, or tried.
+    /// Addresses of all records read or tried.
     pub seen: Vec<u16>,
-    /// Problems of the record that is being read which do not make it useless.
+    /// Problems of the present record that do not make it useless.
     pub notes: Vec<ProblemKind>,
 }
 
@@ -66,7 +67,7 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
         }
     }
 
-    /// Reads the record at `address`; an error if there is nothing to be kept of it.
+    /// Reads the record at `address`; an error if nothing of it is usable.
     pub fn record(&mut self, address: u16) -> Result<Record, ProblemKind> {
         match self.byte(address, 0)? {
             DATA => self.data(address).map(Record::Data),
@@ -124,13 +125,13 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
         })
     }
 
-    /// Limits mean something for numbers only. Manual: 7I77, "PARAMETER_MIN".
+    /// Checks the limits, which have a meaning for numbers only. Manual: 7I77, "PARAMETER_MIN".
     fn limits(&mut self, data_type: DataType, min: f32, max: f32) -> (f32, f32) {
         use DataType::{Float, NonvolFloat, NonvolSigned, NonvolUnsigned, Signed, Unsigned};
         let is_float = matches!(data_type, Float | NonvolFloat);
         let is_whole = matches!(data_type, Unsigned | Signed | NonvolUnsigned | NonvolSigned);
         let is_finite = min.is_finite() && max.is_finite();
-        // FACTS 11.10: a floating-point number without limits has infinite ones.
+        // FACTS 11.10: a float without limits has infinite ones.
         if !is_finite && (is_whole || is_float && (min.is_nan() || max.is_nan())) {
             self.note_odd(format!(
                 "limits {min} to {max} are not finite; its pins have a full scale of 1 instead, so \
@@ -164,7 +165,7 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
                     }
                     return Ok((text, length));
                 }
-                // Latin-1, as far as it can be shown.
+                // Latin-1; control characters become `_`.
                 byte if length < KEPT => text.push(match char::from(byte) {
                     character if character.is_control() => '_',
                     character => character,

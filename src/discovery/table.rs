@@ -1,4 +1,4 @@
-//! What is known of a remote beforehand: thin data over what it says of itself.
+//! Tables of known remotes: data that supplements a remote's own description.
 
 use alloc::{
     format,
@@ -10,7 +10,7 @@ use super::{DataDirection, DataRecord, DataType, RemoteDescriptor};
 use crate::hal::{Place, Terminals};
 use crate::sslbp::RemoteName;
 
-/// What is known of one element of a remote's process data.
+/// Table entry for one element of a remote's process data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElementTable {
     /// Its name in the remote.
@@ -19,48 +19,47 @@ pub struct ElementTable {
     pub bits: u8,
     /// Its type.
     pub data_type: DataType,
-    /// Which way it goes.
+    /// Its direction.
     pub direction: DataDirection,
-    /// Its limits, as the record has them; `None` where they mean nothing.
+    /// Its limits as in the record; `None` if they have no meaning.
     pub limits: Option<(f32, f32)>,
-    /// Its unit, used where the record names none.
+    /// Its unit, used if the record contains none.
     pub unit: &'static str,
-    /// The software modes that have it: bit n for mode n.
+    /// The software modes that contain it: bit n for mode n.
     pub modes: u16,
-    /// The terminals it is at.
+    /// Its terminals.
     pub terminals: &'static [Terminals],
-    /// Which of the things at these terminals it is. `None`: all of them, or one for each bit of
-    /// BITS.
+    /// Number of its item at these terminals. `None`: all of them, or one for each bit of BITS.
     pub number: Option<u16>,
-    /// The value its output has when nothing else is set: 0 is off and 0 V.
+    /// The value of the output when nothing else is set: 0 is off and 0 V.
     pub safe: f64,
-    /// The element that has to be on for its output to reach the terminal; empty where none has to.
+    /// The element that must be on for the output to reach the terminal; empty without one.
     pub enabled_by: &'static str,
 }
 
-/// What is known of a kind of remote.
+/// Table of a kind of remote.
 ///
-/// It names terminals and safe values, and is what the remote's own description is compared with.
-/// The remote's description decides (FACTS 8.5), where it has one.
+/// Contains terminals and safe values, and serves for comparison with the remote's own description.
+/// If the remote has one, its own description takes precedence (FACTS 8.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemoteTable {
-    /// What it is, for people: `7I77 field I/O`.
+    /// Readable title: `7I77 field I/O`.
     pub title: &'static str,
-    /// What it calls itself.
+    /// The remote's own name.
     pub name: [u8; 4],
-    /// The top byte of its unit number, where cards of one name are told apart by it.
+    /// The top byte of its unit number, for cards of one name that are distinguished by it.
     pub unit_class: Option<u8>,
-    /// Whether it describes itself. If not, this table is its description.
+    /// True if it describes itself. If not, this table is its description.
     pub has_discovery: bool,
     /// Its elements, in the order of its PTOC.
     pub elements: &'static [ElementTable],
-    /// Where its tables of contents are, for each software mode in which that is known. A remote
-    /// that is absent at start is held against it when it is plugged in.
+    /// Addresses of its tables of contents, for each software mode in which they are known. A
+    /// remote that is absent at start is checked against them when it is plugged in.
     pub contents: &'static [Contents],
 }
 
-/// Where a remote has its tables of contents in a software mode, which differs from firmware to
-/// firmware.
+/// Addresses of a remote's tables of contents in a software mode; they differ between firmware
+/// versions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Contents {
     /// The software mode.
@@ -71,24 +70,24 @@ pub struct Contents {
     pub gtoc: u16,
 }
 
-/// A point in which a remote's description differs from the table of its kind.
+/// A difference between a remote's description and the table of its kind.
 ///
-/// The remote is believed; this is for people to look at.
+/// The remote's description is used; the difference is for the user to check.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{element}: {what} {actual}, by the table {expected}")]
 pub struct Difference {
     /// The element.
     pub element: String,
-    /// In what it differs: place (among the elements that are not pads), width, type or limits.
+    /// Property that differs: place (among the elements that are not pads), width, type or limits.
     pub what: &'static str,
-    /// What the table says.
+    /// Value in the table.
     pub expected: String,
-    /// What the remote says.
+    /// Value in the remote's description.
     pub actual: String,
 }
 
 impl RemoteTable {
-    /// A kind of remote that its name alone tells.
+    /// A kind of remote that is identified by its name alone.
     pub const fn new(
         title: &'static str,
         name: [u8; 4],
@@ -104,7 +103,7 @@ impl RemoteTable {
         }
     }
 
-    /// One part of a card, which has this top byte in its unit number.
+    /// A part of a card, with this top byte in its unit number.
     #[must_use]
     pub const fn of_class(self, class: u8) -> Self {
         Self {
@@ -113,13 +112,13 @@ impl RemoteTable {
         }
     }
 
-    /// Whether a remote is of this kind, by its name and unit number.
+    /// True if a remote is of this kind, by its name and unit number.
     pub fn matches(&self, descriptor: &RemoteDescriptor) -> bool {
         let is_class = |class| descriptor.unit_number >> 24 == u32::from(class);
         self.name == descriptor.name.0 && self.unit_class.is_none_or(is_class)
     }
 
-    /// The element of that name and direction.
+    /// The element with that name and direction.
     pub fn element(&self, name: &str, direction: DataDirection) -> Option<&ElementTable> {
         let mut elements = self.elements.iter();
         elements.find(|element| element.name == name && element.direction == direction)
@@ -133,8 +132,8 @@ impl RemoteTable {
             .filter(move |element| element.modes & bit != 0)
     }
 
-    /// What a remote of this kind says of itself in a software mode; `None` if the table does not
-    /// know all of it.
+    /// Descriptor of a remote of this kind in a software mode; `None` if the table is incomplete
+    /// for that mode.
     pub(crate) fn descriptor(&self, mode: u8) -> Option<RemoteDescriptor> {
         let process_data: Option<Vec<_>> = self.of_mode(mode).map(ElementTable::record).collect();
         Some(RemoteDescriptor {
@@ -146,7 +145,8 @@ impl RemoteTable {
         })
     }
 
-    /// Where a remote's description differs from this table, in the mode it was started in.
+    /// Differences between a remote's description and this table, in the mode in which it was
+    /// started.
     pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<Difference> {
         let is_pad = |data_type| data_type == DataType::Pad;
         let records = descriptor.process_data.iter();
@@ -180,7 +180,7 @@ impl RemoteTable {
                 "type",
                 types.map(|data_type| format!("{data_type:?}")),
             );
-            // Those that the table does not know are as the remote says.
+            // Limits that the table does not contain are taken from the record.
             let of_record = (record.min, record.max);
             let limits = [element.limits.unwrap_or(of_record), of_record];
             compare(
@@ -234,13 +234,13 @@ impl ElementTable {
         }
     }
 
-    /// At these terminals: all of them, or one thing for each bit of BITS.
+    /// At these terminals: all of them, or one item for each bit of BITS.
     #[must_use]
     pub const fn at(self, terminals: &'static [Terminals]) -> Self {
         Self { terminals, ..self }
     }
 
-    /// Thing `number` at these terminals.
+    /// Item `number` at these terminals.
     #[must_use]
     pub const fn nth(self, terminals: &'static [Terminals], number: u16) -> Self {
         Self {
@@ -273,8 +273,8 @@ impl ElementTable {
         (self.name, self.direction) == (&*record.name, record.direction)
     }
 
-    /// The record of a remote that has it; `None` if its limits are not known or not finite, and
-    /// are needed: they are its scale.
+    /// Record of a remote with this element; `None` if its limits are required as its scale and are
+    /// unknown or not finite.
     fn record(&self) -> Option<DataRecord> {
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
         let is_scale = |(min, max): &(f32, f32)| min.is_finite() && max.is_finite();

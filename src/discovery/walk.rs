@@ -1,4 +1,4 @@
-//! Walking the tables of one remote.
+//! Traversal of the tables of one remote.
 
 use super::{
     DataRecord, PackingPlan, Problem, ProblemKind, RemoteDescriptor, RemoteTable, Table,
@@ -8,16 +8,16 @@ use crate::lbp::RemoteLink;
 use crate::sslbp::{ProcessDataSizes, StartedRemote};
 use alloc::{string::String, vec::Vec};
 
-/// Entries of a table of contents.
+/// Largest number of entries of a table of contents.
 const ENTRIES: u16 = 255;
 
-/// What discovery knows beforehand, and what one remote can make it do.
+/// Tables available to discovery, and a bound on its accesses to one remote.
 #[derive(Clone, Copy, Debug)]
 pub struct DiscoveryOptions<'a> {
-    /// Tables for remotes that have none of their own: see
+    /// Tables for remotes without a description of their own: see
     /// [`has_discovery`](RemoteTable::has_discovery).
     pub tables: &'a [&'static RemoteTable],
-    /// Accesses to a remote's memory.
+    /// Largest number of accesses to a remote's memory.
     pub accesses: u32,
 }
 
@@ -31,20 +31,20 @@ impl Default for DiscoveryOptions<'_> {
     }
 }
 
-/// What discovery found out about a remote, and what it could not.
+/// Results of discovery of a remote, with the problems encountered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discovered {
-    /// What START returned. Sizes that it did not return for a 7I64 are those of its table.
+    /// Result of START. Sizes that are missing there for a 7I64 are taken from its table.
     pub started: StartedRemote,
-    /// What was found; after a problem, as much of it as was found.
+    /// The description; after a problem, as much of it as was read.
     pub descriptor: RemoteDescriptor,
-    /// Where its process data is, or the first problem that leaves this in doubt.
+    /// Layout of its process data, or the first problem that makes it doubtful.
     pub plan: Result<PackingPlan, Problem>,
-    /// What is wrong with it.
+    /// All problems.
     pub problems: Vec<Problem>,
-    /// The last access that failed, if one has.
+    /// The last access that failed, if any.
     pub read_error: Option<String>,
-    /// Accesses to the remote's memory that it took.
+    /// Number of accesses to the remote's memory.
     pub accesses: u32,
 }
 
@@ -53,7 +53,7 @@ impl Discovered {
     pub(super) fn note(&mut self, table: Table, record: u16, kind: ProblemKind) {
         let gave_up = |kind: &ProblemKind| matches!(kind, ProblemKind::GaveUp { .. });
         let same = |noted: &Problem| noted.table == table && gave_up(&noted.kind);
-        // After giving up, every further record would say the same.
+        // After giving up, every further record would add the same problem.
         if gave_up(&kind) && self.problems.iter().any(same) {
             return;
         }
@@ -70,7 +70,7 @@ impl Discovered {
         self.problems.push(problem);
     }
 
-    /// Lays its process data out, if that is certain so far.
+    /// Computes the layout of the process data, unless a problem has made it doubtful.
     fn lay_out(&mut self, registers: u8) {
         if self.plan.is_err() {
             return;
@@ -80,15 +80,15 @@ impl Discovered {
             Err(problem) => return self.note(problem.table, problem.record, problem.kind),
         };
         let started = &mut self.started;
-        // The gateware knows the sizes of a 7I64 itself (FACTS 4.7), and may keep them for a normal
-        // START only, which is then held against them.
+        // The gateware knows the sizes of a 7I64 itself (FACTS 4.7), and may report them for a
+        // normal START only, which is then checked against the plan.
         let is_untold = (started.name, started.ptoc) == (StartedRemote::NAME_7I64, 0)
             && started.sizes == ProcessDataSizes::default();
         if is_untold {
             started.sizes = plan.sizes(started.has_fault_byte());
         }
-        // What a remote transfers must be what its tables describe. Tables that can not be where the
-        // remote says they are read as zeros.
+        // The transferred sizes must match the tables. Tables that cannot be at the addresses that
+        // the remote reports read as zeros.
         let (rx, tx) = (started.input_bytes(), started.sizes.tx);
         let (plan_rx, plan_tx) = (plan.input_bytes(), plan.output_bytes());
         if (u32::from(rx), u32::from(tx)) == (plan_rx, plan_tx) {
@@ -105,11 +105,11 @@ impl Discovered {
     }
 }
 
-/// Finds out what a remote is, from its own tables, or from a known one if it has none. It is on a
+/// Discovers a remote from its own tables, or from a known one if it has none. The remote is on a
 /// port with 3 or 7 interface `registers` for each channel.
 ///
-/// Never fails as a whole: what is wrong is in the result, and the rest of the tables is read all
-/// the same. Bounded by `options` whatever the remote answers.
+/// Never fails as a whole: problems are part of the result, and the rest of the tables is still
+/// read. Bounded by `options`, whatever the remote answers.
 ///
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; FACTS 7.
 pub fn discover<M: RemoteLink>(
@@ -181,7 +181,7 @@ impl Discovered {
         }
     }
 
-    /// The entries of a table, each once, until its end or the first problem.
+    /// The entries of a table, each once, up to its end or the first problem.
     fn entries<M: RemoteLink>(
         &mut self,
         reader: &mut Reader<'_, M>,
@@ -210,7 +210,8 @@ impl Discovered {
         entries
     }
 
-    /// Some remotes list process data in the GTOC by a record of its own. FACTS 7.2.
+    /// True for process data that a remote lists in the GTOC by a separate record, as some do.
+    /// FACTS 7.2.
     fn is_process_data(&self, record: &DataRecord) -> bool {
         let mut elements = self.descriptor.process_data.iter();
         record.address != 0 && elements.any(|element| element.address == record.address)

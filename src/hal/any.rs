@@ -6,7 +6,7 @@ use super::handle::Key;
 use super::rule::is_scale;
 use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value};
 
-/// A pin or parameter of any kind and type. The default is one of no store.
+/// A pin or parameter of any kind and type. The default belongs to no store.
 ///
 /// ```
 /// use mesa_hal::hal::{AnyValue, PinError, PinMaker, PinStore};
@@ -25,18 +25,18 @@ use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, S
 pub struct PinId(Key);
 
 impl PinId {
-    /// Which of [`Pins::infos`] it is.
+    /// Index of the pin or parameter in [`Pins::infos`].
     pub const fn index(self) -> usize {
         self.0.index as usize
     }
 
-    /// For a queue: the store and the index.
+    /// The store and the index in one word, for a queue.
     #[cfg(feature = "std")]
     pub(crate) const fn to_word(self) -> u64 {
         (self.0.store as u64) << 32 | self.0.index as u64
     }
 
-    /// What [`to_word`](Self::to_word) made.
+    /// The pin or parameter from a word that [`to_word`](Self::to_word) returned.
     #[cfg(feature = "std")]
     pub(crate) const fn from_word(word: u64) -> Self {
         Self(Key {
@@ -45,13 +45,13 @@ impl PinId {
         })
     }
 
-    /// Whether both are of one store.
+    /// True if both belong to the same store.
     #[cfg(feature = "std")]
     pub(crate) const fn is_beside(self, other: Self) -> bool {
         self.0.store == other.0.store
     }
 
-    /// Another one of the same store.
+    /// The pin or parameter with the given index in the same store.
     #[cfg(feature = "std")]
     pub(crate) const fn beside(self, index: u32) -> Self {
         Self(Key {
@@ -61,17 +61,17 @@ impl PinId {
     }
 }
 
-/// More than any output needs.
+/// Longest chain of enables that is followed: more than any output needs.
 const MOST_ENABLES: usize = 8;
 
 #[cfg(feature = "std")]
 impl GroupId {
-    /// For a queue: the store and the index.
+    /// The store and the index in one word, for a queue.
     pub(crate) const fn to_word(self) -> u64 {
         PinId(self.0).to_word()
     }
 
-    /// What [`to_word`](Self::to_word) made.
+    /// The group from a word that [`to_word`](Self::to_word) returned.
     pub(crate) const fn from_word(word: u64) -> Self {
         Self(PinId::from_word(word).0)
     }
@@ -86,7 +86,7 @@ impl<K, T> From<Handle<K, T>> for PinId {
 
 /// Pins whose type is known at run time only.
 impl Pins {
-    /// The pin or parameter of that name.
+    /// Finds the pin or parameter with the given name.
     ///
     /// # Errors
     /// [`PinError::NotFound`], with the nearest name.
@@ -99,19 +99,19 @@ impl Pins {
         Ok(PinId(self.key(*index)))
     }
 
-    /// All of them, in the order of [`infos`](Self::infos).
+    /// All pins and parameters, in the order of [`infos`](Self::infos).
     pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
         (0..self.infos.len() as u32).map(|index| PinId(self.key(index)))
     }
 
-    /// What is known of a pin; `None` for one of another store.
+    /// Description of a pin or parameter; `None` if it belongs to another store.
     pub fn info_of(&self, pin: PinId) -> Option<&PinInfo> {
         self.infos.get(self.index(pin.0)?)
     }
 
-    /// What has to be on for the value of an output to reach its terminal, step by step: on a 7I97
-    /// for AOUT1 the enable of generator 1, and then that of generator 0, which its drive's switch
-    /// follows. None of another store's pin.
+    /// The chain of enables that must be on for the value of an output to reach its terminal, step
+    /// by step. On a 7I97, AOUT1 needs the enable of generator 1 and then that of generator 0,
+    /// which the switch of its drive follows. Empty for a pin of another store.
     ///
     /// ```
     /// # use mesa_hal::{Driver, Settings};
@@ -126,23 +126,24 @@ impl Pins {
     /// ```
     pub fn enables(&self, pin: PinId) -> impl Iterator<Item = PinId> + '_ {
         let next = |pin: &PinId| self.info_of(*pin)?.enabled_by;
-        // Whoever made a circle has no more than that of it.
+        // Bounds a circular chain, which the maker of the pins may have built by mistake.
         core::iter::successors(next(&pin), next).take(MOST_ENABLES)
     }
 
-    /// Reads a pin, or what the application has set an output to: one that is
-    /// [not enabled](super::AnalogOut::enable) beside others is safe, and one whose group is not
-    /// armed, or that was set to NaN or infinity, is not valid: it is safe, whatever it was set to.
-    /// A parameter, whose value does not
-    /// depend on transfers, is always valid.
+    /// Reads a pin, a parameter, or the value to which the application has set an output.
     ///
-    /// One of another store gives a bit that is off, not valid, and is counted in
+    /// An output that is [not enabled](super::AnalogOut::enable) while others that share its enable
+    /// are reads as its safe value. An output reads as not valid, whatever it was set to, if its
+    /// group is not armed or if it was set to NaN or infinity: its safe value goes out then. A
+    /// parameter does not depend on transfers and is always valid.
+    ///
+    /// A pin of another store reads as a bit that is off and not valid, and is counted in
     /// [`foreign_handles`](Self::foreign_handles).
     ///
     /// # Real time
     /// Constant time, no allocation.
     pub fn read_any(&self, pin: PinId) -> Reading<AnyValue> {
-        // A handle for the check only: all values are kept as the same 64 bits.
+        // The handle type serves only for the check: all values are kept as the same 64 bits.
         let reading: Reading<u64> = self.read(super::Input::new(pin.0));
         let info = self.info_of(pin);
         let is_param = info.is_some_and(|info| info.role.is_param());
@@ -155,18 +156,20 @@ impl Pins {
         };
         Reading {
             value,
-            // An output that was set to what is no number is safe, and does not have that value.
+            // An output that was set to NaN or infinity goes out as its safe value, not as what was
+            // set.
             valid: (reading.valid || is_param) && value.is_finite(),
             age: reading.age,
         }
     }
 
-    /// Sets an output, a pin that both sides set, or a parameter: as [`set`](Self::set) and
+    /// Sets an output, a pin that both sides set, or a parameter, as [`set`](Self::set) and
     /// [`set_param`](Self::set_param) do.
     ///
     /// # Errors
-    /// [`PinError::NotSettable`] for an input, [`PinError::WrongType`], [`PinError::ForeignHandle`];
-    /// those of [`set_param`](Self::set_param). Nothing is set then.
+    /// [`PinError::NotSettable`] for an input, [`PinError::WrongType`],
+    /// [`PinError::ForeignHandle`], and those of [`set_param`](Self::set_param). On error, nothing
+    /// is set.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -187,7 +190,8 @@ impl Pins {
         }
     }
 
-    /// Whether what an output is set to goes out: its group is armed, or faults do not touch it.
+    /// True if the value to which an output is set goes out: its group is armed, or faults do not
+    /// affect it.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -196,15 +200,15 @@ impl Pins {
             .is_some_and(|(slot, group)| group.armed || slot.exempt)
     }
 
-    /// How often faults have made an output safe that they touch; `None` for one that they do not, for
-    /// a parameter, and for a value that is safe.
+    /// Number of faults that have made an output safe; `None` for an output that faults do not
+    /// affect, for a parameter, and for a value that equals the safe value.
     #[cfg(feature = "std")]
     pub(crate) fn faults_against(&self, pin: PinId, value: AnyValue) -> Option<u64> {
         let info = self.info_of(pin)?;
         let (slot, group) = self.slot(pin.0)?;
         let is_output = matches!(info.role, Role::Output | Role::InOut);
         let bits = self.rules.get(self.index(pin.0)?)?.safe;
-        // As numbers: 0.0 and -0.0 are the same output.
+        // Compared as numbers: 0.0 and -0.0 are the same output.
         let safe = AnyValue { bits, ..value };
         let is_safe = value.bits == bits || value.as_f64() == safe.as_f64();
         (is_output && !slot.exempt && !is_safe).then_some(group.faults)
@@ -226,13 +230,15 @@ impl Pins {
 }
 
 impl PinInfo {
-    /// Whether an application may set it to this value. An output takes any of its type, and what it
-    /// can not put out becomes a safe value or a limit in the cycle: [`Pins::set`]. A setting stays as
-    /// it is.
+    /// Checks that an application may set the pin or parameter to this value. An output accepts
+    /// every value of its type: a value that cannot go out is replaced in the cycle by the safe
+    /// value or the nearest limit, see [`Pins::set`]. A setting rejects such a value and keeps its
+    /// own.
     ///
     /// # Errors
     /// [`PinError::NotSettable`], [`PinError::ReadOnly`], [`PinError::InRemote`],
-    /// [`PinError::WrongType`]; of a setting [`PinError::BadValue`] and [`PinError::BadScale`].
+    /// [`PinError::WrongType`]; for a setting also [`PinError::BadValue`] and
+    /// [`PinError::BadScale`].
     pub fn check_settable(&self, value: AnyValue) -> Result<(), PinError> {
         match self.role {
             Role::Output | Role::InOut | Role::Setting => {}

@@ -1,23 +1,23 @@
-//! Outputs that are enabled one by one, while several share what enables them.
+//! Outputs that are enabled individually although several share one enable.
 
 use super::handle::Key;
 use super::rule::NONE;
 use super::{Output, Pins};
 
-/// More than any output needs.
+/// Longest chain of enables that is followed: more than any output needs.
 const MOST_ENABLES: usize = 8;
 
-/// What is known of it for each pin.
+/// Enable state of one pin, both as an output and as an enable of others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Enabling {
-    /// What has to be on for this one to reach its terminal; `NONE` where nothing has.
+    /// Index of the pin that must be on for this one to reach its terminal; `NONE` without one.
     pub by: u32,
-    /// Of an output: the round of `by` in which it was enabled; 0 where it is not.
+    /// As an output: the round of `by` in which it was enabled; 0 if it is not enabled.
     since: u32,
-    /// Of an enable: 0 until an output was enabled or disabled alone; changes when all that were
-    /// enabled are forgotten.
+    /// As an enable: 0 until an output was enabled or disabled individually; changes whenever all
+    /// enabled outputs are forgotten.
     round: u32,
-    /// Of an enable: how many outputs were enabled in this round.
+    /// As an enable: number of outputs enabled in this round.
     wanted: u32,
 }
 
@@ -29,7 +29,7 @@ impl Enabling {
         wanted: 0,
     };
 
-    /// Nothing is enabled by it any more.
+    /// Forgets all outputs that were enabled through this enable.
     pub fn forget(&mut self) {
         if self.round != 0 {
             self.round = self.round.wrapping_add(1).max(1);
@@ -39,13 +39,13 @@ impl Enabling {
 }
 
 impl Pins {
-    /// Enables an output, or holds it at its safe value. What enables it is on while any of those that
-    /// share it is enabled; from now on those of them that are not are held.
+    /// Enables an output, or holds it at its safe value. Its enable is on while any of the outputs
+    /// that share it is enabled; from this call on, those of them that are not enabled are held.
     pub(super) fn enable_alone(&mut self, output: Key, enable: Key, on: bool) {
         let Some(output) = self.index(output) else {
             return self.count_foreign();
         };
-        // Without an enable it is held all the same.
+        // Without a valid enable the output is held all the same.
         let by = self.index(enable).unwrap_or_else(|| {
             self.count_foreign();
             output
@@ -85,8 +85,8 @@ impl Pins {
         }
     }
 
-    /// Whether an output has its safe value because others that share its enable are enabled alone,
-    /// and it is not.
+    /// True if an output has its safe value because it is not enabled while its enable is managed
+    /// output by output.
     pub(super) fn is_held(&self, output: usize) -> bool {
         let Some(own) = self.enabling(output) else {
             return false;
@@ -95,7 +95,7 @@ impl Pins {
         round != 0 && own.since != round
     }
 
-    /// An enable, and what that needs in its turn.
+    /// Changes an enable and the ones that it needs in turn.
     fn each_enable(&mut self, first: usize, change: impl Fn(&mut Enabling)) {
         let mut next = Some(first);
         for _ in 0..MOST_ENABLES {
@@ -107,7 +107,7 @@ impl Pins {
         }
     }
 
-    /// What an enable needs, where that is forgotten together with it.
+    /// The enable that an enable itself needs, if both belong to the same group and fail together.
     fn enable_of(&self, pin: usize) -> Option<usize> {
         let by = self.enabling(pin)?.by as usize;
         (self.slots.get(by)?.group == self.slots.get(pin)?.group).then_some(by)

@@ -1,16 +1,18 @@
-//! What can go wrong with pins at set-up and when settings are changed.
+//! Errors of pins, at set-up and when settings are changed.
 
 use alloc::string::String;
 
 use super::{AnyValue, MAX_NAME};
 
-/// Why a pin or parameter was not made, not found or not changed.
+/// Reason why a pin or parameter was not made, not found or not changed.
 ///
-/// Nothing in the cycle returns it: there, a bad value becomes a safe one and is counted.
+/// Returned at set-up and by the application's calls, never by the cycle itself: there, a bad value
+/// is replaced by a safe one and counted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PinError {
-    /// The name is empty, longer than LinuxCNC takes, or has characters that HAL files can not hold.
+    /// The name is empty, longer than LinuxCNC accepts, or contains characters that HAL files
+    /// cannot hold.
     #[error(
         "`{name}` is not a pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.' (shorten the remote's own name for it)",
         super::MAX_NAME
@@ -19,34 +21,34 @@ pub enum PinError {
         /// The name.
         name: String,
     },
-    /// There is a pin or parameter of that name.
+    /// A pin or parameter with that name already exists.
     #[error("there are two pins or parameters `{name}` (are two boards numbered alike?)")]
     NameTaken {
         /// The name.
         name: String,
     },
-    /// More pins than a store can number.
+    /// The store cannot number any more pins.
     #[error(
         "more than {} pins and parameters; leave boards or modules out",
         super::MAX_PINS
     )]
     TooMany,
-    /// There is no pin or parameter of that name.
+    /// No pin or parameter has that name.
     #[error("no pin or parameter `{name}`{}", Hint(.nearest.as_deref()))]
     NotFound {
         /// The name.
         name: String,
-        /// The one that it may be meant for.
+        /// The nearest existing name.
         nearest: Option<String>,
     },
-    /// There is one, but of another type or role.
+    /// The pin or parameter exists, but has another type or role.
     #[error("`{name}` is {actual}, and {expected} was asked for; take the handle of that kind")]
     WrongKind {
         /// The name.
         name: String,
-        /// What was asked for.
+        /// The requested type or role.
         expected: &'static str,
-        /// What it is.
+        /// The actual type or role.
         actual: &'static str,
     },
     /// The value has another type than the pin.
@@ -54,22 +56,22 @@ pub enum PinError {
     WrongType {
         /// The pin's type.
         expected: &'static str,
-        /// The value's.
+        /// The value's type.
         actual: &'static str,
     },
-    /// The pin is one that the machine sets.
+    /// The pin is an input, which the machine sets.
     #[error("it is an input: the machine sets it, and the application reads it")]
     NotSettable,
-    /// Nothing inverts the output.
+    /// No parameter or pin inverts the output.
     #[error("nothing inverts this output: set the opposite instead")]
     NothingInverts,
-    /// The handle is one of another store.
+    /// The handle belongs to another store.
     #[error(
         "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
     )]
     ForeignHandle,
-    /// The limits or the full scale of a pin or parameter are not finite and in order, or its first
-    /// value is outside of them.
+    /// The limits or the full scale of a pin or parameter are not finite or not in order, or its
+    /// first value lies outside them.
     #[error(
         "`{name}` can not begin at {initial}: its limits and its full scale must be finite, the limits in order, and what it begins with between them{}",
         Limits(*.limits)
@@ -77,20 +79,20 @@ pub enum PinError {
     BadLimits {
         /// Its name.
         name: ShortName,
-        /// What it was to begin with, which is the safe value of an output.
+        /// The first value, which for an output is the safe value.
         initial: AnyValue,
         /// Its limits, if it has any.
         limits: Option<(f64, f64)>,
     },
-    /// The parameter can not be written.
+    /// The parameter cannot be written.
     #[error("the parameter is read-only: it shows a value, and can not be set")]
     ReadOnly,
-    /// The parameter is kept in a remote, which takes it in setup mode only.
+    /// The parameter is kept in a remote, which accepts it in setup mode only.
     #[error(
         "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Board::write_remote_parameter` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port"
     )]
     InRemote,
-    /// The value is not finite, or outside what the parameter takes.
+    /// The value is not finite, or outside the limits of the parameter.
     #[error(
         "`{name}` can not be set to {value}: it takes a finite number{}; it keeps its value",
         Limits(*.limits)
@@ -103,7 +105,7 @@ pub enum PinError {
         /// Its limits, if it has any.
         limits: Option<(f64, f64)>,
     },
-    /// The value can be no scale.
+    /// The value cannot be a scale.
     #[error(
         "`{name}` can not be set to {value}: it is a scale (how many counts, or volts, make one unit of the machine), which takes a number from 1e-100 to 1e100, or the same below 0; it keeps its value"
     )]
@@ -113,14 +115,14 @@ pub enum PinError {
         /// The value.
         value: AnyValue,
     },
-    /// The group does not run, so its outputs can not be armed.
+    /// The group does not run, so its outputs cannot be armed.
     #[error(
         "the group does not run (its last transfer failed): it can be armed when its inputs are valid again"
     )]
     NotRunning,
 }
 
-/// The name of a pin or parameter, kept in place: an error of the cycle allocates nothing.
+/// Name of a pin or parameter, stored inline so that an error of the cycle allocates nothing.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct ShortName {
     length: usize,
@@ -128,7 +130,7 @@ pub struct ShortName {
 }
 
 impl ShortName {
-    /// A name; what is beyond [`MAX_NAME`] characters is left out.
+    /// Copies a name; characters beyond [`MAX_NAME`] are left out.
     pub fn new(name: &str) -> Self {
         let mut bytes = [0; MAX_NAME];
         for (kept, byte) in bytes.iter_mut().zip(name.bytes()) {
@@ -143,7 +145,7 @@ impl ShortName {
         let kept = self.bytes.get(..self.length).unwrap_or_default();
         match core::str::from_utf8(kept) {
             Ok(name) => name,
-            // A character of several bytes was cut.
+            // A multi-byte character was cut.
             Err(error) => {
                 let whole = kept.get(..error.valid_up_to()).unwrap_or_default();
                 core::str::from_utf8(whole).unwrap_or_default()
@@ -164,7 +166,7 @@ impl core::fmt::Display for ShortName {
     }
 }
 
-/// The end of a message about a number.
+/// Limits of a number, as the end of a message.
 struct Limits(Option<(f64, f64)>);
 
 impl core::fmt::Display for Limits {
@@ -176,7 +178,7 @@ impl core::fmt::Display for Limits {
     }
 }
 
-/// The end of a message about a name that does not exist.
+/// Nearest existing name, as the end of a message about an unknown name.
 struct Hint<'a>(Option<&'a str>);
 
 impl core::fmt::Display for Hint<'_> {

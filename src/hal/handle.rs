@@ -1,8 +1,8 @@
-//! Handles: what an application keeps of a pin.
+//! Handles: small copyable references to pins, kept by an application.
 
 use core::marker::PhantomData;
 
-/// Where a pin or parameter is, and whose it is.
+/// Position of a pin or parameter, and the store that it belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Key {
     /// The store's own number; 0 belongs to no store.
@@ -11,15 +11,15 @@ pub(super) struct Key {
 }
 
 /// A set of pins that work or fail together: those of one remote, or of the board itself. The
-/// default is a group of no store.
+/// default belongs to no store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct GroupId(pub(super) Key);
 
-/// A handle of a pin or parameter of type `T`; its [kind](kind) `K` decides what can be done with it:
-/// [`Input`], [`Output`], [`InOut`], [`Param`].
+/// A handle of a pin or parameter of type `T`; its [kind](kind) `K` determines the permitted
+/// operations: [`Input`], [`Output`], [`InOut`], [`Param`].
 ///
-/// The default is a handle to nothing: reads are never valid, writes are ignored, both are counted
-/// by the store as uses of a foreign handle.
+/// The default refers to nothing: reads are never valid, writes are ignored, and the store counts
+/// both as uses of a foreign handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Handle<K, T> {
     pub(super) key: Key,
@@ -66,56 +66,56 @@ pub type Input<T> = Handle<kind::Input, T>;
 /// ```
 pub type Output<T> = Handle<kind::Output, T>;
 
-/// A pin that both sides set, such as `index-enable`: the application switches it on, the
-/// machine switches it off when the index came.
+/// A pin that both sides set, such as `index-enable`: the application switches it on, the machine
+/// switches it off when the index has come.
 pub type InOut<T> = Handle<kind::InOut, T>;
 
 /// A parameter: a setting of a pin, or of the remote itself.
 pub type Param<T> = Handle<kind::Param, T>;
 
 impl<T> InOut<T> {
-    /// The machine's half of it: a handle that reads it, or publishes it, and does not set it.
+    /// The machine's half: a handle that reads or publishes the pin and does not set it.
     pub const fn as_input(self) -> Input<T> {
         Input::new(self.key)
     }
 
-    /// The application's half of it: a handle that sets it and does not read it.
+    /// The application's half: a handle that sets the pin and does not read it.
     pub const fn as_output(self) -> Output<T> {
         Output::new(self.key)
     }
 }
 
-/// Kinds of handles, and what can be done with each.
+/// Kinds of handles, and the operations that each permits.
 pub mod kind {
-    /// Of an [`Input`](super::Input).
+    /// Kind of an [`Input`](super::Input).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Input;
 
-    /// Of an [`Output`](super::Output).
+    /// Kind of an [`Output`](super::Output).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Output;
 
-    /// Of an [`InOut`](super::InOut).
+    /// Kind of an [`InOut`](super::InOut).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct InOut;
 
-    /// Of a [`Param`](super::Param).
+    /// Kind of a [`Param`](super::Param).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Param;
 
-    /// What an application reads.
+    /// Kinds that an application can read.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that can be read")]
     pub trait Readable: Copy {}
     impl Readable for Input {}
     impl Readable for InOut {}
 
-    /// What an application sets.
+    /// Kinds that an application can set.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that an application can set")]
     pub trait Settable: Copy {}
     impl Settable for Output {}
     impl Settable for InOut {}
 
-    /// What a driver gives values.
+    /// Kinds to which a driver can give values.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that a driver can publish")]
     pub trait Publishable: Copy {}
     impl Publishable for Input {}

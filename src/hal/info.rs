@@ -1,10 +1,10 @@
-//! What is known of a pin beside its value.
+//! Description of a pin or parameter apart from its value.
 
 use alloc::string::String;
 
 use super::{GroupId, HalType, PinId, Place};
 
-/// The longest name: what LinuxCNC's HAL takes.
+/// Longest name that LinuxCNC's HAL accepts.
 ///
 /// Names of up to 41 characters also fit its older tools (FACTS 8.6).
 pub const MAX_NAME: usize = 47;
@@ -12,9 +12,10 @@ pub const MAX_NAME: usize = 47;
 /// The largest number of pins and parameters of a store.
 pub const MAX_PINS: usize = 1 << 20;
 
-/// What something in the store is, as LinuxCNC sees it.
+/// Role of a pin or parameter, as LinuxCNC sees it.
 ///
-/// LinuxCNC's directions are those of the driver: what the machine reports is `OUT` of the driver.
+/// LinuxCNC's directions are those of the driver: a value that the machine reports is `OUT` of the
+/// driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// Set by the driver, read by the application: [`Input`](super::Input), HAL `OUT`.
@@ -25,15 +26,15 @@ pub enum Role {
     InOut,
     /// A setting: [`Param`](super::Param), HAL `RW`.
     Setting,
-    /// A property that can not be changed: [`Param`](super::Param), HAL `RO`.
+    /// A property that cannot be changed: [`Param`](super::Param), HAL `RO`.
     Property,
-    /// A parameter that a remote keeps, HAL `RW`: it takes an operation of its own to change it
+    /// A parameter that a remote keeps, HAL `RW`: changing it takes a separate operation
     /// ([`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter)).
     InRemote,
 }
 
 impl Role {
-    /// LinuxCNC's word, as `halcmd show` prints it.
+    /// LinuxCNC's word for the direction, as `halcmd show` prints it.
     pub const fn hal_direction(self) -> &'static str {
         match self {
             Self::Input => "OUT",
@@ -44,7 +45,7 @@ impl Role {
         }
     }
 
-    /// What it is, for messages.
+    /// The role as a noun phrase, for messages.
     pub(super) const fn as_str(self) -> &'static str {
         match self {
             Self::Input => "an input",
@@ -56,13 +57,13 @@ impl Role {
         }
     }
 
-    /// Whether it is a parameter and no pin.
+    /// True for a parameter, false for a pin.
     pub const fn is_param(self) -> bool {
         matches!(self, Self::Setting | Self::Property | Self::InRemote)
     }
 }
 
-/// What is known of a pin or parameter beside its value.
+/// Description of a pin or parameter apart from its value.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PinInfo {
@@ -70,20 +71,20 @@ pub struct PinInfo {
     pub name: String,
     /// Its type.
     pub hal_type: HalType,
-    /// Which way it goes, or what kind of parameter it is.
+    /// Direction of the pin, or kind of parameter.
     pub role: Role,
-    /// Where it is; empty if it is at no terminal.
+    /// Terminal of the pin; empty if it has none.
     pub place: Place,
     /// Its unit, for example `V`; empty for a plain number or truth value.
     pub unit: String,
-    /// The smallest and the largest value it can have, where there are such.
+    /// The smallest and the largest value, if the pin has limits.
     pub limits: Option<(f64, f64)>,
-    /// It is a setting that others are divided by or multiplied with, and is never 0.
+    /// True for a setting by which others are divided or multiplied; it is never 0.
     pub is_scale: bool,
-    /// The group it belongs to.
+    /// The group to which it belongs.
     pub group: GroupId,
-    /// What has to be on for the value of an output to reach its terminal: the enable of an analog
-    /// output, the direction of an I/O pin. That may need another one in its turn: see
+    /// The pin that must be on for the value of an output to reach its terminal: the enable of an
+    /// analog output, the direction of an I/O pin. That pin may need another one in turn: see
     /// [`Pins::enables`](super::Pins::enables).
     pub enabled_by: Option<PinId>,
 }

@@ -1,7 +1,7 @@
-//! Handles that belong together: the same shape for the same function on every board.
+//! Handles that belong together: the same struct for the same function on every board.
 //!
-//! An application that takes an [`AnalogOut`] works with one of a 7I97 and with one of a 7I77, where
-//! several axes share an enable:
+//! An application that takes an [`AnalogOut`] works with one of a 7I97 and with one of a 7I77, on
+//! which several axes share an enable:
 //!
 //! ```
 //! use mesa_hal::hal::{AnalogOut, DigitalIn, Pins};
@@ -31,33 +31,33 @@ pub struct DigitalIn {
 pub struct DigitalOut {
     /// The output.
     pub pin: Output<bool>,
-    /// What inverts it on its way out, where anything does.
+    /// The parameter or pin that inverts it on its way out, if there is one.
     pub invert: Option<Invert>,
 }
 
 /// An analog input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AnalogIn {
-    /// The voltage, while `full_scale` is what it was at first.
+    /// The voltage, while `full_scale` has its initial value.
     pub volts: Input<f64>,
-    /// What the end of the range is shown as.
+    /// The value that represents the end of the range.
     pub full_scale: Param<f64>,
 }
 
 /// An analog output and its enable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AnalogOut {
-    /// The voltage, while `full_scale` is what it was at first.
+    /// The voltage, while `full_scale` has its initial value.
     pub volts: Output<f64>,
-    /// What has to be on for it to have its voltage. Several outputs may share it, which
-    /// [`enable`](Self::enable) knows; where the switch of the drive follows another one besides,
-    /// [`Pins::enables`] tells.
+    /// The pin that must be on for the output to have its voltage. Several outputs may share it,
+    /// which [`enable`](Self::enable) takes into account. If the switch of the drive follows a
+    /// further pin, [`Pins::enables`] contains it.
     pub enable: Output<bool>,
     /// The value that goes out as the end of the range.
     pub full_scale: Param<f64>,
-    /// No larger value goes out.
+    /// Upper limit: no larger value goes out.
     pub max_limit: Option<Param<f64>>,
-    /// No smaller value goes out.
+    /// Lower limit: no smaller value goes out.
     pub min_limit: Option<Param<f64>>,
 }
 
@@ -70,30 +70,34 @@ pub struct Counter {
     pub rawcounts: Input<i32>,
     /// `count / scale`.
     pub position: Input<f64>,
-    /// Asks for `count` to become 0 at the next index, or full revolution of a counter without
-    /// index; off when that happened.
+    /// Requests that `count` becomes 0 at the next index, or at the next full revolution of a
+    /// counter without index; switched off when that has happened.
     pub index_enable: InOut<bool>,
     /// Keeps `count` at 0.
     pub reset: Output<bool>,
     /// Counts for one unit of position, never 0.
     pub scale: Param<f64>,
-    /// Counts of a revolution, of a counter without index; 0 is no revolutions.
+    /// Counts per revolution of a counter without index; 0 if it has no revolutions.
     pub counts_per_rev: Option<Param<u32>>,
-    /// A home is lost, of an encoder of the FPGA: its counter was set up again (the board was reset, or
-    /// its watchdog has bitten, or the bus was down), and what it counted meanwhile is not known; or the
-    /// board was not heard for so long that the encoder may have turned further than 16 bits can
-    /// represent; or it was at nine tenths of `max-count-rate` and seemed to stop from one cycle to
-    /// the next, as beyond that rate; or packets were lost, late or repeated within 100 cycles after the
-    /// board was set up. `count` is as valid as before, and may be wrong. On until `reset`, or until an index
-    /// in a cycle without such a gap or packet.
+    /// Indicates that the home position of an encoder of the FPGA may be lost. `count` is as valid
+    /// as before, but may be wrong. The causes are:
+    /// - The counter was set up again (the board was reset, its watchdog has bitten, or the bus was
+    ///   down), and the counts in between are not known.
+    /// - The gap without received inputs was long enough for the encoder to turn further than 16
+    ///   bits can represent.
+    /// - The encoder was at nine tenths of `max-count-rate` and seemed to stop from one cycle to
+    ///   the next, as it does beyond that rate.
+    /// - Packets were lost, late or repeated within 100 cycles after the board was set up.
+    ///
+    /// On until `reset`, or until an index in a cycle without such a gap or packet.
     pub count_unsure: Option<Input<bool>>,
 }
 
 impl DigitalIn {
-    /// By the input's name: `hm2_7i92.0.7i77.0.0.input-07`.
+    /// Finds the input by its name: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
     /// # Errors
-    /// [`PinError`] if there is no such input, or no `-not` beside it.
+    /// [`PinError`] if the input, or the `-not` beside it, does not exist.
     pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
         Ok(Self {
             pin: pins.input(name)?,
@@ -101,7 +105,7 @@ impl DigitalIn {
         })
     }
 
-    /// Its level.
+    /// Reads the level.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -111,10 +115,10 @@ impl DigitalIn {
 }
 
 impl DigitalOut {
-    /// By the output's name: `hm2_7i92.0.7i77.0.0.output-07`.
+    /// Finds the output by its name: `hm2_7i92.0.7i77.0.0.output-07`.
     ///
     /// # Errors
-    /// [`PinError`] if there is no such output, or no `-invert` beside it.
+    /// [`PinError`] if the output, or the `-invert` beside it, does not exist.
     pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
         Ok(Self {
             pin: pins.output(name)?,
@@ -122,7 +126,7 @@ impl DigitalOut {
         })
     }
 
-    /// Switches it.
+    /// Switches the output on or off.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -130,7 +134,8 @@ impl DigitalOut {
         pins.set(self.pin, on);
     }
 
-    /// Says whether it goes out inverted, also while it is safe: that is how it is wired.
+    /// Sets the inversion of the output, which describes its wiring and therefore also applies to
+    /// its safe value.
     ///
     /// # Errors
     /// [`PinError::NothingInverts`]; [`PinError::ForeignHandle`].
@@ -147,10 +152,10 @@ impl DigitalOut {
 }
 
 impl AnalogIn {
-    /// By the input's name: `hm2_7i92.0.7i77.0.0.fieldvoltage`.
+    /// Finds the input by its name: `hm2_7i92.0.7i77.0.0.fieldvoltage`.
     ///
     /// # Errors
-    /// [`PinError`] if there is no such input, or no `-scalemax` beside it.
+    /// [`PinError`] if the input, or the `-scalemax` beside it, does not exist.
     pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
         Ok(Self {
             volts: pins.input(name)?,
@@ -158,7 +163,7 @@ impl AnalogIn {
         })
     }
 
-    /// Its voltage.
+    /// Reads the voltage.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -168,11 +173,12 @@ impl AnalogIn {
 }
 
 impl AnalogOut {
-    /// By the names of the output and of its enable: `hm2_7i92.0.7i77.0.1.analogout0` and
+    /// Finds the output by its name and that of its enable: `hm2_7i92.0.7i77.0.1.analogout0` and
     /// `hm2_7i92.0.7i77.0.1.analogena`.
     ///
     /// # Errors
-    /// [`PinError`] if there are no such outputs, or no `-scalemax`, `-maxlim` and `-minlim`.
+    /// [`PinError`] if one of these outputs, or its `-scalemax`, `-maxlim` or `-minlim`, does not
+    /// exist.
     pub fn find(pins: &Pins, name: &str, enable: &str) -> Result<Self, PinError> {
         Ok(Self {
             volts: pins.output(name)?,
@@ -183,7 +189,7 @@ impl AnalogOut {
         })
     }
 
-    /// Sets its voltage.
+    /// Sets the voltage.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -191,15 +197,17 @@ impl AnalogOut {
         pins.set(self.volts, volts);
     }
 
-    /// Enables it, alone: it has 0 V (its safe value) while it is not enabled, whatever it is
-    /// [set](Self::set) to and whatever other outputs share its enable. After a fault it has to be
-    /// enabled again.
+    /// Enables or disables this output individually. While it is not enabled it has 0 V (its safe
+    /// value), whatever it is [set](Self::set) to and whatever other outputs share its enable.
+    /// After a fault it must be enabled again.
     ///
-    /// The pin [`enable`](Self::enable), and those that this one needs in its turn, are on while any
-    /// output that shares them is enabled: a drive beside an enabled one sees its enable, and 0 V.
-    /// Whoever sets these pins directly, as a program for LinuxCNC does, switches them until the next
-    /// call of this for one of the outputs: off, all drives are off. On, those have their voltage that
-    /// were enabled here; all have it while none was ever enabled or disabled here.
+    /// The pin [`enable`](Self::enable), and those that it needs in turn, are on while any output
+    /// that shares them is enabled: a drive next to an enabled one sees its enable on, and 0 V.
+    ///
+    /// An application that sets these pins directly, as a LinuxCNC configuration does, switches
+    /// them until the next call of this function for one of the outputs. Off: all drives are off.
+    /// On: the outputs that were enabled here have their voltage, or all outputs if none was ever
+    /// enabled or disabled here.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -209,10 +217,11 @@ impl AnalogOut {
 }
 
 impl Counter {
-    /// By what its pins' names begin with: `hm2_7i92.0.7i77.0.0.enc0`, `hm2_7i92.0.encoder.00`.
+    /// Finds the counter by the common start of its pin names: `hm2_7i92.0.7i77.0.0.enc0`,
+    /// `hm2_7i92.0.encoder.00`.
     ///
     /// # Errors
-    /// [`PinError`] if any of its pins is missing, but for `counts-per-rev` and `count-unsure`.
+    /// [`PinError`] if any of its pins except `counts-per-rev` and `count-unsure` is missing.
     pub fn find(pins: &Pins, stem: &str) -> Result<Self, PinError> {
         let reset = format!("{stem}.reset");
         Ok(Self {
@@ -229,8 +238,7 @@ impl Counter {
         })
     }
 
-    /// Its position, which is still from the same zero unless
-    /// [`count_unsure`](Self::count_unsure) is on.
+    /// Reads the position. Its zero is unchanged unless [`count_unsure`](Self::count_unsure) is on.
     ///
     /// # Real time
     /// Constant time, no allocation.

@@ -1,4 +1,4 @@
-//! Making pins and parameters.
+//! Construction of pins and parameters.
 
 use alloc::string::String;
 
@@ -8,8 +8,8 @@ use super::{
     Output, Param, PinError, PinInfo, PinStore, Place, Role, ShortName, Value,
 };
 
-/// What a pin or parameter is to be beside its type. A name alone is one at the maker's terminal,
-/// without unit or limits:
+/// Properties of a new pin or parameter apart from its type. A name alone makes a pin at the
+/// maker's terminal, without unit or limits:
 ///
 /// ```
 /// use mesa_hal::hal::Spec;
@@ -21,22 +21,22 @@ use super::{
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Spec {
-    /// Its name, without what the maker puts before it.
+    /// Its name, without the maker's stem.
     pub name: String,
-    /// Where a pin is; empty for the place of the maker. A parameter is nowhere.
+    /// Terminal of a pin; empty for that of the maker. Ignored for a parameter.
     pub place: Place,
     /// Its unit, for example `V`.
     pub unit: String,
-    /// The smallest and the largest value. On an output they are enforced: a value outside becomes
-    /// the nearest limit, as in LinuxCNC: the command of a servo loop that saturates means "as much
-    /// as there is", and dropping it to the safe value at that moment would let the axis go. On a
-    /// setting they are enforced as well, on an input informational.
+    /// The smallest and the largest value. On an output they are enforced: a value outside is
+    /// replaced by the nearest limit, as in LinuxCNC, because the command of a saturating servo
+    /// loop means "as much as possible", and dropping it to the safe value at that point would let
+    /// the axis go. On a setting they are enforced as well; on an input they are informational.
     pub limits: Option<(f64, f64)>,
-    /// Usual limits, informational and not enforced: for an output whose scale can be set, and whose
-    /// limits are parameters.
+    /// Usual limits, informational and not enforced: for an output whose scale is adjustable and
+    /// whose limits are parameters.
     pub range: Option<(f64, f64)>,
-    /// `-invert`: an output that is a truth value goes out as its opposite, also when it is safe:
-    /// the parameter says how it is wired.
+    /// `-invert`: a truth value goes out as its opposite, including its safe value, because the
+    /// parameter describes the wiring.
     pub invert: Option<Invert>,
     /// `-maxlim`: no larger value goes out.
     pub max_limit: Option<Param<f64>>,
@@ -55,11 +55,13 @@ impl<S: Into<String>> From<S> for Spec {
     }
 }
 
-/// Makes pins and parameters of one group whose names begin alike, at the same terminals.
+/// Makes pins and parameters of one group, with a common start of their names and a common
+/// terminal.
 ///
 /// # Errors
-/// All its functions: [`PinError::BadName`], [`PinError::NameTaken`], [`PinError::TooMany`],
-/// [`PinError::ForeignHandle`] for a group or a parameter of another store, [`PinError::BadLimits`].
+/// All functions return [`PinError::BadName`], [`PinError::NameTaken`], [`PinError::TooMany`],
+/// [`PinError::ForeignHandle`] for a group or a parameter of another store, and
+/// [`PinError::BadLimits`].
 #[derive(Debug)]
 pub struct PinMaker<'a> {
     store: &'a mut PinStore,
@@ -69,7 +71,8 @@ pub struct PinMaker<'a> {
 }
 
 impl<'a> PinMaker<'a> {
-    /// Names begin with `stem`: `hm2_7i97.0.encoder.00.`.
+    /// Makes pins and parameters whose names begin with `stem`, for example
+    /// `hm2_7i97.0.encoder.00.`.
     pub fn new(store: &'a mut PinStore, group: GroupId, stem: impl Into<String>) -> Self {
         Self {
             store,
@@ -79,7 +82,7 @@ impl<'a> PinMaker<'a> {
         }
     }
 
-    /// Pins, but no parameters, are at this place from now on.
+    /// Sets the terminal of the pins made from now on; parameters have none.
     #[must_use]
     pub fn at(self, place: Place) -> Self {
         Self { place, ..self }
@@ -90,8 +93,8 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Input, spec, T::default())
     }
 
-    /// An output, which is `safe` before the application sets it, while its group is not armed, and
-    /// when the application sets it to something that is not finite.
+    /// An output. It has the value `safe` before the application sets it, while its group is not
+    /// armed, and when the application sets it to a value that is not finite.
     pub fn output<T: Value>(
         &mut self,
         spec: impl Into<Spec>,
@@ -100,7 +103,7 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Output, spec, safe)
     }
 
-    /// An output that decides how the driver works: faults do not touch it.
+    /// An output that controls the driver itself: faults do not affect it.
     pub fn switch<T: Value>(
         &mut self,
         spec: impl Into<Spec>,
@@ -110,13 +113,13 @@ impl<'a> PinMaker<'a> {
         self.store.exempt(pin)
     }
 
-    /// A pin that both sides set, zero or off at first, which faults do not touch.
+    /// A pin that both sides set, zero or off at first, which faults do not affect.
     pub fn inout<T: Value>(&mut self, spec: impl Into<Spec>) -> Result<InOut<T>, PinError> {
         let pin = self.bidirectional(spec, T::default())?;
         self.store.exempt(pin)
     }
 
-    /// A pin that both sides set, and that is `safe` when an output is.
+    /// A pin that both sides set, and that becomes `safe` together with the outputs.
     pub fn bidirectional<T: Value>(
         &mut self,
         spec: impl Into<Spec>,
@@ -134,11 +137,11 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Setting, spec, initial)
     }
 
-    /// A setting that others are divided by or multiplied with. It is never 0, nor so near to 0 or so
-    /// large that what it makes of a number is none: 1e-100 to 1e100, or the same below 0.
+    /// A setting by which others are divided or multiplied. Its magnitude is from 1e-100 to 1e100,
+    /// so that it is never 0 and no result overflows; it may be negative.
     ///
     /// # Errors
-    /// [`PinError::BadScale`] if it begins with another.
+    /// [`PinError::BadScale`] if `initial` is outside that range.
     pub fn scale(&mut self, spec: impl Into<Spec>, initial: f64) -> Result<Param<f64>, PinError> {
         let spec = spec.into();
         if !is_scale(initial) {
@@ -164,9 +167,9 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Property, spec, initial)
     }
 
-    /// A parameter of a remote, whose type is known at run time only, zero at first; limits are
-    /// informational. The application can only read it here. `role` is [`Role::InRemote`], or
-    /// [`Role::Property`] where the remote does not let it be written.
+    /// A parameter of a remote, whose type is known at run time only, zero at first. Its limits are
+    /// informational, and the application can only read it here. `role` is [`Role::InRemote`], or
+    /// [`Role::Property`] if the remote does not allow writing.
     pub(crate) fn of_remote(
         &mut self,
         spec: impl Into<Spec>,
@@ -243,7 +246,7 @@ impl PinStore {
         Ok(Handle::new(self.key(index)))
     }
 
-    /// Faults do not touch the pin.
+    /// Exempts the pin from faults.
     fn exempt<K, T>(&mut self, pin: Handle<K, T>) -> Result<Handle<K, T>, PinError> {
         let slot = self.slot_mut(pin.key);
         slot.ok_or(PinError::ForeignHandle)?.exempt = true;
@@ -251,8 +254,8 @@ impl PinStore {
     }
 }
 
-/// Whether LinuxCNC takes it: by its length, and without a space, quote or other character that ends
-/// a word in a HAL file.
+/// True if LinuxCNC accepts the name: length within its limit, and no space, quote or other
+/// character that ends a word in a HAL file.
 fn is_name(name: &str) -> bool {
     let fits =
         |c: char| c.is_ascii_graphic() && !matches!(c, '"' | '\'' | '#' | '$' | '[' | ']' | '=');

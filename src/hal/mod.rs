@@ -1,13 +1,14 @@
 //! Typed pins and parameters, and LinuxCNC names.
 //!
-//! They have two sides: [`PinStore`] is the driver's, which makes pins, publishes inputs and takes
-//! outputs, and [`Pins`] the application's, which reads inputs and sets outputs. An application
-//! keeps handles, in which the direction and the type of a pin are part of the Rust type:
+//! Pins have two sides: [`PinStore`] is the driver's, which makes pins, publishes inputs and
+//! fetches outputs, and [`Pins`] the application's, which reads inputs and sets outputs. An
+//! application keeps handles, in which the direction and the type of a pin are part of the Rust
+//! type:
 //!
 //! ```
 //! use mesa_hal::hal::{PinMaker, PinStore, Pins, Place, Spec};
 //! # fn main() -> Result<(), mesa_hal::hal::PinError> {
-//! // A driver does this at set-up ...
+//! // The driver does this at set-up.
 //! let mut store = PinStore::default();
 //! let remote = store.add_group();
 //! let place = Place { terminal: "TB8 pin 3".into(), signal: "INPUT2".into() };
@@ -16,7 +17,7 @@
 //! let volts = Spec { limits: Some((-10.0, 10.0)), unit: "V".into(), ..Spec::from("drive") };
 //! let drive = make.output(volts, 0.0)?;
 //!
-//! // ... and an application this in the cycle.
+//! // The application does this in the cycle.
 //! let pins: &mut Pins = &mut store;
 //! let limit = pins.read(switch);
 //! let stop = limit.value || !limit.valid;
@@ -26,7 +27,7 @@
 //! # }
 //! ```
 
-// The cycle runs it.
+// Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod any;

@@ -1,17 +1,17 @@
-//! The name that somebody may have meant.
+//! The existing name nearest to a mistyped one.
 
 use alloc::string::String;
 
 use super::{MAX_NAME, Pins};
 
-/// More names than this are not compared.
+/// Largest number of names that are compared.
 const MOST_NAMES: usize = 10_000;
 
-/// The name that comes nearest to one that does not exist: that of which it is the end, behind a
-/// point, or else the one that is the fewest changes of a character away, or whose end is, if that is
-/// not more than a third of them.
+/// Finds the existing name nearest to one that does not exist. The first choice is a name that ends
+/// in `wanted` after a point. Otherwise it is the name, or end of a name, that the fewest changed
+/// characters turn into `wanted`, if these are at most a third of its characters.
 ///
-/// Upper and lower case are the same. Bounded by 10,000 names of 47 characters. Allocates: for set-up.
+/// Upper and lower case are equal. Bounded by 10,000 names of 47 characters. Allocates: for set-up.
 pub(crate) fn nearest<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
     wanted: &str,
@@ -36,8 +36,8 @@ pub(crate) fn nearest<'a>(
 }
 
 impl Pins {
-    /// The name that somebody may have meant: of an output's enable what does enable it, whatever its
-    /// name, else the [nearest](nearest).
+    /// The name that was probably meant: for the enable of an output the pin that does enable it,
+    /// whatever its name, else the [nearest](nearest).
     pub(super) fn nearest(&self, wanted: &str) -> Option<String> {
         let (stem, suffix) = wanted.rsplit_once(['-', '.']).unwrap_or_default();
         let is_enable = suffix
@@ -54,7 +54,7 @@ impl Pins {
     }
 }
 
-/// Whether a name ends so behind a point.
+/// True if the name ends in `wanted` after a point.
 fn is_end(name: &str, wanted: &str) -> bool {
     let at = name.len().checked_sub(wanted.len());
     let parts = at.and_then(|at| name.split_at_checked(at));
@@ -63,17 +63,17 @@ fn is_end(name: &str, wanted: &str) -> bool {
     })
 }
 
-/// The end of a name that has so many points.
+/// The last part of a name, with `points` points in it.
 fn end(name: &str, points: usize) -> &str {
     let before = name.rmatch_indices('.').nth(points);
     let end = before.and_then(|(at, _)| name.get(at.saturating_add(1)..));
     end.unwrap_or(name)
 }
 
-/// How many characters of `one` have to be changed, added or left out to make it `other`
-/// (Levenshtein's distance). `one` is a name: longer ones are very far away.
+/// Number of characters of `one` to be changed, added or left out to make it `other` (Levenshtein
+/// distance); [`usize::MAX`] if `one` is longer than a name can be.
 fn changes(one: &[u8], other: &[u8]) -> usize {
-    // For each beginning of `one`: its distance to the part of `other` so far.
+    // For each beginning of `one`: its distance to the part of `other` compared until now.
     let mut row = [0_usize; MAX_NAME + 1];
     let Some(row) = row.get_mut(..=one.len()) else {
         return usize::MAX;
@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// By its definition, for short words.
+    /// The recursive definition, for short words.
     fn slowly(one: &[u8], other: &[u8]) -> usize {
         let (Some((a, one_rest)), Some((b, other_rest))) = (one.split_first(), other.split_first())
         else {

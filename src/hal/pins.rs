@@ -1,4 +1,4 @@
-//! The application's side: what the pins are and what they hold.
+//! The application's side: descriptions and values of the pins.
 
 use alloc::collections::BTreeMap;
 use alloc::string::String;
@@ -14,21 +14,21 @@ use super::{
 };
 use crate::bus::Instant;
 
-/// All pins and parameters of a machine, as an application has them.
+/// All pins and parameters of a machine, as seen by an application.
 ///
 /// The driver owns them, in a [`PinStore`](super::PinStore); the application keeps handles
 /// ([`Input`], [`Output`], [`InOut`], [`Param`]), which are small and `Copy`. [`read`](Self::read),
 /// [`set`](Self::set), [`param`](Self::param) and [`set_param`](Self::set_param) take constant
 /// time, never allocate and never panic.
 ///
-/// An application can not give an input its value; that is the driver's:
+/// An application cannot publish an input, which only the driver does:
 /// ```compile_fail,E0599
 /// use mesa_hal::hal::{Input, Pins};
 /// fn wrong(pins: &mut Pins, limit_switch: Input<bool>) {
 ///     pins.publish(limit_switch, false);
 /// }
 /// ```
-/// and nothing leads from `Pins` to the driver's side:
+/// and no conversion leads from `Pins` to the driver's side:
 /// ```compile_fail,E0308
 /// use mesa_hal::hal::{PinStore, Pins};
 /// fn wrong(pins: &mut Pins) -> &mut PinStore {
@@ -36,7 +36,7 @@ use crate::bus::Instant;
 /// }
 /// ```
 ///
-/// Nor can the pins of two drivers be exchanged:
+/// The pins of two drivers cannot be exchanged either:
 /// ```compile_fail,E0277
 /// use mesa_hal::hal::Pins;
 /// fn wrong(one: &mut Pins, other: &mut Pins) {
@@ -45,8 +45,9 @@ use crate::bus::Instant;
 /// ```
 ///
 /// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
-/// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
-/// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
+/// *valid* while its transfers succeed, and *armed* unless a fault has disarmed it. The outputs of
+/// a group that is not armed have their safe values until the application calls
+/// [`rearm`](Self::rearm).
 #[derive(Debug, Default)]
 pub struct Pins<End: ?Sized = [()]> {
     pub(super) id: u32,
@@ -54,23 +55,23 @@ pub struct Pins<End: ?Sized = [()]> {
     /// One for each slot.
     pub(super) rules: Vec<Rule>,
     pub(super) infos: Vec<PinInfo>,
-    /// Indices of `infos`.
+    /// Indices into `infos`.
     pub(super) by_name: BTreeMap<String, u32>,
     pub(super) groups: Vec<Group>,
-    /// What a [`GroupId`] is the index of.
+    /// Parts of groups; a [`GroupId`] is an index into these.
     pub(super) parts: Vec<Part>,
-    /// Rises when a parameter changes.
+    /// Incremented when a parameter changes.
     pub(super) settings: u64,
-    /// Rises when an output is enabled or held that was not.
+    /// Incremented when an output is newly enabled or held.
     pub(super) switches: u64,
     pub(super) cycle: u64,
-    /// The age in cycles from which on inputs are not valid; 0 for never.
+    /// Age in cycles from which on inputs are not valid; 0 for never.
     pub(super) stale_after: u32,
     pub(super) now: Instant,
     pub(super) totals: Rejections,
     pub(super) foreign: AtomicU32,
-    /// Empty. Behind a reference its length is not known, so that nothing can be put in the place of
-    /// a driver's pins.
+    /// Empty. Behind a reference its length is not known, so that a driver's pins cannot be
+    /// replaced by others.
     #[expect(dead_code, reason = "only what it is made of counts")]
     pub(super) end: End,
 }
@@ -81,45 +82,45 @@ pub struct Pins<End: ?Sized = [()]> {
 )]
 #[derive(Debug)]
 pub(super) struct Group {
-    /// The last transfer that counts was good. Valid are its inputs only until they are stale: see
+    /// The last transfer that counts was good. The inputs are valid until they become stale: see
     /// [`Pins::is_valid`].
     pub is_good: bool,
-    /// It does not become stale: what the driver knows by itself.
+    /// The group does not become stale: its values come from the driver itself.
     pub is_own: bool,
     pub armed: bool,
-    /// It is armed with its next good transfer, unless a fault comes before.
+    /// The group is armed with its next good transfer, unless a fault comes before.
     pub is_awaited: bool,
     pub last_good: Option<(u64, Instant)>,
     pub faults: u64,
-    /// Its outputs, for resetting them.
+    /// Its outputs, to set them to their safe values.
     pub outputs: Vec<u32>,
-    /// Its first part, which it is known by.
+    /// Its first part, whose index is the group's public id.
     pub part: u32,
-    /// Rises when it is disarmed or armed.
+    /// Incremented when the group is disarmed or armed.
     pub epoch: u64,
 }
 
-/// A part of a group: pins whose changes are noticed together.
+/// A part of a group: pins whose changes are detected together.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
     pub group: u32,
-    /// Rises when what its outputs must be may have changed.
+    /// Incremented when the required values of its outputs may have changed.
     pub version: u64,
 }
 
 impl Pins {
-    /// All of them, in the order in which they were made: pins and parameters of the board first,
-    /// then remote by remote. The order is the same in every run on the same machine.
+    /// Descriptions of all pins and parameters in the order in which they were made: those of the
+    /// board first, then remote by remote. The order is the same in every run on the same machine.
     pub fn infos(&self) -> &[PinInfo] {
         &self.infos
     }
 
-    /// What is known of a pin; `None` for a handle of another store.
+    /// Description of a pin; `None` for a handle of another store.
     pub fn info<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Option<&PinInfo> {
         self.infos.get(self.index(pin.key)?)
     }
 
-    /// What all of them hold, in the order of [`infos`](Self::infos).
+    /// Values of all pins and parameters, in the order of [`infos`](Self::infos).
     pub fn values(&self) -> impl Iterator<Item = AnyValue> + '_ {
         let infos = self.infos.iter().zip(&self.slots);
         infos.zip(0..).map(|((info, slot), index)| AnyValue {
@@ -130,7 +131,7 @@ impl Pins {
 
     /// Reads a pin.
     ///
-    /// A handle of another store gives zero, not valid, and is counted in
+    /// A handle of another store reads as zero and not valid, and is counted in
     /// [`foreign_handles`](Self::foreign_handles).
     ///
     /// # Real time
@@ -157,7 +158,7 @@ impl Pins {
     /// Sets an output, or a pin that both sides set. It takes effect with the driver's next
     /// `write`, if its group is armed.
     ///
-    /// Values that are not finite or out of range are replaced when the driver takes them, and
+    /// When the driver fetches them, values that are not finite or out of range are replaced and
     /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
     ///
     /// # Real time
@@ -171,11 +172,12 @@ impl Pins {
         }
     }
 
-    /// What the application last set an output to; a fault and re-arming set it to its safe value.
+    /// The value to which the application last set an output; a fault and re-arming reset it to the
+    /// safe value.
     ///
-    /// What is set while the group is not armed is shown here as well, though the output stays safe
-    /// and re-arming forgets it: [`group_state`](Self::group_state) tells, and an output that is
-    /// [read](Self::read_any) then is not valid.
+    /// A value that is set while the group is not armed is returned as well, although the output
+    /// stays safe and re-arming forgets the value: [`group_state`](Self::group_state) indicates
+    /// this, and the output then [reads](Self::read_any) as not valid.
     pub fn commanded<K: Settable, T: Value>(&self, pin: Handle<K, T>) -> T {
         self.value(pin.key)
     }
@@ -191,8 +193,8 @@ impl Pins {
     /// Changes a setting.
     ///
     /// # Errors
-    /// Those of [`PinInfo::check_settable`], and [`PinError::ForeignHandle`]. The setting then keeps
-    /// its value.
+    /// The errors of [`PinInfo::check_settable`], and [`PinError::ForeignHandle`]. On error, the
+    /// setting keeps its value.
     pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
         let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
         let (Some(info), Some(slot)) = (self.infos.get(index), self.slots.get_mut(index)) else {
@@ -218,9 +220,9 @@ impl Pins {
 
     /// Lets the outputs of a group follow the application again after a fault.
     ///
-    /// What was set before this call is forgotten, be it before the fault, while it lasted or in
-    /// the same cycle: outputs start from their safe values and follow what is set from now on.
-    /// A group that is armed already stays as it is.
+    /// Everything set before this call is forgotten, whether before the fault, during it or in the
+    /// same cycle: outputs start from their safe values and follow what is set from now on. A group
+    /// that is already armed stays unchanged.
     ///
     /// # Errors
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
@@ -237,45 +239,47 @@ impl Pins {
         Ok(())
     }
 
-    /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
+    /// Calls [`rearm`](Self::rearm) for every group that runs; returns the number of groups that
+    /// were disarmed and are armed now.
     pub fn rearm_all(&mut self) -> usize {
         let groups = 0..self.groups.len();
         groups.filter(|&index| self.arm(index)).count()
     }
 
-    /// The groups, in the order in which they were made.
+    /// All groups, in the order in which they were made.
     pub fn groups(&self) -> impl Iterator<Item = GroupId> + '_ {
         let groups = self.groups.iter();
         groups.map(|group| GroupId(self.key(group.part)))
     }
 
-    /// The number of the cycle; 0 before the first.
+    /// Number of the current cycle; 0 before the first.
     pub fn cycle(&self) -> u64 {
         self.cycle
     }
 
-    /// When the cycle began, which ages are counted to: when its inputs had been read.
+    /// Start of the current cycle, when its inputs had been read; ages are measured up to it.
     pub fn now(&self) -> Instant {
         self.now
     }
 
-    /// Values that were not used as they were, all pins together.
+    /// Values that were replaced instead of used, of all pins together.
     pub fn total_rejections(&self) -> Rejections {
         self.totals
     }
 
-    /// Values of this pin that were not used as they were.
+    /// Values of this pin that were replaced instead of used.
     pub fn rejections<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Rejections {
         let rule = self.index(pin.key).and_then(|index| self.rules.get(index));
         rule.map_or_else(Rejections::default, |rule| rule.rejections)
     }
 
-    /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
+    /// Number of uses of a handle of another store. Any value other than 0 is an error in the
+    /// program.
     pub fn foreign_handles(&self) -> u32 {
         self.foreign.load(Ordering::Relaxed)
     }
 
-    /// The values as they are kept, in the order of [`infos`](Self::infos), and whether each was
+    /// The values as they are stored, in the order of [`infos`](Self::infos), and whether each was
     /// refused or withheld.
     #[cfg(feature = "std")]
     pub(crate) fn kept(&self) -> impl Iterator<Item = (u64, bool)> + '_ {
@@ -283,10 +287,11 @@ impl Pins {
         slots.map(|(slot, index)| (self.shown(index, slot), slot.bad))
     }
 
-    /// The input of that name.
+    /// Finds the input with the given name.
     ///
     /// # Errors
-    /// [`PinError::NotFound`] with the nearest name; [`PinError::WrongKind`]. So have the other three.
+    /// [`PinError::NotFound`] with the nearest name; [`PinError::WrongKind`]. The same applies to
+    /// [`output`](Self::output), [`inout`](Self::inout) and [`parameter`](Self::parameter).
     ///
     /// # Real time
     /// Set-up only: an error allocates, and compares names.
@@ -294,17 +299,17 @@ impl Pins {
         self.find(name, Role::Input)
     }
 
-    /// The output of that name.
+    /// Finds the output with the given name.
     pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
         self.find(name, Role::Output)
     }
 
-    /// The pin of that name that both sides set.
+    /// Finds the pin with the given name that both sides set.
     pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
         self.find(name, Role::InOut)
     }
 
-    /// The parameter of that name.
+    /// Finds the parameter with the given name.
     pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
         self.find(name, Role::Setting)
     }
@@ -330,7 +335,7 @@ impl Pins {
         Ok(Handle::new(self.key(index)))
     }
 
-    /// Allocates.
+    /// Error for an unknown name, with the nearest name. Allocates.
     pub(super) fn not_found(&self, name: &str) -> PinError {
         PinError::NotFound {
             name: name.into(),
@@ -352,7 +357,7 @@ impl Pins {
         (key.store == self.id).then_some(key.index as usize)
     }
 
-    /// The slot and the group of a pin; one of another store is counted.
+    /// The slot and the group of a pin; a pin of another store is counted.
     pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
         let slot = self.index(key).and_then(|index| self.slots.get(index));
         let found = slot.and_then(|slot| Some((slot, self.groups.get(slot.group as usize)?)));
@@ -362,7 +367,7 @@ impl Pins {
         found
     }
 
-    /// The same to change it.
+    /// The slot of a pin, mutable; a pin of another store is counted.
     pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
         let index = self.index(key);
         if index.is_none() {
@@ -379,7 +384,7 @@ impl Pins {
         self.parts.get(self.index(group.0)?)
     }
 
-    /// A group to change it; one of another store is counted.
+    /// A group, mutable; a group of another store is counted.
     pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
         let index = self.group_index(group);
         if index.is_none() {
@@ -392,7 +397,7 @@ impl Pins {
         self.foreign.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// What it shows of itself: its value, and of an output that is held its safe value.
+    /// The value of a pin as the application sees it: for a held output its safe value.
     #[inline]
     pub(super) fn shown(&self, index: usize, slot: &Slot) -> u64 {
         if !slot.is_free
@@ -411,7 +416,7 @@ impl Pins {
     }
 
     /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
-    /// whether it was such a group.
+    /// true if the group was in that state.
     pub(super) fn arm(&mut self, index: usize) -> bool {
         let waits = |group: &Group| self.is_valid(group) && !group.armed;
         let is_due = self.groups.get(index).is_some_and(waits);
@@ -422,8 +427,8 @@ impl Pins {
         is_due
     }
 
-    /// Sets the outputs of a group to their safe values, but for those that faults do not touch. While
-    /// they do not follow what is set, what they were set to is nothing valid.
+    /// Sets the outputs of a group to their safe values, except those that faults do not affect.
+    /// Unless they follow the application again, they read as not valid.
     pub(super) fn forget_commands(&mut self, index: usize, follow: bool) -> Option<&mut Group> {
         let group = self.groups.get_mut(index)?;
         group.epoch = group.epoch.wrapping_add(1);
@@ -441,7 +446,7 @@ impl Pins {
         Some(group)
     }
 
-    /// What outputs of a pin's part must be may have changed.
+    /// Records that the required values of outputs in the pin's part may have changed.
     pub(super) fn changed(&mut self, key: Key) {
         let part = self.slot(key).map(|(slot, _)| slot.part as usize);
         if let Some(part) = part.and_then(|index| self.parts.get_mut(index)) {
@@ -449,7 +454,7 @@ impl Pins {
         }
     }
 
-    /// Whether the inputs of a group are valid: the one place that knows when they are stale.
+    /// True if the inputs of a group are valid. Staleness is decided here and nowhere else.
     fn is_valid(&self, group: &Group) -> bool {
         let is_stale = self.stale_after > 0
             && !group.is_own

@@ -1,8 +1,8 @@
-//! What a store says: readings, ages, counts and states.
+//! Results of reading a store: readings, ages, counts and states.
 
 use core::time::Duration;
 
-/// Values that were not used as they were.
+/// Counts of values that were replaced instead of used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Rejections {
@@ -22,7 +22,7 @@ impl Rejections {
     }
 }
 
-/// Why a value was not used as it was.
+/// Reason why a value was replaced instead of used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Rejection {
     /// NaN or infinite.
@@ -31,36 +31,35 @@ pub enum Rejection {
     OutOfRange,
 }
 
-/// How long ago the last good transfer was.
+/// Time since the last good transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Age {
-    /// In cycles: 0 if the transfer that the last write started was taken by this read.
+    /// In cycles: 0 if this read completed the transfer that the last write started.
     pub cycles: u64,
-    /// In time, from the start of the transfer up to the start of this cycle. For what the board
-    /// itself shows, from the end of the read that brought it: it was read within the time that a
-    /// read takes before that.
+    /// In time, from the start of the transfer to the start of this cycle. For the board's own
+    /// pins, from the end of the read that brought them; the values are older by at most the
+    /// duration of that read.
     pub time: Duration,
 }
 
 impl Age {
-    /// There was none yet.
+    /// No good transfer yet.
     pub const NEVER: Self = Self {
         cycles: u64::MAX,
         time: Duration::MAX,
     };
 }
 
-/// What reading a pin gives.
+/// Result of reading a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
 pub struct Reading<T> {
-    /// The value: the last good one if `valid` is false, or the type's zero if there never was one.
+    /// The value: the last good one if `valid` is false, or the type's zero if there was none yet.
     pub value: T,
-    /// Whether it is from a transfer that succeeded, the group has not failed since, and it is younger
-    /// than [`stale_after`](crate::driver::FaultPolicy::stale_after) cycles.
+    /// True if the value comes from a transfer that succeeded, the group has not failed since, and
+    /// the value is younger than [`stale_after`](crate::driver::FaultPolicy::stale_after) cycles.
     pub valid: bool,
-    /// How long ago that transfer was; [`NEVER`](Age::NEVER) of a value that was none, or is not known
-    /// yet.
+    /// Age of that transfer; [`NEVER`](Age::NEVER) if there was none or the value is not known yet.
     pub age: Age,
 }
 
@@ -70,12 +69,12 @@ impl<T> Reading<T> {
         self.valid.then_some(self.value)
     }
 
-    /// The last good value, if it is at most `cycles` cycles old: of a pin that is not valid, too.
+    /// The last good value, if it is at most `cycles` cycles old, also for a pin that is not valid.
     ///
-    /// A wire that is sound loses a reply now and then, which makes a remote's inputs
-    /// [not valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
-    /// must not follow that: it takes the value of the cycle before, and reacts as many cycles later
-    /// when the remote is really gone. 3 is a good choice at 1 kHz.
+    /// A sound wire occasionally loses a reply, which makes a remote's inputs [not
+    /// valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
+    /// must not follow that: with this function it keeps the value of the cycle before, and reacts
+    /// `cycles` cycles later when the remote is really gone. 3 is a good choice at 1 kHz.
     ///
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};
@@ -97,13 +96,13 @@ impl<T> Reading<T> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GroupState {
-    /// Its last transfer succeeded, and is younger than
+    /// The last transfer succeeded, and is younger than
     /// [`stale_after`](crate::driver::FaultPolicy::stale_after) cycles.
     pub valid: bool,
-    /// Its outputs follow the application; otherwise they have their safe values.
+    /// The outputs follow the application; otherwise they have their safe values.
     pub armed: bool,
-    /// How long ago the last good transfer was.
+    /// Time since the last good transfer.
     pub age: Age,
-    /// How often a fault disarmed it.
+    /// Number of times that a fault has disarmed the group.
     pub faults: u64,
 }

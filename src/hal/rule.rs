@@ -1,4 +1,4 @@
-//! What an output may be, and what becomes of values that it may not.
+//! Permitted values of an output, and the replacement of values that are not permitted.
 
 use super::enabling::Enabling;
 use super::handle::Key;
@@ -7,12 +7,12 @@ use super::{
     ShortName, Spec, Value,
 };
 
-/// What inverts a digital output: a parameter, or a pin that faults do not touch.
+/// Inverter of a digital output: a parameter, or a pin that faults do not affect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Invert {
-    /// As LinuxCNC has it for outputs of remotes and for I/O pins.
+    /// A parameter, as in LinuxCNC for outputs of remotes and for I/O pins.
     Setting(Param<bool>),
-    /// As LinuxCNC has it for SSR and OutM.
+    /// A pin, as in LinuxCNC for SSR and OutM.
     Pin(Output<bool>),
 }
 
@@ -28,64 +28,64 @@ impl Invert {
 /// The range of an output on the wire, and the parameter that gives its end in the application's
 /// units.
 ///
-/// A value beyond the range goes out as the nearest end, and is counted. Where the scale gives no
-/// finite number, the safe value goes out, counted as not finite.
+/// A value beyond the range goes out as the nearest end, and is counted. If the scale does not
+/// yield a finite number, the safe value goes out and is counted as not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullScale {
     /// The value that goes out as `max`.
     pub scale: Param<f64>,
-    /// The other end of what goes out.
+    /// The other end of the range on the wire.
     pub min: f64,
-    /// What goes out for the value of `scale`.
+    /// The value on the wire for the value of `scale`.
     pub max: f64,
 }
 
-/// What every cycle touches of a pin; kept small, because there are hundreds and a cycle finds
-/// them cold. Values are kept as bits: see [`Value::to_bits`].
+/// The part of a pin that every cycle accesses, kept small because there are hundreds of them and a
+/// cycle finds them out of the cache. Values are kept as bits: see [`Value::to_bits`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     pub bits: u64,
     pub group: u32,
-    /// Of the group.
+    /// Index of the part within the store.
     pub part: u32,
-    /// The parameter that inverts it; `NONE` where there is none.
+    /// The parameter that inverts it; `NONE` without one.
     pub invert: u32,
-    /// The last value published for an input was not finite, or is withheld; or it is an output of a
-    /// group that is not armed.
+    /// The last value published for an input was not finite, or is withheld; or the pin is an
+    /// output of a group that is not armed.
     pub bad: bool,
-    /// An output that a fault does not silence, such as `run`.
+    /// An output that faults do not affect, such as `run`.
     pub exempt: bool,
-    /// Every value of its type is allowed: nothing has to be looked up in its [`Rule`].
+    /// Every value of its type is allowed: its [`Rule`] need not be looked up.
     pub is_free: bool,
     pub role: Role,
 }
 
-/// What a pin may be, and what became of values that it may not.
+/// Permitted values of a pin, and counts of the values that were not permitted.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
     pub safe: u64,
     pub min: u64,
     pub max: u64,
-    /// Parameters that limit it; `NONE` where there is none.
+    /// Parameters that limit it; `NONE` without one.
     pub max_limit: u32,
     pub min_limit: u32,
-    /// The parameter of its [`FullScale`]; `NONE` where there is none.
+    /// The parameter of its [`FullScale`]; `NONE` without one.
     pub scale: u32,
-    /// The ends of that on the wire.
+    /// The ends of the full scale on the wire.
     pub wire: (f64, f64),
     pub rejections: Rejections,
     pub enabling: Enabling,
-    /// The state of the parameters from which the rest was computed.
+    /// The state of the parameters from which the fields below were computed.
     pub settings: u64,
-    /// The limits as the parameters narrow them.
+    /// The limits as narrowed by the parameters.
     lowest: u64,
     highest: u64,
-    /// What full scale is now.
+    /// The current value of the full scale parameter.
     scale_now: f64,
 }
 
 impl Rule {
-    /// Takes over what the parameters are now. A limit is never beyond the pin's own limits.
+    /// Applies the current values of the parameters. A limit never exceeds the pin's own limits.
     pub fn apply<T: Value>(&mut self, slots: &[Slot], settings: u64) {
         let param = |index: u32| Some(f64::from_bits(slots.get(index as usize)?.bits));
         let (min, max) = (T::from_bits(self.min), T::from_bits(self.max));
@@ -101,7 +101,7 @@ impl Rule {
         self.scale_now = param(self.scale).unwrap_or(0.0);
     }
 
-    /// What becomes of a value that the application has set.
+    /// The value that goes out for a value set by the application.
     pub fn sanitise<T: Value>(&self, value: T) -> (T, Option<Rejection>) {
         if !AnyValue::from(value).is_finite() {
             return (T::from_bits(self.safe), Some(Rejection::NotFinite));
@@ -111,7 +111,7 @@ impl Rule {
             return (value, None);
         }
         let allowed = if min > max {
-            // No value is allowed, so that neither limit is a sensible one.
+            // No value is allowed, so neither limit is a sensible replacement.
             self.safe
         } else if value > max {
             self.highest
@@ -122,7 +122,8 @@ impl Rule {
     }
 
     /// A value in the units of the wire.
-    // The scale is compared with what it was made with: nothing was computed.
+    // Exact comparison: the scale is compared with the value it was initialised with, not with a
+    // computed one.
     #[allow(clippy::float_cmp)]
     #[inline]
     pub fn on_wire(&self, value: f64) -> (f64, Option<Rejection>) {
@@ -149,7 +150,7 @@ impl Rule {
     }
 }
 
-/// Whether a number can be a scale: what it makes of any count or voltage is a number.
+/// True if a number can be a scale: any count or voltage divided or multiplied by it stays finite.
 pub(crate) fn is_scale(number: f64) -> bool {
     (1e-100..=1e100).contains(&number.abs())
 }
@@ -178,7 +179,7 @@ pub(super) fn make_slot<T: Value>(
         .full_scale
         .map_or((0.0, 0.0), |full| (full.min, full.max));
     let is_real = T::TYPE == HalType::Float;
-    // The first value of an input may lie outside its limits: they are informational.
+    // The first value of an input may lie outside its limits, which are informational.
     let limits = spec.limits.filter(|_| role != Role::Input);
     let ends = limits.unwrap_or_default();
     let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
@@ -200,7 +201,7 @@ pub(super) fn make_slot<T: Value>(
         invert,
         bad: false,
         exempt: false,
-        // A real number can be NaN.
+        // A float can be NaN.
         is_free: !is_real && (min, max) == T::bounds() && max_limit == NONE && min_limit == NONE,
         role,
     };

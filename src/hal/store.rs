@@ -1,8 +1,8 @@
 //! The driver's side: groups, and the cycle.
 //!
-//! A driver calls, in this order: [`PinStore::begin_cycle`]; for each group whose transfer
-//! succeeded [`PinStore::publish`] for its inputs and [`PinStore::group_good`], or
-//! [`PinStore::fault`] for one that failed; then, after the application had its turn,
+//! A driver calls [`PinStore::begin_cycle`] first. Then, for each group whose transfer succeeded,
+//! it calls [`PinStore::publish`] for the inputs and [`PinStore::group_good`], or
+//! [`PinStore::fault`] for one that failed. After the application has run, it calls
 //! [`PinStore::fetch`] for the outputs.
 
 use alloc::vec::Vec;
@@ -16,15 +16,16 @@ use super::rule::NONE;
 use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
 use crate::bus::Instant;
 
-/// Where the number of the next store comes from; 0 belongs to none.
+/// Number of the next store; 0 belongs to none.
 static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 
 /// The driver's side of all pins and parameters of a machine.
 ///
-/// A [`PinMaker`](super::PinMaker) makes them in it, and it publishes inputs and takes outputs; what
-/// an application may do as well is in [`Pins`], to which it derefs. The driver owns it and lends it
-/// to its modules; an application gets the [`Pins`] in it. Set-up allocates; everything in the cycle
-/// takes constant time for each pin, never allocates and never panics.
+/// A [`PinMaker`](super::PinMaker) makes the pins in it; it publishes inputs and fetches outputs.
+/// The operations that are also open to an application are in [`Pins`], to which it derefs. The
+/// driver owns it and lends it to its modules; an application gets the [`Pins`] in it. Set-up
+/// allocates; everything in the cycle takes constant time for each pin, never allocates and never
+/// panics.
 #[derive(Debug)]
 pub struct PinStore {
     pins: Pins<[(); 0]>,
@@ -33,7 +34,7 @@ pub struct PinStore {
 impl Default for PinStore {
     fn default() -> Self {
         let pins = Pins {
-            // Wraps round after four thousand million stores, and never gives 0.
+            // Wraps around after 2^32 stores, and is never 0.
             id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
             ..Pins::default()
         };
@@ -57,8 +58,8 @@ impl DerefMut for PinStore {
 
 /// Set-up. Allocates.
 impl PinStore {
-    /// A new group: not valid before its first good transfer, and armed (its outputs begin with
-    /// their safe values).
+    /// Adds a group. It is not valid before its first good transfer, and armed (its outputs begin
+    /// with their safe values).
     pub fn add_group(&mut self) -> GroupId {
         let (group, part) = (self.groups.len() as u32, self.parts.len() as u32);
         self.groups.push(Group {
@@ -75,25 +76,24 @@ impl PinStore {
         self.push_part(group)
     }
 
-    /// Inputs are valid while they are younger than so many cycles; 0, as at first, for however old
-    /// they are.
+    /// Sets the age in cycles from which on inputs are not valid; 0 (the default) for never.
     pub fn set_stale_after(&mut self, cycles: u32) {
         self.stale_after = cycles;
     }
 
-    /// The age in cycles from which on inputs are not valid; 0 for never.
+    /// Age in cycles from which on inputs are not valid; 0 for never.
     pub const fn stale_after(&self) -> u32 {
         self.pins.stale_after
     }
 
-    /// The inputs of a group do not become stale: they are what the driver itself knows.
+    /// Exempts the inputs of a group from becoming stale: their values come from the driver itself.
     pub fn keep_valid(&mut self, group: GroupId) {
         if let Some(group) = self.group_mut(group) {
             group.is_own = true;
         }
     }
 
-    /// A new part of a group, for pins whose changes are to be noticed apart from those of the rest:
+    /// Adds a part to a group, for pins whose changes are to be detected separately from the rest:
     /// see [`output_version`](Self::output_version). Everything else is the group's: a part is
     /// valid and armed with it, and a pin made in it belongs to the group.
     ///
@@ -104,8 +104,8 @@ impl PinStore {
         Ok(self.push_part(group))
     }
 
-    /// The value of an output reaches its terminal only while something else is on: see
-    /// [`PinInfo::enabled_by`](super::PinInfo::enabled_by). One of another store changes nothing.
+    /// Declares that the value of an output reaches its terminal only while `by` is on: see
+    /// [`PinInfo::enabled_by`](super::PinInfo::enabled_by). A pin of another store changes nothing.
     pub fn enabled_by(&mut self, output: impl Into<PinId>, by: impl Into<PinId>) {
         let (output, by) = (output.into(), by.into());
         let are_own = [output, by].map(|pin| self.info_of(pin).is_some()) == [true; 2];
@@ -128,17 +128,17 @@ impl PinStore {
 
 /// The cycle. Constant time for each pin, no allocation, no panic.
 impl PinStore {
-    /// A new cycle begins at `now`: ages grow.
+    /// Begins a new cycle at `now`: ages grow.
     pub fn begin_cycle(&mut self, now: Instant) {
         self.cycle = self.cycle.saturating_add(1);
         self.now = now;
     }
 
-    /// Gives an input its value, a pin that both sides set, or a parameter (a property, or what was
-    /// read from a remote). A pin becomes valid with its group.
+    /// Gives a value to an input, to a pin that both sides set, or to a parameter (a property, or a
+    /// value read from a remote). A pin becomes valid with its group.
     ///
-    /// A value that is not finite is not published: the pin keeps its last value, is not valid,
-    /// and the value is counted.
+    /// A value that is not finite is counted and not published: the pin keeps its last value and is
+    /// not valid.
     pub fn publish<K: Publishable, T: Copy + Into<AnyValue>>(
         &mut self,
         pin: Handle<K, T>,
@@ -158,14 +158,14 @@ impl PinStore {
             return self.reject(key, Rejection::NotFinite);
         }
         let has_changed = core::mem::replace(&mut slot.bits, value.bits) != value.bits;
-        // Outputs may depend on anything else.
+        // Outputs may depend on any pin that is not an input.
         if has_changed && slot.role != Role::Input {
             self.changed(key);
             self.settings = self.settings.wrapping_add(1);
         }
     }
 
-    /// Takes the value of an input back: it is not valid until it is published again, even if its
+    /// Withdraws the value of an input: it is not valid until it is published again, even if its
     /// group is. For values that are not known yet.
     pub fn withhold<T: Value>(&mut self, pin: Input<T>) {
         if let Some(slot) = self.slot_mut(pin.key) {
@@ -173,13 +173,14 @@ impl PinStore {
         }
     }
 
-    /// The transfer of a group succeeded in this cycle: its inputs are valid and of age 0.
+    /// Records that the transfer of a group succeeded in this cycle: its inputs are valid, with age
+    /// 0.
     pub fn group_good(&mut self, group: GroupId) {
         self.group_good_since(group, 0, self.now);
     }
 
     /// Like [`group_good`](Self::group_good), for a transfer that was started at `started` and
-    /// could only be taken `cycles` cycles after it was due: its data is as old as that.
+    /// completed `cycles` cycles after it was due: its data has that age.
     pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
         let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
         let Some(index) = self.group_index(group) else {
@@ -195,8 +196,8 @@ impl PinStore {
         }
     }
 
-    /// A group that is not armed is armed with its next good transfer, unless it
-    /// [fails](Self::disarm) before. What was set up to then is forgotten. True if it was neither armed
+    /// Arms a group that is not armed with its next good transfer, unless it [fails](Self::disarm)
+    /// before. Everything set up to then is forgotten. Returns true if the group was neither armed
     /// nor awaited.
     pub fn arm_when_good(&mut self, group: GroupId) -> bool {
         let Some(group) = self.group_mut(group) else {
@@ -207,29 +208,29 @@ impl PinStore {
         is_news
     }
 
-    /// True if a group is armed [with its next good transfer](Self::arm_when_good).
+    /// True if a group will be armed [with its next good transfer](Self::arm_when_good).
     pub fn is_awaited(&self, group: GroupId) -> bool {
         let group = self.group_index(group).and_then(|n| self.groups.get(n));
         group.is_some_and(|group| group.is_awaited)
     }
 
-    /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
+    /// Makes the inputs of a group not valid after a failed transfer; outputs are not affected.
     pub fn invalidate(&mut self, group: GroupId) {
         if let Some(group) = self.group_mut(group) {
             group.is_good = false;
         }
     }
 
-    /// A group failed: its inputs are no longer valid, and its outputs are safe until the
-    /// application re-arms it. What was set before is forgotten, and so is what is set until then,
-    /// so that re-arming does not bring back an old command.
+    /// Handles the failure of a group: its inputs are no longer valid, and its outputs are safe
+    /// until the application re-arms it. Everything set before is forgotten, and so is everything
+    /// set until then, so that re-arming does not bring back an old command.
     pub fn fault(&mut self, group: GroupId) {
         self.invalidate(group);
         self.disarm(group);
     }
 
-    /// The outputs of a group become safe until the application re-arms it; inputs are not touched.
-    /// What was set up to now is forgotten, also when it was set after an earlier fault.
+    /// Makes the outputs of a group safe until the application re-arms it; inputs are not affected.
+    /// Everything set up to now is forgotten, including what was set after an earlier fault.
     pub fn disarm(&mut self, group: GroupId) {
         let Some(index) = self.group_index(group) else {
             return self.count_foreign();
@@ -242,11 +243,11 @@ impl PinStore {
         }
     }
 
-    /// Changes whenever [`fetch`](Self::fetch) of any output of the part may give something else
-    /// than before, or would count a value that is not used, or a parameter of it has another value:
-    /// while it stays, nothing has to be looked at again. The parameters that
-    /// limit, scale or invert outputs have to be of the same part. `None` for a group of another
-    /// store.
+    /// Version of the outputs of a part. Changes whenever [`fetch`](Self::fetch) of any of them may
+    /// return another value than before or would count a replaced value, and whenever a parameter
+    /// of the part changes; while it stays the same, nothing has to be fetched again. The
+    /// parameters that limit, scale or invert outputs must belong to the same part. `None` for a
+    /// group of another store.
     pub fn output_version(&self, group: GroupId) -> Option<u64> {
         let part = self.part(group)?;
         let epoch = self.groups.get(part.group as usize)?.epoch;
@@ -254,12 +255,13 @@ impl PinStore {
         Some(part.version.wrapping_add(others))
     }
 
-    /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
-    /// value if its group is not armed, or others that share its enable are enabled and it is not:
-    /// [`AnalogOut::enable`](super::AnalogOut::enable).
+    /// The value that an output must have now: sanitised, limited, and inverted if configured.
+    /// Returns the safe value if its group is not armed, or if it is not enabled while others that
+    /// share its enable are: see [`AnalogOut::enable`](super::AnalogOut::enable).
     ///
-    /// Not finite: the safe value. Out of range: the nearest limit. Both are counted, for the pin and
-    /// in total, each time the driver takes such a value. Nothing ever wraps round.
+    /// A value that is not finite is replaced by the safe value, one out of range by the nearest
+    /// limit. Both are counted, for the pin and in total, each time the driver fetches such a
+    /// value. Nothing ever wraps around.
     pub fn fetch<K: Settable, T: Value>(&mut self, pin: Handle<K, T>) -> T {
         let key = pin.key;
         let Some((slot, group)) = self.slot(key) else {
@@ -282,7 +284,8 @@ impl PinStore {
         self.reject(pin.key, rejection);
     }
 
-    /// What an output is by its rule when it was set to `set`, and follows that or does not.
+    /// The value that goes out by the pin's rule when it was set to `set`; its safe value if it
+    /// does not follow the application.
     fn ruled<T: Value>(&mut self, key: Key, set: T, follows: bool) -> T {
         let Some(index) = self.index(key) else {
             return T::default();
@@ -301,7 +304,7 @@ impl PinStore {
             (T::from_bits(rule.safe), None)
         };
         if rule.scale != NONE {
-            // Only a real number has one.
+            // Only floats have a full scale.
             let (real, refused) = rule.on_wire(f64::from_bits(value.to_bits()));
             value = T::from_bits(real.to_bits());
             rejection = rejection.or(refused);
@@ -319,7 +322,7 @@ impl PinStore {
         {
             rule.rejections.count(rejection);
         }
-        // It is looked at, and counted, each time.
+        // Fetched, and counted, in each cycle again.
         self.changed(key);
     }
 }

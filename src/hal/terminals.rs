@@ -1,10 +1,10 @@
-//! Screw terminals by ranges, as connector tables of manuals have them.
+//! Screw terminals by ranges, as in the connector tables of the manuals.
 
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 
-/// The terminals of things of a kind that follow each other on a connector: inputs, encoders.
+/// The terminals of consecutive items of one kind on a connector: inputs, encoders.
 ///
 /// ```
 /// use mesa_hal::hal::Terminals;
@@ -16,28 +16,28 @@ use alloc::vec::Vec;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Terminals {
-    /// What is before the number of a pin: `TB4 pin `.
+    /// Text before the number of a pin: `TB4 pin `.
     pub connector: &'static str,
-    /// The number of the first thing.
+    /// The number of the first item.
     pub first: u16,
-    /// The manual's names of the signals of one thing; `#` stands for the thing's number.
+    /// The manual's names of the signals of one item; `#` stands for the item's number.
     pub signals: &'static [&'static str],
-    /// The pins of the connector: one for each signal of each thing.
+    /// The pins of the connector: one for each signal of each item.
     pub pins: &'static [u8],
 }
 
-/// Where something is.
+/// A terminal or several, and the signal there.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Place {
-    /// Connector and pin, for example `TB8 pin 3`; several are separated by commas. Empty where it is
-    /// at none.
+    /// Connector and pin, for example `TB8 pin 3`; several are separated by commas. Empty without a
+    /// terminal.
     pub terminal: String,
     /// The manual's name, for example `INPUT2`.
     pub signal: String,
 }
 
 impl Terminals {
-    /// Terminals from thing `first` on.
+    /// Terminals of the items from number `first` on.
     pub const fn new(
         connector: &'static str,
         first: u16,
@@ -52,8 +52,8 @@ impl Terminals {
         }
     }
 
-    /// Three encoders on a block of 24 terminals, of which each third is ground or +5 V: A, B and
-    /// index of each, as [`of_signal`](Self::of_signal) has them.
+    /// Three encoders on a block of 24 terminals, of which every third is ground or +5 V: A, B and
+    /// index of each, in the order that [`of_signal`](Self::of_signal) expects.
     pub const fn encoders(connector: &'static str, first: u16) -> Self {
         Self {
             connector,
@@ -65,25 +65,25 @@ impl Terminals {
         }
     }
 
-    /// Where thing `number` is.
+    /// The place of item `number`.
     pub fn of(ranges: &[Self], number: u16) -> Place {
         Self::each_of(ranges, number).collect()
     }
 
-    /// The terminals of thing `number`, one by one.
+    /// The terminals of item `number`, one by one.
     pub fn each_of(ranges: &[Self], number: u16) -> impl Iterator<Item = Place> {
         Self::each(ranges).filter_map(move |(n, place)| (n == number).then_some(place))
     }
 
-    /// The terminals of A, B or index (0 to 2) of counter `number`, one by one: a third of its
-    /// terminals each, in this order.
+    /// The terminals of signal A, B or index (0 to 2) of counter `number`, one by one. Each signal
+    /// has a third of the counter's terminals, in this order.
     pub fn of_signal(ranges: &[Self], number: u16, signal: usize) -> impl Iterator<Item = Place> {
         let all: Vec<Place> = Self::each_of(ranges, number).collect();
         let each = all.len().div_ceil(3);
         all.into_iter().skip(each.saturating_mul(signal)).take(each)
     }
 
-    /// All terminals with the numbers of their things.
+    /// All terminals with the numbers of their items.
     pub fn each(ranges: &[Self]) -> impl Iterator<Item = (u16, Place)> {
         ranges.iter().flat_map(|range| {
             let things = range.pins.chunks(range.signals.len().max(1));
@@ -99,7 +99,7 @@ impl Terminals {
     }
 }
 
-/// All places together.
+/// Joins several places into one.
 impl FromIterator<Self> for Place {
     fn from_iter<I: IntoIterator<Item = Self>>(places: I) -> Self {
         let places = places.into_iter();

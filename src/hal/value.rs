@@ -1,4 +1,4 @@
-//! What a pin can hold, and how it is kept.
+//! Types and values of pins, and their storage as bits.
 
 mod sealed {
     pub trait Sealed {}
@@ -116,7 +116,7 @@ macro_rules! integer {
             const TYPE: HalType = HalType::$hal;
 
             fn to_bits(self) -> u64 {
-                // Sign-extended, so that a debugger shows a number and not half of one.
+                // Sign-extended, so that a debugger shows the whole number.
                 self as $through as u64
             }
 
@@ -129,7 +129,7 @@ macro_rules! integer {
             }
 
             fn from_f64(value: f64) -> Self {
-                // A cast from a real number saturates, and makes zero of NaN.
+                // A cast from a float saturates, and makes zero of NaN.
                 libm::round(value) as Self
             }
         }
@@ -146,12 +146,12 @@ integer!(u64, u64, U64);
 pub struct AnyValue {
     /// Its type.
     pub hal_type: HalType,
-    /// The value as [`Value::to_bits`] makes it of that type.
+    /// The value as the bits that [`Value::to_bits`] returns for that type.
     pub bits: u64,
 }
 
 impl AnyValue {
-    /// Whether it is finite; only a real number can fail to be.
+    /// True if the value is finite; always true for types other than float.
     pub fn is_finite(self) -> bool {
         self.hal_type != HalType::Float || f64::from_bits(self.bits).is_finite()
     }

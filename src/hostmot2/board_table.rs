@@ -1,4 +1,4 @@
-//! What is known of a kind of board beforehand: what its firmware does not tell.
+//! Data about a kind of board that its firmware does not contain.
 
 use super::remote_id::RemoteId;
 use alloc::format;
@@ -7,12 +7,12 @@ use alloc::vec::Vec;
 use super::{Gtag, HostMot2, PinDescriptor, TickRate};
 use crate::hal::{Place, Terminals};
 
-/// A kind of board: rates that it is made for, and where its modules come out.
+/// A kind of board: the rates for which it is designed, and the terminals of its modules.
 ///
-/// Boards with connectors for cards need none of their own: see [`BoardTable::CONNECTORS`].
+/// Boards with connectors for cards have no terminals of their own: see [`BoardTable::CONNECTORS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardTable {
-    /// Its name, for example `7I97`: what its firmware has as board name after `MESA`.
+    /// Its name, for example `7I97`: the board name in its firmware without `MESA`.
     pub name: &'static str,
     /// The rate of the encoders' multiplexer or filters.
     pub encoder_rate: TickRate,
@@ -20,87 +20,89 @@ pub struct BoardTable {
     pub pwm: PwmTable,
     /// The terminals of its modules.
     pub terminals: &'static [ModuleTerminals],
-    /// The cards that encoders may be on: they are recognised by the pins of a connector.
+    /// The cards that its encoders may be on; a card is recognised by the pins of its connector.
     pub cards: &'static [&'static CardTable],
-    /// Its flash memory, where that is known.
+    /// Layout of its flash memory, if known.
     pub flash: Option<&'static FlashLayout>,
 }
 
-/// What the PWM generators of a board are for.
+/// Purpose of the PWM generators of a board.
 ///
-/// The frequency is one for all generators of a firmware. All else is of the first
-/// [`generators`](Self::generators) of them, which drive circuits on the board; what a firmware has
-/// beyond them is on connectors, and starts as [`PLAIN`](Self::PLAIN).
+/// The frequency is common to all generators of a firmware. Everything else applies to the first
+/// [`generators`](Self::generators) of them, which drive circuits on the board; further generators
+/// of a firmware are on connectors, and start as [`PLAIN`](Self::PLAIN).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PwmTable {
     /// The usual frequency in Hz.
     pub hz: u32,
-    /// The same of firmware whose generators dither, and so keep their resolution at a higher one:
-    /// the first of these at which the firmware's clock leaves 11 bits, or else the last.
+    /// Frequencies for firmware whose generators dither, and so keep their resolution at a higher
+    /// one: the first of these at which the firmware's clock leaves 11 bits is used, or else the
+    /// last.
     pub hz_dither: &'static [u32],
-    /// How many generators, from 0 on, drive circuits on the board.
+    /// Number of generators, from 0 on, that drive circuits on the board.
     pub generators: u8,
-    /// Full scale, at first.
+    /// Initial full scale.
     pub full_scale: f64,
     /// The unit of the value.
     pub unit: &'static str,
-    /// 0 is half scale on the wire, at first: for analog outputs of both signs.
+    /// Initially, 0 is half scale on the wire: for bipolar analog outputs.
     pub is_offset: bool,
     /// The terminals of the outputs, by generator.
     pub outputs: &'static [Terminals],
     /// The terminals of the enable outputs, by generator.
     pub enables: &'static [Terminals],
-    /// Generators whose drives the enable output of the first of them switches together.
+    /// Generators whose drives are all switched by the enable output of the first one listed here.
     pub common_enable: &'static [u8],
 }
 
-/// The terminals of all instances of a module, numbered as its pins are.
+/// The terminals of all instances of a module, numbered like its pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModuleTerminals {
-    /// The modules that may be there: the first of them that a firmware has is the one.
+    /// Alternative modules: the first one that a firmware contains is used.
     pub modules: &'static [Gtag],
-    /// Encoder, input, output or I/O pin by its number; of an encoder those of A, B and index, as
-    /// many of each ([`Terminals::of_signal`]).
+    /// Terminals of the encoder, input, output or I/O pin by its number; an encoder has the same
+    /// number of terminals for each of A, B and index ([`Terminals::of_signal`]).
     pub terminals: &'static [Terminals],
 }
 
 impl ModuleTerminals {
-    /// Terminals of the first of these modules.
+    /// Terminals of the first of these modules that the firmware contains.
     pub const fn new(modules: &'static [Gtag], terminals: &'static [Terminals]) -> Self {
         Self { modules, terminals }
     }
 }
 
-/// A card with encoders, on a connector whose pins it fills.
+/// A card with encoders; it occupies all pins of a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CardTable {
     /// Its name.
     pub name: &'static str,
     /// Module and secondary pin of each pin of the connector.
     pub pins: &'static [(Gtag, u8)],
-    /// Where on the connector those of the encoders begin: three for each pair of encoders.
+    /// Position on the connector at which the encoders' pins begin: three pins for each pair of
+    /// encoders.
     pub first_encoder_pin: usize,
     /// The terminals of its encoders.
     pub encoders: &'static [Terminals],
 }
 
-/// Where things are in a board's flash memory.
+/// Layout of a board's flash memory.
 ///
-/// Source: manual 7I97, "EEPROM LAYOUT"; that of the 7I92, whose manual is not at hand, is what
-/// mesaflash uses for it.
+/// Source: manual 7I97, "EEPROM LAYOUT"; for the 7I92, whose manual is not available, the layout
+/// that mesaflash uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashLayout {
-    /// The board, as it names itself.
+    /// The board's own name.
     pub board: &'static str,
-    /// The FPGA on the board, as its bitfiles call it.
+    /// The FPGA on the board, as named in its bitfiles.
     pub part: &'static str,
-    /// What the chip's identification must be.
+    /// Expected identification of the chip.
     pub id: u32,
     /// Size of the chip.
     pub size: u32,
-    /// What makes the FPGA load the user configuration, or the fallback when that is damaged.
+    /// Makes the FPGA load the user configuration, or the fallback if that is damaged.
     pub boot_block: (u32, u32),
-    /// The configuration that is loaded when the user's is damaged.
+    /// The configuration that is loaded if the user's is damaged.
     pub fallback: (u32, u32),
     /// The configuration in use.
     pub user: (u32, u32),
@@ -109,8 +111,7 @@ pub struct FlashLayout {
 }
 
 impl PwmTable {
-    /// Generators of which nothing is known start as LinuxCNC's do: sign and magnitude, scale 1,
-    /// 20 kHz.
+    /// Generators of unknown purpose start as in LinuxCNC: sign and magnitude, scale 1, 20 kHz.
     pub const PLAIN: Self = Self {
         hz: 20_000,
         hz_dither: &[20_000],
@@ -123,7 +124,7 @@ impl PwmTable {
         common_enable: &[],
     };
 
-    /// What a generator is for: this, or a connector.
+    /// Settings of a generator: this table, or [`PLAIN`](Self::PLAIN) for one on a connector.
     pub fn of(&self, generator: u8) -> &Self {
         if generator < self.generators {
             self
@@ -132,8 +133,8 @@ impl PwmTable {
         }
     }
 
-    /// The generator whose enable output switches the drive of generator `n`, if that has none of
-    /// its own.
+    /// The generator whose enable output switches the drive of generator `n`, if `n` has no enable
+    /// output of its own.
     pub fn switched_by(&self, n: u8) -> Option<u8> {
         let leader = *self.common_enable.first()?;
         (n != leader && self.common_enable.contains(&n)).then_some(leader)
@@ -141,13 +142,13 @@ impl PwmTable {
 }
 
 impl BoardTable {
-    /// Whether a firmware says that it is for this kind of board.
+    /// True if a firmware identifies itself as one for this kind of board.
     pub fn fits(&self, firmware: &HostMot2) -> bool {
         !self.name.is_empty() && firmware.idrom.board().eq_ignore_ascii_case(self.name)
     }
 
-    /// Where encoder, input, output or I/O pin `number` of an instance of a module comes out. Of
-    /// several instances, the first one is on the board.
+    /// Terminal of encoder, input, output or I/O pin `number` of an instance of a module. Of
+    /// several instances, only the first one is on the board.
     pub fn place(&self, firmware: &HostMot2, (gtag, instance): (Gtag, u8), number: u16) -> Place {
         match instance {
             0 => Terminals::of(self.ranges(firmware, gtag), number),
@@ -155,7 +156,7 @@ impl BoardTable {
         }
     }
 
-    /// The terminals of a module, if it is the one on the board.
+    /// The terminals of a module, if it is the one that the board uses.
     pub fn ranges(&self, firmware: &HostMot2, gtag: Gtag) -> &'static [Terminals] {
         let is_it = |entry: &&ModuleTerminals| {
             let mut there = entry
@@ -168,9 +169,9 @@ impl BoardTable {
         entry.map_or(&[], |entry| entry.terminals)
     }
 
-    /// Where A, B and index of encoder `number` come out: on the board itself, or on the card whose
-    /// pins it has. Where the board has terminals for encoders as well, those of a card begin with its
-    /// name: `7I77 TB3 pin 1`.
+    /// Terminals of A, B and index of encoder `number`: on the board itself, or on the card that
+    /// occupies its pins. If the board has terminals for encoders as well, those of a card begin
+    /// with the card's name: `7I77 TB3 pin 1`.
     pub fn encoder_places(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> [Place; 3] {
         let own = self.ranges(firmware, gtag);
         let on_card = |card: &&'static CardTable| Some((card.encoder(firmware, number)?, *card));
@@ -192,8 +193,8 @@ impl BoardTable {
 }
 
 impl CardTable {
-    /// Which encoder of its card encoder `number` of a firmware is: its pins, and all others of
-    /// their connector, have to be those of this card.
+    /// Number on its card of encoder `number` of a firmware: all pins of the connector, its own
+    /// included, must match this card.
     ///
     /// Source: FACTS 8.1 and 12.7.
     pub fn encoder(&self, firmware: &HostMot2, number: u16) -> Option<u16> {
@@ -207,9 +208,9 @@ impl CardTable {
         is_card.then_some(pair as u16 * 2 + number % 2)
     }
 
-    /// The encoders of the card whose first serial channel is `first`: their numbers in
-    /// the firmware, in the order of the card. `None` if no connector with that channel has the pins
-    /// of this card.
+    /// The encoders of the card with `first` as its first serial channel: their numbers in the
+    /// firmware, in the order of the card. `None` if no connector with that channel has the pins of
+    /// this card.
     pub fn encoders_at(
         &self,
         firmware: &HostMot2,
@@ -226,7 +227,7 @@ impl CardTable {
         Some(pairs.into_iter().flat_map(|first| [first, first + 1]))
     }
 
-    /// The pins of a connector, if they are those of this card.
+    /// The pins of a connector, if they match this card.
     fn connector<'a>(&self, firmware: &'a HostMot2, number: usize) -> Option<&'a [PinDescriptor]> {
         let width = self.pins.len();
         if firmware.idrom.port_width as usize != width {
@@ -237,7 +238,7 @@ impl CardTable {
         let is_card = pins.iter().zip(self.pins).all(|(pin, &(kind, signal))| {
             let is_serial = kind == Gtag::SSERIAL;
             let is_kind = pin.secondary == kind || is_serial && pin.secondary == Gtag::SSERIAL_B;
-            // The low half of a serial pin is its channel, which differs from card to card.
+            // The low four bits of a serial pin are its channel, which differs from card to card.
             let mask = if is_serial { 0xF0 } else { 0xFF };
             is_kind && pin.secondary_pin & mask == signal & mask
         });

@@ -1,54 +1,54 @@
-//! What can be wrong with a firmware, and with what is asked of it.
+//! Errors of a firmware, and of requests that it cannot fulfil.
 
 use super::Gtag;
 use alloc::string::String;
 use thiserror::Error;
 
-/// Why a firmware can not be used, or not as asked for.
+/// Reason why a firmware cannot be used, or not as requested.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum HostMot2Error {
-    /// The cookie is not there.
+    /// The cookie is missing.
     #[error(
         "no HostMot2 cookie at 0x0100: read {found:#010X}, expected 0x55AACAFE; is this the right \
          address, and the right board?"
     )]
     NoCookie {
-        /// What was read.
+        /// Value read instead.
         found: u32,
     },
-    /// The firmware's description of itself holds what can not be.
+    /// The firmware's description of itself contains an impossible value.
     #[error(
         "{what}: {found}, expected {expected}; the firmware's description was misread (does the bus \
          swap bytes?), or this firmware is older or newer than this crate"
     )]
     Description {
-        /// What of it.
+        /// Item of the description.
         what: String,
-        /// What was read.
+        /// Value read.
         found: String,
-        /// What it can be.
+        /// Possible values.
         expected: &'static str,
     },
-    /// The firmware does not have a module.
+    /// The firmware does not contain a module.
     #[error(
         "this firmware has no {wanted}; it has {present}; load a firmware for the boards that are \
          connected"
     )]
     Missing {
-        /// What was asked for.
+        /// The requested module.
         wanted: Gtag,
-        /// What is there: see [`HostMot2::gtags`](super::HostMot2::gtags).
+        /// The modules that are present: see [`HostMot2::gtags`](super::HostMot2::gtags).
         present: String,
     },
-    /// A module is of a version, or has registers, that this crate does not know.
+    /// A module has a version or registers that this crate does not support.
     #[error("{gtag} has {found}, known is {expected}: use a firmware with a module that is known")]
     Unknown {
         /// The module.
         gtag: Gtag,
-        /// What it has.
+        /// Its actual version or registers.
         found: String,
-        /// What is known.
+        /// The supported ones.
         expected: String,
     },
     /// A module does not have a register or an instance.
@@ -59,21 +59,21 @@ pub enum HostMot2Error {
     NoRegister {
         /// The module.
         gtag: Gtag,
-        /// The register that was asked for.
+        /// The requested register.
         register: u8,
-        /// The instance that was asked for.
+        /// The requested instance.
         instance: u8,
         /// Number of registers.
         registers: u8,
         /// Number of instances.
         instances: u8,
     },
-    /// The I/O pin is not there, or is in use.
+    /// The I/O pin does not exist, or is in use.
     #[error("I/O pin {pin} {why}")]
     IoPin {
         /// The pin.
         pin: u16,
-        /// Why it can not be used, and what to do.
+        /// Reason why it cannot be used, and what to do.
         why: String,
     },
     /// The module has no I/O pins.
@@ -97,7 +97,7 @@ impl HostMot2Error {
     }
 }
 
-/// Why no firmware was identified.
+/// Reason why no firmware was identified.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum IdentifyError<E: core::error::Error + 'static> {
@@ -108,11 +108,11 @@ pub enum IdentifyError<E: core::error::Error + 'static> {
         address: u16,
         /// Number of registers.
         count: u16,
-        /// What the bus says.
+        /// The bus error.
         #[source]
         source: E,
     },
-    /// There is none, or one that can not be used.
+    /// The board has no HostMot2 firmware, or one that cannot be used.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
 }

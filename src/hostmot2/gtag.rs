@@ -1,10 +1,10 @@
-//! What kind of module something is.
+//! Kinds of modules.
 
 use core::fmt;
 
-/// The general function tag of a module: what kind it is.
+/// The general function tag of a module: its kind.
 ///
-/// `Display` gives name and number: `Watchdog (02)`. Tags that this crate has no name for are kept.
+/// `Display` prints name and number: `Watchdog (02)`. Tags without a name in this crate are kept.
 ///
 /// Source: FACTS 13.1; HostMot2's public list of tags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -79,7 +79,7 @@ gtags! {
     BISS = 0x18, "BISS";
     /// Fanuc absolute encoder.
     FABS = 0x19, "FABS";
-    /// The DPLL of HostMot2, that samples in step with the thread.
+    /// The DPLL of HostMot2, which samples in step with the thread.
     HM2DPLL = 0x1A, "HM2DPLL";
     /// Packet UART, transmitter.
     PACKET_UART_TX = 0x1B, "PktUARTTransmit";

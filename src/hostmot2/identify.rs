@@ -1,4 +1,4 @@
-//! Reading the firmware's description of itself.
+//! Reading of the firmware's description of itself.
 
 use super::idrom::{IDROM_WORDS, name};
 use super::module::MODULE_WORDS;
@@ -19,13 +19,13 @@ pub(crate) const COOKIE_ADDRESS: u16 = 0x0100;
 pub(crate) const COOKIE: u32 = 0x55AA_CAFE;
 const CONFIG_NAME: &str = "HOSTMOT2";
 
-/// The most module descriptors there are.
+/// Largest number of module descriptors.
 const MAX_MODULES: usize = 32;
 
-/// Words of one access: fewer than any bus can move at once.
+/// Words of one access: fewer than any bus can transfer at once.
 const ACCESS_WORDS: u16 = 64;
 
-/// What a HostMot2 firmware says about itself: the board, its modules and its pins.
+/// A HostMot2 firmware's description of itself: the board, its modules and its pins.
 ///
 /// # Example
 /// ```no_run
@@ -43,21 +43,22 @@ pub struct HostMot2 {
     pub idrom: Idrom,
     /// All modules, in the order of their descriptors.
     pub modules: Vec<ModuleDescriptor>,
-    /// What stands behind the end of the module descriptors.
+    /// Entries behind the end of the module descriptors.
     pub trailing: Vec<TrailingEntry>,
     /// All I/O pins, by number.
     pub pins: Vec<PinDescriptor>,
-    /// Local I/O pins, by number: pins of the FPGA that no connector has. No register sets them up.
+    /// Local I/O pins, by number: pins of the FPGA that are on no connector and have no port
+    /// registers.
     pub local_pins: Vec<PinDescriptor>,
-    /// What is odd about this firmware and does not keep it from being used.
+    /// Oddities of this firmware that do not prevent its use.
     pub warnings: Vec<String>,
 }
 
 impl HostMot2 {
     /// Reads and checks the description: four exchanges on the bus, whatever the firmware.
     ///
-    /// What real clients refuse and what would give wrong addresses is an error; what is merely
-    /// odd is in [`warnings`](Self::warnings).
+    /// Anything that real clients refuse or that would give wrong addresses is an error; anything
+    /// merely odd is listed in [`warnings`](Self::warnings).
     ///
     /// Source: FACTS 9.1, 9.5.
     ///
@@ -70,7 +71,7 @@ impl HostMot2 {
         Ok(Self::describe(bus)?.0)
     }
 
-    /// The same, with the words that say it.
+    /// Reads the description like [`identify`](Self::identify) and returns its raw words as well.
     ///
     /// # Errors
     /// As [`identify`](Self::identify).
@@ -118,7 +119,7 @@ impl HostMot2 {
         Ok((found, description))
     }
 
-    /// The kinds of modules and how many there are of each, for people: `Watchdog (02) x1, …`.
+    /// The kinds of modules and the number of each, as readable text: `Watchdog (02) x1, …`.
     /// Descriptors without instances are left out.
     pub fn gtags(&self) -> String {
         let modules = self.modules.iter().filter(|module| module.instances > 0);
@@ -132,8 +133,8 @@ impl HostMot2 {
     }
 
     /// All modules of a kind that have instances, in the order of their descriptors, each with the
-    /// number of its first instance. Instances of a kind are numbered through: those of a second
-    /// module follow those of the first, and pin descriptors name them by this number.
+    /// number of its first instance. The instances of a kind are numbered consecutively: those of a
+    /// second module follow those of the first, and pin descriptors refer to them by this number.
     pub fn modules_of(&self, gtag: Gtag) -> impl Iterator<Item = (u8, &ModuleDescriptor)> + '_ {
         let modules = self.modules.iter();
         let modules = modules.filter(move |module| module.gtag == gtag && module.instances > 0);
@@ -144,7 +145,8 @@ impl HostMot2 {
         })
     }
 
-    /// The first module of a kind, if the firmware has it. A descriptor without instances is none.
+    /// The first module of a kind, if the firmware has it; a descriptor without instances is
+    /// ignored.
     pub fn find(&self, gtag: Gtag) -> Option<&ModuleDescriptor> {
         self.modules
             .iter()
@@ -154,7 +156,8 @@ impl HostMot2 {
     /// The module of a kind.
     ///
     /// # Errors
-    /// [`HostMot2Error::Missing`], which names what is there, if the firmware does not have it.
+    /// [`HostMot2Error::Missing`], which lists the modules present, if the firmware does not have
+    /// it.
     pub fn require(&self, gtag: Gtag) -> Result<&ModuleDescriptor, HostMot2Error> {
         self.find(gtag).ok_or_else(|| HostMot2Error::Missing {
             wanted: gtag,
@@ -183,8 +186,9 @@ impl HostMot2 {
             .filter(move |(_, pin)| (pin.secondary, pin.unit) == (gtag, unit))
     }
 
-    /// How many channels instance `instance` of the smart serial module `gtag` brings to pins:
-    /// the highest one counts. 0 if it has no pins at all; up to 15, of which 8 can be driven.
+    /// Number of channels that instance `instance` of the smart serial module `gtag` has on pins,
+    /// determined by the highest one. 0 if it has no pins at all; up to 15, of which 8 can be
+    /// driven.
     ///
     /// Source: FACTS 2.1.
     pub fn sserial_channels(&self, gtag: Gtag, instance: u8) -> u8 {
@@ -195,7 +199,7 @@ impl HostMot2 {
     }
 }
 
-/// The address of the IDROM: the last of the words that begin with the cookie.
+/// The address of the IDROM: the last of the four words that begin with the cookie.
 fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Error> {
     if cookie != COOKIE {
         return Err(HostMot2Error::NoCookie { found: cookie });
@@ -208,24 +212,24 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
     Ok(start)
 }
 
-/// The words in which a firmware describes itself.
+/// The words of a firmware's description of itself.
 #[derive(Debug, Default)]
 pub(crate) struct Description(Vec<(Vec<Access>, Box<[u32]>)>);
 
-/// Tells whether the same board with the same firmware answers later.
+/// Detects whether the same board with the same firmware still answers.
 #[derive(Debug)]
 pub(crate) struct Known<L> {
     board: BoardIdentity,
     parts: Vec<(L, Box<[u32]>)>,
-    /// As long as the longest part.
+    /// Buffer as long as the longest part.
     now: Box<[u32]>,
 }
 
 impl<L: AsRef<[Access]>> Known<L> {
-    /// True if it is the same board, and it still describes itself in these words.
+    /// True if the board is the same one and its description still consists of the same words.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     ///
     /// # Real time
     /// With [`Effort::Once`] five exchanges, without allocation.
@@ -253,10 +257,10 @@ impl<L: AsRef<[Access]>> Known<L> {
 }
 
 impl Description {
-    /// To be read again on this bus.
+    /// Prepares reading the description again on this bus.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
         let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();
@@ -293,7 +297,7 @@ impl Description {
         }
     }
 
-    /// Reads neighbouring registers in one exchange of accesses that every bus can move.
+    /// Reads adjacent registers in one exchange, in accesses small enough for every bus.
     fn read<B: RegisterBus>(
         &mut self,
         bus: &mut B,
@@ -319,8 +323,8 @@ impl Description {
     }
 }
 
-/// True for a version that real clients take without a warning (FACTS 9.5). Modules that are not
-/// driven in other versions are reported as such.
+/// True for a version that real clients accept without a warning (FACTS 9.5). Modules that are not
+/// driven in other versions are reported separately.
 fn is_usual_version(module: &ModuleDescriptor) -> bool {
     match module.gtag {
         Gtag::MUXED_ENCODER => module.version & !ModuleDescriptor::WITH_PROBE != 2,
@@ -329,8 +333,8 @@ fn is_usual_version(module: &ModuleDescriptor) -> bool {
     }
 }
 
-/// Pins of instances that a module does not have. Those of select lines carry another number, and pins
-/// of multiplexed encoders that of a pair.
+/// Describes pins of instances that a module does not have. Pins of select lines carry another
+/// number, and pins of multiplexed encoders that of a pair.
 fn beyond_all_instances(modules: &[ModuleDescriptor], pins: &[PinDescriptor]) -> Vec<String> {
     let mut beyond = BTreeMap::<Gtag, Vec<u16>>::new();
     for (number, pin) in (0..).zip(pins) {
@@ -371,7 +375,7 @@ fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor])
             "{gtag} has version {version}, which is not known to work"
         ));
     }
-    // By what is odd about them: one sentence for all pins of a kind.
+    // Grouped by oddity: one sentence for all pins of a kind.
     let mut odd = BTreeMap::<(bool, Gtag), Vec<u16>>::new();
     for (number, pin) in (0..).zip(pins) {
         if pin.has_module() && !modules.iter().any(|m| m.gtag == pin.secondary) {

@@ -1,12 +1,12 @@
-//! The IDROM: what board and firmware this is.
+//! The IDROM: identification of board and firmware.
 
 use super::HostMot2Error;
 use super::module::MODULE_WORDS;
 use alloc::format;
 use alloc::string::{String, ToString};
 
-/// The eight characters that two words hold: not terminated, padded with anything. What is not
-/// printable is escaped.
+/// The eight characters in two words: not terminated, with arbitrary padding. Characters that are
+/// not printable are escaped.
 pub(super) fn name(low: u32, high: u32) -> String {
     let bytes = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();
     bytes.escape_ascii().to_string()
@@ -23,7 +23,7 @@ pub struct Idrom {
     pub offset_to_modules: u32,
     /// From the start of the IDROM to the pin descriptors, in bytes.
     pub offset_to_pins: u32,
-    /// Name of the board: `MESA7I97`. What is not printable in it is escaped.
+    /// Name of the board: `MESA7I97`. Characters that are not printable are escaped.
     pub board_name: String,
     /// Size of the FPGA, in thousands of gates.
     pub fpga_size: u32,
@@ -39,9 +39,9 @@ pub struct Idrom {
     pub clock_low_hz: u32,
     /// ClockHigh in Hz.
     pub clock_high_hz: u32,
-    /// The distances of instances that modules choose from, in bytes.
+    /// The two distances of instances that modules choose from, in bytes.
     pub instance_strides: [u16; 2],
-    /// The distances of registers that modules choose from, in bytes.
+    /// The two distances of registers that modules choose from, in bytes.
     pub register_strides: [u16; 2],
 }
 
@@ -51,16 +51,16 @@ pub(super) const IDROM_WORDS: usize = 16;
 /// The memory that an IDROM has in Mesa's public sources: 0400 to 07FF.
 const IDROM_BYTES: u32 = 0x400;
 
-/// The most pins of a port: its registers have 32 bits.
+/// Largest number of pins of a port: its registers have 32 bits.
 const MAX_PORT_WIDTH: u32 = 32;
 
-/// The most pins of a board that the pin descriptors are read of.
+/// Largest number of pins of a board whose descriptors are read.
 const MAX_PINS: u32 = 256;
 
 /// Size of the FPGA of a 7I96S; that of a 7I96 is 9.
 const FPGA_7I96S: u32 = 20;
 
-/// The slowest clock that a firmware can have.
+/// Slowest clock that is plausible.
 const SLOWEST_CLOCK_HZ: u32 = 1_000_000;
 
 impl Idrom {
@@ -108,8 +108,8 @@ impl Idrom {
         Ok(idrom)
     }
 
-    /// The board is a 7I97T, which has the name of a 7I97 here: another FPGA, and address jumpers with
-    /// another meaning. FACTS 9.6.
+    /// True if the board is a 7I97T, which has the board name of a 7I97 but another FPGA and
+    /// address jumpers with another meaning. FACTS 9.6.
     pub fn is_7i97t(&self) -> bool {
         (self.board().as_str(), self.fpga_size, self.clock_high_hz) == ("7i97", 20, 160_000_000)
     }
@@ -121,17 +121,18 @@ impl Idrom {
         between.map_or(most, |bytes| most.min((bytes / BYTES) as usize))
     }
 
-    /// Slots of pin descriptors up to the end of the IDROM's memory, those of local I/O pins included.
+    /// Slots of pin descriptors up to the end of the IDROM's memory, including those of local I/O
+    /// pins.
     pub(super) fn pin_slots(&self) -> usize {
         (IDROM_BYTES.saturating_sub(self.offset_to_pins) / 4) as usize
     }
 
-    /// The board's name in lower case, as pin names use it: the part before the first character that
-    /// is not printable, without `MESA`: `7i97` for `MESA7I97`.
+    /// The board's name in lower case, as used in pin names: the part before the first character
+    /// that is not printable, without `MESA`, for example `7i97` for `MESA7I97`.
     ///
-    /// Two boards call themselves by the name of another: a 7I96S says `MESA7I96`, and is told by its
-    /// FPGA (20); a 7I76E says `MESA7I76`, which is a card without an FPGA. Their names are those of
-    /// their cards, as LinuxCNC has them.
+    /// Two boards carry the name of another: a 7I96S has `MESA7I96`, and is distinguished by its
+    /// FPGA size (20); a 7I76E has `MESA7I76`, the name of a card without an FPGA. This function
+    /// returns the names of the boards themselves, as LinuxCNC has them.
     ///
     /// Source: FACTS 9.1; Mesa's public VHDL sources, `IDROMConst.vhd` (names of boards).
     pub fn board(&self) -> String {

@@ -1,4 +1,4 @@
-//! I/O ports: the pins themselves, and who drives them.
+//! I/O ports: the pins themselves, and their sources.
 
 use super::{Gtag, HostMot2, HostMot2Error, PinDescriptor};
 use crate::bus::{ImagePlan, RegisterBus, Stage};
@@ -6,7 +6,7 @@ use alloc::format;
 use alloc::vec;
 use alloc::vec::Vec;
 
-/// One thing for each register of an I/O port: its address, or its word.
+/// An item for each register of an I/O port: its address, or its word.
 ///
 /// Source: FACTS 13.3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -23,16 +23,16 @@ pub struct PortRegisters<T> {
     pub invert: T,
 }
 
-/// One I/O port.
+/// An I/O port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct IoPort {
-    /// Where its registers are.
+    /// Addresses of its registers.
     pub address: PortRegisters<u16>,
-    /// What they are set to.
+    /// Words to which the registers are set.
     pub setup: PortRegisters<u32>,
 }
 
-/// One pin of a port.
+/// A pin of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PinPlace {
     /// Number of the port.
@@ -58,27 +58,27 @@ impl PinPlace {
     }
 }
 
-/// How an I/O pin that no module uses begins.
+/// Initial configuration of an I/O pin that no module uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct GpioConfig {
-    /// It drives; else it is an input.
+    /// True for an output, false for an input.
     pub output: bool,
-    /// An output that pulls low only.
+    /// The output pulls low only.
     pub open_drain: bool,
     /// The output is inverted by the hardware.
     pub invert: bool,
 }
 
-/// All I/O ports, and who drives which pin. Pins that nobody has taken are inputs.
+/// All I/O ports, and the source of each pin. Unused pins are inputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IoPorts {
     /// The ports, by number.
     pub ports: Vec<IoPort>,
-    /// Pins of a port.
+    /// Number of pins of a port.
     width: u16,
-    /// For each pin, whether it is in use.
+    /// True for each pin that is in use.
     taken: Vec<bool>,
 }
 
@@ -89,7 +89,7 @@ impl IoPorts {
     /// The I/O ports of a firmware, with all pins as inputs.
     ///
     /// # Errors
-    /// [`HostMot2Error`]: it has none, or none that are known.
+    /// [`HostMot2Error`] if the firmware has no I/O ports, or ports with an unsupported layout.
     pub fn locate(firmware: &HostMot2) -> Result<Self, HostMot2Error> {
         let module = firmware.require(Gtag::IO_PORT)?;
         module.check_layout(Self::REGISTERS, Self::MULTIPLE)?;
@@ -115,10 +115,10 @@ impl IoPorts {
         })
     }
 
-    /// Whether any pin is an output on the board as it stands.
+    /// True if any pin is an output in the present state of the board.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn drives<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
         for port in &self.ports {
             if bus.read(port.address.direction)? != 0 {
@@ -128,7 +128,7 @@ impl IoPorts {
         Ok(false)
     }
 
-    /// Where I/O pin `pin` is; `None` beyond the last.
+    /// Port and bit of I/O pin `pin`; `None` beyond the last.
     pub fn place(&self, pin: u16) -> Option<PinPlace> {
         self.taken.get(usize::from(pin))?;
         Some(PinPlace {
@@ -137,14 +137,14 @@ impl IoPorts {
         })
     }
 
-    /// Whether a module uses the pin, or it was said how it is used as plain I/O.
+    /// True if a module uses the pin or it is configured as plain I/O.
     pub fn is_taken(&self, pin: u16) -> bool {
         self.taken.get(usize::from(pin)).is_some_and(|taken| *taken)
     }
 
-    /// Gives instance `unit` of a module those of its I/O pins that are `wanted`: those that it
-    /// drives become outputs with the module as their source, the others stay inputs. An instance may
-    /// have none: local I/O pins have no registers.
+    /// Assigns to instance `unit` of a module those of its I/O pins that are `wanted`: pins that
+    /// the module drives become outputs with the module as their source, the others stay inputs. An
+    /// instance may have no pins here: local I/O pins have no registers.
     ///
     /// Source: FACTS 9.1 (bit 7 of the secondary pin).
     ///
@@ -168,7 +168,7 @@ impl IoPorts {
         Ok(())
     }
 
-    /// Uses a pin as plain I/O.
+    /// Configures a pin as plain I/O.
     ///
     /// # Errors
     /// [`HostMot2Error::IoPin`].
@@ -201,13 +201,13 @@ impl IoPorts {
         Ok(())
     }
 
-    /// Sets all ports up, in one exchange and in an order in which no pin is driven with another
-    /// level than it is to have: nothing driven, then levels, inversions and sources, then directions,
-    /// and open drain last, because a pin with open drain is driven whatever its direction
-    /// (FACTS 12.2).
+    /// Sets up all ports in one exchange, in an order in which no pin is ever driven with a wrong
+    /// level: first nothing is driven, then come levels, inversions and sources, then directions.
+    /// Open drain comes last, because a pin with open drain is driven whatever its direction (FACTS
+    /// 12.2).
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     ///
     /// # Real time
     /// For set-up: allocates.

@@ -1,5 +1,5 @@
-//! HostMot2: cookie, IDROM, module and pin descriptors, who drives which I/O pin, and the layout of
-//! the tables of what a firmware does not tell of its board.
+//! HostMot2: cookie, IDROM, module and pin descriptors, sources of I/O pins, and the layout of the
+//! tables with data about boards that a firmware does not contain.
 
 pub(crate) mod board_table;
 mod error;

@@ -6,24 +6,24 @@ use core::ops::RangeInclusive;
 
 use super::{Gtag, HostMot2Error, Idrom};
 
-/// What the firmware says about one kind of module: where its registers are, and how many there are.
+/// Description of one kind of module: addresses of its registers and number of its instances.
 ///
-/// Strides and clock are those of the IDROM, looked up already.
+/// Strides and clock are already resolved from the IDROM.
 ///
 /// Source: FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ModuleDescriptor {
-    /// What kind it is.
+    /// Kind of module.
     pub gtag: Gtag,
     /// Version of the module.
     pub version: u8,
-    /// Frequency of the clock it runs on, in Hz.
+    /// Frequency of its clock in Hz.
     pub clock_hz: u32,
-    /// How many there are.
+    /// Number of instances.
     pub instances: u8,
     /// Address of its first register.
     pub base: u16,
-    /// Number of registers, those of several instances counted once.
+    /// Number of registers; a register that exists once for each instance counts once.
     pub registers: u8,
     /// Distance of registers in bytes.
     pub register_stride: u16,
@@ -95,9 +95,9 @@ impl ModuleDescriptor {
         Ok(Some(module))
     }
 
-    /// base + register * register stride + instance * instance stride, the last only for registers
-    /// of the multiple-register mask. `None` beyond the 16-bit address space, and for registers
-    /// and instances that the module does not have.
+    /// base + register * register stride + instance * instance stride, the last term only for
+    /// registers in the multiple-register mask. `None` beyond the 16-bit address space, and for
+    /// registers and instances that the module does not have.
     fn address(&self, register: u8, instance: u8) -> Option<u16> {
         if register >= self.registers || instance >= self.instances {
             return None;
@@ -112,8 +112,8 @@ impl ModuleDescriptor {
         (address <= LAST_REGISTER && address.is_multiple_of(4)).then_some(address)
     }
 
-    /// Address of register `register` of instance `instance`, which is that of all instances where
-    /// they share it.
+    /// Address of register `register` of instance `instance`; the same for all instances if they
+    /// share the register.
     ///
     /// # Errors
     /// [`HostMot2Error::NoRegister`] if the module does not have it.
@@ -128,7 +128,7 @@ impl ModuleDescriptor {
             })
     }
 
-    /// Checks that a version, this module's own or the part of it that counts, is `known`.
+    /// Checks that `version`, this module's own or the relevant part of it, is in `known`.
     ///
     /// # Errors
     /// [`HostMot2Error::Unknown`].
@@ -147,8 +147,8 @@ impl ModuleDescriptor {
         })
     }
 
-    /// Checks that the module has at least `registers` registers, of which those of `multiple` exist
-    /// once for each instance, as the code that asks has them.
+    /// Checks that the module has at least `registers` registers, and that exactly those in
+    /// `multiple` exist once for each instance, as the calling code expects.
     ///
     /// # Errors
     /// [`HostMot2Error::Unknown`].

@@ -1,30 +1,30 @@
-//! Pin descriptors: what the firmware can do with each pin.
+//! Pin descriptors: the functions that the firmware offers on each pin.
 
 use super::Gtag;
 use super::pin_roles::role;
 use alloc::string::String;
 use core::fmt::{self, Write};
 
-/// What the firmware can do with one I/O pin besides plain I/O.
+/// Function of one I/O pin besides plain I/O.
 ///
-/// `Display` gives the function in words: `SSerial 0 TX1`, `MuxedEncoder 0 A`, `I/O`.
-/// Numbers count from 0, as everywhere in HostMot2.
+/// `Display` prints the function in words: `SSerial 0 TX1`, `MuxedEncoder 0 A`, `I/O`. Numbers
+/// count from 0, as everywhere in HostMot2.
 ///
 /// Source: FACTS 9.1, 13.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PinDescriptor {
-    /// Which pin of the module it is; bit 7 is set where the module drives it.
+    /// Number of the pin within the module; bit 7 is set if the module drives it.
     pub secondary_pin: u8,
-    /// The module that can use it; [`Gtag::NONE`] if it is plain I/O only.
+    /// The module that can use it; [`Gtag::NONE`] for plain I/O only.
     pub secondary: Gtag,
-    /// Which instance of the module; 0x80 for all.
+    /// Instance of the module; 0x80 for all.
     pub unit: u8,
-    /// What it is without the module: an I/O port.
+    /// Function without the module: an I/O port.
     pub primary: Gtag,
 }
 
 impl PinDescriptor {
-    /// The unit of pins that belong to all instances.
+    /// Unit of pins that belong to all instances.
     pub(super) const GLOBAL: u8 = 0x80;
 
     /// Parses a descriptor.
@@ -38,18 +38,18 @@ impl PinDescriptor {
         }
     }
 
-    /// True for a local I/O pin: a pin of the FPGA that ends on the board, behind the ordinary ones
-    /// in the descriptors (FACTS 9.1).
+    /// True for a local I/O pin: a pin of the FPGA that ends on the board, listed behind the
+    /// ordinary ones in the descriptors (FACTS 9.1).
     pub const fn is_local(&self) -> bool {
         self.primary.0 == Gtag::LOCAL_IO_PORT.0
     }
 
-    /// Whether a module can use the pin.
+    /// True if a module can use the pin.
     pub const fn has_module(&self) -> bool {
         self.secondary.0 != Gtag::NONE.0
     }
 
-    /// Whether the module drives the pin.
+    /// True if the module drives the pin.
     pub const fn is_output(&self) -> bool {
         self.has_module() && self.secondary_pin & 0x80 != 0
     }
@@ -89,7 +89,7 @@ impl fmt::Display for PinDescriptor {
     }
 }
 
-/// Numbers in words, neighbours joined: `3, 5-9`. They have to rise.
+/// Numbers as text, with ranges joined: `3, 5-9`. The numbers must be in ascending order.
 pub(crate) fn list_of(numbers: impl IntoIterator<Item = u16>) -> String {
     let mut text = String::new();
     let mut numbers = numbers.into_iter().peekable();
@@ -99,7 +99,7 @@ pub(crate) fn list_of(numbers: impl IntoIterator<Item = u16>) -> String {
             last = next;
         }
         let separator = if text.is_empty() { "" } else { ", " };
-        // A String takes everything.
+        // Writing to a String cannot fail.
         let _ = match last - first {
             0 => write!(text, "{separator}{first}"),
             _ => write!(text, "{separator}{first}-{last}"),

@@ -1,4 +1,4 @@
-//! What the pins of each kind of module are called.
+//! Names of the pins of each kind of module.
 //!
 //! Source: FACTS 13.1; the pin constants of Mesa's public VHDL sources (`IDROMConst.vhd`).
 
@@ -12,8 +12,8 @@ type Names = &'static [(u8, &'static str)];
 /// Ranges of numbered pins: first and last, and the name before the number.
 type Numbered = &'static [(u8, u8, &'static str)];
 
-/// The name of secondary pin `pin` of a module of this kind: `TX0`, `A`, `/Enable`. `None` where no
-/// name is known. Numbers count from 0, decimal; `/` stands for an output that is active low.
+/// The name of secondary pin `pin` of a module of this kind: `TX0`, `A`, `/Enable`. `None` if no
+/// name is known. Numbers count from 0, decimal; `/` marks an output that is active low.
 pub(super) fn role(gtag: Gtag, pin: u8) -> Option<String> {
     let (names, numbered) = known(gtag);
     if let Some((_, name)) = names.iter().find(|(number, _)| *number == pin) {

@@ -8,18 +8,19 @@
 pub struct TickRate(pub u32);
 
 impl TickRate {
-    /// Multiplexer rate that the 7I77 is made for: ClockLow/8.
+    /// Multiplexer rate for which the 7I77 is designed: ClockLow/8.
     /// Manual: 7I77, "MAXIMUM ENCODER COUNT RATE".
     pub const MUX_7I77: Self = Self(6);
 
-    /// Multiplexer rate that the 7I97 is made for: ClockLow/16.
+    /// Multiplexer rate for which the 7I97 is designed: ClockLow/16.
     /// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
     pub const MUX_7I97: Self = Self(14);
 
     /// The slowest rate: clock/4097. The register has 12 bits.
     pub const SLOWEST: Self = Self(0xFFF);
 
-    /// The value for a rate, rounded down to what there is; at least clock/4097, at most clock/2.
+    /// The value for a rate, rounded down to an available one; at least clock/4097, at most
+    /// clock/2.
     pub fn for_hz(clock_hz: u32, hz: u32) -> Self {
         let n = clock_hz.div_ceil(hz.max(1)).saturating_sub(2);
         Self(n.min(Self::SLOWEST.0))

@@ -4,30 +4,31 @@ use super::Gtag;
 use super::module::MODULE_WORDS;
 use core::fmt;
 
-/// An entry behind the end of the module descriptors, which LinuxCNC and mesaflash do not look at: the
+/// An entry behind the end of the module descriptors, which LinuxCNC and mesaflash ignore: the
 /// width of an input module (a hint), or the charge pump of a board.
 ///
-/// It has no clock that is known, and is not driven.
+/// Its clock is not known, and the module is not driven.
 ///
 /// Source: FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TrailingEntry {
     /// Its slot in the table of module descriptors, counted from 0.
     pub slot: u8,
-    /// What it is of: see [`hint`](Self::hint).
+    /// Tag of the module, or of a hint: see [`hint`](Self::hint).
     pub tag: u8,
     /// Version of the module.
     pub version: u8,
-    /// How many there are; 0 in a hint.
+    /// Number of instances; 0 in a hint.
     pub instances: u8,
-    /// Address of its first register; 0 in a hint that has none.
+    /// Address of its first register; 0 in a hint without one.
     pub base: u16,
-    /// What is the multiple-register mask of a module: in a hint the number of inputs.
+    /// Multiple-register mask of a module; in a hint the number of inputs.
     pub mask: u32,
 }
 
 impl TrailingEntry {
-    /// True for the words of a hint, wherever they stand: its tag, clock tag 0 and no instances.
+    /// True for the words of a hint, wherever they are found: its tag, clock tag 0 and no
+    /// instances.
     pub(super) fn is_hint([what, ..]: [u32; MODULE_WORDS]) -> bool {
         let [tag, _, clock_tag, instances] = what.to_le_bytes();
         hint(tag).is_some() && (clock_tag, instances) == (0, 0)
@@ -47,7 +48,7 @@ impl TrailingEntry {
         })
     }
 
-    /// The input module and instance whose number of inputs the entry holds, if it is a hint.
+    /// The input module and instance whose number of inputs the entry contains, if it is a hint.
     pub const fn hint(&self) -> Option<(Gtag, u8)> {
         match self.instances {
             0 => hint(self.tag),
@@ -64,7 +65,7 @@ const fn hint(tag: u8) -> Option<(Gtag, u8)> {
     }
 }
 
-/// `width of InMux (1E) 0: 16 inputs`, or the module.
+/// Prints `width of InMux (1E) 0: 16 inputs`, or the module.
 impl fmt::Display for TrailingEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.hint() {

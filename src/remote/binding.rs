@@ -1,22 +1,22 @@
-//! One pin and its bits.
+//! A pin and its bits.
 
 use super::scaling::{real, real_bits};
 use super::{Field, Scaling};
 use crate::hal::{Input, Output, Param, PinStore};
 
-/// The halves of a pin: what is published, and what is fetched. A pin that goes one way only has
-/// nothing in place of the other.
+/// The two halves of a pin: one is published, the other fetched. A unidirectional pin has a default
+/// handle for the missing half.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pin<T>(pub Input<T>, pub Output<T>);
 
-/// A field of the interface registers, in one direction, and the pin it belongs to.
+/// A field of the interface registers, in one direction, and its pin.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binding {
     pub field: Field,
     pub codec: Codec,
 }
 
-/// How the bits of a field are the value of a pin, and the other way round.
+/// Conversion between the bits of a field and the value of a pin.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Codec {
     /// True if any bit is set; all bits are set for true.
@@ -28,7 +28,7 @@ pub(super) enum Codec {
     Number {
         pin: Pin<f64>,
         scaling: Scaling,
-        /// What full scale is for the application.
+        /// The application's full scale.
         scale: Param<f64>,
     },
     /// IEEE-754, of 32 or 64 bits.
@@ -38,7 +38,7 @@ pub(super) enum Codec {
 }
 
 impl Binding {
-    /// From the interface registers to the pin.
+    /// Copies the value from the interface registers to the pin.
     pub fn take(&self, pins: &mut PinStore, words: &[u32]) {
         let bits = self.field.get(words);
         match self.codec {
@@ -62,14 +62,14 @@ impl Binding {
         }
     }
 
-    /// From the pin to the interface registers.
+    /// Copies the value from the pin to the interface registers.
     pub fn put(&self, pins: &mut PinStore, words: &mut [u32]) {
         let bits = match self.codec {
             Codec::Bit { pin, .. } if pins.fetch(pin.1) => u64::MAX,
             Codec::Bit { .. } => 0,
-            // The store scales and limits it.
+            // The store scales and limits the value.
             Codec::Number { pin, scaling, .. } => scaling.raw(pins.fetch(pin.1)),
-            // The pin's limits are those of 32 bits, or closer.
+            // The pin's limits are those of 32 bits, or narrower.
             Codec::Float(pin) => real_bits(pins.fetch(pin.1), self.field.bits),
             Codec::Raw(pin) => u64::from(pins.fetch(pin.1)),
             Codec::Wide(pin) => pins.fetch(pin.1),
@@ -83,13 +83,13 @@ impl Binding {
 pub(super) struct BitInputs {
     pub field: Field,
     pub pins: alloc::vec::Vec<(Input<bool>, Input<bool>)>,
-    /// The bits that the pins have.
+    /// The bits that were published last.
     pub taken: Option<u64>,
 }
 
 impl BitInputs {
-    /// From the interface registers to the pins. Bits change seldom, and are most of the pins: only
-    /// those that did are published.
+    /// Copies the bits from the interface registers to the pins. Most pins are bits, and bits
+    /// change rarely, so only the changed ones are published.
     pub fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
         let bits = self.field.get(words);
         let changed = match self.taken.replace(bits) {
@@ -101,7 +101,7 @@ impl BitInputs {
         }
     }
 
-    // Apart from the usual way, which would prepare for it.
+    // Separate from `take`, whose common path would otherwise set up registers for it.
     #[inline(never)]
     fn publish(&self, pins: &mut PinStore, bits: u64, mut changed: u64) {
         while changed != 0 {
@@ -116,8 +116,10 @@ impl BitInputs {
     }
 }
 
-/// A value in the units of `-scalemax`: as long as nobody changes that, the remote's own.
-// The scale is compared with what it was set to: nothing was computed.
+/// A value in the units of `-scalemax`; while that has its initial value, these are the remote's
+/// own.
+// Exact comparison: the scale is compared with the value it was initialised with, not with a
+// computed one.
 #[allow(clippy::float_cmp)]
 fn to_scale(scaling: Scaling, scale: f64, value: f64) -> f64 {
     if scale == scaling.max {

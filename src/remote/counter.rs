@@ -1,4 +1,4 @@
-//! The pins of a counter in a remote, such as an MPG: few bits, continued to 64.
+//! Pins of a counter in a remote, such as an MPG: a few bits, extended to 64.
 
 use core::cmp::Ordering;
 
@@ -6,28 +6,29 @@ use super::Field;
 use super::scaling::{mask, sign_extend};
 use crate::hal::{Counter, PinStore};
 
-/// A counter of a remote: its bits, and the count of 64 bits behind its pins.
+/// A counter of a remote: its bits, and the 64-bit count behind its pins.
 ///
-/// It takes the shortest way from one reading to the next, so it is right as long as the counter
-/// moves by less than half its range between two readings. It starts at zero wherever the counter
-/// stands.
+/// The count follows the shortest way from one reading to the next, so it is correct as long as the
+/// counter moves by less than half its range between two readings. It starts at zero, whatever the
+/// first reading is.
 #[derive(Debug)]
 pub(super) struct CounterPins {
     pub field: Field,
-    /// Upper bits that come first; 0 for a count in one piece.
+    /// Number of upper bits if these come first; 0 for a count in one piece.
     pub high_bits: u8,
     pub handles: Counter,
     /// The last reading.
     pub last: Option<u64>,
     /// Counts since the first reading.
     pub now: i64,
-    /// What `count` is 0 at.
+    /// The count at which the `count` pin is 0.
     pub zero: i64,
 }
 
 impl CounterPins {
-    /// Forgets the last reading: the next one moves nothing, and the count goes on from where it
-    /// was. For after a gap in which the counter may have moved by any distance, or restarted.
+    /// Forgets the last reading: the next one moves nothing, and the count continues from its
+    /// present value. For use after a gap in which the counter may have moved by any distance, or
+    /// restarted.
     pub fn resynchronise(&mut self) {
         self.last = None;
     }
@@ -70,7 +71,7 @@ impl CounterPins {
     }
 }
 
-/// The multiple of a revolution between two counts, the later one included.
+/// The multiple of a revolution that was passed between two counts, the later one included.
 fn passed(before: i64, now: i64, revolution: i64) -> Option<i64> {
     if revolution <= 0 {
         return None;
@@ -97,7 +98,7 @@ mod tests {
         assert_eq!(passed(5, 600, 0), None);
     }
 
-    /// A counter of `bits` bits, and its count after each of these readings.
+    /// A counter of `bits` bits, as a function from each reading to the count after it.
     fn counter(bits: u8) -> impl FnMut(Option<u64>) -> i64 {
         let mut pins = PinStore::default();
         let mut counter = CounterPins {

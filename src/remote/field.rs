@@ -2,19 +2,19 @@
 
 use super::scaling::mask;
 
-/// 1 to 64 neighbouring bits in the words of the interface registers, least significant bit first;
+/// 1 to 64 adjacent bits in the words of the interface registers, least significant bit first;
 /// shift and mask are computed once.
 ///
 /// # Real time
-/// Constant time, no allocation. Words that are not there read as zero and are not written: the
-/// plan has checked that there are enough.
+/// Constant time, no allocation. Missing words read as zero and are not written: the plan has
+/// checked that there are enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Field {
     word: u8,
     shift: u8,
     /// Its width.
     pub bits: u8,
-    /// Its bits, all ones.
+    /// Mask of its width, right-justified.
     pub mask: u64,
 }
 
@@ -22,8 +22,8 @@ impl Field {
     /// The widest field.
     pub const MAX_BITS: u8 = 64;
 
-    /// The `bits` bits from bit `offset` on, 8191 at most; `None` if there are none or more than 64
-    /// of them.
+    /// The `bits` bits from bit `offset` on, which is at most 8191; `None` if `bits` is 0 or more
+    /// than 64.
     pub fn new(offset: Option<u16>, bits: u16) -> Option<Self> {
         let bits = u8::try_from(bits).ok()?;
         let is_width = (1..=Self::MAX_BITS).contains(&bits);
@@ -35,7 +35,7 @@ impl Field {
         })
     }
 
-    /// The bits, as an unsigned number.
+    /// The value of the bits as an unsigned number.
     pub fn get(self, words: &[u32]) -> u64 {
         let first = self.word as usize;
         let word =
@@ -50,7 +50,7 @@ impl Field {
     /// Sets the bits to the low bits of `value`; no other bit changes.
     pub fn put(self, words: &mut [u32], value: u64) {
         if self.shift.wrapping_add(self.bits) <= 32 {
-            // Most fields, and the quicker way.
+            // Fast path for most fields.
             if let Some(word) = words.get_mut(self.word as usize) {
                 let mask = (self.mask as u32) << self.shift;
                 *word = *word & !mask | (value as u32) << self.shift & mask;

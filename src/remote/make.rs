@@ -1,4 +1,4 @@
-//! Making the pins of a remote's process data.
+//! Construction of the pins of a remote's process data.
 
 use alloc::format;
 use alloc::string::String;
@@ -14,11 +14,11 @@ use crate::hal::{
     Value,
 };
 
-/// Makes the pins of one element.
+/// Maker of the pins of one element.
 pub(super) struct Maker<'a> {
     pub pins: &'a mut PinStore,
     pub remote: &'a mut RemotePins,
-    /// What the names begin with: board, card, port, channel and element.
+    /// Common start of the names: board, card, port, channel and element.
     pub stem: String,
     pub element: Element,
     pub record: &'a DataRecord,
@@ -56,7 +56,7 @@ impl Maker<'_> {
         self.remote.outputs.extend(output.map(bound));
     }
 
-    /// A pin that goes the way of the element.
+    /// A pin with the direction of the element.
     fn pin<T: Value>(&mut self, spec: Spec, safe: T) -> Result<Pin<T>, PinError> {
         let direction = self.record.direction;
         let mut make = self.maker();
@@ -70,13 +70,13 @@ impl Maker<'_> {
         })
     }
 
-    /// Makes pins whose names begin with that of the element.
+    /// Maker of pins whose names begin with that of the element.
     fn maker(&mut self) -> PinMaker<'_> {
         PinMaker::new(self.pins, self.remote.group, self.stem.clone())
     }
 
-    /// In the element's unit, which is the record's or the table's, and for a pin at its terminal:
-    /// that of a bit, or of the element.
+    /// Spec with the element's unit, from the record or else from the table, and with the terminal
+    /// of the given bit or of the element.
     fn spec(&self, suffix: &str, bit: Option<u16>) -> Spec {
         let unit = match self.known {
             Some(known) if self.record.unit.is_empty() => known.unit,
@@ -123,7 +123,7 @@ impl Maker<'_> {
         Ok(())
     }
 
-    /// A bit; an input has its opposite beside it, and an output can be inverted.
+    /// Pins of a bit; an input has its opposite beside it, and an output can be inverted.
     fn bit(
         &mut self,
         suffix: &str,
@@ -147,7 +147,7 @@ impl Maker<'_> {
         let scaling = Scaling::of(self.record);
         let Scaling { min, max, .. } = scaling;
         let name = self.spec("-scalemax", None);
-        // A number whose largest value is 0 has no other scale.
+        // A number whose largest value is 0 cannot have another scale.
         let scale = match self.maker().scale(name.clone(), max) {
             Err(PinError::BadScale { .. }) => self.maker().property(name, max),
             made => made,
@@ -201,7 +201,7 @@ impl Maker<'_> {
     }
 
     fn counter(&mut self) -> Result<(), PinError> {
-        // A counter that the host would write makes no sense; its bits stay zero.
+        // A counter written by the host makes no sense; its bits stay zero.
         let Some(field) = Field::new(self.element.input, self.element.bits) else {
             return Ok(());
         };

@@ -1,10 +1,10 @@
-//! Remotes: from what one says of itself to engineering values and pins.
+//! Remotes: conversion of a descriptor and process data to engineering values and pins.
 //!
-//! [`RemotePins`] makes the pins of any remote from its descriptor and its [`PackingPlan`]; [`Scaling`]
-//! makes a value of the bits of an element, and bits of a value. Parameters are read and written by their record:
-//! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
+//! [`RemotePins`] makes the pins of any remote from its descriptor and its [`PackingPlan`];
+//! [`Scaling`] converts between the bits of an element and a value. Parameters are read and written
+//! by their record: [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
-// The cycle runs it.
+// Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod binding;
@@ -30,21 +30,21 @@ use self::make::Maker;
 use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable, hal_name};
 use crate::hal::{GroupId, PinError, PinStore};
 
-/// The pins of a remote, and the way of their values from and to the interface registers.
+/// The pins of a remote, and the transfer of their values from and to the interface registers.
 ///
-/// It is made from the remote's own descriptor, so it fits any remote; a [`RemoteTable`] adds what a
-/// descriptor does not tell: terminals and safe values.
+/// The pins are made from the remote's own descriptor and therefore fit any remote; a
+/// [`RemoteTable`] adds terminals and safe values, which a descriptor does not contain.
 ///
-/// A driver calls [`take_inputs`](Self::take_inputs) when a transfer succeeded,
-/// [`PinStore::fault`] of its group when the remote failed, and [`put_outputs`](Self::put_outputs)
-/// before each transfer.
+/// A driver calls [`take_inputs`](Self::take_inputs) after a successful transfer,
+/// [`PinStore::fault`] of the group when the remote has failed, and
+/// [`put_outputs`](Self::put_outputs) before each transfer.
 #[derive(Debug)]
 pub struct RemotePins {
-    /// What their names begin with, for example `hm2_7i92.0.7i77.0.0`.
+    /// Common start of the names, for example `hm2_7i92.0.7i77.0.0`.
     pub prefix: String,
-    /// Their group: for validity, age and arming.
+    /// Group of the pins: for validity, age and arming.
     pub group: GroupId,
-    /// The remote's parameters, which are no process data: read and written in setup mode.
+    /// The remote's parameters, which are not process data: read and written in setup mode.
     pub parameters: Vec<RemoteParameter>,
     inputs: Vec<Binding>,
     bit_inputs: Vec<BitInputs>,
@@ -52,25 +52,25 @@ pub struct RemotePins {
     outputs: Vec<Binding>,
 }
 
-/// Why the pins of a remote were not made.
+/// Error in the construction of a remote's pins.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{name}: {source}")]
 pub struct RemoteError {
-    /// What the names of the pins of the element begin with, or the name of the parameter.
+    /// Start of the names of the element's pins, or the name of the parameter.
     pub name: String,
-    /// Why.
+    /// The cause.
     pub source: Box<PinError>,
 }
 
 impl RemotePins {
-    /// Makes the pins and parameters of the remote on a port and channel of `board`, in a group of
-    /// their own. `plan` is the descriptor's.
+    /// Makes the pins and parameters of the remote on a port and channel of `board`, in a separate
+    /// group. `plan` is that of the descriptor.
     ///
     /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
     /// # Errors
-    /// [`RemoteError`] with the element or parameter that did not fit; pins made before it stay in
-    /// the store, never valid.
+    /// [`RemoteError`] with the element or parameter at fault; pins made before it stay in the
+    /// store and are never valid.
     pub fn new(
         pins: &mut PinStore,
         board: &str,
@@ -109,12 +109,12 @@ impl RemotePins {
                 source: source.into(),
             })?;
         }
-        // A name that is not there is compared with all that are, for the error: only where a table
-        // names an enable.
+        // Looking up a missing name compares it with all names, to build the error. This is
+        // therefore done only for elements for which the table names an enable.
         let known = table.iter().flat_map(|table| table.elements);
         for known in known.filter(|known| !known.enabled_by.is_empty()) {
             let id = |name| pins.id(&format!("{}.{}", remote.prefix, hal_name(name)));
-            // A mode that lacks one of them lacks what it would be for.
+            // If a mode lacks one of the two, the other one needs no link.
             if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
                 pins.enabled_by(output, enable);
             }
@@ -131,13 +131,13 @@ impl RemotePins {
         Ok(remote)
     }
 
-    /// The parameter of that name, as the remote spells it or LinuxCNC does (in lower case).
+    /// The parameter with that name, as spelled by the remote or, in lower case, by LinuxCNC.
     pub fn parameter(&self, name: &str) -> Option<&RemoteParameter> {
         let mut parameters = self.parameters.iter();
         parameters.find(|parameter| parameter.record.is_named(name))
     }
 
-    /// Publishes what a parameter is now.
+    /// Publishes the present value of a parameter.
     pub(crate) fn publish_parameter(&mut self, pins: &mut PinStore, name: &str, raw: u64) {
         let mut parameters = self.parameters.iter_mut();
         if let Some(parameter) = parameters.find(|parameter| parameter.record.is_named(name)) {
@@ -145,12 +145,12 @@ impl RemotePins {
         }
     }
 
-    /// Publishes what a good transfer brought: `words` are the interface registers, from 0 on. The
-    /// group is valid afterwards, of age 0.
+    /// Publishes the inputs of a good transfer: `words` are the interface registers, from 0 on.
+    /// Afterwards the group is valid, with age 0.
     ///
     /// # Real time
-    /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
-    /// many as the inputs take.
+    /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: pass at
+    /// least as many as the inputs occupy.
     pub fn take_inputs(&mut self, pins: &mut PinStore, words: &[u32]) {
         for bits in &mut self.bit_inputs {
             bits.take(pins, words);
@@ -164,10 +164,10 @@ impl RemotePins {
         pins.group_good(self.group);
     }
 
-    /// Fills the interface registers with what the outputs must be now; bits that belong to no
+    /// Fills the interface registers with the present values of the outputs; bits that belong to no
     /// output become zero.
     ///
-    /// While the group is not armed these are the safe values.
+    /// While the group is not armed, the outputs have their safe values.
     ///
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic.
@@ -178,7 +178,7 @@ impl RemotePins {
         }
     }
 
-    /// The remote was started again: its counters may stand anywhere, so the next reading moves
+    /// Handles a restart of the remote: its counters may have any value, so the next reading moves
     /// no count.
     pub fn restarted(&mut self) {
         for counter in &mut self.counters {

@@ -1,4 +1,4 @@
-//! Parameters of a remote: what is not process data.
+//! Parameters of a remote: its data apart from process data.
 
 use alloc::format;
 use alloc::string::String;
@@ -17,29 +17,29 @@ use crate::sslbp::{AccessSize, NonvolatileMemory, RemoteAccess};
 /// The value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterValue {
-    /// As it is in the remote, right-justified.
+    /// The bits in the remote, right-justified.
     pub raw: u64,
-    /// In the record's unit.
+    /// The value in the record's unit.
     pub value: f64,
 }
 
-/// Why a parameter was not read or written.
+/// Reason why a parameter was not read or written.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     /// The access failed.
     #[error(transparent)]
     Memory(#[from] E),
-    /// The remote does not have it.
+    /// The remote does not have the parameter.
     #[error("the remote has no parameter of that name; its descriptor lists those that it has")]
     Unknown,
-    /// The record has a size that no access has.
+    /// The record has a size for which there is no access.
     #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
     Size {
-        /// Its bits.
+        /// Number of bits in the record.
         bits: u8,
     },
-    /// The remote says that the parameter can only be read.
+    /// The remote declares the parameter as read-only.
     #[error("the remote's parameter can only be read")]
     ReadOnly,
     /// The value does not fit.
@@ -47,39 +47,39 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     DoesNotFit {
         /// The value.
         value: AnyValue,
-        /// What the parameter is.
+        /// Type of the parameter.
         kind: HalType,
         /// Its width.
         bits: u8,
     },
-    /// The value is outside of what the record allows.
+    /// The value is outside the limits of the record.
     #[error("{value} is outside of {min} to {max}, which the remote allows; give a value within")]
     OutOfRange {
         /// The value.
         value: AnyValue,
-        /// The least that is allowed.
+        /// Lower limit.
         min: f32,
-        /// The most that is allowed.
+        /// Upper limit.
         max: f32,
     },
-    /// The remote holds something else than what was written.
+    /// The remote contains another value than the one written.
     #[error(
         "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
     )]
     NotTaken {
-        /// What was written.
+        /// Value written.
         written: u64,
-        /// What is there.
+        /// Value read back.
         read: u64,
     },
 }
 
-/// A record as the description of a parameter in the remote's memory.
+/// Access to the parameter that a record describes, in the remote's memory.
 impl DataRecord {
-    /// Reads the parameter that this record describes, from the memory it belongs to.
+    /// Reads the parameter from the memory that contains it.
     ///
     /// # Errors
-    /// [`ParameterError`]: the access failed, or no access has this size.
+    /// [`ParameterError`] if the access failed, or no access has this size.
     pub fn read_parameter<M: RemoteLink>(
         &self,
         memory: &mut M,
@@ -92,13 +92,13 @@ impl DataRecord {
         Ok(ParameterValue { raw, value })
     }
 
-    /// Writes the parameter that this record describes, and reads it back: a whole number as it is
-    /// in the remote, without its scale, as LinuxCNC has it.
+    /// Writes the parameter and reads it back. A whole number is written in its stored form,
+    /// without scale, as in LinuxCNC.
     ///
-    /// A non-volatile one is written through the EC sequence (FACTS 6.3).
+    /// A non-volatile parameter is written through the EC sequence (FACTS 6.3).
     ///
     /// # Errors
-    /// [`ParameterError`]. Nothing was written if it is about the value or the size.
+    /// [`ParameterError`]. If it concerns the value or the size, nothing was written.
     pub fn write_parameter<M: RemoteLink>(
         &self,
         memory: &mut M,
@@ -114,7 +114,7 @@ impl DataRecord {
         };
         memory.access(kept_in, write)?;
         if kept_in.is_some() {
-            // Read back already.
+            // The EC sequence has read it back already.
             return Ok(());
         }
         let read = RemoteAccess::Read { address, size };
@@ -127,11 +127,11 @@ impl DataRecord {
         }
     }
 
-    /// The bits of the parameter for a value. Whole numbers fit every kind of number that can hold
-    /// them.
+    /// The bits of the parameter for a value. A whole number fits every numeric type that can hold
+    /// it.
     ///
     /// # Errors
-    /// [`ParameterError`]: the parameter can only be read, or can not be this value.
+    /// [`ParameterError`] if the parameter is read-only or cannot hold this value.
     pub fn raw_of<E: core::error::Error>(&self, value: AnyValue) -> Result<u64, ParameterError<E>> {
         if self.direction == DataDirection::Input {
             return Err(ParameterError::ReadOnly);
@@ -147,7 +147,7 @@ impl DataRecord {
         };
         let raw = raw.ok_or(ParameterError::DoesNotFit { value, kind, bits })?;
         let (min, max) = (self.min, self.max);
-        // Those of scaled numbers are in units; equal ones are none.
+        // Limits of scaled numbers are in units; equal limits are no limits.
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
         let is_limited = !is_scaled && kind != HalType::Bit && min < max;
         if is_limited && !(f64::from(min)..=f64::from(max)).contains(&real_of(value)) {
@@ -156,13 +156,13 @@ impl DataRecord {
         Ok(raw)
     }
 
-    /// The whole numbers that the bits of the parameter can hold; none if it is a real number.
+    /// The range of whole numbers that the parameter can hold; `None` for a float.
     pub fn whole_numbers(&self) -> Option<RangeInclusive<i128>> {
         let kind = self.parameter_type();
         (kind != HalType::Float).then(|| whole_numbers(kind, self.bits))
     }
 
-    /// What the bits of the parameter are in the record's unit; what has no scale is a whole number.
+    /// Value of the bits in the record's unit; without a scale, the whole number itself.
     fn value_of(&self, raw: u64) -> f64 {
         match self.parameter_type() {
             HalType::Bit | HalType::Float => real_of(self.typed(raw)),
@@ -170,7 +170,7 @@ impl DataRecord {
         }
     }
 
-    /// What the bits of the parameter are as LinuxCNC has it: without its scale.
+    /// Value of the bits as in LinuxCNC: without the scale.
     pub fn typed(&self, raw: u64) -> AnyValue {
         let hal_type = self.parameter_type();
         let bits = match hal_type {
@@ -182,7 +182,7 @@ impl DataRecord {
         AnyValue { hal_type, bits }
     }
 
-    /// The memory it is in, and how much of it.
+    /// The memory that contains it, and the size of an access to it.
     fn place<E: core::error::Error>(
         &self,
     ) -> Result<(Option<NonvolatileMemory>, AccessSize), ParameterError<E>> {
@@ -192,7 +192,7 @@ impl DataRecord {
         Ok((is_nonvolatile.then_some(NonvolatileMemory::Eeprom), size))
     }
 
-    /// What LinuxCNC makes of it.
+    /// Type of the parameter in LinuxCNC.
     fn parameter_type(&self) -> HalType {
         let is_wide = self.bits > 32;
         match self.data_type {
@@ -208,14 +208,14 @@ impl DataRecord {
     }
 }
 
-/// The whole numbers that so many bits can hold.
+/// The range of whole numbers that this number of bits can hold.
 fn whole_numbers(kind: HalType, bits: u8) -> RangeInclusive<i128> {
     let width = if kind == HalType::Bit { 1 } else { bits };
     let (lowest, highest) = whole_range(width.clamp(1, 64), is_signed(kind));
     lowest..=highest
 }
 
-/// What a parameter can hold, in words.
+/// The values that a parameter can hold, as text.
 fn range(kind: HalType, bits: u8) -> String {
     if kind == HalType::Float {
         return format!("a real number of {bits} bits");
@@ -226,25 +226,26 @@ fn range(kind: HalType, bits: u8) -> String {
 
 /// A parameter of a remote in the pin store.
 ///
-/// It lives in the remote, which is reached in setup mode only: the driver reads it there and
-/// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver
-/// starts or while its port stands still: [`Board::write_remote_parameter`](crate::driver::Board::write_remote_parameter),
+/// The parameter is kept in the remote and is accessible in setup mode only: the driver reads it
+/// there and [`publish`](Self::publish)es it. Changing it is a separate operation, before the
+/// driver starts or while its port is stopped:
+/// [`Board::write_remote_parameter`](crate::driver::Board::write_remote_parameter),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Debug, PartialEq)]
 pub struct RemoteParameter {
-    /// Its description.
+    /// Record of the parameter.
     pub record: DataRecord,
-    /// What the remote had when it was read first: one that is non-volatile is used from the next
-    /// power-up on, so this may be what is in use still.
+    /// Value at the first read. A changed non-volatile parameter takes effect at the next power-up,
+    /// so this value may still be in use.
     pub first: Option<u64>,
-    /// What the remote has, right-justified, as far as known.
+    /// Present value in the remote, right-justified, if known.
     pub known: Option<u64>,
     param: Param<AnyValue>,
 }
 
 impl RemoteParameter {
-    /// Makes the parameter of a record; `None` for one that no parameter type can hold: a pad, or
-    /// one that has not 1 to 64 bits.
+    /// Makes the parameter of a record; `None` for one that no parameter type can hold: a pad, or a
+    /// record with a width other than 1 to 64 bits.
     pub(super) fn new(
         pins: &mut PinStore,
         group: GroupId,
@@ -275,7 +276,7 @@ impl RemoteParameter {
         }))
     }
 
-    /// Takes what was read from the remote, right-justified.
+    /// Publishes the bits read from the remote, right-justified.
     pub fn publish(&mut self, pins: &mut PinStore, raw: u64) {
         let raw = raw & mask(self.record.bits);
         self.first.get_or_insert(raw);
@@ -288,11 +289,11 @@ fn is_signed(kind: HalType) -> bool {
     matches!(kind, HalType::S32 | HalType::S64)
 }
 
-/// A value as a whole number, if it is one.
+/// A value as a whole number; `None` if it is not whole.
 fn whole_of(value: AnyValue) -> Option<i128> {
     match value.hal_type {
         HalType::Float => {
-            // Beyond 2^53 a real number does not say which whole one is meant.
+            // Beyond 2^53 a float does not identify a unique whole number.
             let real = real_of(value);
             let is_whole = libm::trunc(real) == real && libm::fabs(real) <= 9_007_199_254_740_992.0;
             is_whole.then_some(real as i128)
@@ -302,7 +303,7 @@ fn whole_of(value: AnyValue) -> Option<i128> {
     }
 }
 
-/// A value as a real number, the nearest one to a whole number.
+/// A value as a float, rounded to the nearest one for a large whole number.
 fn real_of(value: AnyValue) -> f64 {
     match value.hal_type {
         HalType::Float => Value::from_bits(value.bits),

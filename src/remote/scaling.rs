@@ -1,8 +1,8 @@
-//! Raw numbers and engineering values.
+//! Conversion between raw numbers and engineering values.
 
 use crate::discovery::{DataRecord, DataType};
 
-/// What a raw value means, and which raw value a value becomes.
+/// Conversion between raw values and engineering values.
 ///
 /// Three forms, by type and limits (FACTS 7.4):
 ///
@@ -12,28 +12,30 @@ use crate::discovery::{DataRecord, DataType};
 /// | signed | two's complement, `min` = -`max` | `raw * max / 2^(n-1)` |
 /// | offset | other limits | `raw * (max - min) / (2^n - 1) + min`, raw unsigned |
 ///
-/// The manuals' signed formula would make `min` of raw 0; nothing in the field does so. The offset
-/// form is the manuals' unsigned one, and the only sensible reading of limits that fit no other.
-/// `min` = `max` means 0 to 1 (two's complement: -1 to 1), and so do limits that are not finite.
+/// The manuals' signed formula would make `min` of raw 0; no implementation in the field does so.
+/// The offset form is the manuals' unsigned one, and the only sensible interpretation of limits
+/// that fit no other. `min` = `max` means 0 to 1 (two's complement: -1 to 1), and so do limits that
+/// are not finite.
 ///
-/// Records hold their limits as 32-bit floats, in which 2^32 - 1 is 4294967296: such limits still
-/// are those of the raw number, and 0x12000001 of 32 bits is 301989889, not 301989889.07.
+/// Records contain their limits as 32-bit floats, in which 2^32 - 1 is 4294967296: such limits
+/// still count as those of the raw number, and 0x12000001 of 32 bits is 301989889, not
+/// 301989889.07.
 ///
 /// # Towards the wire
-/// Whole and offset round to the nearest raw value, so that a value from the wire goes
-/// back to the same raw value.
+/// Whole and offset round to the nearest raw value, so that a value from the wire converts back to
+/// the same raw value.
 ///
-/// Signed follows LinuxCNC on the wire up to 31 bits: it makes a fraction of `2^31 - 1` first
-/// (towards zero) and then drops the low `32 - n` bits (downwards). Full scale, which is one more
-/// than the largest raw value, needs no special case that way; the price is that a value that falls
-/// exactly on a positive step goes one step lower: of 13 bits for +-10 V, 5.0 V is just under 2048
-/// (1073741823.5 of `2^31 - 1`) and becomes 2047, and -10 V becomes -4096 (0x1000). The value
-/// on the wire is less than `1 + 2^(n-32)` steps off: one step at the widths devices have, one and a
-/// half at 31 bits. From 32 bits on, where that way errs more (and LinuxCNC itself does
-/// not go), it is the nearest.
+/// Signed follows LinuxCNC up to 31 bits: it first computes a fraction of `2^31 - 1` (rounded
+/// towards zero) and then drops the low `32 - n` bits (rounding down). Full scale, which is one
+/// more than the largest raw value, thus needs no special case; the price is that a value exactly
+/// on a positive step goes one step lower: with 13 bits for +-10 V, 5.0 V is just under 2048
+/// (1073741823.5 of `2^31 - 1`) and becomes 2047, and -10 V becomes -4096 (0x1000). The error of
+/// the value on the wire is less than `1 + 2^(n-32)` steps: one step at the widths of existing
+/// devices, one and a half at 31 bits. From 32 bits on, where this method has larger errors (and
+/// LinuxCNC has no such numbers), the nearest raw value is used.
 ///
-/// Both ends are exact at every width: `max` is the largest raw value, `min` the smallest. Beyond
-/// them the end is taken; what is no number counts as 0.
+/// Both ends are exact at every width: `max` is the largest raw value, `min` the smallest. Values
+/// beyond them are limited to the ends; NaN and infinity count as 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scaling {
     form: Form,
@@ -52,10 +54,10 @@ enum Form {
 }
 
 impl Scaling {
-    /// For the number that a record describes.
+    /// The scaling of the number that a record describes.
     ///
-    /// Non-volatile numbers, and what is no number, are whole whatever their limits, which are
-    /// limits only: `NVBaudRate` is 9 for 2.5 Mbaud, with a maximum of 11 (FACTS 8.2).
+    /// Non-volatile numbers, and types that are not numbers, are whole whatever their limits, which
+    /// then are only limits: `NVBaudRate` is 9 for 2.5 Mbaud, with a maximum of 11 (FACTS 8.2).
     pub fn of(record: &DataRecord) -> Self {
         let (min, max) = (f64::from(record.min), f64::from(record.max));
         match record.data_type {
@@ -77,7 +79,7 @@ impl Scaling {
         }
     }
 
-    /// For a number of `bits` bits, 1 to 64, two's complement if it is `signed`.
+    /// The scaling of a number of `bits` bits, 1 to 64, in two's complement if it is `signed`.
     pub fn new(bits: u8, signed: bool, min: f64, max: f64) -> Self {
         let whole = Self::whole(bits, signed);
         let (_, highest) = whole_range(whole.bits, signed);
@@ -102,7 +104,7 @@ impl Scaling {
         }
     }
 
-    /// Whether raw values are their own values.
+    /// True if a raw value is its own value.
     pub fn is_whole(self) -> bool {
         matches!(self.form, Form::Whole { .. })
     }
@@ -122,15 +124,15 @@ impl Scaling {
         }
     }
 
-    /// The raw value of a value, as the field has it on the wire: right-justified, bits above the
-    /// width are zero.
+    /// The raw value for a value, as in the field on the wire: right-justified, with zeros above
+    /// the width.
     pub fn raw(self, value: f64) -> u64 {
         let value = if value.is_finite() { value } else { 0.0 };
         let raw = match self.form {
             Form::Whole { signed } => nearest_whole(value, self.bits, signed),
             Form::Offset => {
                 let fraction = (value - self.min) / (self.max - self.min);
-                // A cast from a real number saturates: 2^64 becomes 2^64 - 1.
+                // A cast from a float saturates: 2^64 becomes 2^64 - 1.
                 let raw = libm::round(fraction.clamp(0.0, 1.0) * self.mask() as f64) as u64;
                 raw.min(self.mask())
             }
@@ -170,8 +172,8 @@ pub(super) fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     }
 }
 
-/// The nearest of them to a number, in two's complement.
-// Apart from the rest, whose registers its wide numbers would take.
+/// The whole number of that width nearest to a value, in two's complement.
+// Separate function, because its wide numbers would occupy the registers of the other forms.
 #[inline(never)]
 fn nearest_whole(value: f64, bits: u8, signed: bool) -> u64 {
     let (lowest, highest) = whole_range(bits, signed);
@@ -179,13 +181,13 @@ fn nearest_whole(value: f64, bits: u8, signed: bool) -> u64 {
     (libm::round(value) as i128).clamp(lowest, highest) as u64
 }
 
-/// All of them as real numbers, none beyond them, for a number that is narrower than the 32 or 64 bits
-/// of its type; `None` for one that is as wide.
+/// The range of numbers of this width as floats, never exceeding it, for a width below the 32 or 64
+/// bits of the type; `None` for a number with the full width.
 pub(super) fn narrow_limits(bits: u8, signed: bool) -> Option<(f64, f64)> {
     let (lowest, highest) = whole_range(bits, signed);
     let (min, mut max) = (lowest as f64, highest as f64);
     if max as i128 > highest {
-        // Rounded up, it would let one more bit through.
+        // Rounded up, it would allow one more bit.
         max = libm::nextafter(max, 0.0);
     }
     (!matches!(bits, 32 | 64)).then_some((min, max))
@@ -206,7 +208,7 @@ pub(super) fn sign_extend(raw: u64, bits: u8) -> i64 {
     ((raw << unused) as i64) >> unused
 }
 
-/// The real number in 32 or 64 bits.
+/// The float encoded in 32 or 64 bits.
 pub(super) fn real(raw: u64, bits: u8) -> f64 {
     if bits == 64 {
         f64::from_bits(raw)
@@ -215,7 +217,7 @@ pub(super) fn real(raw: u64, bits: u8) -> f64 {
     }
 }
 
-/// A real number in 32 or 64 bits.
+/// The encoding of a float in 32 or 64 bits.
 pub(super) fn real_bits(value: f64, bits: u8) -> u64 {
     if bits == 64 {
         value.to_bits()

@@ -5,17 +5,17 @@
 use core::fmt;
 use core::ops::{Index, IndexMut};
 
-/// The most channels one port has.
+/// Largest number of channels of a port.
 pub const MAX_CHANNELS: u8 = 8;
 
-/// One channel of a port: 0 to 7.
+/// A channel of a port: 0 to 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(transparent))]
 pub struct Channel(u8);
 
 impl Channel {
-    /// All channels a port can have.
+    /// All channels that a port can have.
     pub const ALL: [Self; MAX_CHANNELS as usize] = [
         Self(0),
         Self(1),
@@ -53,7 +53,7 @@ impl fmt::Display for Channel {
     }
 }
 
-/// A set of channels: the low byte of COMMAND, and what DATA answers.
+/// A set of channels: the low byte of COMMAND, and the answer in DATA.
 ///
 /// Manual: 7I77, "COMMAND REGISTER" (the N bits).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -63,7 +63,7 @@ impl ChannelMask {
     /// No channel.
     pub const NONE: Self = Self(0);
 
-    /// From the bits of a register: bit n is channel n.
+    /// The set from the bits of a register: bit n is channel n.
     pub const fn from_bits(bits: u8) -> Self {
         Self(bits)
     }
@@ -82,17 +82,17 @@ impl ChannelMask {
         self.0
     }
 
-    /// Whether there is no channel in it.
+    /// True if the set contains no channel.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Number of channels in it.
+    /// Number of channels in the set.
     pub const fn len(self) -> u32 {
         self.0.count_ones()
     }
 
-    /// Whether `channel` is in it.
+    /// True if the set contains `channel`.
     pub const fn contains(self, channel: Channel) -> bool {
         self.0 & channel.mask().0 != 0
     }

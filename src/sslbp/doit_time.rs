@@ -1,11 +1,11 @@
-//! How long a DOIT takes: the lines, and the firmware's loop over its channels.
+//! Duration of a DOIT: the lines, and the firmware's loop over its channels.
 //!
-//! The firmware walks over all channels of the build, one after the other and again and again. It
-//! sends to the asked channels in one pass, looks at each of them once a pass afterwards, and
-//! clears COMMAND at the end of the pass that took the last reply. So a reply that has just missed
-//! its look costs a whole pass, and [`Walk`] goes through the passes like the firmware does. Its
-//! costs are in clock cycles (one instruction each), fitted to recordings of the gateware:
-//! `t06`, `t07`, `t08`, `t15`, `t25`, `r` (FACTS 5.1, 11.11).
+//! The firmware repeatedly walks over all channels of the build, one after the other. It sends to
+//! the requested channels in one pass, checks each of them once in every later pass, and clears
+//! COMMAND at the end of the pass that took the last reply. A reply that just misses its check thus
+//! costs a whole pass, and [`Walk`] goes through the passes like the firmware does. Its costs are
+//! in clock cycles (one instruction each), fitted to recordings of the gateware: `t06`, `t07`,
+//! `t08`, `t15`, `t25`, `r` (FACTS 5.1, 11.11).
 
 use super::{Channel, MAX_CHANNELS, ProcessDataSizes};
 use core::time::Duration;
@@ -13,50 +13,50 @@ use core::time::Duration;
 /// Baud rate of every channel unless it is changed.
 pub const DEFAULT_BAUD_RATE: u32 = 2_500_000;
 
-/// Time that a remote takes to answer, as recorded with well-behaved ones.
+/// Time that a remote takes to answer, as recorded with well-behaved remotes.
 pub const USUAL_REMOTE_LATENCY: Duration = Duration::from_micros(10);
 
-/// The longest latency that counts: the timeout of an exchange is shorter.
+/// Longest latency taken into account: the timeout of an exchange is shorter.
 const LONGEST_LATENCY: Duration = Duration::from_secs(1);
 
-/// What a timeout adds to the duration of the last chatter exchange. FACTS 5.2.
+/// Time that a timeout adds to the duration of the last chatter exchange. FACTS 5.2.
 const TIMEOUT_MARGIN: Duration = Duration::from_micros(40);
 
-/// Two ticks of the timer that timeouts are measured with. FACTS 4.2.
+/// Two ticks of the timer that measures timeouts. FACTS 4.2.
 const TIMER_GRAIN: Duration = Duration::from_micros(4);
 
-/// How long the DOIT of a port takes, from the end of the write of COMMAND on.
+/// Duration of a port's DOIT, measured from the end of the write of COMMAND.
 ///
 /// FACTS 5.1, 5.2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DoitTime {
-    /// The most when all is well, the firmware's own time included, for remotes that answer when
-    /// they are expected to: never less than what the gateware took in the recordings, and up to
-    /// 7 us more. A later answer makes it longer by as much, and by up to one pass of the firmware
+    /// Upper bound without errors, including the firmware's own time, for remotes that answer in
+    /// their expected time: never less than the gateware took in the recordings, and at most 7 us
+    /// more. A later answer makes it longer by its delay, and by up to one pass of the firmware
     /// over its channels (1 to 6 us at 100 MHz). With several remotes a pass can, rarely, take one
-    /// reply more than foreseen here: 2 us at most at 100 MHz.
+    /// reply more than assumed here: 2 us at most at 100 MHz.
     pub usual: Duration,
-    /// The most when a reply does not come.
+    /// Upper bound if a reply is missing.
     pub with_timeout: Duration,
-    /// The most for the first DOIT after START, which waits for a running chatter frame.
+    /// Upper bound for the first DOIT after START, which waits for a running chatter frame.
     pub first: Duration,
 }
 
-/// What one channel does in a DOIT.
+/// Data of one channel's exchange in a DOIT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Exchange {
     /// The channel.
     pub channel: Channel,
-    /// How much it sends and receives.
+    /// Number of bytes sent and received.
     pub sizes: ProcessDataSizes,
     /// Its baud rate.
     pub baud_rate: u32,
-    /// From the end of the request until the remote begins to answer.
+    /// Time from the end of the request until the remote begins to answer.
     pub latency: Duration,
 }
 
 impl Exchange {
-    /// At 2.5 Mbaud, with a remote that answers as fast as well-behaved ones do.
+    /// An exchange at 2.5 Mbaud, with a remote that answers as fast as well-behaved remotes do.
     pub const fn usual(channel: Channel, sizes: ProcessDataSizes) -> Self {
         Self {
             channel,
@@ -68,10 +68,10 @@ impl Exchange {
 }
 
 impl DoitTime {
-    /// The time that `exchanges`, all in one DOIT, take on a port whose processor has a clock of
-    /// `clock_hz`, and whose build has `channels` channels, used or not: the firmware looks at all of
-    /// them. All channels run at the same time, so the slowest one decides. A second exchange of the
-    /// same channel replaces the first.
+    /// The time of a DOIT with these `exchanges`, on a port whose processor has a clock of
+    /// `clock_hz` and whose build has `channels` channels, used or not: the firmware checks all of
+    /// them. All channels run at the same time, so the slowest one determines the result. A second
+    /// exchange of the same channel replaces the first.
     ///
     /// # Real time
     /// Bounded by the number of channels; allocates nothing.
@@ -98,14 +98,15 @@ impl DoitTime {
             let nanos = u128::from(cycles) * 1_000_000_000 / u128::from(clock_hz.max(1));
             Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
         };
-        // When replies come decides in which pass they are taken.
+        // The arrival time of a reply determines the pass that takes it.
         let durations = LATER.map(|later| walk.duration(later));
         let duration = durations.into_iter().max().unwrap_or(0);
-        // One reply more in the last pass than the walk has there: others came a little sooner.
+        // The last pass may take one more reply than in the walk, if others arrived slightly
+        // earlier.
         let another = if others > 0 { longest } else { 0 };
-        // The command comes in a pass in which there is nothing to do.
+        // The command arrives during a pass with nothing to do.
         let usual = time(walk.pass_with(|_| DONE) + duration + OTHERS + another);
-        // In chatter every channel gets its reply or sends its next frame.
+        // In chatter, every channel receives its reply or sends its next frame.
         let chatter =
             time(walk.pass_with(|station| FOUND + station.receive.max(RECEIVE.0 + station.send)));
         let pass = time(walk.pass_with(|_| LOOK));
@@ -119,46 +120,46 @@ impl DoitTime {
 
 /// Taking the command and setting up the DOIT.
 const TAKE_DOIT: u64 = 32;
-/// What comes before the first channel of a pass.
+/// Start of a pass, before the first channel.
 const PASS_HEAD: u64 = 29;
-/// After the last channel: the checks for completed commands and for a new one.
+/// End of a pass, after the last channel: the checks for completed commands and for a new one.
 const PASS_TAIL: u64 = 32;
-/// After the last channel of the last pass, until COMMAND reads 0.
+/// End of the last pass, until COMMAND reads 0.
 const COMPLETE: u64 = 17;
-/// The turn of a channel that takes no part.
+/// Turn of a channel that takes no part.
 const ASIDE: u64 = 30;
-/// The turn of one that takes part and has nothing to do.
+/// Turn of a participating channel with nothing to do.
 const DONE: u64 = 42;
-/// The turn of one that looks for its reply and finds none.
+/// Turn of a channel that checks for its reply and finds none.
 const LOOK: u64 = 68;
-/// The turn of one that finds its reply, which it then takes.
+/// Turn of a channel that finds its reply, without taking it.
 const FOUND: u64 = 48;
-/// Taking a reply with its data to the interface registers: in all, and for each byte.
+/// Taking a reply and copying its data to the interface registers: fixed part, and for each byte.
 const RECEIVE: (u64, u64) = (71, 11);
-/// The turn of one that sends: in all, and for each byte of data.
+/// Turn of a channel that sends: fixed part, and for each byte of data.
 const SEND: (u64, u64) = (84, 8);
-/// How much later in a turn the first start bit comes than a look for a reply.
+/// Delay of the first start bit within a turn, relative to the check for a reply.
 const SEND_AFTER_LOOK: u64 = 23;
-/// Between two characters of a request.
+/// Gap between two characters of a request.
 const CHARACTER_GAP: u64 = 3;
-/// From the middle of a reply's last stop bit until its character counts.
+/// From the middle of a reply's last stop bit until its character is counted.
 const RECEIVER: u64 = 6;
 
-/// How much later than they should replies may come, as far as that is not known.
+/// Delays of replies that are tried, because the exact delay is not known.
 const LATER: [u64; 3] = [0, 10, 20];
 
-/// What channels that run without being asked may make of a pass.
+/// Time that channels running without being requested may add to a pass.
 const OTHERS: u64 = 75;
 
-/// A channel that takes part, in cycles.
+/// A participating channel; times in cycles.
 #[derive(Clone, Copy, Debug)]
 struct Station {
-    /// From its turn to send until a look finds its reply.
+    /// From its sending turn until a check finds its reply.
     line: u64,
-    /// Sending its data, and taking its reply.
+    /// Costs of sending its data, and of taking its reply.
     send: u64,
     receive: u64,
-    /// It waits for a reply that a look finds from this cycle on.
+    /// Waiting for a reply that a check finds from this cycle on.
     due: Option<u64>,
 }
 
@@ -169,7 +170,7 @@ impl Station {
         let latency = exchange.latency.min(LONGEST_LATENCY).as_nanos() as u64;
         let ProcessDataSizes { rx, tx } = exchange.sizes;
         let (tx, rx) = (u64::from(tx), u64::from(rx));
-        // BD, data and CRC; data and CRC. The last half bit of the reply is not waited for.
+        // BD, data and CRC; data and CRC. The wait does not include the last half bit of the reply.
         let (request, reply) = (tx + 2, rx + 1);
         let line = bits(10 * (request + reply)).saturating_sub(bits(1) / 2);
         let gaps = CHARACTER_GAP * (request - 1) + RECEIVER + SEND_AFTER_LOOK;
@@ -181,7 +182,7 @@ impl Station {
         }
     }
 
-    /// What its turn at `now` costs.
+    /// Cost of its turn at `now`.
     fn turn(&mut self, now: u64) -> u64 {
         match self.due {
             None => DONE,
@@ -194,12 +195,12 @@ impl Station {
     }
 }
 
-/// The firmware's passes of one DOIT.
+/// The passes of the firmware during one DOIT.
 #[derive(Clone, Copy, Debug)]
 struct Walk {
-    /// By channel; `None` for one that takes no part.
+    /// By channel; `None` for a channel that takes no part.
     stations: [Option<Station>; MAX_CHANNELS as usize],
-    /// Channels of the build.
+    /// Number of channels of the build.
     channels: usize,
 }
 
@@ -208,14 +209,13 @@ impl Walk {
         self.stations.iter().take(self.channels).flatten()
     }
 
-    /// A pass in which each channel that takes part has a turn of this cost.
+    /// Duration of a pass in which each participating channel has a turn of this cost.
     fn pass_with(&self, turn: impl Fn(&Station) -> u64) -> u64 {
         let turns = self.running().map(|station| turn(station) - ASIDE);
         PASS_HEAD + ASIDE * self.channels as u64 + turns.sum::<u64>() + PASS_TAIL
     }
 
-    /// From the look at COMMAND until COMMAND reads 0, where all replies come `later` than they
-    /// should.
+    /// Time from the check of COMMAND until COMMAND reads 0, with all replies delayed by `later`.
     fn duration(mut self, later: u64) -> u64 {
         let mut now = TAKE_DOIT;
         // A pass to send; then each reply ends a wait, and is taken in the third pass at the
@@ -236,7 +236,7 @@ impl Walk {
                 break;
             };
             now += PASS_TAIL;
-            // Leaves out the passes in which nothing can happen.
+            // Skips the passes in which nothing can happen.
             let pass = self.pass_with(|station| station.due.map_or(DONE, |_| LOOK));
             now += (earliest.saturating_sub(now) / pass).saturating_sub(1) * pass;
         }

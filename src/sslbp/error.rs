@@ -1,4 +1,4 @@
-//! What can go wrong with a port, and what to do then.
+//! Errors of a port.
 
 use super::{Channel, ChannelMask, CsStatus, PortState};
 use crate::Rounded;
@@ -7,14 +7,14 @@ use alloc::{boxed::Box, string::String};
 use core::time::Duration;
 use thiserror::Error;
 
-/// Why an operation on a port failed.
+/// Reason why an operation on a port failed.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum PortError<E: BusError> {
     /// The bus could not reach the registers.
     #[error(transparent)]
     Bus(#[from] E),
-    /// A bounded wait came to its end.
+    /// A bounded wait has ended without result.
     #[error(
         "SSLBP port {port}: waited {} for {waiting_for}; {registers}: {hint}",
         Rounded(.waited)
@@ -22,29 +22,29 @@ pub enum PortError<E: BusError> {
     Timeout {
         /// The port.
         port: u8,
-        /// What was waited for.
+        /// The awaited condition.
         waiting_for: String,
-        /// How long.
+        /// Time waited.
         waited: Duration,
         /// COMMAND, DATA and CS at the end.
         registers: String,
-        /// What to do.
+        /// Advice on the next step.
         hint: &'static str,
     },
-    /// What the port has, or what was asked of it, is not as it must be: a firmware that is not
-    /// known; a channel or an address that the port does not have; memory of the port, or
-    /// non-volatile memory of a remote, that did not keep what was written.
+    /// The port's state or the request is unexpected: an unsupported firmware; a channel or an
+    /// address that the port does not have; memory of the port, or non-volatile memory of a remote,
+    /// that did not keep the written value.
     #[error("SSLBP port {port}: {what} is {found}, expected {expected}: {hint}")]
     Unexpected {
         /// The port.
         port: u8,
-        /// What differs.
+        /// The unexpected item.
         what: Box<str>,
-        /// What it is.
+        /// Its actual value.
         found: String,
-        /// What it should be.
+        /// Its expected value.
         expected: String,
-        /// What to do.
+        /// Advice on the next step.
         hint: &'static str,
     },
     /// The operation needs another state of the port.
@@ -54,25 +54,25 @@ pub enum PortError<E: BusError> {
     WrongState {
         /// The port.
         port: u8,
-        /// What the operation needs, and how to get there.
+        /// Requirement of the operation, and how to fulfil it.
         needed: String,
-        /// What the port is in.
+        /// Present state of the port.
         state: PortState,
-        /// The channels that run.
+        /// The running channels.
         running: ChannelMask,
     },
-    /// A channel, or the remote on it, did not do what it was to do.
+    /// An operation on a channel, or on the remote there, failed.
     #[error("SSLBP port {port}, channel {channel}: {failed} ({cs}): {hint}")]
     Channel {
         /// The port.
         port: u8,
         /// The channel.
         channel: Channel,
-        /// What failed.
+        /// The operation that failed.
         failed: String,
-        /// Its CS afterwards.
+        /// CS of the channel afterwards.
         cs: CsStatus,
-        /// What to do.
+        /// Advice on the next step.
         hint: &'static str,
     },
 }

@@ -1,14 +1,14 @@
-//! Where the registers of a port are.
+//! Register addresses of a port.
 
 use super::{Channel, ChannelMask, MAX_CHANNELS};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor};
 use alloc::format;
 use alloc::vec::Vec;
 
-/// The most interface registers a channel has: 224 bits.
+/// Largest number of interface registers of a channel: 224 bits.
 pub const MAX_INTERFACE_REGISTERS: u8 = 7;
 
-/// The most ports of a module that are used.
+/// Largest number of ports that are used.
 pub(crate) const MAX_PORTS: u8 = 4;
 
 /// Distance of the registers of neighbouring channels.
@@ -24,7 +24,7 @@ const INTERFACE: u16 = 3;
 pub struct PortPlace {
     /// Its module: [`Gtag::SSERIAL`] or [`Gtag::SSERIAL_B`].
     pub gtag: Gtag,
-    /// Its number among the instances of its kind of module, as pin descriptors have it.
+    /// Its number among the instances of its kind of module, as used in pin descriptors.
     pub unit: u8,
     /// Its registers, with its number on the board.
     pub layout: Layout,
@@ -35,7 +35,7 @@ pub struct PortPlace {
 /// Source: FACTS 2.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Layout {
-    /// Number of the port, 0 to 3: which one of the module it is, or of the board where that has several
+    /// Number of the port, 0 to 3: within its module, or within the board if that has several
     /// serial modules.
     pub instance: u8,
     /// Number of channels, 1 to 8.
@@ -49,9 +49,9 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The ports of an identified board that can be driven, at most 4: those of all serial modules,
-    /// numbered through in the order of the descriptors, as far as they have pins. A port has at most
-    /// the first 8 of its channels.
+    /// The ports of an identified board that can be driven, at most 4: those of all serial modules
+    /// that have pins, numbered consecutively in the order of the descriptors. At most the first 8
+    /// channels of a port are used.
     pub fn ports(hostmot2: &HostMot2) -> Vec<PortPlace> {
         let mut ports = Vec::new();
         for module in &hostmot2.modules {
@@ -78,7 +78,7 @@ impl Layout {
     /// The registers of port `port` of an identified board: see [`ports`](Self::ports).
     ///
     /// # Errors
-    /// There is no such port, or its registers are not where this crate can use them.
+    /// [`HostMot2Error`] if the port does not exist, or its registers are at unsupported addresses.
     pub fn locate(hostmot2: &HostMot2, port: u8) -> Result<Self, HostMot2Error> {
         let mut ports = Self::ports(hostmot2).into_iter();
         if let Some(place) = ports.nth(port.into()) {
@@ -88,8 +88,8 @@ impl Layout {
         Self::new(module, port, hostmot2.sserial_channels(module.gtag, port))
     }
 
-    /// The registers of port `instance` of `module`, which has `channels` channels according to
-    /// the pin descriptors.
+    /// The registers of port `instance` of `module`, which has `channels` channels according to the
+    /// pin descriptors.
     ///
     /// # Errors
     /// As [`locate`](Self::locate).
@@ -115,7 +115,7 @@ impl Layout {
             }
         };
         let registers = interface_registers + INTERFACE as u8;
-        // More registers, or others, are a firmware that is not known.
+        // Any other set of registers belongs to an unsupported firmware.
         let expected = (registers, (1 << registers) - (1 << CS));
         let found = (module.registers, module.multiple_registers);
         if found != expected {
@@ -158,8 +158,8 @@ impl Layout {
         })
     }
 
-    /// Address of COMMAND, if all registers lie in the address space and none overlap. The stride of
-    /// instances holds for the registers that the mask does not have as well.
+    /// Address of COMMAND, if all registers lie in the address space and none overlap. The stride
+    /// of instances also applies to the registers that are not in the mask.
     fn base(module: &ModuleDescriptor, instance: u8, channels: u8, registers: u8) -> Option<u16> {
         let bytes = u16::from(channels) * CHANNEL_STRIDE;
         let (register, stride) = (module.register_stride, module.instance_stride);
@@ -173,7 +173,7 @@ impl Layout {
         (is_aligned && !overlap).then_some(base)
     }
 
-    /// All its channels.
+    /// All channels of the port.
     pub const fn mask(&self) -> ChannelMask {
         ChannelMask::first(self.channels)
     }

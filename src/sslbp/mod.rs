@@ -1,6 +1,6 @@
-//! One SSLBP port: COMMAND, DATA, CS and interface registers.
+//! An SSLBP port: COMMAND, DATA, CS and interface registers.
 //!
-//! Source: manual 7I77, "SSLBP"; FACTS 2 to 6, which win over the manual.
+//! Source: manual 7I77, "SSLBP"; FACTS 2 to 6, which take precedence over the manual.
 
 mod channels;
 mod doit_time;

@@ -1,4 +1,4 @@
-//! The operations of a port: the words for its registers, and how long it takes.
+//! The operations of a port: their register words and durations.
 
 use super::{Channel, ChannelMask, DEFAULT_BAUD_RATE, RemoteAccess, USUAL_REMOTE_LATENCY};
 use core::{fmt, time::Duration};
@@ -16,10 +16,10 @@ const SETUP_START: u32 = 0x0F00;
 /// Manual: 7I77, "COMMAND REGISTER WRITE IGNORE".
 pub const COMMAND_IGNORED: u32 = 1 << 31;
 
-/// The highest address of the port's own memory that COMMAND has room for.
+/// Highest address of the port's own memory that fits into COMMAND.
 pub(super) const LAST_LOCAL: u16 = 0x0FFF;
 
-/// Which START.
+/// Kind of START.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StartMode {
     /// For process data. Manual: 7I77, "NORMAL START".
@@ -28,28 +28,28 @@ pub enum StartMode {
     Setup,
 }
 
-/// One operation of a port: a command, with the registers that belong to it.
+/// An operation of a port: a command, with the registers that belong to it.
 ///
 /// Only the commands that the manuals define can be made: other bits beside DOIT run the transfer
-/// but leave COMMAND busy for ever (FACTS 3).
+/// but leave COMMAND busy permanently (FACTS 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// Stops all channels and initialises everything, baud rates included: 0800.
     ///
-    /// Not while COMMAND is not 0: it would stay there for good. Manual: 7I77, "STOP ALL"; FACTS
-    /// 3.1 says why the manual's "always" is wrong.
+    /// Not allowed while COMMAND is not 0, because it would then stay there permanently. Manual:
+    /// 7I77, "STOP ALL"; FACTS 3.1 explains why the manual's "always" is wrong.
     StopAll,
-    /// Stops these channels; none of them stops nothing, although that word is STOPALL.
+    /// Stops these channels. An empty mask stops nothing, although its word would be STOPALL.
     ///
     /// Manual: 7I77, "STOP INDIVIDUAL CHANNELS".
     Stop(ChannelMask),
-    /// Starts these channels, which are stopped; CS of each holds its software mode.
+    /// Starts these channels, which are stopped; CS of each contains its software mode.
     Start(StartMode, ChannelMask),
     /// Transfers the process data of these channels, which run in normal mode (FACTS 5.5).
     ///
     /// Manual: 7I77, "DOIT".
     Transfer(ChannelMask),
-    /// One access to the remote on a channel that runs in setup mode.
+    /// Performs one access to the remote on a channel that runs in setup mode.
     Access(Channel, RemoteAccess),
     /// Reads a byte of the port's own memory, which has 12 bits of address.
     ///
@@ -58,52 +58,54 @@ pub enum Operation {
     /// Writes a byte, which is in DATA, to the port's own memory. Manual: 7I77, "LOCAL WRITE
     /// OPERATIONS".
     WriteLocal(u16),
-    /// Frees a port that is stuck: ends the waiting, and not what it waits for. 08FF, the only word
-    /// that may be written while COMMAND is not 0; clears COMMAND in 7 us. FACTS 3.1, 3.2.
+    /// Frees a port that is stuck: ends the waiting, but not the operation that is waited for.
+    /// 08FF, the only word that may be written while COMMAND is not 0; clears COMMAND in 7 us.
+    /// FACTS 3.1, 3.2.
     Free,
     /// Holds the port's processor in reset: 4000. FACTS 2.5.
     Reset,
     /// Ends the reset: 0001. FACTS 2.5.
     Release,
-    /// Whatever another host, or an earlier run of this one, has written to COMMAND.
+    /// An unknown command in COMMAND, written by another host or by an earlier run of this one.
     Foreign,
 }
 
-/// How long an operation takes.
+/// Durations of an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Times {
-    /// Until COMMAND is 0, where all is well.
+    /// Until COMMAND is 0, without errors.
     pub usual: Duration,
-    /// After this time COMMAND is stuck.
+    /// Limit after which COMMAND is considered stuck.
     pub longest: Duration,
-    /// From COMMAND = 0 until all registers are as the operation leaves them.
+    /// From COMMAND = 0 until all registers have their final values.
     pub settle: Duration,
 }
 
-/// The firmware's own time for one access: 39 us in all for a byte (FACTS 6.2).
+/// Firmware time of one access, which takes 39 us in all for a byte (FACTS 6.2).
 const FIRMWARE: Duration = Duration::from_micros(7);
 
 impl Operation {
-    /// How long it takes. A port with a clock of 33 MHz takes three times as long as those that
-    /// were recorded.
+    /// Durations of the operation. A port with a clock of 33 MHz takes three times as long as the
+    /// recorded ones.
     ///
-    /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; the longest times against all recordings in
-    /// `tests/protocol/sslbp_stepped.rs`.
+    /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; `tests/protocol/sslbp_stepped.rs` checks the
+    /// longest times against all recordings.
     pub fn times(&self) -> Times {
         let (usual, longest, settle) = match self {
             // The registers are wiped 1 to 6 us after COMMAND is 0.
             Self::StopAll => (125, 5_000, 50),
             Self::Stop(_) => (7, 5_000, 50),
-            // 17 ms for a remote that is absent, which is 20 errors of one kind; there are seven.
+            // 17 ms for an absent remote, which corresponds to 20 errors of one kind; there are
+            // seven kinds.
             Self::Start(StartMode::Normal, _) => (1_000, 120_000, 0),
-            // 55 ms for a remote that is absent.
+            // 55 ms for an absent remote.
             Self::Start(StartMode::Setup, _) => (1_800, 400_000, 0),
             Self::Transfer(_) => (50, 20_000, 0),
             // 49.8 ms without a reply.
             Self::Access(_, access) => (usual_time(*access).as_micros() as u64, 200_000, 0),
             Self::ReadLocal(_) | Self::WriteLocal(_) => (1, 5_000, 0),
-            // It is found twice: soon after COMMAND is 0 it is taken as invalid and cleared once
-            // more, and a command written in between is lost.
+            // Detected twice: soon after COMMAND is 0 the word is treated as invalid and cleared
+            // once more, and a command written in between is lost.
             Self::Free => (7, 5_000, 20),
             Self::Reset => (20, 5_000, 0),
             // The initialisation takes 142 us.
@@ -117,7 +119,7 @@ impl Operation {
         }
     }
 
-    /// The word for COMMAND; one that the register ignores where there is nothing to do.
+    /// The word for COMMAND; a word that the register ignores if there is nothing to do.
     pub fn command(&self) -> u32 {
         match *self {
             Self::StopAll => STOP,
@@ -135,7 +137,7 @@ impl Operation {
         }
     }
 
-    /// The channels that it is about.
+    /// The channels concerned.
     pub const fn channels(&self) -> ChannelMask {
         match self {
             Self::StopAll => ChannelMask::first(u8::MAX),
@@ -145,13 +147,13 @@ impl Operation {
         }
     }
 
-    /// Whether COMMAND may be written with it whatever it reads (FACTS 2.5, 3.1).
+    /// True if COMMAND may be written regardless of its content (FACTS 2.5, 3.1).
     pub(super) const fn interrupts(&self) -> bool {
         matches!(self, Self::Free | Self::Reset | Self::Release)
     }
 }
 
-/// Nothing, for an address that would be cut off to another one.
+/// The request, or an ignored word for an address that would be truncated to another one.
 fn local(request: u32, address: u16) -> u32 {
     if address <= LAST_LOCAL {
         return request | u32::from(address);
@@ -180,24 +182,24 @@ impl fmt::Display for Operation {
     }
 }
 
-/// What CS of a channel is written with before START: its software mode in the top byte.
+/// Word for CS of a channel before START: its software mode in the top byte.
 ///
 /// Manual: 7I77, "REMOTE MODES".
 pub const fn software_mode_word(mode: u8) -> u32 {
     (mode as u32) << 24
 }
 
-/// What a port takes for an access, and how it answers.
+/// Encoding of an access in a port's registers.
 ///
 /// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; FACTS 6.1.
 pub trait PortAccess {
     /// The word for CS: the LBP command in the top byte, the address in the low word.
     fn cs_word(self) -> u32;
 
-    /// The words for interface registers 0 and 1, if it writes.
+    /// The words for interface registers 0 and 1, for a write.
     fn data_words(self) -> Option<[u32; 2]>;
 
-    /// The value that interface registers 0 and 1 hold after a read.
+    /// The value in interface registers 0 and 1 after a read.
     fn value(self, words: [u32; 2]) -> u64;
 }
 
@@ -224,7 +226,7 @@ impl PortAccess for RemoteAccess {
     }
 }
 
-/// How long an access takes without an error, at the default baud rate.
+/// Duration of an access without errors, at the default baud rate.
 fn usual_time(access: RemoteAccess) -> Duration {
     let bits = u64::from(access.characters()) * 10;
     let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));

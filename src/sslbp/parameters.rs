@@ -1,4 +1,4 @@
-//! What a port keeps in its own memory.
+//! Contents of a port's own memory.
 
 use super::Channel;
 
@@ -26,15 +26,16 @@ impl PortParameters {
     /// Address of the clock, four bytes, least significant first. FACTS 2.3.
     pub const CLOCK: u16 = 0x230;
 
-    /// The version that boards have had since 2015, and that this crate is tried with: 1.43.
+    /// The version in boards since 2015, with which this crate is tested: 1.43.
     const USUAL: (u8, u8) = (1, 43);
 
-    /// What to know of a version before the usual one, as a sentence for people.
+    /// Advice for versions older than the usual one, as a sentence for the user.
     pub const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
         which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found: load a \
         newer firmware if a remote is missing or fails";
 
-    /// The port has an older version of SSLBP than this crate is tried with. FACTS 2.3.
+    /// True if the port has an older version of SSLBP than the one this crate is tested with. FACTS
+    /// 2.3.
     pub fn is_old(&self) -> bool {
         (self.major, self.minor) < Self::USUAL
     }
@@ -46,7 +47,7 @@ impl PortParameters {
     }
 }
 
-/// A variable that the firmware keeps for each channel, by its place among them.
+/// A variable that the firmware keeps for each channel, by its offset.
 ///
 /// FACTS 2.4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,10 +1,10 @@
-//! What START found out about each channel.
+//! Results of START for each channel.
 
 use super::{Channel, ComState, CsStatus, LocalFaults, RemoteFaults};
 use core::fmt;
 use thiserror::Error;
 
-/// How many bytes of process data a remote and its channel exchange.
+/// Number of bytes of process data that a remote and its channel exchange.
 ///
 /// FACTS 1.2, 2.4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -26,18 +26,19 @@ impl ProcessDataSizes {
         }
     }
 
-    /// Whether neither direction is larger than in `limit`.
+    /// True if neither direction is larger than in `limit`.
     pub const fn fit(self, limit: Self) -> bool {
         self.rx <= limit.rx && self.tx <= limit.tx
     }
 }
 
-/// The four characters a remote calls itself by, for example `7I77`.
+/// The four characters of a remote's own name, for example `7I77`.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RemoteName(pub [u8; 4]);
 
 impl RemoteName {
-    /// From interface register 1 after START, which holds the name least significant byte first.
+    /// The name from interface register 1 after START, which contains it least significant byte
+    /// first.
     pub const fn from_register(word: u32) -> Self {
         Self(word.to_le_bytes())
     }
@@ -65,7 +66,7 @@ impl fmt::Debug for RemoteName {
     }
 }
 
-/// As four characters; those that can not be printed as `_`.
+/// Serialised as four characters, with `_` for characters that cannot be printed.
 #[cfg(feature = "serde")]
 impl serde::Serialize for RemoteName {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -89,12 +90,12 @@ impl<'de> serde::Deserialize<'de> for RemoteName {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StartedRemote {
-    /// The channel it is on.
+    /// Its channel.
     pub channel: Channel,
-    /// The software mode it was started in.
+    /// The software mode in which it was started.
     pub software_mode: u8,
-    /// Its unit number: printed on the card's label, or set by its owner. 0 if it did not say
-    /// (setup START tolerates that).
+    /// Its unit number: printed on the card's label, or set by the user. 0 if the remote did not
+    /// report one (setup START tolerates that).
     pub unit_number: u32,
     /// Its name.
     pub name: RemoteName,
@@ -102,23 +103,24 @@ pub struct StartedRemote {
     pub ptoc: u16,
     /// Global table of contents; 0 if it does not support discovery.
     pub gtoc: u16,
-    /// Its process data.
+    /// Sizes of its process data.
     pub sizes: ProcessDataSizes,
     /// CS when START was complete.
     pub cs: CsStatus,
 }
 
 impl StartedRemote {
-    /// The card that predates discovery, and has a path of its own in the gateware (FACTS 4.7).
+    /// Name of the card that predates discovery, which the gateware handles separately (FACTS 4.7).
     pub const NAME_7I64: RemoteName = RemoteName(*b"7I64");
 
-    /// Whether it tells its name and nothing else: only its bootloader answers. Its program was cut off
-    /// (FACTS 1.6), or it is older than discovery and unit numbers.
+    /// True if the remote reports its name and nothing else: either only its bootloader answers,
+    /// because its program was cut off (FACTS 1.6), or it predates discovery and unit numbers.
     pub const fn is_bare(&self) -> bool {
         self.unit_number == 0 && self.ptoc == 0 && self.gtoc == 0
     }
 
-    /// What `channel`, started in this software mode, tells in interface registers 0 to 2.
+    /// The remote on `channel`, started in this software mode, from the contents of interface
+    /// registers 0 to 2.
     pub(crate) fn new(
         (channel, software_mode): (Channel, u8),
         [unit_number, name, tables]: [u32; 3],
@@ -137,8 +139,8 @@ impl StartedRemote {
         }
     }
 
-    /// Whether the first byte of its replies is the fault byte, which CS byte 3 shows. The 7I64 has
-    /// none: its first byte is data. Gateware transcript t26.
+    /// True if the first byte of its replies is the fault byte, which CS byte 3 shows. The 7I64 has
+    /// no fault byte: its first byte is data. Gateware transcript t26.
     pub fn has_fault_byte(&self) -> bool {
         self.name != Self::NAME_7I64
     }
@@ -170,28 +172,28 @@ impl fmt::Display for StartedRemote {
 pub struct StartFailure {
     /// The channel.
     pub channel: Channel,
-    /// Why.
+    /// Reason of the failure.
     pub reason: StartFailureReason,
     /// CS after START.
     pub cs: CsStatus,
 }
 
-/// Why START failed, as far as the registers tell.
+/// Reason why START failed, as far as the registers indicate it.
 ///
 /// FACTS 4.3 to 4.5, 5.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[non_exhaustive]
 pub enum StartFailureReason {
-    /// Nothing answers.
+    /// No reply at all.
     #[error(
         "no reply; check that a remote is connected to this channel and has power (field power \
          too, where it is powered from there)"
     )]
     NoReply,
-    /// Something answered at first, and then no more.
+    /// A remote answered at first, and then stopped.
     #[error("the remote answered at first and then stopped; check its cable and its power")]
     StoppedAnswering,
-    /// Something answers, but it is not a remote.
+    /// The replies do not come from a remote.
     #[error(
         "what answers is not a remote (wrong cookie); check the baud rate and what is connected"
     )]
@@ -204,10 +206,10 @@ pub enum StartFailureReason {
     /// Too many replies with a wrong CRC.
     #[error("too many CRC errors; check cable, shield and ground")]
     BadCrc,
-    /// Too many replies with more characters than they should have.
+    /// Too many replies with more characters than expected.
     #[error("replies are too long; check for noise, and for two remotes on one line")]
     ExtraCharacters,
-    /// Characters that come while a request is sent, and nothing else.
+    /// Only characters received while a request is sent.
     #[error(
         "characters come while a request is sent; check for noise, and for two remotes on one line"
     )]
@@ -215,46 +217,47 @@ pub enum StartFailureReason {
     /// The remote's LBP status does not become clear.
     #[error("the remote keeps reporting LBP errors; power it off and on, then check the cable")]
     StatusStuck,
-    /// The remote does not tell its unit number (RPC BC).
+    /// The remote does not report its unit number (RPC BC).
     #[error("the remote does not tell its unit number; its firmware may be damaged or too old")]
     NoUnitNumber,
-    /// The remote does not tell its sizes (RPC BB).
+    /// The remote does not report its sizes (RPC BB).
     #[error("the remote does not tell its process data sizes; its firmware may be too old")]
     NoSizes,
-    /// The remote does not know the software mode.
+    /// The remote does not have the software mode.
     #[error("the remote does not have software mode {0}; choose another")]
     IllegalMode(u8),
-    /// A fault that could not be cleared.
+    /// A fault remains that could not be cleared.
     #[error("the remote's fault can not be cleared: {0}")]
     FaultRemains(RemoteFaults),
-    /// More process data than the interface registers hold.
+    /// The remote has more process data than the interface registers can hold.
     #[error(
         "its process data (RX {}, TX {} bytes) is larger than the interface registers take (RX {}, \
          TX {}); choose another software mode, or a firmware with wide SSLBP",
         sizes.rx, sizes.tx, limit.rx, limit.tx
     )]
     SizesTooLarge {
-        /// What the remote asks for.
+        /// Sizes that the remote requires.
         sizes: ProcessDataSizes,
-        /// What there is room for.
+        /// Largest sizes that fit.
         limit: ProcessDataSizes,
     },
     /// The remote is identified, but does not answer to process data.
     #[error("the remote is identified but does not answer to process data; power it off and on")]
     NoProcessData,
-    /// The remote was started, and then had too many errors before the first DOIT.
+    /// The remote was started, but had too many errors before the first DOIT.
     #[error("the remote was started and then had too many errors; check cable and power")]
     DiedInChatter,
     /// START is complete, but this channel never became ready.
     #[error("START is complete but the channel is not ready; stop and start it")]
     NotReady,
-    /// Nothing of all this.
+    /// The registers match none of these reasons.
     #[error("the registers do not say why; stop and start it again")]
     Unknown,
 }
 
 impl StartFailureReason {
-    /// The reason that the registers give: those of `found`, as far as START came.
+    /// The reason that the registers indicate; `found` contains what START had read up to the
+    /// failure.
     pub(super) fn of(found: &StartedRemote, limit: ProcessDataSizes) -> Self {
         let StartedRemote { cs, sizes, .. } = *found;
         let (local, remote) = (cs.local_faults(), cs.remote_faults());
@@ -275,12 +278,13 @@ impl StartFailureReason {
             ComState::ClearOutputs => Self::NoProcessData,
             ComState::Chatter => Self::DiedInChatter,
             ComState::PassThrough | ComState::ProcessData => Self::NotReady,
-            // It went back to the start until it had too many errors.
+            // START restarted repeatedly until it had too many errors.
             _ if local.contains(LocalFaults::INVALID_COOKIE) => Self::WrongCookie,
             _ if local.contains(LocalFaults::CRC) => Self::BadCrc,
             _ if local.contains(LocalFaults::EXTRA_CHARACTER) => Self::ExtraCharacters,
             _ if local.contains(LocalFaults::REMOTE_FAULT) => Self::StatusStuck,
-            // By itself no reason to give up (FACTS 11.8), so that everything else goes first.
+            // A timeout alone is no reason to give up (FACTS 11.8), so all other reasons are
+            // checked before it.
             _ if local.contains(LocalFaults::TIMEOUT) => {
                 if is_identified {
                     Self::StoppedAnswering
@@ -308,7 +312,7 @@ mod tests {
         StartFailureReason::of(&found, LIMIT)
     }
 
-    /// FACTS 5.6: RX 13, TX 12 is the most that works.
+    /// FACTS 5.6: RX 13, TX 12 is the largest size that works.
     #[test]
     fn thirteen_and_twelve_bytes_are_the_most_for_three_registers() {
         assert_eq!(LIMIT, ProcessDataSizes { rx: 13, tx: 12 });
@@ -327,7 +331,7 @@ mod tests {
         assert_eq!(reason(0x0001_E188, none, 0, 0), R::NoReply);
         assert_eq!(reason(0x0002_E188, none, 0, 0), R::NoReply);
         assert_eq!(reason(0x0001_E188, known, 5, 2), R::StoppedAnswering);
-        // An overrun beside it hides nothing (FACTS 11.8).
+        // An additional overrun does not hide the reason (FACTS 11.8).
         assert_eq!(reason(0x0001_E18C, none, 0, 0), R::NoReply);
         assert_eq!(reason(0x0001_E1C4, none, 0, 0), R::StatusStuck);
         assert_eq!(reason(0x0004_E1B4, none, 0, 0), R::LineLow);

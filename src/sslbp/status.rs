@@ -1,4 +1,4 @@
-//! CS and DATA as the host reads them.
+//! CS and DATA as read by the host.
 
 use super::StartMode;
 use crate::lbp::{RemoteFaults, write_flags};
@@ -17,14 +17,15 @@ bitflags! {
         const REMOTE_FAULT = 0x40;
         /// The line from the remote was low for longer than a character.
         const SERIAL_BREAK = 0x20;
-        /// More characters than the reply has.
+        /// More characters than expected in the reply.
         const EXTRA_CHARACTER = 0x10;
         /// No reply, or too short a one, in time.
         const TIMEOUT = 0x08;
-        /// A character completed within 20 to 50 ns before a request was sent. It is not a full FIFO, and
-        /// no sign of damaged data: on a line held low about one DOIT in 200 sets it (FACTS 11.8).
+        /// A character completed within 20 to 50 ns before a request was sent. Indicates neither a
+        /// full FIFO nor damaged data: on a line held low about one DOIT in 200 sets it (FACTS
+        /// 11.8).
         const OVERRUN = 0x04;
-        /// Something answers that is not a remote.
+        /// The device that answers is not a remote.
         const INVALID_COOKIE = 0x02;
         /// A reply with a wrong CRC.
         const CRC = 0x01;
@@ -33,7 +34,7 @@ bitflags! {
 }
 
 bitflags! {
-    /// Communication status: CS byte 1. Nothing set is good.
+    /// Communication status: CS byte 1. All bits clear is the good state.
     ///
     /// Manual: 7I77, "CS REGISTER AFTER START".
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -42,9 +43,9 @@ bitflags! {
         const NOT_READY = 0x80;
         /// The remote has not been identified.
         const NO_REMOTE_ID = 0x40;
-        /// There was a communication error or a remote fault since the last stop.
+        /// A communication error or a remote fault has occurred since the last stop.
         const COMMUNICATION_ERROR = 0x20;
-        /// There was a remote fault since the last stop, or the channel is stopped.
+        /// A remote fault has occurred since the last stop, or the channel is stopped.
         const REMOTE_FAULT = 0x01;
         const _ = !0;
     }
@@ -84,40 +85,40 @@ impl fmt::Display for LinkStatus {
     }
 }
 
-/// Where a channel is in its conversation with the remote: CS byte 2.
+/// State of a channel in its communication with the remote: CS byte 2.
 ///
-/// The code itself is at [`CsStatus::state_code`]. The manual calls it "debug only", yet it tells how
-/// far a START came.
+/// The code itself is at [`CsStatus::state_code`]. The manual calls it "debug only", yet it
+/// indicates how far a START has come.
 ///
 /// Source: FACTS 4.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ComState {
     /// Stopped.
     Stopped,
-    /// START identifies the remote and prepares it, in steps that have no name of their own here.
+    /// START identifies and prepares the remote, in steps that have no names here.
     Starting,
-    /// Asks for the unit number.
+    /// Requests the unit number.
     UnitNumber,
-    /// Asks for sizes and tables.
+    /// Requests sizes and tables.
     Sizes,
     /// Sends the first process data, all zeros.
     ClearOutputs,
-    /// Waits until the remote has tried to clear its faults, and checks that none is left.
+    /// Waits until the remote has tried to clear its faults, and checks that none remains.
     CheckFaults,
     /// Sends zeros until the first DOIT.
     Chatter,
-    /// Setup mode, one access for each DOIT.
+    /// Setup mode, with one access in each DOIT.
     PassThrough,
-    /// Process data for each DOIT.
+    /// Process data in each DOIT.
     ProcessData,
-    /// A code that is not known.
+    /// An unknown code.
     Unknown,
 }
 
 use ComState as S;
 
-/// First and last code of each step, one to prepare it and one or more to wait, and what the channel
-/// does there.
+/// First and last code of each step, one to prepare it and one or more to wait, and the activity of
+/// the channel there.
 const STEPS: [(u8, u8, ComState, &str); 20] = [
     (0x00, 0x00, S::Stopped, "stopped"),
     (0x01, 0x02, S::Starting, "waits before the first request"),
@@ -141,7 +142,7 @@ const STEPS: [(u8, u8, ComState, &str); 20] = [
     (0x42, 0x43, S::ProcessData, "running"),
 ];
 
-/// What CS of a channel reads.
+/// Content of a channel's CS register.
 ///
 /// Manual: 7I77, "CS REGISTER AFTER START", "CS REGISTER AFTER DOIT".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -160,7 +161,7 @@ impl CsStatus {
         LinkStatus::from_bits_retain((self.0 >> 8) as u8)
     }
 
-    /// How far the channel is.
+    /// State of the channel.
     pub fn state(self) -> ComState {
         self.step().0
     }
@@ -179,28 +180,28 @@ impl CsStatus {
         (self.0 >> 16) as u8
     }
 
-    /// What the remote reported with the last reply. What a remote said before survives STOPALL and
-    /// START until the first DOIT completes (FACTS 3.7).
+    /// Faults in the remote's last reply. Faults reported before survive STOPALL and START until
+    /// the first DOIT completes (FACTS 3.7).
     pub const fn remote_faults(self) -> RemoteFaults {
         RemoteFaults::from_bits_retain((self.0 >> 24) as u8)
     }
 
-    /// Whether START has identified the remote and is complete.
+    /// True if START has identified the remote and is complete.
     ///
-    /// The communication-error bit is sticky and says nothing about now, so it does not count
-    /// (FACTS 6.2: the access after a lost reply is fine).
+    /// The communication-error bit is ignored, because it is sticky and does not describe the
+    /// present state (FACTS 6.2: the access after a lost reply is fine).
     pub const fn is_ready(self) -> bool {
         let pending = LinkStatus::NOT_READY.union(LinkStatus::NO_REMOTE_ID);
         !self.link().intersects(pending)
     }
 
-    /// Whether the channel is as after power-up or a stop.
+    /// True if the channel has the state after power-up or a stop.
     pub const fn is_stopped(self) -> bool {
         self.state_code() == 0 && self.link().bits() == 0xC1
     }
 
-    /// Whether a channel that was stopped before has come through this START. DATA does not count:
-    /// of a START that the network delivered twice it says FF (FACTS 3.3).
+    /// True if a channel that was stopped before has completed this START. DATA is ignored: after a
+    /// START that the network delivered twice it reads FF (FACTS 3.3).
     pub(crate) fn has_started(self, mode: StartMode) -> bool {
         let arrived = match mode {
             StartMode::Normal => S::Chatter,
@@ -209,7 +210,7 @@ impl CsStatus {
         self.state() == arrived && self.is_ready()
     }
 
-    /// Whether the channel is in one of the states that exchange process data with DOIT.
+    /// True if the channel is in one of the states in which DOIT exchanges process data.
     pub(super) fn transfers_data(self) -> bool {
         self.state() == S::ProcessData && self.is_ready()
     }

@@ -7,18 +7,18 @@ use super::words::By;
 use super::{Phase, Words};
 use crate::bus::{Access, RegisterBus};
 
-/// What a read of the cycle is to hold.
+/// Requested form of a cycle's read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ask {
-    /// The registers wait for the board's next period, where it paces.
+    /// The registers wait for the board's next period, if the board paces.
     pub held: bool,
-    /// More than the usual registers are read.
+    /// The extra registers are read as well.
     pub extra: bool,
-    /// The writes of the cycle are in the same exchange, before it.
+    /// The writes of the cycle precede the read in the same exchange.
     pub with_writes: bool,
 }
 
-/// The prepared lists of a frozen image, which move its [`Words`].
+/// The prepared lists of a frozen image, which transfer its [`Words`].
 ///
 /// # Real time
 /// No function allocates or panics; the exchanges are bounded by the bus.
@@ -40,7 +40,7 @@ pub(super) struct Lists<L> {
     pub quiesce: L,
 }
 
-/// Reads that the board holds back.
+/// Reads that the board delays until its next period.
 #[derive(Debug)]
 pub(super) struct Paced<L> {
     pub read: [L; 2],
@@ -59,18 +59,18 @@ impl<L> Lists<L> {
     }
 }
 
-/// What a usual cycle exchanges.
+/// The lists of a usual cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct CycleLists<'a, L> {
     /// The read, at the host's pace.
     pub read: &'a L,
     /// The write, at the host's pace.
     pub write: &'a L,
-    /// All of it, at the board's pace.
+    /// Write and read in one list, at the board's pace.
     pub paced: Option<&'a L>,
 }
 
-/// A register of the cycle, and where its word is.
+/// A register of the cycle, and the place of its word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Exchanged {
     pub way: Way,
@@ -78,20 +78,20 @@ pub(crate) struct Exchanged {
     pub(super) place: u16,
 }
 
-/// Which way a word of the cycle goes.
+/// Direction of a word in the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
-    /// It is read.
+    /// Read in every cycle.
     Read,
-    /// It is written in every cycle.
+    /// Written in every cycle.
     Write,
-    /// It is written where it has changed, and with the set-up.
+    /// Written when it has changed, and with the set-up.
     Setting,
 }
 
 impl<B: RegisterBus> Exchanges<B> {
-    /// The registers of a cycle with all that it may hold: those that are read, then those that are
-    /// written, then settings. Belongs to set-up: it allocates.
+    /// All registers that a cycle may contain: those that are read, then those that are written,
+    /// then settings. For set-up: allocates.
     pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
         let Lists { read, write, .. } = &self.lists;
         let [_, read] = read;
@@ -128,15 +128,15 @@ impl<B: RegisterBus> Exchanges<B> {
         }
     }
 
-    /// Sends the request of a read; [`finish`](Self::finish) takes its reply.
+    /// Sends the request of a read; [`finish`](Self::finish) receives its reply.
     pub fn start_read(&self, bus: &mut B, words: &Words, ask: Ask) -> Result<Ask, B::Error> {
         bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
 
-    /// Writes, and asks for the next reads in the same exchange. Settings that have changed are
-    /// written ahead, with all other writes, unless everything is to be `quiet`. `None`: the writes
-    /// were made, and the reads were not asked for.
+    /// Writes, and requests the next read in the same exchange. Changed settings are written in a
+    /// separate exchange before it, together with all other writes, unless the cycle is `quiet`.
+    /// Returns `None` if the writes were made but the read could not be requested.
     pub fn start_cycle(
         &mut self,
         bus: &mut B,
@@ -155,26 +155,26 @@ impl<B: RegisterBus> Exchanges<B> {
         Ok(self.start_read(bus, words, ask).ok())
     }
 
-    /// Takes the reply to what was started.
+    /// Receives the reply to a started read.
     pub fn finish(&self, bus: &mut B, words: &mut Words, started: Ask) -> Result<(), B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
         words.heard(reply);
         Ok(())
     }
 
-    /// Writes the registers of every cycle, triggers last, and the settings that have changed; without
-    /// those if everything is to be `quiet`, because the board is not set up.
+    /// Writes the registers of every cycle, triggers last, and the settings that have changed. The
+    /// settings are left out if the cycle is `quiet`, because the board is not set up.
     pub fn write(&mut self, bus: &mut B, words: &mut Words, quiet: bool) -> Result<(), B::Error> {
         if quiet || !words.has_news() {
-            // A write has no reply of its own: the next read tells what became of it.
+            // A write has no reply of its own: its result shows in the next read.
             let _ = bus.run(&self.lists.write, &mut words.content)?;
             return Ok(());
         }
         self.write_parts(bus, words, By::Cycle)
     }
 
-    /// Writes the settings of the set-up that have changed, those included that drive pins. The
-    /// evidence has to be read before and [after](Words::guarded_sent) it.
+    /// Writes the settings of the set-up that have changed, including those that drive pins. The
+    /// evidence must be read before and [after](Words::guarded_sent) this call.
     pub fn write_guarded(&mut self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_either();
         self.write_parts(bus, words, By::Guarded)
@@ -187,22 +187,22 @@ impl<B: RegisterBus> Exchanges<B> {
         Ok(())
     }
 
-    /// Reads the status registers alone.
+    /// Reads only the status registers.
     pub fn read_status(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
         words.heard(reply);
         Ok(())
     }
 
-    /// Reads all evidence alone.
+    /// Reads only the evidence registers, all of them.
     pub fn read_evidence(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
         words.heard(reply);
         Ok(())
     }
 
-    /// Writes the whole set-up again, with the words that the settings have now, and reads all
-    /// evidence after it. Whoever finds it good calls [`Words::all_set`].
+    /// Writes the whole set-up again, with the present words of the settings, and reads all
+    /// evidence after it. If the evidence matches, the caller calls [`Words::all_set`].
     pub fn set_up(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut words.content)?;
@@ -217,15 +217,15 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 }
 
-/// Everything that is written, for writes that hold settings.
+/// All writes, as needed for exchanges that contain settings.
 #[derive(Debug)]
 pub(super) struct Parts {
     first: Vec<Access>,
     data: Vec<Access>,
-    /// Each by itself, stage by stage, with its number.
+    /// Single accesses, stage by stage, each with its number.
     settings: Vec<(u16, Access)>,
     triggers: Vec<Access>,
-    /// What is written next. It has room for everything.
+    /// The accesses of the next write; its capacity suffices for all of them.
     chosen: Vec<Access>,
 }
 
@@ -250,10 +250,10 @@ impl Parts {
         }
     }
 
-    /// Data, and the settings that go `by` this write. That of the cycle has all other writes as well,
-    /// where they are without settings. One that drives pins ends with what comes first otherwise, the
-    /// watchdog's word: it bites on a board that was reset before or meanwhile, whose watchdog has no
-    /// time.
+    /// Chooses the data and the settings that belong to this kind of write. The write of the cycle
+    /// contains all other writes as well, in the same places as without settings. A write that
+    /// drives pins ends with the watchdog's word, which comes first otherwise: the watchdog bites
+    /// on a board that was reset before or meanwhile, because its time is then 0.
     fn choose(&mut self, words: &Words, by: By) -> &[Access] {
         let (before, after) = match by {
             By::Cycle => (&self.first[..], &self.triggers),

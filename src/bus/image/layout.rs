@@ -1,4 +1,5 @@
-//! Registers become runs of neighbours, and each gets its place in the word buffer.
+//! Layout: registers are merged into runs of neighbours, and each gets its place in the word
+//! buffer.
 
 use alloc::{vec, vec::Vec};
 use core::time::Duration;
@@ -8,19 +9,19 @@ use super::plan::{Again, ImagePlan, Register, StepPlace, push};
 use super::{Phase, Stage, Words};
 use crate::bus::{Access, Direction, Hold, RegisterBus};
 
-/// Reads that are at most this many registers apart are merged, and what lies between is read along and
-/// ignored: on Ethernet one register more costs four bytes, as does a command.
+/// Reads are merged across gaps of up to this many registers, which are read along and ignored: on
+/// Ethernet an additional register costs four bytes, and so does a command.
 const BRIDGE: u16 = 1;
 
 impl ImagePlan {
-    /// Sorts and merges what was registered, gives each register its place in the word buffer, and has
-    /// the bus prepare all lists. Nothing is exchanged.
+    /// Sorts and merges the registered accesses, gives each register its place in the word buffer,
+    /// and has the bus prepare all lists. Nothing is exchanged.
     ///
-    /// `held`: the board paces, and holds the reads of a cycle back at most so long. The plan has been
-    /// [checked](Self::check).
+    /// `held`: if the board paces, the longest time by which it delays the reads of a cycle. The
+    /// plan has been [checked](Self::check).
     ///
     /// # Errors
-    /// What the bus says of a list, for example that it does not fit a packet.
+    /// Errors of the bus about a list, for example that it does not fit a packet.
     pub(crate) fn freeze<B: RegisterBus>(
         &self,
         bus: &mut B,
@@ -97,15 +98,15 @@ impl ImagePlan {
 /// Registers that are read, or written, in the order of the exchange.
 struct Block {
     direction: Direction,
-    /// With the place of each in the word buffer.
+    /// Each register with its place in the word buffer.
     places: Vec<(u16, Register)>,
     /// One past the last place.
     end: u16,
 }
 
 impl Block {
-    /// Behind `first` other words. The registers between neighbours that are read along have a place
-    /// as well.
+    /// Block behind `first` other words. Registers in gaps that are read along have a place as
+    /// well.
     fn new(direction: Direction, registers: &[Register], first: u16) -> Self {
         let mut registers = registers.to_vec();
         registers.sort_by_key(|register| (register.phase, register.address, register.is_extra));
@@ -130,7 +131,7 @@ impl Block {
         }
     }
 
-    /// The places of `registers`, which this was made of.
+    /// The places of `registers`, from which this block was made.
     fn index(&self, registers: &[Register]) -> Vec<u16> {
         let key = |register: &Register| (register.phase, register.address);
         let place = |register| {
@@ -141,7 +142,7 @@ impl Block {
         registers.iter().map(place).collect()
     }
 
-    /// The accesses to those that are `wanted`.
+    /// The accesses to the registers that are `wanted`.
     fn runs(&self, wanted: impl Fn(&Register) -> bool) -> Vec<Access> {
         let mut runs: Vec<(Phase, Access)> = Vec::new();
         for &(first, register) in self.places.iter().filter(|(_, register)| wanted(register)) {

@@ -1,39 +1,39 @@
-//! What modules register, while it is collected.
+//! Registration of the modules' registers.
 
 use alloc::vec::Vec;
 
 use crate::bus::{Access, RegisterBus};
 
-/// When a register is read or written within an exchange.
+/// Position of a register within an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Phase {
-    /// Before everything else: reads that latch or mark a time, and writes without which no data may
-    /// be executed.
+    /// Before everything else: reads that latch or mark a time, and writes without which no data
+    /// may be executed.
     First,
-    /// Reads that say whether the data after them can be trusted.
+    /// Reads that show whether the data after them can be trusted.
     Status,
     /// Data.
     Data,
     /// After all data: writes that start something with it.
     Trigger,
-    /// After all data: reads that show whether the board still has its set-up. If they do, it had it
+    /// After all data: reads that show whether the board still has its set-up. If it has, it had it
     /// while everything before them was read.
     Evidence,
 }
 
-/// The steps of the set-up, in their order: nothing is driven early.
+/// The stages of the set-up, in their order: nothing is driven early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stage {
-    /// Drives nothing.
+    /// Stops driving all pins.
     Quiesce,
-    /// What modules do.
+    /// Configures the functions of the modules.
     Configure,
-    /// Which pins they do it on.
+    /// Routes the functions to pins.
     Route,
-    /// Drives the pins. Everything before protects this: while it is not done, each of the others can
-    /// be written alone, late or twice, and nothing is driven.
+    /// Drives the pins. Everything before protects this: as long as this stage has not run, each of
+    /// the others can be written alone, late or twice, and nothing is driven.
     Drive,
-    /// What has to wait until the pins are driven.
+    /// Writes that must wait until the pins are driven.
     Enable,
 }
 
@@ -49,13 +49,13 @@ pub struct WriteSlot(pub(super) u16);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Setting(pub(super) u16);
 
-/// Why an image can not be planned: a register that is none, or that two modules want.
+/// Reason why an image cannot be planned: an impossible register, or one that two modules claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("register {address:#06X} {what}")]
 pub struct ImageError {
     /// The register.
     pub address: u16,
-    /// What is wrong with it, and what to do.
+    /// The problem, and what to do.
     pub what: &'static str,
 }
 
@@ -64,9 +64,9 @@ pub struct ImageError {
 pub(super) struct Register {
     pub phase: Phase,
     pub address: u16,
-    /// Of one that is read: only in reads that hold more than usual.
+    /// For a read: contained only in reads with extra registers.
     pub is_extra: bool,
-    /// Of one that is written: its word until another one is put.
+    /// For a write: its word until another one is put.
     pub word: u32,
 }
 
@@ -77,9 +77,9 @@ pub(super) struct SettingRegister {
     pub stage: Option<Stage>,
     pub address: u16,
     pub word: u32,
-    /// It drives pins, and a reset clears it.
+    /// True if it drives pins, and a reset clears it.
     is_drive: bool,
-    /// Where it is read back as evidence, if the board reads it back.
+    /// Slot in which it is read back as evidence, if the board reads it back.
     pub shown: Option<ReadSlot>,
 }
 
@@ -88,12 +88,12 @@ pub(super) struct SettingRegister {
 pub(super) struct Step {
     pub place: StepPlace,
     pub address: u16,
-    /// What it writes at first; `None`: nothing.
+    /// Word of the first set-up; `None` to write nothing then.
     first: Option<u32>,
     pub again: Again,
 }
 
-/// When a step is done.
+/// Position of a step in the set-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum StepPlace {
     Opening,
@@ -101,20 +101,21 @@ pub(super) enum StepPlace {
     Closing,
 }
 
-/// What a step writes when the set-up is written again.
+/// Word of a step when the set-up is written again.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Again {
-    /// The word that the setting has then.
+    /// The present word of the setting.
     Setting(Setting),
     /// The safe word of an output.
     Safe(WriteSlot),
     Word(u32),
 }
 
-/// The registers of all modules, while they are collected. Registering one says everything about it.
+/// The registers of all modules, while they are collected. A single call registers a register
+/// completely.
 ///
 /// Addresses are multiples of 4. Any number of modules may read a register, all in the same phase;
-/// one may write it. Belongs to set-up: it allocates, and nothing is written to the board yet.
+/// only one may write it. For set-up: allocates, and writes nothing to the board yet.
 #[derive(Clone, Debug, Default)]
 pub struct ImagePlan {
     pub(super) reads: Vec<Register>,
@@ -124,19 +125,20 @@ pub struct ImagePlan {
 }
 
 impl ImagePlan {
-    /// A register that is read in every cycle. Several may name the same.
+    /// Registers a read in every cycle. Several modules may read the same register.
     pub fn read(&mut self, phase: Phase, address: u16) -> ReadSlot {
         add_read(&mut self.reads, phase, address, false)
     }
 
-    /// A register that is only read after somebody
-    /// [asked](crate::modules::WriteCycle::ask_extra) for it, and when the driver looks closely.
+    /// Registers a read that is made only after a module has
+    /// [requested](crate::modules::WriteCycle::ask_extra) it, and when the driver checks the
+    /// evidence.
     pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
         add_read(&mut self.reads, phase, address, true)
     }
 
-    /// A register that is written in every cycle and with the set-up, then as `safe`. Nothing else
-    /// may write it, but for [steps](Self::step).
+    /// Registers a write in every cycle and with the set-up, which writes `safe`. Nothing else may
+    /// write the register, except [steps](Self::step).
     pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
         let slot = self.write(Phase::Data, address, safe);
         let place = StepPlace::In(Stage::Configure);
@@ -144,9 +146,9 @@ impl ImagePlan {
         slot
     }
 
-    /// A register that is written in every cycle, as `word` until another one is put, and not with the
-    /// set-up: what it has after a reset until then must do no harm. Nothing else may write it, but for
-    /// [steps](Self::step).
+    /// Registers a write in every cycle, of `word` until another one is put, but not with the
+    /// set-up: the content of the register between a reset and the first write must do no harm.
+    /// Nothing else may write it, except [steps](Self::step).
     pub fn write(&mut self, phase: Phase, address: u16, word: u32) -> WriteSlot {
         let register = Register {
             phase,
@@ -157,21 +159,22 @@ impl ImagePlan {
         WriteSlot(push(&mut self.writes, register))
     }
 
-    /// A register that is written with the set-up, when its word changes, and after a reset: always
-    /// with the word it has then. Nothing else may write it, but for [steps](Self::step).
+    /// Registers a setting: written with the set-up, when its word changes, and after a reset,
+    /// always with its present word. Nothing else may write the register, except
+    /// [steps](Self::step).
     ///
-    /// One of [`Stage::Drive`] or [`Stage::Enable`] that changes in the cycle is only written to a
-    /// board that is seen to be set up before and after it.
+    /// A setting of [`Stage::Drive`] or [`Stage::Enable`] that changes in the cycle is only written
+    /// to a board that is found to be set up before and after the write.
     pub fn setting(&mut self, stage: Stage, address: u16, word: u32) -> Setting {
         self.add_setting(Some(stage), address, word, false)
     }
 
-    /// A setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
+    /// Registers a setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
     pub(crate) fn drive(&mut self, address: u16, word: u32) -> Setting {
         self.add_setting(Some(Stage::Drive), address, word, true)
     }
 
-    /// A register that is written in the cycles in which its word changes or is
+    /// Registers a write in the cycles in which its word changes or is
     /// [repeated](super::Words::repeat), and never with the set-up.
     pub fn on_demand(&mut self, address: u16) -> Setting {
         self.add_setting(None, address, 0, false)
@@ -199,11 +202,12 @@ impl ImagePlan {
         setting
     }
 
-    /// Looks whether the board, which has been set up, reads back what [drives](Self::drive) its
-    /// pins. If so, that is [evidence](super::Words::stands) in every read that holds more than usual.
+    /// Detects whether the board, which has been set up, reads back the settings that
+    /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::stands) in every
+    /// read with extra registers.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub(crate) fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let mut reads_back = false;
         let drives = self.settings.iter_mut().filter(|setting| setting.is_drive);
@@ -218,19 +222,21 @@ impl ImagePlan {
         Ok(())
     }
 
-    /// A write of the set-up whose word stays. The order within a stage is that of the calls.
+    /// Adds a write of the set-up with a fixed word. The order within a stage is that of the calls.
     pub fn step(&mut self, stage: Stage, address: u16, word: u32) {
         let place = StepPlace::In(stage);
         self.add_step(place, address, Some(word), Again::Word(word));
     }
 
-    /// A write before all stages: `first` at first, `again` when the set-up is written again.
+    /// Adds a write before all stages, with one word for the first set-up and one for writing it
+    /// again.
     pub(crate) fn opening(&mut self, address: u16, first: u32, again: u32) {
         let again = Again::Word(again);
         self.add_step(StepPlace::Opening, address, Some(first), again);
     }
 
-    /// A write after all stages: `first` at first, `again` when the set-up is written again.
+    /// Adds a write after all stages, with one word for the first set-up and one for writing it
+    /// again.
     pub(crate) fn closing(&mut self, address: u16, first: Option<u32>, again: u32) {
         self.add_step(StepPlace::Closing, address, first, Again::Word(again));
     }
@@ -244,7 +250,7 @@ impl ImagePlan {
         });
     }
 
-    /// Addresses and words of the set-up as it is written first, in order.
+    /// Addresses and words of the first set-up, in order.
     pub(crate) fn first_set_up(&self) -> Vec<(u16, u32)> {
         let steps = self.sorted_steps().into_iter();
         steps
@@ -262,14 +268,14 @@ impl ImagePlan {
     /// Writes the set-up for the first time: in one exchange, acknowledged.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         let (accesses, mut words) = Access::writes(self.first_set_up());
         bus.exchange(&accesses, &mut words)
     }
 
-    /// Refuses registers that can not be, that two write, or that are read or written at a time that
-    /// does not fit.
+    /// Refuses impossible addresses, registers with two writers, and registers that are read or
+    /// written in an unsuitable phase.
     pub(crate) fn check(&self) -> Result<(), ImageError> {
         let mut reads: Vec<_> = self.reads.iter().map(|r| (r.address, r.phase)).collect();
         reads.sort_unstable();
@@ -301,7 +307,7 @@ impl ImagePlan {
     }
 }
 
-/// An address that is there twice.
+/// An address that occurs twice.
 fn twice(mut addresses: Vec<u16>) -> Option<u16> {
     addresses.sort_unstable();
     let mut pairs = addresses.windows(2);
@@ -319,7 +325,7 @@ fn add_read(reads: &mut Vec<Register>, phase: Phase, address: u16, is_extra: boo
     ReadSlot(push(reads, register))
 }
 
-/// Adds to a list; returns the number of what was added.
+/// Adds to a list; returns the number of the new item.
 pub(super) fn push<T>(list: &mut Vec<T>, item: T) -> u16 {
     let number = list.len();
     debug_assert!(

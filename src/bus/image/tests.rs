@@ -4,7 +4,7 @@ use core::convert::Infallible;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
-/// A bus that remembers what was written, in which order, and answers reads with what was written
+/// A bus that records the writes in their order, and answers reads with the last word written
 /// there, or else with a function of the address.
 #[derive(Default)]
 struct Memory {
@@ -263,8 +263,8 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
 }
 
-/// Behind the settings there are the safe words, and behind these the steps: a number that this image
-/// does not have must reach neither. In a debug build it is loud.
+/// Behind the settings come the safe words, and behind these the steps: a number that this image
+/// does not have must reach neither. In a debug build it panics.
 fn after_a_mistake(mistake: fn(&mut Words)) -> Vec<(u16, u32)> {
     let mut plan = ImagePlan::default();
     plan.output(0x4000, 7);
@@ -347,7 +347,7 @@ fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
     image.words.all_set();
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), []);
-    // The first of the writes has come once more.
+    // A duplicate of the first write arrives late.
     image.words.confirm(false);
     assert!(image.words.has_guarded_news());
     assert_eq!(written(&mut image, &mut bus), [(0x1400, 2)]);
@@ -359,7 +359,7 @@ fn every_reply_since_the_news_were_taken_counts() {
     plan.read(Phase::Status, 0x0100);
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
-    // A doubt that tells no more looks as if nothing had been heard.
+    // An uncertain reply without details looks as if nothing had been received.
     bus.reply = Some(Reply {
         certain: false,
         ..Reply::CERTAIN
@@ -422,7 +422,7 @@ fn what_can_not_be_planned_is_refused_with_the_register_at_fault() {
 
 proptest! {
     /// Whatever is registered, each slot reads its own register, each register is written once with
-    /// what was put, and no trigger is written before the last data word.
+    /// the word that was put, and no trigger is written before the last data word.
     #[test]
     fn every_slot_gets_its_own_register(
         reads in prop::collection::vec((0u16..64, any::<bool>()), 0..40),

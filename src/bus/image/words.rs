@@ -1,4 +1,4 @@
-//! The words of the image, and which settings still have to be written.
+//! The words of the image, and the progress of settings that have to be written.
 
 use alloc::{boxed::Box, vec::Vec};
 
@@ -6,41 +6,41 @@ use crate::bus::Reply;
 
 use super::{Exchanged, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
-/// What is read and what is written, one word for each register.
+/// The words that are read and written, one for each register.
 ///
 /// # Real time
-/// No function allocates. A slot or setting of another image is a mistake in the program: a debug
-/// build panics where this image has none of that number, and a release reads 0 and writes nothing.
+/// No function allocates. A slot or setting of another image is an error in the program: a debug
+/// build panics if this image has no such number, and a release build reads 0 and writes nothing.
 #[derive(Debug)]
 pub struct Words {
-    /// What is read, what is written, the settings, the safe words of what is written, and what the
-    /// set-up writes besides.
+    /// The words that are read, the words that are written, the settings, the safe words of
+    /// outputs, and the other words of the set-up.
     pub(super) content: Box<[u32]>,
     /// The places of the slots.
     reads: Box<[u16]>,
     writes: Box<[u16]>,
     first_setting: usize,
     settings: Box<[SettingState]>,
-    /// There are settings to be written with the next write, ...
+    /// Some settings are to be written with the next write.
     has_news: bool,
-    /// ... and between two looks at the evidence, ...
+    /// Some settings are to be written between two reads of the evidence.
     has_guarded_news: bool,
-    /// ... and such as were sent and are not confirmed.
+    /// Some settings were sent and are not confirmed yet.
     has_sent: bool,
-    /// What the replies showed since [`take_news`](Self::take_news).
+    /// State of all replies since [`take_news`](Self::take_news).
     news: Reply,
 }
 
-/// The reads after which no older write is in flight any more.
+/// Number of reads after which no older write is still in flight.
 const HORIZON: u8 = 100;
 
-/// What becomes of a setting.
+/// State of a setting.
 #[derive(Clone, Copy, Debug)]
 struct SettingState {
     progress: Progress,
     /// `None`: not part of the set-up, written on demand.
     stage: Option<Stage>,
-    /// Where it is read back.
+    /// Slot in which it is read back.
     shown: Option<ReadSlot>,
     /// The bits that are certainly set in the board.
     expected: u32,
@@ -48,27 +48,27 @@ struct SettingState {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
-    /// The board has it.
+    /// The board has the present word.
     Rests,
-    /// It is to be written.
+    /// To be written.
     Asked,
-    /// It was sent. It may have been lost, or be undone by an older one that comes late, for this many
-    /// more reads.
+    /// Sent. For this number of further reads it may still turn out lost, or be undone by an older
+    /// write that arrives late.
     Sent(u8),
 }
 
-/// A write that holds settings.
+/// Kind of a write that contains settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum By {
-    /// That of the cycle.
+    /// The write of the cycle.
     Cycle,
-    /// The one that drives pins, between two looks at the evidence. What is written on demand is not
-    /// in it: the watchdog's time would hide a reset from the second look.
+    /// The write that drives pins, between two reads of the evidence. It does not contain settings
+    /// written on demand: the watchdog's time would hide a reset from the second read.
     Guarded,
 }
 
 impl SettingState {
-    /// It drives a pin, or enables what is driven.
+    /// True if it drives a pin, or enables something that is driven.
     fn is_guarded(&self) -> bool {
         self.stage >= Some(Stage::Drive)
     }
@@ -109,17 +109,17 @@ impl Words {
         }
     }
 
-    /// A reply has brought words.
+    /// Records the state of a reply that has brought words.
     pub(crate) fn heard(&mut self, reply: Reply) {
         self.news = self.news.and(reply);
     }
 
-    /// What all replies showed since the last call.
+    /// Combined state of all replies since the last call.
     pub(crate) fn take_news(&mut self) -> Reply {
         core::mem::replace(&mut self.news, Reply::CERTAIN)
     }
 
-    /// What was read last.
+    /// The word that was read last.
     #[inline]
     pub fn word(&self, slot: ReadSlot) -> u32 {
         let place = self.reads.get(usize::from(slot.0));
@@ -134,13 +134,13 @@ impl Words {
         word.copied().unwrap_or(0)
     }
 
-    /// A read shows this word in a register.
+    /// Makes a read return this word for a register.
     #[cfg(test)]
     pub(crate) fn show(&mut self, register: Exchanged, word: u32) {
         self.content[usize::from(register.place)] = word;
     }
 
-    /// Puts the word of an output or a trigger, which the next write holds.
+    /// Puts the word of an output or a trigger for the next write.
     #[inline]
     pub fn put(&mut self, slot: WriteSlot, word: u32) {
         let place = self.writes.get(usize::from(slot.0));
@@ -151,8 +151,8 @@ impl Words {
         }
     }
 
-    /// Changes the word that the set-up writes to an output: it follows from settings that have
-    /// changed.
+    /// Changes the word that the set-up writes to an output, because the settings it depends on
+    /// have changed.
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
         let first = self.first_setting.saturating_add(self.settings.len());
         let safes = self.content.get_mut(first..);
@@ -164,16 +164,16 @@ impl Words {
         }
     }
 
-    /// Changes a setting. Only if it differs from what it was before, it is written, and from then on
-    /// with the board's set-up.
+    /// Changes a setting. If the word differs from the one before, it is written now, and again
+    /// with every later set-up of the board.
     ///
     /// # Real time
-    /// Constant time. A setting that [drives a pin](Stage::Drive) costs three exchanges more in this
-    /// cycle.
+    /// Constant time. A setting that [drives a pin](Stage::Drive) costs three additional exchanges
+    /// in this cycle.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {
         let number = usize::from(setting.0);
-        // Behind the settings there are the safe words.
+        // The safe words follow the settings in the buffer.
         let is_ours = number < self.settings.len();
         debug_assert!(is_ours, "a setting of another image");
         let old = self
@@ -184,8 +184,8 @@ impl Words {
         }
     }
 
-    /// Writes a setting again, changed or not: it may not have arrived, or not be what the board has
-    /// now.
+    /// Writes a setting again, changed or not, because it may not have arrived, or the board may
+    /// have another word now.
     pub fn repeat(&mut self, setting: Setting) {
         let state = self.settings.get_mut(usize::from(setting.0));
         debug_assert!(state.is_some(), "a setting of another image");
@@ -196,7 +196,7 @@ impl Words {
         }
     }
 
-    /// Whether what is watched was read as it must be.
+    /// True if all evidence registers read as expected.
     pub(crate) fn stands(&self) -> bool {
         self.settings.iter().all(|state| {
             let shows = |slot| self.word(slot) & state.expected == state.expected;
@@ -204,23 +204,23 @@ impl Words {
         })
     }
 
-    /// Whether the next write holds settings.
+    /// True if the next write contains settings.
     pub(crate) fn has_news(&self) -> bool {
         self.has_news
     }
 
-    /// Whether a setting is to be written with the next write.
+    /// True if a setting is to be written with the next write.
     pub fn is_news(&self, setting: Setting) -> bool {
         self.is_asked(setting.0, By::Cycle)
     }
 
-    /// Whether settings wait for a [guarded](super::Exchanges::write_guarded) write.
+    /// True if settings wait for a [guarded](super::Exchanges::write_guarded) write.
     pub(crate) fn has_guarded_news(&self) -> bool {
         self.has_guarded_news
     }
 
-    /// The board was heard: whether the newest write, and nothing older after it, has arrived. If not,
-    /// what was sent lately is written again.
+    /// Processes a reply. `is_certain`: the newest write has arrived, and no older one after it.
+    /// Otherwise, the settings that were sent recently are written again.
     pub(crate) fn confirm(&mut self, is_certain: bool) {
         if !self.has_sent {
             return;
@@ -236,14 +236,14 @@ impl Words {
         });
     }
 
-    /// Whether a setting is to be written by this write.
+    /// True if a setting is to be written by this write.
     pub(super) fn is_asked(&self, setting: u16, by: By) -> bool {
         let state = self.settings.get(usize::from(setting));
         state.is_some_and(|state| state.is_asked(by))
     }
 
-    /// The settings that this write holds were sent; those that need a look at the evidence are
-    /// [confirmed](Self::guarded_sent) by it.
+    /// Marks the settings that this write contains as sent, except guarded ones, which
+    /// [`guarded_sent`](Self::guarded_sent) marks after the evidence was read.
     pub(super) fn sent(&mut self, by: By) {
         self.each_setting(|state, _| {
             if state.is_asked(by) && !state.is_guarded() {
@@ -252,8 +252,8 @@ impl Words {
         });
     }
 
-    /// Guarded settings are about to be written: until they have arrived, only what was set before
-    /// and after is certain.
+    /// Prepares writing guarded settings: until they have arrived, only the bits that are set both
+    /// before and after are certain.
     pub(super) fn expect_either(&mut self) {
         self.each_setting(|state, word| {
             if state.progress == Progress::Asked {
@@ -262,8 +262,8 @@ impl Words {
         });
     }
 
-    /// Guarded settings were written, and the evidence was read after it: those that are read back as
-    /// they were written, or not at all, have arrived.
+    /// Records that guarded settings were written and the evidence was read after it: settings that
+    /// read back as written, or are not read back at all, have arrived.
     pub(crate) fn guarded_sent(&mut self) {
         let words = self.content.iter().skip(self.first_setting);
         let mut settings = self.settings.iter().zip(words);
@@ -281,13 +281,13 @@ impl Words {
         }
     }
 
-    /// The set-up is about to be written: all settings with it.
+    /// Prepares writing the set-up, with all settings.
     pub(super) fn expect_all(&mut self) {
         self.each_setting(|state, word| state.expected = word);
     }
 
-    /// The board has the set-up: what was asked for before has not to be written any more. Writes of
-    /// what the set-up holds may still come late.
+    /// Records that the board has the set-up: settings requested before need not be written any
+    /// more. Older writes of the same settings may still arrive late.
     pub(crate) fn all_set(&mut self) {
         self.each_setting(|state, _| {
             state.progress = match state.progress {
@@ -298,7 +298,7 @@ impl Words {
         });
     }
 
-    /// Changes what becomes of the settings; `change` gets the word of each.
+    /// Changes the state of all settings; `change` receives the word of each.
     fn each_setting(&mut self, mut change: impl FnMut(&mut SettingState, u32)) {
         (self.has_news, self.has_guarded_news, self.has_sent) = (false, false, false);
         let words = self.content.iter().skip(self.first_setting);

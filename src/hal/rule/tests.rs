@@ -1,4 +1,4 @@
-// Exact values are exact here.
+// The expected values are represented exactly.
 #![allow(clippy::float_cmp)]
 
 use super::*;
@@ -29,7 +29,7 @@ fn not_finite_becomes_safe_and_out_of_range_the_limit_and_both_are_counted() {
     assert_eq!(pins.total_rejections(), expected);
 }
 
-/// A remote whose drive has limit parameters: `-maxlim`, `-minlim`.
+/// A remote whose drive has the limit parameters `-maxlim` and `-minlim`.
 fn limited() -> (Remote, Param<f64>, Param<f64>) {
     let mut limits = None;
     let remote = remote_with(|make, lamp, drive| {
@@ -113,7 +113,8 @@ fn a_pin_inverts_an_output_like_a_parameter() {
     assert!(m.pins.fetch(m.lamp), "how it is wired outlives a fault");
 }
 
-/// A drive that goes out as -1 to 1, whose application has `scale` for 1.
+/// A drive with the range -1 to 1 on the wire, for which the application uses `scale` as full
+/// scale.
 fn scaled(scale: f64) -> (Remote, Param<f64>) {
     let mut param = Param::default();
     let remote = remote_with(|make, lamp, drive| {

@@ -1,4 +1,4 @@
-// Exact values are exact here.
+// The expected values are represented exactly.
 #![allow(clippy::float_cmp)]
 
 use super::*;
@@ -26,7 +26,7 @@ pub fn remote() -> Remote {
     remote_with(|_, lamp, drive| (lamp, drive))
 }
 
-/// A remote whose lamp and drive are made as `change` says, after what it makes itself.
+/// A remote whose lamp and drive are made by `change`, after its own pins.
 pub fn remote_with(change: impl FnOnce(&mut PinMaker<'_>, Spec, Spec) -> (Spec, Spec)) -> Remote {
     let mut pins = PinStore::default();
     let group = pins.add_group();

@@ -1,5 +1,5 @@
-//! Scaling.
-// Exact values are exact here: both ends must be met, not approached.
+//! Tests of the scaling.
+// Exact comparison: both ends must be met, not approached.
 #![allow(clippy::float_cmp)]
 
 use super::*;
@@ -56,7 +56,7 @@ fn both_ends_are_exact_at_every_width() {
     }
 }
 
-/// The limits as a record holds them: 32-bit floats.
+/// The limits as stored in a record: 32-bit floats.
 fn in_record(limits: [i128; 2]) -> [f64; 2] {
     limits.map(|limit| f64::from(limit as f32))
 }
@@ -100,7 +100,7 @@ fn a_number_with_the_limits_of_its_own_bits_is_its_own_value() {
 
 #[test]
 fn limits_near_those_of_the_bits_are_a_scale_all_the_same() {
-    // 2^24 - 1 is exact as a 32-bit float, so 2^24 is meant.
+    // 2^24 - 1 is exact as a 32-bit float, so 2^24 is a genuine scale.
     let numbers = unsigned(24, 0.0, 16_777_216.0);
     assert!(!numbers.is_whole());
     assert_eq!(numbers.value(0xFF_FFFF), 16_777_216.0);
@@ -164,7 +164,7 @@ proptest! {
     fn raw_values_come_back_as_they_were_where_the_nearest_one_is_taken(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
         let raw = seed >> (64 - bits);
         for scaling in [
-            // LinuxCNC's way up to 31 bits is not the nearest.
+            // LinuxCNC's method up to 31 bits does not round to the nearest.
             signed(bits.max(32), -max, max),
             signed(bits, -max, max / 3.0),
             unsigned(bits, 0.0, max),
@@ -177,7 +177,8 @@ proptest! {
     #[test]
     fn a_value_on_the_wire_is_no_further_off_than_promised(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
         let step = max / (1_u64 << (bits - 1)) as f64;
-        // One step from dropping low bits, and two parts of 2^31 from the fraction before it.
+        // An error of one step from dropping low bits, and two parts of 2^31 from the fraction
+        // before it.
         let most = step * (1.0 + 1.0 / (1_u64 << (32 - bits)) as f64);
         let numbers = signed(bits, -max, max);
         let value = fraction * max;

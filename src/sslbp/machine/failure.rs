@@ -1,36 +1,36 @@
-//! Why the data of a transfer can not be used, and how often that happened.
+//! Reasons why the data of a transfer cannot be used, with their counts.
 
 use core::fmt;
 
-/// Why the data of a transfer can not be used.
+/// Reason why the data of a transfer cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Failure {
-    /// No reply in time, or too short a one.
+    /// No reply in time, or a reply that is too short.
     NoReply,
-    /// A reply that came after its time was over. Recognised one transfer later.
+    /// A reply that came after its timeout. Recognised one transfer later.
     Late,
     /// A reply with a wrong CRC.
     Crc,
-    /// More characters than the reply has.
+    /// More characters than expected in the reply.
     ExtraCharacters,
     /// The line was held low.
     Break,
-    /// A character that came in the moment in which the request was sent, and nothing else: noise, or a
-    /// reply that overlaps the next request. No sign of damaged data (FACTS 11.8).
+    /// Only a character received at the start of a request: noise, or a reply that overlaps the
+    /// next request. Does not indicate damaged data (FACTS 11.8).
     Overrun,
-    /// A damaged reply; the sticky bits of CS are set already, so that the kind does not show.
+    /// A damaged reply of unknown kind, because the sticky bits of CS were set already.
     Damaged,
-    /// The channel does not run: somebody else stopped it, or the FPGA was reset.
+    /// The channel does not run: another host stopped it, or the FPGA was reset.
     NotRunning,
     /// A good transfer after one that the bus may have lost: the reply could belong to that one.
     Doubtful,
 }
 
 impl Failure {
-    /// All of them, in the order of [`FailureCounts`].
+    /// All failures, in the order of [`FailureCounts`].
     pub const ALL: [Self; 9] = [
         Self::NoReply,
         Self::Late,
@@ -60,14 +60,14 @@ impl fmt::Display for Failure {
     }
 }
 
-/// How often each [`Failure`] happened.
+/// Count of each [`Failure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FailureCounts {
     counts: [u64; Failure::ALL.len()],
     total: u64,
 }
 
-/// A map from each failure to its count.
+/// Serialised as a map from each failure to its count.
 #[cfg(feature = "serde")]
 impl serde::Serialize for FailureCounts {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -76,7 +76,7 @@ impl serde::Serialize for FailureCounts {
 }
 
 impl FailureCounts {
-    /// All failures together, without the transfers discarded after them.
+    /// Number of all failures, without the transfers discarded after them.
     pub const fn total(&self) -> u64 {
         self.total
     }
@@ -94,7 +94,7 @@ impl FailureCounts {
         self.total = self.total.wrapping_add(counted);
     }
 
-    /// A reply that was taken for lost turns out to be late.
+    /// Counts a reply that was taken for lost as late.
     pub(super) fn lost_was_late(&mut self) {
         let [no_reply, late, ..] = &mut self.counts;
         *no_reply = no_reply.saturating_sub(1);

@@ -1,49 +1,49 @@
-//! One channel: what its transfers mean for its data.
+//! State of one channel, and the evaluation of its transfers.
 
 use super::{Failure, FailureCounts};
 use crate::sslbp::{CsStatus, LocalFaults, ProcessDataSizes, RemoteFaults, StartMode};
 
-/// What the last transfer of a channel means.
+/// Result of a channel's last transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Its data is new and sound.
     Good,
-    /// Its data must not be used.
+    /// Its data cannot be used.
     Failed(Failure),
-    /// The remote reports a fault: nothing of it is used.
+    /// The remote reports a fault: its data is not used.
     Faulty(RemoteFaults),
 }
 
-/// What is known of a channel since its last START, and what was counted.
+/// State of a channel since its last START, and its counters.
 #[derive(Clone, Debug)]
 pub struct Link {
-    /// How much its remote exchanges.
+    /// Sizes of its remote's process data.
     pub sizes: ProcessDataSizes,
-    /// Interface registers 0 to 2 as the last START left them: unit number, name, tables.
+    /// Interface registers 0 to 2 after the last START: unit number, name, tables.
     pub told: [u32; 3],
-    /// What the last transfer means.
+    /// Result of the last transfer.
     pub verdict: Verdict,
     /// CS after the last transfer or START.
     pub cs: CsStatus,
-    /// Good transfers since it was started.
+    /// Number of good transfers since its START.
     pub good: u64,
-    /// Transfers so far, failed ones included.
+    /// Number of all transfers, failed ones included.
     pub transfers: u64,
-    /// Failures so far.
+    /// Counts of all failures.
     pub failures: FailureCounts,
-    /// The first byte of its replies is the fault byte.
+    /// True if the first byte of its replies is the fault byte.
     pub(super) has_fault_byte: bool,
-    /// Sticky bits as they were before the last transfer.
+    /// Sticky bits before the last transfer.
     known_faults: LocalFaults,
     /// Bits set by the present run of failures.
     run_faults: LocalFaults,
     last_failure: Option<Failure>,
-    /// Good transfers that are still to be discarded.
+    /// Number of good transfers still to be discarded.
     discard: u8,
 }
 
-/// After a transfer that may or may not have happened, the next good one is discarded: its reply
-/// could be that of the one before.
+/// Number of good transfers to discard after one that may not have happened: the reply could belong
+/// to the transfer before.
 const DISCARD_AFTER_DOUBT: u8 = 1;
 
 impl Link {
@@ -64,7 +64,7 @@ impl Link {
         }
     }
 
-    /// A START is complete.
+    /// Takes the state after a completed START.
     pub(super) fn started(&mut self, cs: CsStatus, told: [u32; 3]) {
         self.cs = cs;
         self.told = told;
@@ -76,11 +76,11 @@ impl Link {
         self.good = 0;
     }
 
-    /// Judges a transfer that is complete: CS, and the channel's bit in DATA.
+    /// Evaluates a completed transfer from CS and the channel's bit in DATA.
     pub(super) fn judge(&mut self, cs: CsStatus, has_failed: bool) -> Verdict {
         self.transfers = self.transfers.wrapping_add(1);
         if cs == self.cs && self.verdict == Verdict::Good && !has_failed && self.discard == 0 {
-            // As the one before.
+            // Fast path: nothing has changed since the transfer before.
             self.good = self.good.wrapping_add(1);
             return Verdict::Good;
         }
@@ -93,7 +93,8 @@ impl Link {
             self.run_faults = LocalFaults::empty();
         }
         self.verdict = if !cs.transfers_data() {
-            // A chatter reply was lost just before the first DOIT, which the channel then left out.
+            // A chatter reply was lost just before the first DOIT, so the channel skipped that
+            // DOIT.
             let is_left_out = cs.has_started(StartMode::Normal);
             self.failed(if is_left_out {
                 Failure::NoReply
@@ -127,8 +128,9 @@ impl Link {
         Verdict::Failed(failure)
     }
 
-    /// A transfer of which it is not known whether it happened: CS still tells the fault byte of
-    /// the last reply, once there was one since START (FACTS 2.4). Whether it tells one.
+    /// Evaluates a transfer that may not have happened. CS still contains the fault byte of the
+    /// last reply, once there was a reply since START (FACTS 2.4). Returns true if that byte
+    /// reports a fault.
     pub(super) fn judge_doubtful(&mut self, cs: CsStatus) -> bool {
         self.discard = DISCARD_AFTER_DOUBT;
         self.last_failure = None;
@@ -141,7 +143,7 @@ impl Link {
         faulty.is_some()
     }
 
-    /// The faults that CS shows, where the reply has a fault byte.
+    /// The faults in CS, if the reply has a fault byte.
     fn reported(&self) -> Option<Verdict> {
         let faults = self.cs.remote_faults();
         (self.has_fault_byte && !faults.is_empty()).then_some(Verdict::Faulty(faults))
@@ -150,13 +152,14 @@ impl Link {
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {
         let is_missing = !is_damaged(cs) && !new_faults.contains(LocalFaults::OVERRUN);
         let fresh = kinds_of(new_faults.difference(LocalFaults::OVERRUN)).next();
-        // What began the run goes on: a line that is low sets no bit twice.
+        // The failure that began the run continues: a line that is low sets no bit twice.
         let of_run = kinds_of(self.run_faults).next().filter(|_| !is_missing);
         let mut sticky = kinds_of(cs.local_faults());
         let kind = match (fresh.or(of_run), sticky.next(), sticky.next()) {
             (Some(kind), ..) => kind,
             (None, ..) if is_missing => Failure::NoReply,
-            // The bit was set before: it tells the kind only if no other but an overrun is set.
+            // The bit was set before: it identifies the kind only if no other bit except an overrun
+            // is set.
             (None, Some(only), None | Some(Failure::Overrun)) => only,
             (None, ..) => Failure::Damaged,
         };
@@ -166,15 +169,15 @@ impl Link {
     }
 }
 
-/// Whether the last reply was damaged, and not missing: the odd code of the two states
-/// (FACTS 5.4).
+/// True if the last reply was damaged instead of missing: the odd code of the two states (FACTS
+/// 5.4).
 fn is_damaged(cs: CsStatus) -> bool {
     cs.state_code() & 1 == 1
 }
 
-/// The kinds of damaged replies, by what decides first. An overrun decides last: a character that comes
-/// within a few nanoseconds of a request sets it, whatever the cause, and it damages nothing (FACTS
-/// 11.8).
+/// The kinds of damaged replies, in order of precedence. An overrun comes last: any character
+/// within a few nanoseconds of a request sets it, whatever the cause, and it does not damage data
+/// (FACTS 11.8).
 const KINDS: [(LocalFaults, Failure); 4] = [
     (LocalFaults::SERIAL_BREAK, Failure::Break),
     (LocalFaults::EXTRA_CHARACTER, Failure::ExtraCharacters),
@@ -196,7 +199,7 @@ mod tests {
     }
 
     /// The rows of gateware transcript t10: DATA bit and CS after each DOIT, with an idle interval
-    /// between them, and what must become of the data.
+    /// between them, and the expected verdict.
     #[test]
     fn recorded_wire_faults_are_told_apart() {
         let good = Verdict::Good;
@@ -208,7 +211,7 @@ mod tests {
             (0x0042_2008, false, good),
             (0x0043_2009, true, failed(Failure::Crc)),
             (0x0042_2009, false, good),
-            // An extra byte shows with the next DOIT.
+            // An extra byte becomes visible with the next DOIT.
             (0x0042_2009, false, good),
             (0x0043_2019, true, failed(Failure::ExtraCharacters)),
             (0x0042_2019, false, good),
@@ -235,7 +238,7 @@ mod tests {
         assert_eq!(link.failures.total(), 5);
     }
 
-    /// Judges transfers that all fail; the last one's failure.
+    /// Judges transfers that all fail; returns the last verdict.
     fn last_failure(words: &[u32]) -> Verdict {
         let mut link = Link::new();
         link.judge(cs(0x0042_0000), false);
@@ -254,7 +257,7 @@ mod tests {
             let later = 0x0043_2038 | overrun;
             assert_eq!(last_failure(&[0x0043_2030, later]), low, "{later:08X}");
             assert_eq!(last_failure(&[first, 0x0043_2038 | overrun]), low);
-            // Read before the break shows.
+            // Read before the break is visible.
             let only_extra = 0x0043_2010 | overrun;
             let extra = Verdict::Failed(Failure::ExtraCharacters);
             assert_eq!(last_failure(&[only_extra]), extra, "{only_extra:08X}");
@@ -298,7 +301,7 @@ mod tests {
         }
     }
 
-    /// FACTS 3.7: the fault byte of the past is there until the first transfer after START.
+    /// FACTS 3.7: an earlier fault byte stays there until the first transfer after START.
     #[test]
     fn a_fault_is_seen_behind_a_transfer_in_doubt_but_not_one_from_before_start() {
         let faulty = cs(0x0842_2140);
@@ -312,7 +315,7 @@ mod tests {
         assert_eq!(link.judge(faulty, false), over_current);
     }
 
-    /// FACTS 5.5: DATA says 0 for a channel that was stopped.
+    /// FACTS 5.5: DATA reads 0 for a channel that was stopped.
     #[test]
     fn a_channel_that_does_not_run_has_no_data_whatever_data_says() {
         for word in [0x0000_C100, 0x0040_0000, 0x0001_E188, 0x0024_A1C0] {

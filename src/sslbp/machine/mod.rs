@@ -1,12 +1,13 @@
-//! A port as a state machine: which command may be written now, and what COMMAND, DATA, CS and the
-//! interface registers mean afterwards. It knows neither bus nor clock, and never waits.
+//! A port as a state machine: determines the command that may be written now, and evaluates
+//! COMMAND, DATA, CS and the interface registers afterwards. The machine is independent of bus and
+//! clock, and never waits.
 //!
-//! A step is: [`observe`](Machine::observe) what a read brought; [`begin`](Machine::begin) an
-//! operation, if the port is idle, and write its registers and its command;
-//! [`written`](Machine::written). [`Port`](super::Port) runs it to its end over a bus, for set-up;
-//! the cycle does one step for each read and write.
+//! A step consists of [`observe`](Machine::observe) with the result of a read,
+//! [`begin`](Machine::begin) of an operation if the port is idle, the write of its registers and
+//! its command, and [`written`](Machine::written). For set-up, [`Port`](super::Port) runs an
+//! operation to its end over a bus; the cycle performs one step for each read and write.
 
-// The cycle runs it.
+// Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod failure;
@@ -22,10 +23,10 @@ use super::{
 use crate::bus::Instant;
 use core::{array, fmt};
 
-/// What the channels of a port that run are in.
+/// Common state of the running channels of a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum PortState {
-    /// Not known: as another program left it.
+    /// Not known: possibly left by another program.
     #[default]
     Unknown,
     /// All channels are stopped.
@@ -45,8 +46,8 @@ impl fmt::Display for PortState {
     }
 }
 
-/// The registers of a port as one read brought them. COMMAND is read first: what is read after it
-/// is valid if it is 0.
+/// The registers of a port from one read. COMMAND is read first: if it is 0, everything read after
+/// it is valid.
 pub trait Observed {
     /// COMMAND.
     fn command(&self) -> u32;
@@ -54,41 +55,42 @@ pub trait Observed {
     fn data(&self) -> u32;
     /// CS of a channel.
     fn cs(&self, channel: Channel) -> u32;
-    /// Interface registers 0 to 2 of a channel; only asked for when a START is complete.
+    /// Interface registers 0 to 2 of a channel; requested only when a START is complete.
     fn told(&self, channel: Channel) -> [u32; 3];
 }
 
-/// What a read says about the operation that is in flight.
+/// State of the operation in flight, as shown by a read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// There is none, and the port is idle.
+    /// No operation is in flight, and the port is idle.
     Idle,
-    /// It is not complete.
+    /// The operation is not complete.
     Busy,
-    /// COMMAND is 0; the other registers can be relied on from this time on.
+    /// COMMAND is 0; the other registers are valid from this time on.
     Settling(Instant),
-    /// It is complete, and the port is idle.
+    /// The operation is complete, and the port is idle.
     Complete(Complete),
 }
 
-/// An operation that is complete.
+/// A completed operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Complete {
     /// The operation.
     pub operation: Operation,
-    /// When it was written.
+    /// Time at which it was written.
     pub issued: Instant,
-    /// When it can have begun: the host may stand still between that and the end of the write.
+    /// Earliest time at which it may have begun: the host may be suspended between that and the end
+    /// of the write.
     pub sent_from: Instant,
-    /// How many reads between then and now did not show it complete, failed ones included.
+    /// Number of reads between then and now that did not show it complete, failed ones included.
     pub reads_before: u32,
-    /// It is certain that the port got it, once and in order. If not, a transfer is no one's, but
-    /// for the faults that it shows.
+    /// True if the port certainly received it, once and in order. If false, the data of a transfer
+    /// is attributed to no operation, and only the faults that it shows count.
     pub certain: bool,
-    /// The channels for which it did what it is for: they are stopped, run, or have new and sound
+    /// The channels on which the operation succeeded: they are stopped, run, or have new and sound
     /// data.
     pub good: ChannelMask,
-    /// The others that were asked for, with something to tell: for a transfer, their
+    /// The other requested channels with something to report: for a transfer, their
     /// [`verdict`](Link::verdict).
     pub bad: ChannelMask,
 }
@@ -96,10 +98,10 @@ pub struct Complete {
 /// An operation that was written and is not known to be complete.
 #[derive(Clone, Copy, Debug)]
 struct InFlight {
-    /// As it is known so far: no channel is good or bad.
+    /// Its present description: no channel is good or bad yet.
     complete: Complete,
     busy_reads: u32,
-    /// When COMMAND was seen to be 0.
+    /// Time at which COMMAND first read 0.
     cleared: Option<Instant>,
 }
 
@@ -126,7 +128,7 @@ impl InFlight {
     }
 }
 
-/// One SSLBP port, without the bus that it is on.
+/// An SSLBP port, independent of its bus.
 ///
 /// # Real time
 /// Every function is bounded by the number of channels and does not allocate.
@@ -136,16 +138,16 @@ pub struct Machine {
     pub(super) state: PortState,
     pub(super) running: ChannelMask,
     links: PerChannel<Link>,
-    /// COMMAND was 0 when it was read last, and nothing was written since.
+    /// COMMAND was 0 at the last read, and nothing was written since.
     idle: bool,
     in_flight: Option<InFlight>,
-    /// What `written` has to remember, once it is written.
+    /// The operation that `written` records once its write is done.
     begun: Option<Operation>,
-    /// From then on it may be executed.
+    /// Time from which it may be executed.
     sent_from: Option<Instant>,
 }
 
-/// A busy COMMAND is stuck only after this many reads, however far apart they are.
+/// Number of busy reads, however far apart, before a busy COMMAND is considered stuck.
 const MIN_BUSY_READS: u32 = 3;
 
 impl Machine {
@@ -163,23 +165,23 @@ impl Machine {
         }
     }
 
-    /// What is known of a channel.
+    /// State of a channel.
     pub fn link(&self, channel: Channel) -> &Link {
         &self.links[channel]
     }
 
-    /// Whether an operation may be begun.
+    /// True if an operation may be begun.
     pub const fn is_idle(&self) -> bool {
         self.idle
     }
 
-    /// What was written and is not known to be complete, and when that was.
+    /// The operation that was written and is not known to be complete, with the time of its write.
     pub fn in_flight(&self) -> Option<(Operation, Instant)> {
         let pending = &self.in_flight.as_ref()?.complete;
         Some((pending.operation, pending.issued))
     }
 
-    /// Whether COMMAND stays busy for longer than what is in flight can take: only
+    /// True if COMMAND stays busy for longer than the operation in flight can take; only
     /// [`Operation::Free`] helps then.
     pub fn is_stuck(&self, now: Instant) -> bool {
         self.in_flight.as_ref().is_some_and(|pending| {
@@ -190,11 +192,12 @@ impl Machine {
         })
     }
 
-    /// The word for COMMAND that begins `operation`; one that the register ignores while the port
-    /// is not idle. [`written`](Self::written) must follow.
+    /// The word for COMMAND that begins `operation`; a word that the register ignores while the
+    /// port is not idle. [`written`](Self::written) must follow.
     ///
-    /// A transfer of a channel that does not run in normal mode is a mistake in the program, at which a
-    /// debug build panics: nothing is sent to it, and its bit in DATA means nothing (FACTS 5.5).
+    /// A transfer of a channel that does not run in normal mode is an error in the program, on
+    /// which a debug build panics: nothing is sent to the remote, and its bit in DATA has no
+    /// meaning (FACTS 5.5).
     pub fn begin(&mut self, operation: Operation) -> u32 {
         if !self.idle && !operation.interrupts() {
             self.begun = None;
@@ -211,17 +214,19 @@ impl Machine {
         operation.command()
     }
 
-    /// Nothing is begun with this write.
+    /// Declares that the next write begins no operation.
     pub const fn begin_nothing(&mut self) {
         self.begun = None;
     }
 
-    /// What was begun is written from now on. Without this call, it is taken to begin at its end.
+    /// Records that the write of the begun operation starts now. Without this call, the operation
+    /// is assumed to begin at the end of its write.
     pub const fn sending(&mut self, now: Instant) {
         self.sent_from = Some(now);
     }
 
-    /// What was begun was written; `arrived`: it is not known that the port did not get it.
+    /// Records that the begun operation was written. `arrived`: false if the write failed, so that
+    /// the port may not have received it.
     pub fn written(&mut self, now: Instant, arrived: bool) {
         let sent_from = self.sent_from.take().unwrap_or(now);
         let Some(operation) = self.begun.take() else {
@@ -236,8 +241,7 @@ impl Machine {
         self.in_flight = Some(in_flight);
     }
 
-    /// Takes what a read showed. `certain`: everything that was written before has arrived, once
-    /// and in order.
+    /// Evaluates a read. `certain`: everything written before has arrived, once and in order.
     pub fn observe(&mut self, now: Instant, seen: &impl Observed, certain: bool) -> Event {
         self.begun = None;
         let is_busy = seen.command() != 0;
@@ -247,7 +251,7 @@ impl Machine {
         }
         let foreign = || InFlight::new(Operation::Foreign, now, false);
         let pending = self.in_flight.get_or_insert_with(foreign);
-        // Also while it is busy: with what, is not known.
+        // Also while busy, because the operation that keeps it busy is not known.
         pending.complete.certain &= certain;
         if is_busy {
             self.idle = false;
@@ -271,7 +275,7 @@ impl Machine {
         Event::Complete(self.complete(complete, seen))
     }
 
-    /// A read failed: nothing is known about COMMAND.
+    /// Records a failed read: the state of COMMAND is unknown.
     pub const fn not_observed(&mut self) {
         self.idle = false;
         self.begun = None;
@@ -280,15 +284,15 @@ impl Machine {
         }
     }
 
-    /// The port was used for something else: what is in flight is not the caller's, and COMMAND is as
-    /// the next read shows it.
+    /// Records that the port was used for something else: an operation in flight is not the
+    /// caller's, and the next read determines the state of COMMAND.
     pub(crate) fn taken_over(&mut self) {
         self.idle = false;
         self.begun = None;
         self.in_flight = None;
     }
 
-    /// What is in flight may not have happened.
+    /// Records that the operation in flight may not have happened.
     pub const fn doubt(&mut self) {
         if let Some(pending) = &mut self.in_flight {
             pending.complete.certain = false;
@@ -341,7 +345,8 @@ impl Machine {
             let (cs, mask) = (CsStatus(seen.cs(channel)), channel.mask());
             let link = &mut self.links[channel];
             if !complete.certain {
-                // It is not known whether it happened: no data is taken, but a fault is a fault.
+                // The transfer may not have happened: its data is not used, but a fault is still
+                // reported.
                 if link.judge_doubtful(cs) {
                     complete.bad = complete.bad.union(mask);
                 }
@@ -359,23 +364,23 @@ impl Machine {
         }
     }
 
-    /// How much this remote exchanges, and whether its replies have a fault byte.
+    /// Sets the sizes of a remote's process data, and whether its replies have a fault byte.
     pub fn set_sizes(&mut self, remote: &StartedRemote) {
         let link = &mut self.links[remote.channel];
         link.sizes = remote.sizes;
         link.has_fault_byte = remote.has_fault_byte();
     }
 
-    /// Nothing runs for certain any more.
+    /// Discards the state: no channel is certain to run.
     const fn forget(&mut self) {
         self.state = PortState::Unknown;
         self.running = ChannelMask::NONE;
     }
 }
 
-/// DATA after a START or DOIT: the channels that did not do what was asked for. Bits of others mean
-/// nothing: those that do not exist are reported as failed (FACTS 3). A remote fault never sets a bit
-/// after DOIT (FACTS 5.3).
+/// DATA after a START or DOIT: the channels on which the operation failed. Bits of other channels
+/// have no meaning: channels that do not exist are reported as failed (FACTS 3). A remote fault
+/// never sets a bit after DOIT (FACTS 5.3).
 ///
 /// Manual: 7I77, "NORMAL START", "DOIT".
 fn failed(seen: &impl Observed) -> ChannelMask {

@@ -11,22 +11,22 @@ use crate::{
 use alloc::{format, vec::Vec};
 use core::time::Duration;
 
-/// How often an access is tried.
+/// Number of attempts of an access.
 const ATTEMPTS: u8 = 3;
 
-/// After a failed access: longer than its timer, so that neither the timer nor a late reply is
-/// taken for the next access (FACTS 5.4).
+/// Pause after a failed access: longer than its timer, so that neither the timer nor a late reply
+/// is attributed to the next access (FACTS 5.4).
 const QUIET: Duration = Duration::from_millis(60);
 
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
-    /// Reads or writes the remote on `channel`, and gives what was read. Tried again when the reply
-    /// is lost: all accesses are such that doing them twice is doing them once.
+    /// Reads from or writes to the remote on `channel`, and returns the value read. Repeated when
+    /// the reply is lost: every access can be done twice with the same effect.
     ///
     /// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; FACTS 6.1.
     ///
     /// # Errors
-    /// [`PortError::Channel`] if there is no good reply; [`PortError::WrongState`] if the channel
-    /// does not run in setup mode.
+    /// [`PortError::Channel`] without a good reply; [`PortError::WrongState`] if the channel does
+    /// not run in setup mode.
     pub fn access(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
         if access.written().is_some() {
             return self.access_once(channel, access);

@@ -11,7 +11,7 @@ use crate::{
 use alloc::{format, string::ToString};
 use core::{fmt, time::Duration};
 
-/// The oldest firmware 1.x whose CS has the remote's faults.
+/// The oldest firmware 1.x that reports the remote's faults in CS.
 ///
 /// Manual: 7I77, "CS REGISTER AFTER DOIT".
 const OLDEST_MINOR: u8 = 29;
@@ -19,9 +19,9 @@ const OLDEST_MINOR: u8 = 29;
 /// The last of the variables of a channel: the duration of an exchange. FACTS 2.4.
 const LAST_VARIABLE: u16 = 0x30;
 
-/// How often a byte is read while the bus doubts that it is the one that was asked for.
+/// Largest number of reads of a byte while the bus doubts that the right byte was returned.
 const READS: u8 = 10;
-/// A copy of a packet comes hardly later.
+/// Longest expected delay of a packet's copy.
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
@@ -34,7 +34,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
     ///
     /// # Errors
-    /// There is no such address; the bus fails, or the port does not answer.
+    /// The address does not exist; the bus fails, or the port does not answer.
     pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
         self.require_local(address)?;
         let what = format_args!("local address {address:#05X}");
@@ -83,7 +83,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.unexpected("the local address".into(), found, expected, hint))
     }
 
-    /// Reads neighbouring bytes of the port's memory.
+    /// Reads consecutive bytes of the port's memory.
     fn local_bytes<const N: usize>(&mut self, first: u16) -> PortResult<[u8; N], B> {
         let mut bytes = [0; N];
         for (address, byte) in (first..).zip(&mut bytes) {
@@ -96,8 +96,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// OPERATIONS".
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if it is not kept, or there is no
-    /// such address; the bus fails, or the port does not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if the byte is not kept, or
+    /// the address does not exist; the bus fails, or the port does not answer.
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
@@ -110,13 +110,13 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.not_kept(what, read.into(), value.into(), "reset the port"))
     }
 
-    /// Reads the local parameters and checks that this crate can work with the firmware.
+    /// Reads the local parameters and checks that this crate supports the firmware.
     ///
     /// FACTS 2.3.
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port does
-    /// not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port
+    /// does not answer.
     pub fn identify(&mut self) -> PortResult<PortParameters, B> {
         let parameters = self.local_bytes(0)?;
         let clock = self.local_bytes(PortParameters::CLOCK)?;
@@ -172,8 +172,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads the first bytes of a variable of `channel`.
     ///
     /// # Errors
-    /// There is no such channel, or the parameters are not known; the bus fails, or the port does not
-    /// answer.
+    /// The channel does not exist, or the parameters are not known; the bus fails, or the port does
+    /// not answer.
     pub fn read_variable<const N: usize>(
         &mut self,
         channel: Channel,
@@ -188,8 +188,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Ok(self.known_parameters()?.variable(channel, variable))
     }
 
-    /// Sets the baud rate of `channel`; [`stop_all`](Self::stop_all) makes it effective, and
-    /// [`ChannelVariable::BaudRate`] reads it even before.
+    /// Sets the baud rate of `channel`. The rate takes effect with [`stop_all`](Self::stop_all);
+    /// [`ChannelVariable::BaudRate`] contains it even before.
     ///
     /// FACTS 2.4.
     ///

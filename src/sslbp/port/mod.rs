@@ -1,4 +1,4 @@
-//! One port for the time of initialisation: on its bus it waits, within bounds.
+//! A port during initialisation: runs operations on its bus, with bounded waits.
 
 mod access;
 mod local;
@@ -18,15 +18,15 @@ use alloc::string::String;
 /// The result of an operation on a port over the bus `B`.
 pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
 
-/// The clock of a processor whose parameters have not been read, in hertz.
+/// The assumed clock of a processor whose parameters have not been read, in hertz.
 const USUAL_CLOCK: u32 = 100_000_000;
 
-/// One SSLBP port.
+/// An SSLBP port.
 #[derive(Clone, Debug)]
 pub struct Port {
     layout: Layout,
     parameters: Option<PortParameters>,
-    /// What it does; the cycle steps it without a [`SetupPort`].
+    /// Its state machine; the cycle steps it without a [`SetupPort`].
     pub machine: Machine,
 }
 
@@ -40,28 +40,28 @@ impl Port {
         }
     }
 
-    /// Where its registers are.
+    /// Register addresses of the port.
     pub const fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// What its channels are in.
+    /// State of its channels.
     pub const fn state(&self) -> PortState {
         self.machine.state
     }
 
-    /// The channels that run.
+    /// The running channels.
     pub const fn running(&self) -> ChannelMask {
         self.machine.running
     }
 
-    /// The port on its bus.
+    /// Access to the port through its bus.
     pub const fn on<'a, B>(&'a mut self, bus: &'a mut B) -> SetupPort<'a, B> {
         SetupPort { port: self, bus }
     }
 
-    /// How long a transfer of these channels takes, with the sizes that START returned. The processor
-    /// counts as one of 100 MHz until the parameters have been read.
+    /// Duration of a transfer of these channels, with the sizes that START returned. A clock of 100
+    /// MHz is assumed until the parameters have been read.
     pub(crate) fn doit_time(&self, mask: ChannelMask) -> DoitTime {
         let clock_hz = self.parameters.map_or(USUAL_CLOCK, |known| known.clock_hz);
         let exchange = |channel| Exchange::usual(channel, self.machine.link(channel).sizes);
@@ -69,7 +69,7 @@ impl Port {
     }
 }
 
-/// A port on its bus, while nothing cycles.
+/// A port on its bus, outside the cycle.
 ///
 /// The usual order: [`reset`](Self::reset) (or [`identify`](Self::identify) and
 /// [`stop_all`](Self::stop_all)), [`start`](Self::start), then [`access`](Self::access) in setup

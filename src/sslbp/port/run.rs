@@ -1,4 +1,4 @@
-//! Running an operation of the machine to its end: the only place that waits.
+//! Running an operation of the machine to its end, with the only waits of a port.
 
 use super::{PortResult, SetupPort};
 use crate::{
@@ -9,23 +9,23 @@ use alloc::{format, string::ToString, vec::Vec};
 use core::fmt::{self, Write};
 use core::time::Duration;
 
-/// Between COMMAND reading 0 and the next write: a write within 20 ns is swallowed (FACTS 3.4).
+/// Between COMMAND reading 0 and the next write: a write within 20 ns is lost (FACTS 3.4).
 const SETTLE: Duration = Duration::from_nanos(200);
 
 /// Time between polls: short at first, and at most this long.
 const FIRST_POLL: Duration = Duration::from_micros(2);
 const LONGEST_POLL: Duration = Duration::from_micros(250);
 
-/// Ends a wait even on a bus whose clock stands still.
+/// Ends a wait even on a bus whose clock does not advance.
 const MOST_POLLS: u32 = 20_000;
 
 /// CS and interface registers 0 to 2 of a channel.
 const PER_CHANNEL: usize = 1 + 3;
 const WORDS: usize = 2 + MAX_CHANNELS as usize * PER_CHANNEL;
 
-/// The registers of a port that an operation changes, as the last read brought them: COMMAND, DATA,
-/// and of its channels CS and interface registers. One exchange reads them all, so that what they
-/// hold when COMMAND reads 0 is valid.
+/// The registers of a port that an operation changes, from the last read: COMMAND, DATA, and CS and
+/// interface registers of its channels. One exchange reads them all, so that their contents are
+/// valid if COMMAND reads 0.
 pub(super) struct Snapshot {
     accesses: Vec<Access>,
     words: [u32; WORDS],
@@ -71,7 +71,7 @@ impl Snapshot {
         CsStatus(self.cs(channel))
     }
 
-    /// The interface registers of `channel`; those that were not read are 0.
+    /// The interface registers of `channel`; registers that were not read are 0.
     pub fn interface<const N: usize>(&self, channel: Channel) -> [u32; N] {
         core::array::from_fn(|n| self.word(Self::place(channel) + 1 + n))
     }
@@ -143,7 +143,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Ok(result?)
     }
 
-    /// Reads `snapshot` until what the machine says of it is the end, or that the port is stuck.
+    /// Reads `snapshot` until `end` accepts the machine's event, or the port is stuck.
     fn poll<T>(
         &mut self,
         snapshot: &mut Snapshot,
@@ -180,7 +180,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.timeout(waited, waiting_for, can_stop)?)
     }
 
-    /// The error of a wait that has ended, with the registers as they are now.
+    /// The error of a wait that has ended, with the present registers.
     pub(super) fn timeout(
         &mut self,
         waited: Duration,
@@ -192,7 +192,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         let (command, data) = (snapshot.command(), snapshot.data() as u8);
         let mut registers = format!("COMMAND {command:04X}, DATA {data:02X}, CS");
         for channel in self.port.layout.mask().iter() {
-            // A string can be written to.
+            // Writing to a string cannot fail.
             let _ = write!(registers, " {:08X}", snapshot.cs(channel));
         }
         Ok(PortError::Timeout {

@@ -11,15 +11,15 @@ use crate::{
 use alloc::vec::Vec;
 
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
-    /// Starts `channels`, each in its software mode, and tells what became of each of them, in their
-    /// order. Any byte is a software mode: the remote decides.
+    /// Starts `channels`, each in its software mode, and returns the result of each, in their
+    /// order. Any byte is accepted as a software mode: the remote decides.
     ///
-    /// A channel that fails does not fail the others: its place has the reason. The channels must
-    /// be stopped: START ignores those that run (FACTS 3.5), and normal and setup mode do not go
-    /// together (FACTS 3.6).
+    /// A channel that fails does not affect the others: its place contains the reason. The channels
+    /// must be stopped: START ignores running channels (FACTS 3.5), and normal and setup mode
+    /// cannot be combined (FACTS 3.6).
     ///
     /// # Errors
-    /// The port is not identified, has no such channel, or they are not stopped; the bus fails, or
+    /// The port is not identified, a channel does not exist or is not stopped; the bus fails, or
     /// START does not end.
     pub fn start(
         &mut self,
@@ -59,7 +59,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
                 })
             });
         }
-        // A remote whose process data is too large runs all the same, and would keep its line busy.
+        // A remote with too much process data runs nevertheless, and would keep its line busy.
         self.stop(unusable.intersection(self.port.running()))?;
         Ok(outcomes)
     }

@@ -7,11 +7,11 @@ use crate::{
 };
 use core::time::Duration;
 
-/// What DATA reads after STOPALL or reset: the port is initialised, or about to be.
+/// Content of DATA after STOPALL or reset: the port is initialised, or about to be.
 const INITIALISED: u8 = 0xAA;
 
 /// The initialisation takes 142 us at 100 MHz, and a command in the first 22 us is lost (FACTS
-/// 2.5). On a 33 MHz card all that takes three times as long.
+/// 2.5). On a 33 MHz card these times are three times as long.
 const INITIALISE: Duration = Duration::from_micros(500);
 const INITIALISE_LIMIT: Duration = Duration::from_millis(20);
 const INITIALISE_ATTEMPTS: u8 = 20;
@@ -19,8 +19,8 @@ const INITIALISE_ATTEMPTS: u8 = 20;
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Resets the port's processor, waits until it is initialised and reads its parameters.
     ///
-    /// COMMAND is written whatever it is at that time: a reset is for a port that does not listen.
-    /// All channels are stopped then, with the default baud rate.
+    /// COMMAND is written regardless of its present content: a reset is for a port that does not
+    /// respond. Afterwards, all channels are stopped and have the default baud rate.
     ///
     /// FACTS 2.5.
     pub fn reset(&mut self) -> PortResult<PortParameters, B> {
@@ -32,14 +32,14 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         self.identify()
     }
 
-    /// Reads local parameter 3 until it is one: DATA reads AA as long as reads are lost.
+    /// Reads local parameter 3 until the result is valid: DATA reads AA as long as reads are lost.
     fn await_initialised(&mut self) -> PortResult<(), B> {
         let begin = self.bus.now();
         for _ in 0..INITIALISE_ATTEMPTS {
             match self.local_read(PortParameters::MINOR) {
                 Ok(INITIALISED) => {}
                 Ok(_) => return Ok(()),
-                // A read that fell into the first microseconds never completes.
+                // A read during the first microseconds never completes.
                 Err(PortError::Timeout { .. }) => self.free()?,
                 Err(other) => return Err(other),
             }
@@ -53,10 +53,11 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Err(self.timeout(waited, waiting_for, false)?)
     }
 
-    /// Frees a port whose COMMAND never clears: the one write that is allowed while it is busy.
+    /// Frees a port whose COMMAND never clears, with the one write that is allowed while it is
+    /// busy.
     ///
-    /// What kept it busy must be over: the way out ends the waiting and not the transfer (FACTS
-    /// 3.2), and the STOPALL that follows would stick again.
+    /// The operation that kept it busy must be over: this write ends the waiting and not the
+    /// transfer (FACTS 3.2), and the STOPALL that follows would get stuck again.
     fn free(&mut self) -> PortResult<(), B> {
         self.run(Operation::Free, &[])?;
         Ok(())
@@ -64,12 +65,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
 
     /// Stops all channels and initialises everything, baud rates included.
     ///
-    /// Waits for COMMAND to be 0 first. If it never is, or if STOPALL sticks, takes the way out:
-    /// 08FF, wait, 0800 (FACTS 3.1). Then checks that every channel is stopped.
+    /// First waits for COMMAND to be 0. If it never is, or if STOPALL gets stuck, recovers with
+    /// 08FF, a wait, and 0800 (FACTS 3.1). Then checks that every channel is stopped.
     ///
     /// Manual: 7I77, "STOP ALL".
     pub fn stop_all(&mut self) -> PortResult<(), B> {
-        // Another host may write COMMAND as well, and a network may do it late.
+        // Another host may write COMMAND as well, and a network may deliver its write late.
         self.port.machine.not_observed();
         match self.stop_with(Operation::StopAll) {
             Err(PortError::Timeout { .. }) => {
@@ -80,7 +81,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         }
     }
 
-    /// Stops the channels of `mask`; the others go on. The baud rate is kept.
+    /// Stops the channels of `mask`; the others continue to run. The baud rate is kept.
     ///
     /// For recovery of single channels; does nothing if `mask` is empty.
     ///
