@@ -155,8 +155,8 @@ impl<L: Link> UdpBus<L> {
         Ok(bus)
     }
 
-    /// Fails if another host drives the board behind `link`. Changes nothing on the board. A
-    /// program that already has a bus of the board and has not used it for a while calls
+    /// Fails if another host drives the board behind `link`. Writes nothing but the number of a
+    /// request. With a bus of the board that has been idle for a while, call
     /// [`check_alone`](Self::check_alone) instead.
     pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError> {
         Self::unasked(link, config).check_alone()
