@@ -200,7 +200,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     /// Performs the checks of [`program`](Self::program) that precede the erasing.
     ///
     /// # Errors
-    /// Those of `program`, and errors of the bus.
+    /// Errors of `program`, and of the bus.
     pub fn check_program(
         &mut self,
         bitfile: &Bitfile<'_>,

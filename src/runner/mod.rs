@@ -261,9 +261,9 @@ impl<B: RegisterBus + Clock> Runner<B> {
     }
 
     /// Waits after each write until the transfers that it started are complete, at most for
-    /// `limit`, which measures their time: see [`Driver::wait_transfers`]. Not where the [board
-    /// paces](Pace::Board). Errors of the wait are left to the next read, and the wait is not part
-    /// of a cycle's duration.
+    /// `limit`, to measure their time: see [`Driver::wait_transfers`]. Not for a cycle that the
+    /// [board paces](Pace::Board). Errors of the wait are left to the next read, and the wait is
+    /// not part of a cycle's duration.
     #[must_use]
     pub fn waiting_for_transfers(mut self, limit: Duration) -> Self {
         self.transfers = Some(limit);

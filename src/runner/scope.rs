@@ -124,7 +124,7 @@ pub enum ScopeError {
     ForeignPin,
 }
 
-/// One cycle of a recording.
+/// A recorded cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ScopeRow<'a> {
     /// Cycles since the trigger; negative before it.

@@ -31,7 +31,7 @@ pub struct Recording<B> {
     pub dropped: u64,
 }
 
-/// One line of the log.
+/// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Time at which the exchange ended.
@@ -48,7 +48,7 @@ pub struct Entry {
 pub enum Event {
     /// The register was read and had this word.
     Read(u32),
-    /// This word was written to the register.
+    /// The word was written to the register.
     Written(u32),
     /// The exchange failed. It is not known whether its writes were executed.
     Failed {

@@ -39,8 +39,8 @@ pub enum Silence {
     /// A reply arrived that no board sends.
     #[error("something else than a board answers")]
     Foreign,
-    /// This computer's firewall blocks packets to this address. LinuxCNC's driver sets this up for
-    /// the interface of its board, with the chain `hm2-eth-rules-output`.
+    /// The firewall of this computer blocks packets to the address. LinuxCNC's driver sets this up
+    /// for the interface of its board, with the chain `hm2-eth-rules-output`.
     #[error("this computer lets no packets out to this address")]
     Blocked,
     /// The operating system cannot send there.

@@ -1,4 +1,4 @@
-//! A layer depends only on those below it (`src/lib.rs`, "Who needs what").
+//! A layer depends only on those below it, in the order given in `src/lib.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -110,7 +110,7 @@ fn reason(shop: &Shop) -> String {
 #[test]
 fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let mut shop = {
-        // A remote that is present is used as it is, optional or not.
+        // A remote that is present is used with its own tables, optional or not.
         let mut board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
         board.discover().expect("three remotes");
         assert_eq!(board.remotes().count(), 3);

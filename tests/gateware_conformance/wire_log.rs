@@ -40,8 +40,8 @@ struct Reply<'t> {
 }
 
 impl Request<'_> {
-    /// True for chatter: process data of zeros. A pretended 8I20 that is none is repeatedly asked
-    /// in the same way.
+    /// True for chatter: process data of zeros. A remote that only claims to be an 8I20 is
+    /// repeatedly asked in the same way.
     fn is_chatter(&self) -> bool {
         matches!(self.bytes, [0xBD, data @ .., _] if data.iter().all(|&byte| byte == 0))
             || matches!(self.bytes, [0x45, 0x54, 0x08, _])

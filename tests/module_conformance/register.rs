@@ -2,7 +2,7 @@
 
 use mesa_hal_sim::{Firmware, gtag};
 
-/// One kind of register.
+/// A kind of register.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Kind {
     /// Its name in a transcript.

@@ -8,7 +8,7 @@ use crate::register::Register;
 
 pub type Entry = recording::Entry<Event>;
 
-/// One file.
+/// A recorded file.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     /// File name without directory and extension.

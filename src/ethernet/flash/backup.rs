@@ -131,7 +131,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     /// Performs the checks of [`restore`](Self::restore) that precede the erasing.
     ///
     /// # Errors
-    /// Those of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user
+    /// Errors of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user
     /// area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the fallback
     /// or the boot block while it has no user configuration, and errors of the bus.
     pub fn check_restore(
@@ -146,7 +146,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     /// Writes one of the [differences](Self::differences) back, and verifies it.
     ///
     /// # Errors
-    /// Those of [`check_restore`](Self::check_restore) and of [`write`](Self::write).
+    /// Errors of [`check_restore`](Self::check_restore) and of [`write`](Self::write).
     pub fn restore(
         &mut self,
         backup: &[u8],

@@ -420,7 +420,7 @@ impl UdpList {
         }
     }
 
-    /// Bytes of the reply; 0 if there is none. `detailed`: with the details.
+    /// Bytes of the reply; 0 without a reply. `detailed`: with the details.
     pub(super) fn reply_len(&self, detailed: bool) -> usize {
         if self.is_answered {
             let tail = self.tail(detailed).reply_len();

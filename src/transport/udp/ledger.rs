@@ -286,7 +286,8 @@ impl Ledger {
         // A lost write may still arrive, and the details show that best.
         self.is_open |= news.lost > 0;
         let said = [news.lost, news.late, news.repeated, news.unconfirmed];
-        // Dropped as soon as it is past: after half of the number range it would look newer again.
+        // Dropped as soon as it is past: half of the number range later, it would count as newer
+        // again.
         let is_past = |overtaken: &u32| asked.wrapping_sub(*overtaken) as i32 > 0;
         self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
         let is_certain = is_explained && is_newest && !is_sequence && self.overtaken.is_none();

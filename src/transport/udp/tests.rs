@@ -17,7 +17,7 @@ fn bus() -> UdpBus<Network> {
 
 const MS: Duration = Duration::from_millis(1);
 
-/// One cycle: the last word is the stamp that the board gave to the read of 0x1000.
+/// The lists of a cycle: the last word is the stamp that the board gave to the read of 0x1000.
 struct Cycle {
     read: UdpList,
     write: UdpList,

@@ -150,7 +150,7 @@ impl BoardOutputs {
         set.parts()
     }
 
-    /// Expected state of the LED; `None` if there is none.
+    /// Expected state of the LED; `None` for a board without one.
     pub(super) fn expected_led(&self) -> Option<bool> {
         self.led.map(|_| self.set.led)
     }

@@ -18,7 +18,7 @@ const LONG: u64 = 30 * MILLI;
 /// Counts in a time in which an encoder can have moved by 32768, one way or the other.
 const AMBIGUOUS: f64 = 32_768.0;
 
-/// One encoder, and the knowledge about it.
+/// An encoder, and the knowledge about it.
 pub(super) struct Encoder {
     axis: usize,
     rawcounts: Input<i32>,

@@ -87,7 +87,7 @@ pub trait Recording: Clone {
     }
 }
 
-/// One line.
+/// A line of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry<E> {
     /// Line number in the file, from 1.
@@ -115,7 +115,7 @@ impl fmt::Display for Unreadable {
     }
 }
 
-/// One item that differs from the recording.
+/// An item that differs from the recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// Line of the recording.

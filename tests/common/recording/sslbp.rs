@@ -8,7 +8,7 @@ use super::{Recording, decimal, hexadecimal, split};
 
 pub type Entry = super::Entry<Event>;
 
-/// One file.
+/// A recorded file.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     /// File name without directory and extension.
