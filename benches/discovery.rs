@@ -1,4 +1,4 @@
-//! Discovery: register accesses for each remote, and what it costs the host.
+//! Discovery: register accesses for each remote, and the cost for the host.
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 

@@ -1,8 +1,8 @@
-//! What the Ethernet bus costs: building and taking apart packets, and a whole cycle on loopback.
+//! Cost of the Ethernet bus: building and parsing packets, and a whole cycle on loopback.
 //!
 //! The cycle is that of a 7I97 with three remotes. On loopback it is measured beside a bare
-//! exchange of packets of the same size through the same kind of socket, so that the ratio says
-//! what the bus adds; bytes and packets of a cycle are printed.
+//! exchange of packets of the same size through the same kind of socket, so that the ratio shows
+//! the cost of the bus; bytes and packets of a cycle are printed.
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
@@ -83,7 +83,7 @@ impl Cycle {
 #[derive(Debug, Default)]
 struct Responder {
     scratch: [u8; 32],
-    /// Packets that came in, and that went out.
+    /// Packets received and sent.
     counts: [u16; 2],
     reply: Vec<u8>,
 }
@@ -114,7 +114,7 @@ impl Responder {
     }
 }
 
-/// A network that costs nothing: the responder, called directly.
+/// A network without cost: the responder, called directly.
 #[derive(Debug, Default)]
 struct Direct {
     responder: Responder,
@@ -146,7 +146,8 @@ impl Link for Direct {
     }
 }
 
-/// The request of the reads, without the numbers of the bus: where each read is in the reply.
+/// The request of the reads, without the numbers of the bus; returns the position of each read in
+/// the reply.
 fn encode() -> [Range<usize>; READS.len()] {
     let mut request = RequestBuilder::default();
     READS.map(|(address, count)| {

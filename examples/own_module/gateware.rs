@@ -15,7 +15,7 @@ pub fn board() -> SimFpga {
     with_pulser(machines::firmware_7i92_7i77())
 }
 
-/// The FPGA of a firmware that has a pulse generator besides.
+/// The FPGA of a firmware, with a pulse generator added.
 pub fn with_pulser(mut firmware: Firmware) -> SimFpga {
     let descriptor = ModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
     firmware.modules.push(descriptor);
@@ -34,7 +34,7 @@ pub struct Gateware {
     pub rate: u32,
     /// The width of a pulse in clocks.
     pub width: u32,
-    /// Pulses in 2^-32, and since when they are not counted.
+    /// Pulses in units of 2^-32, counted up to the time `since`.
     phase: u128,
     since: Nanos,
 }
@@ -50,7 +50,7 @@ impl Gateware {
         }
     }
 
-    /// Pulses so far.
+    /// Number of pulses so far.
     pub fn pulses(&self, now: Nanos) -> u32 {
         (self.phase(now) >> 32) as u32
     }

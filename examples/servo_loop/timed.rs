@@ -1,4 +1,4 @@
-//! A bus around a bus that measures the host time spent below the driver.
+//! A bus wrapper that measures the host time spent below the driver.
 
 use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ impl<B> Timed<B> {
         }
     }
 
-    /// Host time spent in the bus, and with it in the simulation, so far.
+    /// Host time spent in the bus so far, including the simulation.
     pub fn spent(&self) -> Duration {
         self.spent
     }

@@ -1,4 +1,4 @@
-//! What a snapshot holds, as 64-bit words.
+//! The contents of a snapshot as 64-bit words.
 
 use core::time::Duration;
 
@@ -9,26 +9,26 @@ use crate::hal::{Age, GroupState};
 use crate::sslbp::RemoteFaults;
 use crate::tally::Tally;
 
-/// Where words go.
+/// Destination of words.
 pub(super) trait Sink {
     fn put(&mut self, word: u64);
 }
 
-/// How many there are.
+/// Counts the words.
 impl Sink for usize {
     fn put(&mut self, _: u64) {
         self.tally(1);
     }
 }
 
-/// Something that is a fixed number of words.
+/// A value that is a fixed number of words.
 ///
 /// # Real time
 /// Constant time, no allocation, no panic.
 pub(super) trait Packed {
     fn pack(&self, to: &mut impl Sink);
 
-    /// Of words that [`pack`](Self::pack) made.
+    /// Restores a value from the words of [`pack`](Self::pack).
     fn unpack(from: &mut impl Iterator<Item = u64>) -> Self;
 }
 
@@ -52,7 +52,7 @@ impl Packed for Instant {
     }
 }
 
-/// In nanoseconds; the longest is for ever.
+/// In nanoseconds; the largest number stands for [`Duration::MAX`].
 impl Packed for Duration {
     fn pack(&self, to: &mut impl Sink) {
         to.put(u64::try_from(self.as_nanos()).unwrap_or(u64::MAX));
@@ -197,7 +197,7 @@ impl Packed for RemoteState {
     }
 }
 
-/// Its numbers, in two words; none has one that no reason has.
+/// The numbers of the reason, in two words; `None` has a number that no reason has.
 impl Packed for Option<OfflineReason> {
     fn pack(&self, to: &mut impl Sink) {
         let (number, one, other) = self.map_or((u8::MAX, 0, 0), OfflineReason::to_words);

@@ -1,4 +1,4 @@
-//! What the thread of a cycle shows to other threads.
+//! Publication of a cycle's values to other threads.
 
 mod view;
 
@@ -20,18 +20,19 @@ use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::sslbp::RemoteName;
 use crate::tally::Tally;
 
-/// What was published so long ago is not valid any more; 3 periods, if these are longer.
+/// Published values are valid for this time; for 3 periods, if these are longer.
 const FRESH: Duration = Duration::from_millis(100);
 const FRESH_PERIODS: u32 = 3;
 
-/// How often a reader tries to get a whole set.
+/// Number of tries of a reader to get a consistent set.
 const TRIES: u32 = 100;
 
-/// Shows, once in each cycle, everything that a driver knows to other threads: for a GUI, a logger or
-/// a scope.
+/// Publishes all state of a driver to other threads, once in each cycle: for a GUI, a logger or a
+/// scope.
 ///
-/// A [`Runner`](super::Runner) has one when [`Runner::snapshot`](super::Runner::snapshot) was asked
-/// for; who has a loop of his own calls [`publish`](Self::publish) at the end of each cycle.
+/// A [`Runner`](super::Runner) has a writer after a call of
+/// [`Runner::snapshot`](super::Runner::snapshot); a program with its own loop calls
+/// [`publish`](Self::publish) at the end of each cycle.
 ///
 /// ```
 /// use mesa_hal::{Driver, Settings, runner::SnapshotWriter};
@@ -54,8 +55,8 @@ const TRIES: u32 = 100;
 /// ```
 ///
 /// # Real time
-/// [`publish`](Self::publish) stores one word for each pin and a few for each remote, and waits for
-/// nobody: readers neither lock nor delay it. It does not allocate. [`new`](Self::new) does.
+/// [`publish`](Self::publish) stores one word for each pin and a few for each remote, and never
+/// blocks: readers neither lock nor delay it. It does not allocate; [`new`](Self::new) does.
 #[derive(Debug)]
 pub struct SnapshotWriter {
     shared: Arc<Shared>,
@@ -63,11 +64,11 @@ pub struct SnapshotWriter {
     since: Since,
 }
 
-/// Since when things are as they are.
+/// Times of the last changes of state.
 #[derive(Debug)]
 struct Since {
     board: (BoardState, Instant),
-    /// Whether it runs, by remote.
+    /// For each remote, true while it runs, and the time since.
     remotes: Vec<(bool, Instant)>,
 }
 
@@ -77,7 +78,7 @@ pub struct SnapshotReader {
     shared: Arc<Shared>,
 }
 
-/// Why there is no snapshot.
+/// Reason why there is no snapshot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SnapshotError {
@@ -90,39 +91,39 @@ pub enum SnapshotError {
          between two; try again later"
     )]
     Torn {
-        /// How often it was tried.
+        /// Number of tries.
         tries: u32,
     },
 }
 
-/// What writer and readers have in common.
+/// State shared by the writer and its readers.
 ///
-/// A sequence lock: the number is odd while words are written, and another one afterwards. A reader
-/// that finds the same even number before and after has a whole set.
+/// A sequence lock: the number is odd while words are written, and a new even one afterwards. A
+/// reader that finds the same even number before and after its copy has a consistent set.
 #[derive(Debug)]
 struct Shared {
     sequence: AtomicU64,
     words: Box<[AtomicU64]>,
-    /// When they were published, in nanoseconds on `clock`.
+    /// Time of publication, in nanoseconds on `clock`.
     published: AtomicU64,
     clock: HostClock,
-    /// The words are fresh for so long.
+    /// Time for which the words are fresh.
     fresh: Duration,
     has_ended: AtomicBool,
     layout: Layout,
 }
 
-/// What does not change, and where the words are that do.
+/// Constant data, and the positions of the words that change.
 #[derive(Debug)]
 struct Layout {
     infos: Vec<PinInfo>,
-    /// Any pin, to tell whose pins they are.
+    /// Any pin, which identifies the driver that the pins belong to.
     pin: PinId,
     groups: Vec<GroupId>,
     /// The number of each pin's group.
     group_of: Vec<u32>,
     places: Vec<(RemoteId, RemoteName, GroupId)>,
-    /// The first words of ...
+    /// The first words of the groups, the remotes, the values and the flags.
     groups_at: usize,
     remotes_at: usize,
     values_at: usize,
@@ -140,7 +141,7 @@ impl Sink for Words<'_> {
 }
 
 impl SnapshotWriter {
-    /// For a driver. Nothing is published yet.
+    /// A writer for a driver. Nothing is published yet.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
         let now = driver.pins().now();
         let remotes = driver.ports().iter().flat_map(|port| {
@@ -176,26 +177,27 @@ impl SnapshotWriter {
         }
     }
 
-    /// A reader for another thread. Allocates nothing.
+    /// A reader for another thread. Does not allocate.
     pub fn reader(&self) -> SnapshotReader {
         SnapshotReader {
             shared: Arc::clone(&self.shared),
         }
     }
 
-    /// Shows what is known after a cycle. The statistics of a run are those of a
-    /// [`Runner`](super::Runner) only, here all zero.
+    /// Publishes the state after a cycle. The statistics of a run, which only a
+    /// [`Runner`](super::Runner) has, are all zero here.
     ///
     /// # Errors
-    /// [`PinError::ForeignHandle`] if it was made for another driver; nothing is published then.
+    /// [`PinError::ForeignHandle`] if the writer was made for another driver; nothing is published
+    /// then.
     ///
     /// # Real time
-    /// In proportion to the number of pins; waits for nobody, no allocation.
+    /// In proportion to the number of pins; never blocks, no allocation.
     pub fn publish<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) -> Result<(), PinError> {
         self.publish_run(driver, &RunStatistics::default())
     }
 
-    /// The same with the statistics of a run.
+    /// As [`publish`](Self::publish), with the statistics of a run.
     ///
     /// # Errors
     /// As [`publish`](Self::publish).
@@ -219,7 +221,7 @@ impl SnapshotWriter {
         } = &*self.shared;
         let now = self.shared.now();
         sequence.store(self.sequence.wrapping_add(1), Ordering::Relaxed);
-        // Nobody sees a new word before the odd number.
+        // No new word becomes visible before the odd number.
         fence(Ordering::Release);
         record(driver, run, &self.since, &mut Words(words.iter()));
         published.store(now, Ordering::Relaxed);
@@ -236,7 +238,7 @@ impl Shared {
     }
 }
 
-/// Readers learn that nothing comes any more.
+/// Notifies readers that nothing more will be published.
 impl Drop for SnapshotWriter {
     fn drop(&mut self) {
         self.shared.has_ended.store(true, Ordering::Release);
@@ -329,7 +331,7 @@ fn record_flags(pins: &Pins, to: &mut impl Sink) {
 }
 
 impl Layout {
-    /// And how many words there are.
+    /// The layout, and the number of words.
     fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
         places: Vec<(RemoteId, RemoteName, GroupId)>,
@@ -377,15 +379,15 @@ impl SnapshotReader {
         &self.shared.layout.infos
     }
 
-    /// What the cycle showed last. When the cycle has ended, or hangs, that is old: see
+    /// The values that the cycle published last. They are old if the cycle has ended, or hangs: see
     /// [`Snapshot::is_fresh`].
     ///
     /// # Errors
     /// [`SnapshotError`].
     ///
     /// # Real time
-    /// For other threads than that of the cycle: allocates, tries at most 100 times, and gives its
-    /// CPU away between two.
+    /// For other threads than that of the cycle: allocates, tries at most 100 times, and yields its
+    /// CPU between two tries.
     pub fn read(&self) -> Result<Snapshot, SnapshotError> {
         let mut snapshot = Snapshot {
             shared: Arc::clone(&self.shared),
@@ -397,8 +399,8 @@ impl SnapshotReader {
         Ok(snapshot)
     }
 
-    /// The same into one that was read before, without allocation. After an error its values are of
-    /// no cycle.
+    /// As [`read`](Self::read), into an earlier snapshot, without allocation. After an error the
+    /// values of the snapshot belong to no cycle.
     ///
     /// # Errors
     /// [`SnapshotError`].
@@ -414,7 +416,7 @@ impl SnapshotReader {
                 return Err(SnapshotError::NotYet);
             }
             if before.is_multiple_of(2) {
-                // An end that is seen was before what is read now.
+                // If the end is visible here, the words read below are the last ones.
                 snapshot.has_ended = self.has_ended();
                 for (copy, word) in snapshot.words.iter_mut().zip(&shared.words) {
                     *copy = word.load(Ordering::Relaxed);
@@ -433,7 +435,7 @@ impl SnapshotReader {
         Err(SnapshotError::Torn { tries: TRIES })
     }
 
-    /// Whether the writer is gone: what was shown last was the last.
+    /// True if the writer no longer exists: the last published values are final.
     pub fn has_ended(&self) -> bool {
         self.shared.has_ended.load(Ordering::Acquire)
     }

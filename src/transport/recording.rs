@@ -1,4 +1,4 @@
-//! A bus around a bus that keeps a log of what was accessed.
+//! A bus wrapper that logs accesses.
 
 use core::fmt;
 use core::time::Duration;
@@ -11,47 +11,48 @@ use crate::bus::{
 };
 use crate::tally::Tally;
 
-/// Keeps the last accesses of a bus: when, where, and which value.
+/// Keeps the last accesses of a bus, each with its time, register and value.
 ///
-/// What it writes are the host lines of the gateware transcripts: time in us, direction, address,
-/// value. The log has a fixed size; when it is full the oldest entries go, and are counted.
+/// The written log has the format of the host lines in the gateware transcripts: time in us,
+/// direction, address, value. The log has a fixed size; when it is full, the oldest entries are
+/// dropped and counted.
 ///
 /// # Real time
-/// Adds the cost of one log entry for each word and of one look at the clock. Allocates only when
-/// it is made.
+/// Adds the cost of one log entry for each word and of one clock reading. Allocates only when it is
+/// created.
 #[derive(Debug)]
 pub struct Recording<B> {
-    /// The bus inside.
+    /// The inner bus.
     pub inner: B,
     /// The log, oldest entry first.
     pub entries: VecDeque<Entry>,
     capacity: usize,
-    /// How many entries had to go for newer ones.
+    /// Number of entries that were dropped for newer ones.
     pub dropped: u64,
 }
 
-/// One line of the log.
+/// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// When the exchange was over.
+    /// Time at which the exchange ended.
     pub at: Instant,
-    /// The register; of an exchange that failed the first.
+    /// The register; the first one for an exchange that failed.
     pub address: u16,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
-/// What the log keeps.
+/// Events in the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Event {
-    /// The register was read, and had this word.
+    /// The register was read and had this word.
     Read(u32),
-    /// This word was written to the register.
+    /// The word was written to the register.
     Written(u32),
-    /// The exchange failed. Whether its writes were executed is not known.
+    /// The exchange failed. It is not known whether its writes were executed.
     Failed {
-        /// What happened.
+        /// The kind of the error.
         kind: BusErrorKind,
         /// Number of accesses of the exchange.
         accesses: usize,
@@ -73,7 +74,7 @@ impl fmt::Display for Entry {
 }
 
 impl<B> Recording<B> {
-    /// Records the last `capacity` words that go over `inner`.
+    /// Records the last `capacity` words that are transferred over `inner`.
     pub fn new(inner: B, capacity: usize) -> Self {
         Self {
             inner,
@@ -106,7 +107,7 @@ impl<B> Recording<B> {
 }
 
 impl<B: RegisterBus + Clock> Recording<B> {
-    /// Logs an exchange that has the given `result`, and passes that on.
+    /// Logs an exchange that has the given `result`, and returns that result.
     fn record<T>(
         &mut self,
         accesses: &[Access],
@@ -137,7 +138,7 @@ impl<B: RegisterBus + Clock> Recording<B> {
     }
 }
 
-/// The clock gives the log its times.
+/// The inner bus's clock provides the time stamps of the log.
 impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
     type Error = B::Error;
     type List = B::List;

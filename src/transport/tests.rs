@@ -1,4 +1,4 @@
-//! The buses around buses, on a bus of words in memory.
+//! Tests of the bus wrappers, on a bus of words in memory.
 
 mod faulty;
 mod recording;
@@ -10,13 +10,13 @@ use crate::bus::{
     Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
 };
 
-/// Registers keep what is written; each exchange takes a microsecond.
+/// Registers keep their values; each exchange takes a microsecond.
 #[derive(Debug, Default)]
 struct Memory {
     words: BTreeMap<u16, u32>,
     exchanges: usize,
     fail_next: bool,
-    /// Lists that were started.
+    /// Number of lists that were started.
     started: usize,
     now: u64,
 }

@@ -11,13 +11,13 @@ use mesa_hal_sim::{
 use super::journal::{Journal, Outputs, PORTS, Recorder};
 use super::plan::{Board, Card, Plan};
 
-/// A machine that the plan asks for, and which of its pins are for the application.
+/// The machine of a plan, and those of its pins that the application uses.
 pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     let firmware = firmware(plan);
     let gpio = Gpio::of(&firmware);
     let clocks = [firmware.clock_low, firmware.clock_high].map(nominal);
     let mut fpga = SimFpga::new(quickened(firmware, plan.extras.ppm));
-    // What the firmware says of its clocks.
+    // The clocks according to the firmware.
     for (address, hz) in [CLOCK_LOW, CLOCK_HIGH].into_iter().zip(clocks) {
         fpga.override_rom(address, hz);
     }
@@ -43,16 +43,16 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     (fpga, gpio)
 }
 
-/// The words of the IDROM that say how fast the clocks are (FACTS 2.2).
+/// The words of the IDROM that contain the clock frequencies (FACTS 2.2).
 pub const CLOCK_LOW: u16 = 0x0428;
 const CLOCK_HIGH: u16 = 0x042C;
 
-/// What a firmware says of a clock that is a little faster or slower: whole tenths of a MHz.
+/// The nominal frequency of a clock that is slightly faster or slower: whole tenths of a MHz.
 pub fn nominal(clock: u32) -> u32 {
     (clock + 50_000) / 100_000 * 100_000
 }
 
-/// A firmware whose oscillator is faster by so many parts of a million.
+/// A firmware whose oscillator is faster by `ppm` parts per million.
 fn quickened(mut firmware: Firmware, ppm: i64) -> Firmware {
     for clock in [&mut firmware.clock_low, &mut firmware.clock_high] {
         *clock = (i64::from(*clock) + i64::from(*clock) * ppm / 1_000_000) as u32;
@@ -60,13 +60,13 @@ fn quickened(mut firmware: Firmware, ppm: i64) -> Firmware {
     firmware
 }
 
-/// Motors that there are encoders for.
+/// Number of motors that have encoders.
 fn axes(plan: &Plan, fpga: &mut SimFpga) -> usize {
     let encoders = fpga.encoders().map_or(0, |bank| bank.encoders());
     plan.extras.axes.min(encoders)
 }
 
-/// A card at the end of a cable; `unit` makes it another one of its kind.
+/// A card at the end of a cable; `unit` distinguishes cards of the same kind.
 pub fn end(
     card: Card,
     (number, unit): (usize, usize),
@@ -103,7 +103,7 @@ fn description(card: Card) -> Description {
     description.expect("known to the simulator")
 }
 
-/// The unit number of the card that belongs to a remote's number.
+/// The unit number of the card of remote `number`.
 pub fn unit_number(card: Card, number: usize) -> u32 {
     description(card).unit + number as u32
 }

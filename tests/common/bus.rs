@@ -1,4 +1,4 @@
-//! The fake bus: registers that a test makes up, or a test between the host and a simulated FPGA.
+//! Fake buses: registers provided by a test, or a test between the host and a simulated FPGA.
 
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
@@ -9,10 +9,10 @@ use mesa_hal::bus::{
 };
 use mesa_hal_sim::{SimError, SimFpga};
 
-/// What a word takes, in nanoseconds.
+/// Time for a word, in nanoseconds.
 const ACCESS: u64 = 100;
 
-/// What stands behind a [`FakeBus`].
+/// The registers behind a [`FakeBus`].
 pub trait Registers {
     fn read(&mut self, address: u16, now: u64) -> u32;
     fn write(&mut self, address: u16, word: u32, now: u64);
@@ -23,10 +23,10 @@ pub trait Registers {
 pub struct FakeBus<R> {
     pub registers: R,
     pub now: u64,
-    /// The clock says 0 for ever.
+    /// The clock always returns 0.
     pub is_stopped: bool,
     pub exchanges: usize,
-    /// Words that were read or written.
+    /// Number of words read or written.
     pub accesses: usize,
 }
 
@@ -107,7 +107,7 @@ impl<R> Clock for FakeBus<R> {
     }
 }
 
-/// What happens to an exchange on its way to a simulated FPGA.
+/// Modifies exchanges on their way to a simulated FPGA.
 pub trait Between {
     fn exchange(
         &mut self,
@@ -117,7 +117,7 @@ pub trait Between {
     ) -> Result<(), SimError>;
 }
 
-/// A simulated FPGA with something in between.
+/// A simulated FPGA behind a [`Between`].
 #[derive(Debug)]
 pub struct Around<T> {
     pub fpga: SimFpga,

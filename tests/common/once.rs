@@ -1,10 +1,10 @@
-//! Something that happens to a simulated board once, at its time.
+//! A single event of a simulated board at a given time.
 
 use core::fmt;
 
 use mesa_hal_sim::{Cause, Director, SimFpga};
 
-/// Does something to the board once, at a time in nanoseconds.
+/// Acts on the board once, at a time in nanoseconds.
 pub struct Once<F> {
     at: Option<u64>,
     act: F,

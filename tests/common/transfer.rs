@@ -1,4 +1,4 @@
-//! One DOIT of process data, with the machine of a port stepped as the cycle steps it.
+//! One DOIT of process data, with the machine of a port stepped as in the cycle.
 
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::sslbp::{
@@ -7,7 +7,7 @@ use mesa_hal::sslbp::{
 };
 use std::time::Duration;
 
-/// The interface registers of each channel; those that the layout does not have are not used.
+/// The interface registers of each channel; those that the layout does not have are unused.
 pub type PortWords = PerChannel<[u32; MAX_INTERFACE_REGISTERS as usize]>;
 
 /// Output process data: the first words of these channels.
@@ -19,7 +19,7 @@ pub fn port_words<const N: usize>(words: [(Channel, &[u32]); N]) -> PortWords {
     all
 }
 
-/// All registers of a port, as one exchange brings them.
+/// All registers of a port, read in one exchange.
 #[derive(Default)]
 pub struct Registers {
     command: u32,
@@ -84,7 +84,7 @@ pub fn started(outcomes: &[Result<StartedRemote, StartFailure>]) -> ChannelMask 
     remotes.map(|remote| remote.channel).collect()
 }
 
-/// What a DOIT brought.
+/// Result of a DOIT.
 pub struct Transfer {
     /// The channels without a good reply: their words are the last good ones, not new.
     pub failed: ChannelMask,

@@ -1,5 +1,5 @@
-//! Discovery of the simulated devices over the wire, against the manual's step list done to the
-//! letter: byte by byte, by a program that shares nothing with the driver's.
+//! Discovery of the simulated devices over the wire, compared with an exact implementation of the
+//! manual's step list: byte by byte, by code that is independent of the driver's.
 
 use crate::common::fpga::set_up_pins;
 use crate::common::transfer::{doit, port_words};
@@ -37,7 +37,7 @@ fn machine() -> (SimFpga, Port) {
     (fpga, port)
 }
 
-/// What is on the first channels.
+/// The remotes on the first channels.
 fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
     let starts: Vec<(Channel, u8)> = Channel::ALL
         .into_iter()
@@ -140,8 +140,8 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
     }
 }
 
-/// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
-/// built-in table has them.
+/// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are at
+/// the places of the built-in table.
 #[test]
 fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let (mut fpga, mut port) = machine();
@@ -354,7 +354,7 @@ fn data_address(line: &str) -> String {
     }
 }
 
-/// The fault is 40 in the fault byte; a setup START does not look at it.
+/// The fault is 40 in the fault byte; a setup START does not check it.
 #[test]
 fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
     let (mut fpga, mut port) = machine();

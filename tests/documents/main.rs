@@ -1,4 +1,4 @@
-//! What the documents say is so.
+//! Checks of the statements in the documents.
 
 mod architecture;
 mod citations;

@@ -1,5 +1,5 @@
-//! What the README says is so: its code drives the axis, and every sentence that claims something
-//! names, in `docs/promises.md`, a test that would fail if it were not so.
+//! Checks of the README: its code drives the axis, and every sentence that makes a claim has, in
+//! `docs/promises.md`, a test that would fail if the claim were false.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -23,9 +23,9 @@ fn the_lines_in_the_readme_are_those_that_are_run_here() {
 #[test]
 fn the_lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Error>> {
     let (mut bus, statistics) = include!("ten_lines.in");
-    // The motor needs a moment to stop.
+    // The motor takes some time to stop.
     bus.wait(std::time::Duration::from_millis(50));
-    // 1.5 V are 15 units a second, for a second.
+    // 1.5 V are 15 units per second, for a second.
     let mut motor = |axis| {
         let motor = bus.motor(axis).expect("a motor");
         (motor.position(), motor.velocity())
@@ -72,11 +72,11 @@ fn every_promise_names_tests_that_exist() {
     assert!(promises > 30, "{promises} promises");
 }
 
-/// A sentence in `docs/promises.md`, and what it names.
+/// A sentence in `docs/promises.md`, with its evidence.
 struct Entry {
     sentence: String,
     evidence: Vec<String>,
-    /// It stands among the promises.
+    /// The sentence is among the promises.
     claims: bool,
 }
 
@@ -104,7 +104,7 @@ fn entries() -> impl Iterator<Item = Entry> {
     part(promises, true).into_iter().chain(part(others, false))
 }
 
-/// Whether there is a test `path::name`, or a text in a file: `path "text"`.
+/// True if a test `path::name` exists, or a text in a file: `path "text"`.
 fn exists(item: &str) -> bool {
     let read = |path: &str| {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -1,5 +1,5 @@
-//! The cycle on the simulated machine: values arrive where they belong, and what is planned is
-//! what happens.
+//! The cycle on the simulated machine: values arrive at their places, and the planned exchanges are
+//! the actual ones.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, start};
 
@@ -69,13 +69,13 @@ fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
     }
 }
 
-/// Manual: 7I77, "NORMAL MODE OPERATION", last paragraph: the reply to a write is there as soon as
-/// COMMAND is clear.
+/// Manual: 7I77, "NORMAL MODE OPERATION", last paragraph: the reply to a write is available as soon
+/// as COMMAND is clear.
 #[test]
 fn read_modify_write_sees_the_reply_to_its_own_write() {
     let mut machine = Machine::new();
     machine.cycles(3);
-    // A write starts a transfer only when a read has seen the one before end.
+    // A write starts a transfer only when a read has seen the end of the previous one.
     let _ = machine.driver.read().unwrap();
     for n in 0..50 {
         let on = n % 2 == 0;

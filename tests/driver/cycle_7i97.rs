@@ -1,4 +1,4 @@
-//! Everything of a 7I97 in the cycle, on the simulated board and on virtual time.
+//! All functions of a 7I97 in the cycle, on the simulated board and on virtual time.
 
 mod analog;
 mod digital;
@@ -20,7 +20,7 @@ use mesa_hal::driver::{BoardState, Driver, GpioConfig};
 use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
-/// Everything of the module at the isolated inputs, InMux or InM.
+/// All pins of the module at the isolated inputs, InMux or InM.
 #[derive(Clone, Copy)]
 struct Inputs {
     raw: [DigitalIn; 16],
@@ -67,7 +67,7 @@ fn started<B: World>(bus: B) -> Machine<B> {
 
 fn build<B: World>(bus: B, change: impl FnOnce(&mut Settings)) -> Machine<B> {
     let mut machine = Machine::on(bus, change);
-    // However long the set-up took, the first cycle has a whole period.
+    // The first cycle has a whole period, however long the set-up took.
     machine.rest();
     machine
 }
@@ -83,7 +83,7 @@ fn both_firmwares() -> [SimFpga; 2] {
     [machines::six_axes_7i97(Motor::default()), newer]
 }
 
-/// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
+/// Follows a sine on each axis, 0.3 s of it; returns the largest error after the start.
 pub fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
     let card = machine.cards;
     for encoder in card.encoders {
@@ -99,7 +99,7 @@ pub fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
         let pins = machine.driver.pins_mut();
         for (axis, (output, encoder)) in (0u32..).zip(card.analog_out.iter().zip(card.encoders)) {
             let phase = f64::from(n) * 0.01 + f64::from(axis);
-            // A speed of 10 units/s at 1 V; the target begins where the axis stands.
+            // A speed of 10 units/s at 1 V; the target begins at the position of the axis.
             let target = phase.sin() - f64::from(axis).sin();
             let position = pins.read(encoder.position);
             assert!(position.valid, "axis {axis}");
@@ -140,8 +140,8 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
     let (request, reply) = (lists.read.request_bytes(), lists.read.reply_bytes());
     let write = lists.write.request_bytes();
     println!("planned: request {request}, reply {reply}, write {write} bytes");
-    // Of request and reply, four bytes each are the evidence that the board was not reset, for which
-    // LinuxCNC asks no board.
+    // Of request and reply, four bytes each are the evidence that the board was not reset, which
+    // LinuxCNC does not read.
     assert!(request - 4 < 80 && reply - 4 < 122 && write < 156);
     assert!(request + reply + write < 80 + 122 + 156);
     // In its first 100 periods the phase of the DPLL is written, as by LinuxCNC.
@@ -175,7 +175,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         let mut machine = build(fpga, |s| s.gpio = vec![(40, output)]);
         let card = machine.cards;
         let (out, [analog, ..]) = (machine.output("gpio.040.out"), card.analog_out);
-        // A setting that is not the one of the set-up.
+        // A setting that differs from the set-up.
         let is_output = machine.param("gpio.041.is_output");
         let later_out = machine.output("gpio.041.out");
         let inputs = inputs(&machine);
@@ -236,7 +236,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
             !machine.fpga().pin_level(41),
             "a setting made later is restored too"
         );
-        // The long filter takes 25 ms until it can tell anything.
+        // The long filter takes 25 ms until its output is known.
         machine.cycles(30);
         machine.fpga().set_input(2, true);
         machine.cycles(10);

@@ -1,5 +1,5 @@
-//! A driver is built with each simulated device, alone and in company: its inputs come, its outputs
-//! arrive, and nobody is missing.
+//! A driver is built with each simulated device, alone and with others: its inputs are read, its
+//! outputs arrive, and no device is missing.
 
 use crate::common::machine::start;
 use mesa_hal::RemoteId;
@@ -21,7 +21,7 @@ use mesa_hal_sim::{SimError, SimFpga, machines};
 
 use crate::common::bus::{Around, Between};
 
-/// The devices, and the software modes they have.
+/// The devices, and the number of their software modes.
 const DEVICES: [(&str, u8); 6] = [
     ("7i77", 4),
     ("7i77d", 4),
@@ -31,7 +31,7 @@ const DEVICES: [(&str, u8); 6] = [
     ("stmbl", 1),
 ];
 
-/// A drive whose numbers are unlimited, as STMBL's are. FACTS 11.10.
+/// A drive whose numbers are unlimited, as those of STMBL. FACTS 11.10.
 const STMBL: &str = "
 remote stbl
 unit 0x11223344
@@ -82,13 +82,13 @@ fn step(driver: &mut Driver<SimFpga>) {
     driver.bus_mut().advance_to(now + 1_000_000);
 }
 
-/// Every digital output follows, and every digital input shows.
+/// Checks that every digital output follows, and that every digital input is read.
 fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
     for on in [true, false] {
         let end = driver.bus_mut().remote_mut(0, channel);
         let world = find_mut(end.expect("remote")).expect("device");
         for input in 0..world.inputs().len() {
-            // Analog inputs are no digital ones.
+            // Analog inputs are not digital ones.
             let _ = world.set_input(input, on);
         }
         let _ = driver.rearm().expect("the bus works");
@@ -207,7 +207,7 @@ fn cable(driver: &mut Driver<SimFpga>, channel: usize) -> &mut Cable {
     find_cable(end).expect("cable")
 }
 
-/// FACTS 11.5: it has a start path of its own in the gateware, and no tables.
+/// FACTS 11.5: an 8I20 has its own start sequence in the gateware, and no tables.
 #[test]
 fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
     let mut driver = build(&[("7i64", 0), ("8i20", 0), ("7i72", 0)]).expect("the others");
@@ -269,7 +269,7 @@ impl Between for SizesOfNormalStart {
     }
 }
 
-/// FACTS 4.7: the gateware gives a 7I64 its sizes. What they are in setup mode is not known.
+/// FACTS 4.7: the gateware gives a 7I64 its sizes. Their values in setup mode are not known.
 #[test]
 fn a_7i64_of_which_only_the_normal_start_tells_the_sizes_runs_with_a_table_of_these_sizes() {
     const OTHER: RemoteTable = RemoteTable {
@@ -312,7 +312,7 @@ fn machine(ends: Vec<Box<dyn RemoteEnd>>) -> SimFpga {
     fpga
 }
 
-/// The remote is believed, and what is different about it is told.
+/// The remote's own tables are used, and the differences are reported.
 #[test]
 fn a_remote_that_differs_from_the_table_of_its_kind_runs_and_the_differences_are_told() {
     let text = "
@@ -366,7 +366,7 @@ mode 0 m
     assert!(text.contains("0 to inf are not finite"), "{text}");
 }
 
-/// A channel where nothing answers is no fault of its own, unless the other half of a card is beside it.
+/// A silent channel is not a fault, unless the other half of a card is beside it.
 #[test]
 fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
     let missing = |silent: usize| {
@@ -394,7 +394,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
     }
 }
 
-/// FACTS 8.1: both parts call themselves 7I77, and differ in the top byte of the unit number.
+/// FACTS 8.1: both parts have the name 7I77, and differ in the top byte of the unit number.
 #[test]
 fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
     let swapped = || machine(vec![device("analog"), device("7i77")]);
@@ -462,6 +462,6 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     }
     assert_eq!(two.ports()[0].remotes().count(), 2);
     let directions = [all, two].map(|mut driver| driver.bus_mut().read_register(0x1100) & 7);
-    // TXEN2 and TX2 are driven by the channel, and not driven until plain I/O is asked to.
+    // TXEN2 and TX2 are driven by the channel; as plain I/O they are not driven until requested.
     assert_eq!(directions, [0b011, 0]);
 }

@@ -1,7 +1,8 @@
-//! The board's DPLL and the cycle run together: soon after the start, and the driver says when.
+//! The board's DPLL and the cycle are synchronous soon after the start, and the driver reports from
+//! when on.
 //!
 //! The truth is the edges of the simulated DPLL, whose loop is that of the gateware, against the
-//! moment at which the host reads.
+//! time at which the host reads.
 
 use crate::common::machine::start;
 use std::time::Duration;
@@ -13,17 +14,17 @@ use mesa_hal_sim::{SimFpga, machines};
 
 const PERIOD: u64 = 1_000_000;
 
-/// What `CycleReport::locked` promises for its arrival, in periods.
+/// Limit that `CycleReport::locked` promises for the lock, in periods.
 const PROMISED: u64 = 200;
 
 /// A host with a period of its own.
 #[derive(Clone, Copy, Debug)]
 struct Host {
-    /// How much longer its period is than the board's, in 1e-6.
+    /// Excess of its period over that of the board, in 1e-6.
     ppm: i64,
     /// From the read to the write, in nanoseconds.
     work: u64,
-    /// The read comes up to so much sooner or later.
+    /// Largest deviation of a read, earlier or later.
     jitter: u64,
 }
 
@@ -53,7 +54,7 @@ impl Machine {
         this
     }
 
-    /// One cycle; gives how late the read was for the reference, in nanoseconds.
+    /// Runs one cycle; returns how late the read was for the reference, in nanoseconds.
     fn cycle(&mut self) -> (CycleReport, i64) {
         self.cycles += 1;
         let period = PERIOD as i64 + self.host.ppm;
@@ -73,8 +74,8 @@ impl Machine {
     }
 }
 
-/// How much later than the nearest rising edge of the reference it is, in nanoseconds; as much as
-/// can be while the loop stands still.
+/// Delay after the nearest rising edge of the reference, in nanoseconds; the largest number while
+/// the loop stands still.
 fn lateness(fpga: &mut SimFpga) -> i64 {
     let now = Clock::now(fpga).as_nanos();
     let dpll = fpga.dpll().expect("a DPLL");
@@ -139,7 +140,7 @@ fn a_timer_samples_before_the_read_by_what_its_pin_says() {
             let (report, reference) = machine.cycle();
             assert!(report.locked);
             let fpga = machine.driver.bus_mut();
-            // The edges of both, from the same moment on.
+            // The edges of both, from the same time on.
             let from = fpga.now().as_nanos();
             let dpll = fpga.dpll().expect("a DPLL");
             let edge = |output| dpll.next_edge(from, output).expect("it runs") as i64;
@@ -170,12 +171,12 @@ fn a_loop_that_was_lost_is_started_again() {
     let mut locked = (0..PROMISED).map(|_| machine.cycle());
     assert!(locked.any(|(report, late)| report.locked && late.abs() < 70_000));
 
-    // Another frequency that the host does not have is no lock.
+    // A frequency that the host does not have must not lock.
     let base = machine.dpll.base_freq_khz;
     machine.driver.pins_mut().set(base, 1.05);
     for n in 0..1_000 {
         let (report, _) = machine.cycle();
-        // As long as the phase is set, it can not run away.
+        // While the phase is set, the loop cannot run away.
         assert!(n < 110 || !report.locked, "{n}");
     }
 }

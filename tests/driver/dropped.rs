@@ -1,4 +1,4 @@
-//! A driver that is dropped says in the log what `stop` would have returned.
+//! A dropped driver logs the result that `stop` would have returned.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, fpga};
 use crate::logged::logged;
@@ -6,7 +6,7 @@ use log::Level;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::transport::{Fault, Faulty};
 
-/// Outputs are on, and two cards are not to be reached any more.
+/// Outputs are on, and two cards can no longer be reached.
 fn cut_off() -> Machine {
     let mut machine = Machine::new();
     machine.cards.set_one_of_each(machine.driver.pins_mut());

@@ -1,4 +1,5 @@
-//! One axis is enabled or disabled, of several that share an enable: what the simulated drives see.
+//! One axis is enabled or disabled, of several that share an enable: the signals at the simulated
+//! drives.
 
 use std::time::Duration;
 
@@ -44,7 +45,7 @@ impl Axes {
         }
     }
 
-    /// The volts and the enable that each drive sees, in tenths of a volt.
+    /// The voltage and the enable at each drive, in tenths of a volt.
     fn drives(&mut self) -> [(i32, bool); 6] {
         [0, 1, 2, 3, 4, 5].map(|axis| {
             let signal = self.driver.bus_mut().drive_signal(axis).expect("a drive");
@@ -52,7 +53,7 @@ impl Axes {
         })
     }
 
-    /// What they see while these axes are enabled.
+    /// Expected signals while these axes are enabled.
     fn expected(&self, enabled: &[usize]) -> [(i32, bool); 6] {
         let is_shared_on = self.shared.iter().any(|axis| enabled.contains(axis));
         [0, 1, 2, 3, 4, 5].map(|axis| {
@@ -134,7 +135,7 @@ fn whoever_sets_the_pins_by_name_has_what_linuxcnc_has() {
         assert_eq!(axes.drives(), axes.expected(&[0, 1, 2, 3, 4, 5]));
         axes.cycles(set_enables(false));
         assert_eq!(axes.drives(), axes.expected(&[]));
-        // One that was disabled alone is not brought back, and one that was enabled can be stopped.
+        // A single disabled axis is not enabled again, and an enabled one can be stopped.
         axes.cycles(|driver, outputs| {
             outputs[0].enable(driver.pins_mut(), false);
             outputs[1].enable(driver.pins_mut(), true);

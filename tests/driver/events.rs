@@ -1,4 +1,4 @@
-//! What happens leads to exactly its event, in the cycle in which it can be seen first.
+//! Each occurrence leads to exactly its event, in the first cycle that can detect it.
 
 use std::time::Duration;
 
@@ -13,10 +13,10 @@ use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{FaultKind, SimFpga};
 
-/// The cycle, counted from the last one before something was done, and what happened in it.
+/// The cycle, counted from the last one before the cause, and the event in it.
 type Told = (u64, EventKind);
 
-/// A machine that runs, and what happens to it.
+/// A running machine with its events.
 struct Rig<B: World> {
     machine: Machine<B>,
     events: Events,
@@ -56,7 +56,7 @@ impl<B: World> Rig<B> {
         told.collect()
     }
 
-    /// What is told in so many cycles, some of whose exchanges may fail.
+    /// The events of this number of cycles, some of whose exchanges may fail.
     fn after(&mut self, cycles: usize) -> Vec<Told> {
         for _ in 0..cycles {
             let _ = self.machine.driver.read();
@@ -70,7 +70,7 @@ impl<B: World> Rig<B> {
         self.machine.status(channel).first_fault
     }
 
-    /// Re-arms until nothing waits; what was told on the way.
+    /// Re-arms until nothing is waiting; returns the events on the way.
     fn rearm(&mut self) -> Vec<EventKind> {
         self.now();
         self.machine.rearm_all(6000);
@@ -125,11 +125,12 @@ fn a_transfer_that_fails_is_told_once_of_a_row_that_is_over_when_none_has_failed
         ] {
             let mut rig = rig();
             rig.machine.cable(channel).inject(Toward::Fpga, fault, 1);
-            // The next read has the transfer before it, and the one after it this one.
+            // The next read has the previous transfer, and the one after it this one.
             let told = (2, failed(channel, failure));
             assert_eq!(rig.after(5), [told], "{fault:?}");
             rig.machine.cable(channel).inject(Toward::Fpga, fault, 1);
-            // The bits of CS are sticky, so that its kind may not show again: that is told.
+            // The bits of CS are sticky, so that the kind of a second failure may be hidden: that
+            // is reported.
             let again = rig.after(1000);
             let first = failed(channel, failure);
             assert!(again.iter().all(|(_, kind)| *kind != first), "{again:?}");
@@ -174,7 +175,7 @@ fn a_remote_that_is_unplugged_and_plugged_in_again_has_its_story_told() {
     assert!((20..=40).contains(&cycle), "{cycle}");
     assert_eq!(rig.first_fault(ANALOG), Some(reason));
 
-    // It is tried again for as long as it takes, and that is told once.
+    // Attempts are repeated without a limit, and that is reported once.
     let told = rig.after(10_000);
     let [
         (

@@ -1,5 +1,5 @@
-//! Of everything that the simulator can let go wrong: what is told, in which order and in which words.
-//! Whether that is true is not asked of the driver, but of what the simulator did and what is on.
+//! Events of every fault that the simulator can produce: their order and texts. Their truth is
+//! checked against the simulator's actions and outputs, not against the driver.
 
 mod network;
 
@@ -16,14 +16,14 @@ use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
 
-/// So many cycles with a fault.
+/// Number of cycles with a fault.
 const FAULTY: usize = 60;
-/// After so many cycles without another, the end of a row is told.
+/// Number of quiet cycles after which the end of a row is reported.
 const QUIET: usize = 11_000;
-/// What happens once in a while happens so many times.
+/// Number of occurrences of a sporadic fault.
 const TIMES: u32 = 3;
 
-/// What the board itself went through.
+/// The board's own losses.
 #[derive(Clone, Debug, Default)]
 struct Losses(Arc<Mutex<[u32; 2]>>);
 
@@ -51,7 +51,7 @@ impl Director for Losses {
     }
 }
 
-/// A machine with an output of each card on, and what is told of it.
+/// A machine with an output of each card on, and its events.
 struct Story<B: World> {
     machine: Machine<B>,
     events: Events,
@@ -77,7 +77,7 @@ impl<B: World> Story<B> {
         story
     }
 
-    /// Cycles, some of whose exchanges may fail.
+    /// Runs cycles, some of whose exchanges may fail.
     fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
             let _ = self.machine.driver.read();
@@ -88,7 +88,7 @@ impl<B: World> Story<B> {
             .extend(self.events.by_ref().map(|event| event.kind));
     }
 
-    /// Which of the cards have their output on.
+    /// The cards that have their output on.
     fn on(&mut self) -> [bool; 3] {
         let fpga = self.machine.fpga();
         let world = |channel| device(fpga, channel).world();
@@ -100,13 +100,13 @@ impl<B: World> Story<B> {
         ]
     }
 
-    /// What is told of the board, and that outputs are off, is so; and nothing else is.
+    /// Checks that events about the board, and about safe outputs, are true and complete.
     fn check(&mut self, kind: FaultKind) {
         let told = |kind| self.told.iter().filter(|told| **told == kind).count() as u32;
         let [resets, bites] = self.losses.seen();
         let is_down = told(EventKind::BusDown) > 0;
-        // A board that was reset lets its watchdog bite with the next write, and of one that can not
-        // be reached nothing is known.
+        // A board that was reset lets its watchdog bite with the next write, and the state of an
+        // unreachable board is unknown.
         let expected = [resets, if resets > 0 || is_down { 0 } else { bites }];
         let found = [told(EventKind::BoardReset), told(EventKind::WatchdogBitten)];
         assert_eq!(found, expected, "{kind}: {:?}", self.told);
@@ -131,7 +131,7 @@ impl<B: World> Story<B> {
         assert_eq!(self.on(), [true; 3]);
     }
 
-    /// How many are told of, in whatever words.
+    /// Total of a count over the matching events, or the count of a repetition if that is larger.
     fn total(&self, count: impl Fn(&EventKind) -> u32, mask: EventMask) -> u32 {
         let of = |kind: &&EventKind| mask.contains(kind.mask());
         let told: u32 = self.told.iter().filter(of).map(count).sum();
@@ -143,7 +143,7 @@ impl<B: World> Story<B> {
     }
 }
 
-/// Lets it happen, and ends it.
+/// Starts a fault, and ends it.
 fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
     let now = story.machine.now();
     let next = story.machine.driver.bus().exchanges();
@@ -238,7 +238,7 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
         }
         FaultKind::HostLate => story.machine.sleep(3),
         FaultKind::HostStall => story.machine.sleep(20),
-        // Nobody is left to tell anything.
+        // No process is left to report anything.
         FaultKind::HostKilled => {}
         FaultKind::NetworkLostRequest
         | FaultKind::NetworkLostReply
@@ -259,13 +259,13 @@ fn spoil(story: &mut Story<Faulty<SimFpga>>, fault: WireFault) {
     assert_eq!(counts.bursts - counts.intact, u64::from(TIMES), "{fault:?}");
     story.run(QUIET);
     let failed = story.total(|_| 1, EventMask::TRANSFER_FAILED);
-    // The reply that comes too late is in the way of the one after it.
+    // A late reply disturbs the following one.
     let each = 1 + u32::from(matches!(fault, WireFault::Late(_)));
     assert_eq!(failed, each * TIMES, "{fault:?}: {:?}", story.told);
 }
 
-/// All that is told of each fault, from its begin to the end of the re-arming, against the written
-/// list of it. Every fault is looked at, whatever became of those before it.
+/// Compares all events of each fault, from its begin to the end of the re-arming, with the written
+/// list. Every fault is checked, even after a failure of an earlier one.
 fn all_is_as_written(list: &str, is_in: fn(Place) -> bool, tell: fn(FaultKind) -> Vec<EventKind>) {
     let kinds = FaultKind::ALL.iter().copied();
     let mut made = String::new();
@@ -360,7 +360,8 @@ fn what_was_not_told_one_by_one_is_told_when_the_driver_stops() {
     assert!(told.starts_with(said), "{told}");
 }
 
-/// A night with a network that loses a packet in a hundred: nobody looks before the morning.
+/// A night on a network that loses one packet in a hundred: the events are not read before the
+/// morning.
 #[test]
 fn a_bad_night_leaves_a_few_lines_and_not_a_full_queue() {
     let mut bus = Faulty::new(fpga(), 11);

@@ -162,7 +162,7 @@ fn faulty() -> Machine<Faulty<SimFpga>> {
     machine
 }
 
-/// A cycle whose read may fail.
+/// Runs a cycle whose read may fail.
 fn try_cycle(machine: &mut Machine<Faulty<SimFpga>>) -> bool {
     let is_ok = machine.driver.read().is_ok();
     let _ = machine.driver.write();
@@ -207,8 +207,8 @@ fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
     machine.pass(Duration::from_millis(1));
     let report = machine.driver.read().unwrap();
     assert_eq!((report.lost_writes, report.good), (1, 0));
-    // A missed cycle: nothing failed on the wire. The reply of the next one could be to what was lost,
-    // and is not taken either.
+    // A missed cycle: nothing failed on the wire. The reply of the next one could belong to the
+    // lost request, and is not taken either.
     let group = machine.status(FIELD).pins.group;
     for age in 1..=2 {
         let state = machine.driver.pins().group_state(group).unwrap();
@@ -235,7 +235,7 @@ fn a_bus_that_is_down_makes_everything_safe_and_stops_feeding_the_watchdog() {
         } else {
             BoardState::BusDown
         };
-        // Read and write fail both, and five failures in all are allowed.
+        // Read and write both fail, and five failures in total are allowed.
         assert_eq!(machine.driver.board_state(), expected, "cycle {n}");
     }
     assert!(
@@ -259,7 +259,7 @@ fn a_bus_that_is_down_makes_everything_safe_and_stops_feeding_the_watchdog() {
     assert_eq!(are_outputs_on(&machine), [true; 3]);
 }
 
-/// One cycle in which only the read fails.
+/// Runs one cycle in which only the read fails.
 fn lose_a_read(machine: &mut Machine<Faulty<SimFpga>>) {
     let next = machine.driver.bus_mut().exchanges();
     let lost = Fault::Executed(BusErrorKind::Lost);
@@ -292,8 +292,8 @@ fn errors_are_counted_on_from_what_the_application_sets() {
     assert_eq!(machine.driver.statistics().read_errors, 5);
 }
 
-/// Manual page hm2_eth(9): each cycle with an error adds the increment, each without one takes the
-/// decrement off, and the level stays within 0 and the limit.
+/// Manual page hm2_eth(9): each cycle with an error adds the increment, each without one subtracts
+/// the decrement, and the level stays within 0 and the limit.
 #[test]
 fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
     let mut machine = faulty();

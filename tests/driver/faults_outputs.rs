@@ -1,6 +1,6 @@
 //! A remote that reports a fault drives nothing: *all* its outputs are off within 60 ms of the
-//! reply that told it, whatever the fault, and stay off until they are set again after re-arming.
-//! The truth is what stands on the simulated terminals, looked at every 250 us.
+//! reply with the report, whatever the fault, and stay off until they are set again after
+//! re-arming. The truth is the state of the simulated terminals, checked every 250 us.
 
 use core::any::Any;
 use core::ops::RangeInclusive;
@@ -14,16 +14,16 @@ use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{SimError, SimFpga};
 
 pub const MS: u64 = 1_000_000;
-/// The remote's own 50 ms, and what lies between a fault and the reply that tells it: one period.
+/// The remote's own 50 ms, and the time from a fault to the reply that reports it: one period.
 const OFF_WITHIN: u64 = 61 * MS;
 const STEP: u64 = 250_000;
 
-/// How a fault comes about.
+/// Cause of a fault.
 #[derive(Clone, Copy, Debug)]
 enum Cause {
     /// The bit is set, and START clears it.
     Bit(RemoteFaults),
-    /// The bit is set, and START does not clear it before it is gone.
+    /// The bit is set, and START does not clear it before its cause is gone.
     Stuck(RemoteFaults),
     Short,
     Hot,
@@ -41,7 +41,7 @@ fn change<A: Application>(end: &mut dyn RemoteEnd, faults: RemoteFaults, stuck: 
     true
 }
 
-/// Sets bits in the fault byte, behind the line's back.
+/// Sets bits in the fault byte directly, without the wire.
 fn set_bits(machine: &mut Machine, channel: usize, faults: RemoteFaults, stuck: bool) {
     let end = machine
         .driver
@@ -69,7 +69,7 @@ impl Cause {
     fn ends(self, machine: &mut Machine, channel: usize) {
         match self {
             Self::Bit(_) => {}
-            // What START could not clear stays set; only its cause is gone.
+            // The bit stays set that START could not clear; only its cause is gone.
             Self::Stuck(faults) => {
                 set_bits(machine, channel, RemoteFaults::empty(), false);
                 set_bits(machine, channel, faults, false);
@@ -78,7 +78,7 @@ impl Cause {
         }
     }
 
-    /// What the world does to the device.
+    /// Applies the external cause to the device.
     fn change(self, machine: &mut Machine, channel: usize, begins: bool) {
         let now = machine.now();
         let device = machine.device_mut(channel);
@@ -93,8 +93,8 @@ impl Cause {
     }
 }
 
-/// Every fault byte with one bit, and what a device can do to get one. The bit of the watchdog comes
-/// without a bite, as no real remote sets it.
+/// Every fault byte with one bit, and the causes that set one in a device. The bit of the watchdog
+/// comes without a bite, as on no real remote.
 fn causes(channel: usize) -> Vec<Cause> {
     let bits = (0..8).map(|bit| RemoteFaults::from_bits_retain(1 << bit));
     let mut all: Vec<Cause> = bits
@@ -107,7 +107,7 @@ fn causes(channel: usize) -> Vec<Cause> {
     all
 }
 
-/// Which outputs are on, counted as the device has them.
+/// The outputs that are on, by the device's numbers.
 pub fn on(machine: &Machine, channel: usize) -> Vec<usize> {
     on_board(machine.driver.bus(), channel)
 }
@@ -132,7 +132,7 @@ pub fn all_of(channel: usize) -> Vec<usize> {
     }
 }
 
-/// What an application sets in every cycle, whatever the driver says.
+/// The outputs that an application sets in every cycle, whatever the driver reports.
 fn switch_all_on(machine: &mut Machine) {
     machine.cards.set_all(machine.driver.pins_mut());
 }
@@ -148,7 +148,7 @@ fn busy_machine() -> Machine {
     machine
 }
 
-/// One period of 1 ms in small steps; `look` is called after each.
+/// Runs one period of 1 ms in small steps; `look` is called after each.
 pub fn cycle(machine: &mut Machine, mut look: impl FnMut(&Machine)) {
     let end = (machine.now() / MS + 1) * MS;
     let _ = machine.driver.read().expect("the bus does not fail");
@@ -166,7 +166,7 @@ fn pass(machine: &mut Machine, until: u64, mut look: impl FnMut(&Machine)) {
     }
 }
 
-/// Fails if any output of the remote is on at `from` or later.
+/// Returns a check that fails if any output of the remote is on at `from` or later.
 fn off_from(from: u64, channel: usize, what: String) -> impl FnMut(&Machine) {
     move |machine| {
         if machine.now() >= from {
@@ -198,7 +198,7 @@ fn whatever_the_fault_all_outputs_are_off_within_60_ms_and_stay_off_until_re_arm
     }
 }
 
-/// It runs again, and drives what is set after it was re-armed.
+/// Checks that the remote runs again, and drives the outputs set after it was re-armed.
 fn comes_back(machine: &mut Machine, channel: usize, what: &str, mut look: impl FnMut(&Machine)) {
     for _ in 0..2000 {
         if machine.is_running(channel) && machine.is_valid(channel) {
@@ -219,7 +219,7 @@ fn comes_back(machine: &mut Machine, channel: usize, what: &str, mut look: impl 
     assert_eq!(on(machine, channel), all_of(channel), "{what}");
 }
 
-/// The channels that `stop` names, and with them every one that has an output on.
+/// The channels that `stop` reports; checks that they include every one that has an output on.
 pub fn named(stopped: Result<(), StopError<SimError>>, fpga: &SimFpga, what: &str) -> Vec<usize> {
     let not_reached = stopped.map_or_else(
         |error| {
@@ -317,7 +317,7 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
     }
 }
 
-/// The host stands still for longer than the remotes' watchdogs allow, and the board's.
+/// The host stops for longer than the watchdogs of the remotes and of the board permit.
 #[test]
 fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_once() {
     let mut machine = Machine::build(|s| s.watchdog = Some(std::time::Duration::from_millis(500)));
@@ -385,7 +385,7 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
         Some(OfflineReason::FieldPower(low)),
         "still not re-armed"
     );
-    // Another fault before anybody has re-armed it changes nothing.
+    // Another fault before the re-arming changes nothing.
     machine.cable(FIELD).unplug();
     machine.until(40, |machine| !machine.is_running(FIELD));
     assert_eq!(machine.status(FIELD).first_fault, first);
@@ -396,7 +396,7 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
     assert_eq!(machine.status(FIELD).first_fault, None);
 }
 
-/// Seldom said and easily forgotten: the range that the tests above walk is the whole fault byte.
+/// The range that the tests above cover is the whole fault byte.
 #[test]
 fn every_bit_of_the_fault_byte_has_a_name() {
     let bits: RangeInclusive<u8> = 0..=7;

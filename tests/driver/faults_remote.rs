@@ -1,5 +1,5 @@
-//! Faults of remotes and their cables: what the pins say, that the others go on, that outputs are
-//! safe, and how a remote comes back.
+//! Faults of remotes and their cables: the state of the pins, the continued operation of the
+//! others, safe outputs, and the recovery of a remote.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
@@ -26,7 +26,7 @@ fn busy_machine(mode: u8) -> Machine {
     machine
 }
 
-/// What an application sets in each cycle.
+/// The outputs that an application sets in each cycle.
 fn switch_on(machine: &mut Machine) {
     machine.cards.set_one_of_each(machine.driver.pins_mut());
     machine.device_mut(FIELD).set_input(9, true).unwrap();
@@ -41,7 +41,7 @@ fn are_outputs_on(machine: &Machine, channel: usize) -> bool {
     }
 }
 
-/// The other two remotes transfer in every cycle of `during`.
+/// Checks that the other two remotes transfer in every one of `cycles`.
 fn others_go_on(machine: &mut Machine, channel: usize, cycles: usize) {
     let before: Vec<_> = transfers(machine);
     machine.cycles(cycles);
@@ -68,8 +68,8 @@ fn transfers(machine: &Machine) -> Vec<(u64, u64)> {
     [FIELD, ANALOG, OUTPUTS].map(of).to_vec()
 }
 
-/// One fault of the wire, in one reply or request: what it is counted as, how many cycles the
-/// inputs are not valid, and that nothing else happens.
+/// One fault of the wire, in one reply or request: checks its counter, the number of cycles without
+/// valid inputs, and that nothing else happens.
 fn one_wire_fault(
     channel: usize,
     toward: Toward,
@@ -117,12 +117,12 @@ fn faults_of_one_reply_are_told_apart_and_cost_its_remote_two_cycles() {
         of(channel, WireFault::Short(1), &[NoReply], 2);
         of(channel, WireFault::Break, &[Break], 2);
     }
-    // Extra characters behind the last of all replies spoil the next transfer ...
+    // Extra characters behind the last of all replies spoil the next transfer.
     of(ANALOG, WireFault::Long(1), &[ExtraCharacters], 2);
     of(ANALOG, WireFault::Long(2), &[ExtraCharacters], 2);
-    // ... and before it, none.
+    // Before the last reply they spoil none.
     of(FIELD, WireFault::Long(1), &[], 0);
-    // It looks lost at first, and disturbs the transfer after it.
+    // The reply looks lost at first, and disturbs the transfer after it.
     of(ANALOG, WireFault::Late(90_000), &[Late], 4);
     of(ANALOG, WireFault::Late(700_000), &[Late], 4);
 }
@@ -135,7 +135,7 @@ fn faults_of_one_request_are_survived_as_a_missing_reply() {
     }
 }
 
-/// A remote's whole way: gone, offline, back, safe, re-armed.
+/// The whole sequence of a remote: lost, offline, back, safe, re-armed.
 fn comes_back(
     mut machine: Machine,
     channel: usize,
@@ -146,7 +146,8 @@ fn comes_back(
     let gone = machine.until(40, |machine| !machine.is_running(channel));
     assert!(!machine.is_valid(channel) && !machine.is_armed(channel));
     assert!(machine.bit(&format!("{}.running", prefix(&machine, ANALOG))));
-    // The others are served while nothing is tried: 60 ms from a fault that it reports on.
+    // The others are served while nothing is tried: 60 ms from a fault that the remote reports
+    // itself.
     others_go_on(&mut machine, channel, 50);
     assert!(gone <= 22, "offline after {gone} cycles");
     repair(&mut machine);
@@ -202,7 +203,8 @@ fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
     assert_eq!(machine.device(FIELD).mode(), 2);
 }
 
-/// While it is talked to, its other outputs stay on (FACTS 1.5): so its inputs go, too.
+/// While a remote with a fault is addressed, its other outputs stay on (FACTS 1.5). So it is not
+/// addressed, and its inputs are lost as well.
 #[test]
 fn a_remote_that_reports_a_fault_has_no_valid_input_until_its_cause_is_gone() {
     let power: fn(&mut Machine, bool) = |machine, fails| {
@@ -328,7 +330,7 @@ fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() 
     let started = watch(&mut machine, 20);
     assert_eq!(started.first(), Some(&[0, 0, 0]));
     assert_eq!(started[started.len() - 2..], [[2, 0, 0], [3, 0, 0]]);
-    // One remote is away: the port is in operation, and starts it anew now and then.
+    // One remote is absent: the port is in operation, and occasionally tries to start it.
     machine.cable(FIELD).unplug();
     assert_eq!(
         watch(&mut machine, 200),

@@ -1,5 +1,5 @@
-//! Another program writes the time of the board's watchdog: everything becomes safe, and what is told
-//! does not blame the host or the supply alone.
+//! Another program writes the time of the board's watchdog: everything becomes safe, and the event
+//! does not name the host or the supply as the only cause.
 
 use crate::common::ethernet;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, device, fpga};
@@ -19,7 +19,7 @@ fn are_on<B: World>(machine: &mut Machine<B>) -> [bool; 3] {
     [field, analog, world(OUTPUTS).output(7) == Some(true)]
 }
 
-/// Somebody else writes a time.
+/// Another program writes a time.
 fn written<B: World>(bus: B, time: u32, write: impl Fn(&mut B, u32)) {
     let mut machine: Machine<B> = Machine::on(bus, |_| {});
     let cards = machine.cards.clone();

@@ -1,5 +1,6 @@
 //! `index-enable` ends by a true latch and by nothing else, whatever the network does to the writes
-//! of the control word: each zero is held against the place of the index on the simulated shaft.
+//! of the control word: each zero is compared with the position of the index on the simulated
+//! shaft.
 
 use crate::common::machine::start;
 use std::time::Duration;
@@ -14,7 +15,7 @@ use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const PER_TURN: u32 = 500;
-/// What a latch may differ from the place where the index begins: its width, and a count that comes
+/// Tolerance of a latch around the beginning of the index: its width, and a count that arrives
 /// together with it.
 const WIDTH: i64 = 2;
 
@@ -29,7 +30,7 @@ fn motor(per_turn: u32) -> Motor {
     Motor::new(config).unwrap()
 }
 
-/// What becomes of a packet: one in `n` is lost, one late, one comes twice.
+/// The fate of a packet: one in `n` is lost, one late, one duplicated.
 fn fates(seed: u64, n: u64) -> Fate {
     let mut chance = Chance(seed);
     Box::new(move |_, _| {
@@ -59,23 +60,23 @@ fn machine(per_turn: u32) -> Machine {
     .expect("the machine is complete")
 }
 
-/// A shaft that somebody turns, and what its application asked for.
+/// A shaft that is turned by hand, and the request of its application.
 struct Shaft {
     pins: EncoderPins,
-    /// Where the shaft was when the index was asked for.
+    /// Position of the shaft when the index was requested.
     asked_at: Option<i64>,
     zeroes: u32,
 }
 
 impl Shaft {
-    /// What the encoder says its zero is, in counts of the shaft.
+    /// Zero of the encoder, in counts of the shaft.
     fn zero(&self, driver: &Machine) -> i64 {
         let pins = driver.pins();
         let raw = pins.read(self.pins.counter.rawcounts).value;
         i64::from(raw.wrapping_sub(pins.read(self.pins.counter.count).value))
     }
 
-    /// After a read: whether the request has ended, its zero is one that the shaft has.
+    /// After a read: if the request has ended, its zero must be one that the shaft has.
     fn check(&mut self, driver: &Machine, shaft: i64, told: &str) {
         let Some(asked_at) = self.asked_at else {
             return;
@@ -107,7 +108,7 @@ fn counts(driver: &mut Machine, axis: usize) -> i64 {
         .map_or(0, |m| m.counts().floor() as i64)
 }
 
-/// Six shafts at different speeds, asked for their index again and again; how many zeroes.
+/// Six shafts at different speeds, with repeated index requests; returns the number of zeroes.
 fn run(seed: u64, cycles: u32, n: u64) -> u32 {
     let mut driver = machine(PER_TURN);
     let mut chance = Chance(seed);
@@ -148,7 +149,7 @@ fn run(seed: u64, cycles: u32, n: u64) -> u32 {
                     driver.pins_mut().set(shaft.pins.counter.index_enable, true);
                     shaft.asked_at = Some(now);
                 }
-                // Taken back, and perhaps asked for again at once.
+                // Withdrawn, and possibly requested again at once.
                 Some(_) if chance.one_in(200) => {
                     driver
                         .pins_mut()
@@ -178,8 +179,8 @@ fn no_delayed_duplicate_or_lost_write_makes_a_false_zero() {
     }
 }
 
-/// A shaft that swings over one index only, while another setting changes in every cycle, with which
-/// the control words are written again; the application works between read and write.
+/// A shaft that swings over one index only, while another setting changes in every cycle, with
+/// which the control words are written again; the application works between read and write.
 #[test]
 fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
     for work in [50, 300, 600, 900_u64] {
@@ -197,13 +198,13 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
         };
         for swing in 0..80_i64 {
             let upwards = swing % 2 == 0;
-            // The swings are not in step with the cycle.
+            // The swings are not synchronous with the cycle.
             driver.bus_mut().wait(Duration::from_micros(137));
             // Always from the same side, so that the latch is at the same count again.
             driver.pins_mut().set(pins.counter.index_enable, upwards);
             shaft.asked_at = upwards.then(|| counts(&mut driver, 0));
-            // Back to where it came from, at another speed for each pair of swings: the index comes
-            // at every time of the period.
+            // Back to the start, at another speed for each pair of swings: the index occurs at
+            // every time of the period.
             let pair = (swing + 1) / 2;
             let speed = (25_000 + pair * 7_919 % 20_000) as f64;
             for cycle in 0..14_u32 {
@@ -238,7 +239,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
     }
 }
 
-/// What disturbs the cycles in which an axis approaches its mark.
+/// Disturbance of the cycles in which an axis approaches its mark.
 #[derive(Clone, Copy, Debug)]
 enum Disturbance {
     Nothing,
@@ -247,7 +248,7 @@ enum Disturbance {
     AnotherAxis,
 }
 
-/// One cycle: all axes turn at `speed` counts in a second, every other one the other way round.
+/// Runs one cycle: all axes turn at `speed` counts per second, every other one in reverse.
 fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u32) {
     for axis in 0..6 {
         let speed = if axis % 2 == 0 { speed } else { -speed };
@@ -282,8 +283,8 @@ fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u
         .wait(Duration::from_nanos(period - now % period));
 }
 
-/// Five axes home at once, move away by more than 16 bits count, and home again in the same direction.
-/// Their marks are a million counts apart: nothing but the mark at 0 is near.
+/// Five axes home simultaneously, move away by more than 16 bits count, and home again in the same
+/// direction. Their marks are a million counts apart: nothing but the mark at 0 is near.
 #[test]
 fn an_index_is_not_found_65536_counts_from_the_mark_whatever_is_written_there() {
     for disturbance in [

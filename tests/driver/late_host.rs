@@ -1,5 +1,6 @@
-//! One bad remote does not stop its port, however late the host and the network are, and no remote is
-//! blamed for them. The truth is what the cables have lost, and what stands on the simulated terminals.
+//! One bad remote does not stop its port, however late the host and the network are, and their
+//! delays are not blamed on remotes. The truth is the cables' losses, and the state of the
+//! simulated terminals.
 
 use std::time::Duration;
 
@@ -16,7 +17,7 @@ fn settings(settings: &mut Settings) {
     settings.watchdog = Some(Duration::from_millis(100));
 }
 
-/// Cycles of a host that is late by 5 to 10 ms now and then, before a write or after it.
+/// Runs cycles of a host that is occasionally late by 5 to 10 ms, before a write or after it.
 fn late_cycles<B: World>(machine: &mut Machine<B>, chance: &mut Chance, count: usize) {
     for _ in 0..count {
         let _ = machine.driver.read();
@@ -52,7 +53,8 @@ fn a_late_host_and_a_remote_without_a_cable_take_nothing_from_the_others() {
     }
 }
 
-/// Replies and requests that are late as well bring the bus down, after which the board's watchdog bites.
+/// Replies and requests that are late as well bring the bus down, after which the board's watchdog
+/// bites.
 #[test]
 fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
     let mut downs = 0;
@@ -85,7 +87,7 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
                 );
             }
         }
-        // With a good network everything but the one without a cable is back.
+        // With a good network everything but the remote without a cable recovers.
         let link = machine.driver.bus_mut().link();
         let good = || Box::new(|_: u64, _: &[u8]| vec![WIRE]);
         (link.to_board, link.to_host) = (good(), good());
@@ -105,7 +107,7 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
     assert!(downs > 3, "{downs} of 12 went down");
 }
 
-/// No clock of the host tells how long a virtual machine was stopped: the board's watchdog does.
+/// The host's clocks do not show how long a virtual machine was stopped: the board's watchdog does.
 #[test]
 fn after_a_stop_that_no_clock_of_the_host_has_seen_the_second_read_shows_that_the_board_is_safe() {
     for pace in [Pace::Host, Pace::Board] {
@@ -138,7 +140,7 @@ fn after_a_stop_that_no_clock_of_the_host_has_seen_the_second_read_shows_that_th
         cycle(&mut machine);
         machine.rest();
         cycle(&mut machine);
-        // By the host's clock it was fed just now, and bites then after a reset only.
+        // By the host's clock it was fed just now, and would only bite after a reset.
         let state = machine.driver.board_state();
         let is_safe = [BoardState::Reset, BoardState::WatchdogBitten].contains(&state);
         assert!(is_safe, "{pace:?}: {state:?}");

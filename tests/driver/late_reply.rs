@@ -1,5 +1,5 @@
-//! A reply that comes after its transfer has failed, in the middle of the next one: nothing on the wire
-//! numbers replies, so that it is taken for the reply to that one.
+//! A reply that arrives after its transfer has failed, in the middle of the next one: nothing on
+//! the wire numbers replies, so that it is taken for the reply to that one.
 
 use crate::common::machine::{FIELD, Machine};
 use mesa_hal::Clock;
@@ -22,7 +22,7 @@ impl Rig {
         }
     }
 
-    /// Other inputs in each cycle; the pattern that is valid and its age in nanoseconds.
+    /// Sets other inputs in each cycle; returns the valid pattern and its age in nanoseconds.
     fn cycle(&mut self) -> Option<(u32, u64)> {
         let _ = self.machine.driver.read().expect("the bus does not fail");
         let now = self.machine.driver.pins().now().as_nanos();

@@ -1,4 +1,4 @@
-//! What the driver writes to the log.
+//! The driver's log messages.
 
 use std::cell::RefCell;
 
@@ -9,7 +9,7 @@ use mesa_hal_sim::{ModuleDescriptor, PinDescriptor, SimFpga, machines};
 use crate::common::machine::start;
 
 thread_local! {
-    /// What was logged by this thread, which runs one test.
+    /// Messages logged by this thread, which runs one test.
     static LINES: RefCell<Vec<(Level, String)>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -28,9 +28,9 @@ impl Log for Lines {
     fn flush(&self) {}
 }
 
-/// What is logged at this level meanwhile.
+/// The messages logged at this level while `work` runs.
 pub fn logged(level: Level, work: impl FnOnce()) -> Vec<String> {
-    // Another test may have done it.
+    // Another test may have set it already.
     let _ = log::set_logger(&Lines);
     log::set_max_level(LevelFilter::Info);
     LINES.take();

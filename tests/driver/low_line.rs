@@ -1,4 +1,4 @@
-//! What is told of a line that goes low does not depend on when it does.
+//! The report of a line that goes low does not depend on the time.
 
 use mesa_hal::driver::{Failure, OfflineReason};
 
@@ -7,7 +7,7 @@ use crate::common::machine::{ANALOG, Machine};
 /// CS of channel 1, and the local error bit of an overrun in it.
 const CS: u16 = 0x5D04;
 const OVERRUN: u32 = 0x04;
-/// How often it goes low, and by how much later each time: a character takes 3809 ns.
+/// Number of times that it goes low, and the additional delay of each: a character takes 3809 ns.
 const TIMES: u64 = 80;
 const LATER: u64 = 790;
 

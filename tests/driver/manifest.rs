@@ -8,7 +8,7 @@ use mesa_hal::driver::{Driver, SerialConfig};
 use mesa_hal::hal::Pins;
 use mesa_hal_sim::{SimFpga, machines};
 
-/// Name to everything else that the manifest tells.
+/// Name to the rest of its line in the manifest.
 type List = BTreeMap<String, String>;
 
 fn made(pins: &Pins) -> List {
@@ -63,7 +63,7 @@ fn differences(made: &List, written: &List) -> Vec<String> {
     found
 }
 
-/// A 7I77 with everything that it measures, and a 7I72 with its supply voltage.
+/// A 7I77 with all its measurements, and a 7I72 with its supply voltage.
 fn machine_7i92() -> Driver<SimFpga> {
     let modes: SerialConfig = "301".parse().expect("modes");
     Machine::build(|s| s.serial_ports = [(0, modes)].into()).driver

@@ -1,4 +1,4 @@
-//! What an output shows of itself while its group is not armed.
+//! Readings of an output while its group is not armed.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ fn cycles(driver: &mut Driver<SimFpga>, field: &I7i77Field, count: usize) {
     }
 }
 
-/// What the simulated terminals have.
+/// The state of the simulated terminals.
 fn terminals(driver: &mut Driver<SimFpga>) -> [bool; 16] {
     let card = driver
         .bus_mut()
@@ -28,7 +28,8 @@ fn terminals(driver: &mut Driver<SimFpga>) -> [bool; 16] {
     core::array::from_fn(|n| card.world().output(n) == Some(true))
 }
 
-/// No output that is read as on and valid is off at its terminal, nor the other way round.
+/// Checks that no output that reads as on and valid is off at its terminal, nor the other way
+/// round.
 fn check(driver: &mut Driver<SimFpga>, field: &I7i77Field, writer: &mut SnapshotWriter, on: bool) {
     assert_eq!(terminals(driver), [on; 16]);
     writer.publish(driver).expect("its driver");

@@ -1,5 +1,5 @@
-//! Modules look at their pins when one of them has changed. It does not show: a driver in which
-//! everything changes in every cycle does the same.
+//! Modules process their pins only when one of them has changed. This has no visible effect: a
+//! driver in which everything changes in every cycle behaves the same.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
 
 const CYCLES: u32 = 1_000;
 
-/// Notes what is exchanged.
+/// Records the exchanges.
 #[derive(Debug, Default)]
 struct Log(Vec<(Access, Vec<u32>)>);
 
@@ -34,7 +34,7 @@ impl Between for Log {
     }
 }
 
-/// Sets everything to something else and back.
+/// Sets everything to another value and back.
 fn touch_all(pins: &mut Pins) {
     let infos = pins.infos().to_vec();
     for PinInfo {
@@ -75,11 +75,11 @@ fn touch_all(pins: &mut Pins) {
     }
 }
 
-/// What a cycle came to: what was exchanged, what the pins hold, and what was not used as it was set.
+/// The result of a cycle: its exchanges, the values of the pins, and the rejected values.
 type Cycle = (Vec<(Access, Vec<u32>)>, Vec<AnyValue>, Rejections);
 
-/// Cycles in which anything is set to anything, motors turn, and the board is reset, bites or is not
-/// heard for a while.
+/// Cycles in which arbitrary pins are set to arbitrary values, motors turn, and the board is reset,
+/// bites or is not received for a while.
 fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item = Cycle> {
     let mut chance = Chance(seed);
     let between = Log::default();

@@ -1,5 +1,5 @@
 //! A kind of card that this crate does not know, and remotes that may be absent at the start: they
-//! come up when they are plugged in, and what is something else does not.
+//! start when they are plugged in, and any other card does not.
 
 use std::time::Duration;
 
@@ -60,7 +60,7 @@ fn board(end: Option<Box<dyn RemoteEnd>>, mut settings: Settings) -> Board<SimFp
     Board::identify(fpga, settings).expect("a 7I92")
 }
 
-/// A machine whose valve block is not there yet.
+/// A machine whose valve block is absent.
 fn shop() -> Shop {
     let mut board = board(None, optional(OUTPUTS, 0, &VALVES));
     board.discover().expect("two remotes");
@@ -74,7 +74,7 @@ fn shop() -> Shop {
     shop
 }
 
-/// The same, and the valve block that belongs to it.
+/// The same machine, and the valve block that belongs to it.
 pub(super) fn shop_and_its_valves() -> (Shop, Box<dyn RemoteEnd>) {
     (shop(), valve_block(""))
 }
@@ -97,7 +97,7 @@ fn are_open(shop: &Shop) -> bool {
     open[0]
 }
 
-/// Why it does not run.
+/// Reason for not running.
 fn reason(shop: &Shop) -> String {
     match shop.status(OUTPUTS).state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
@@ -110,7 +110,7 @@ fn reason(shop: &Shop) -> String {
 #[test]
 fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let mut shop = {
-        // What is there is what it is, optional or not.
+        // A remote that is present is used with its own tables, optional or not.
         let mut board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
         board.discover().expect("three remotes");
         assert_eq!(board.remotes().count(), 3);
@@ -253,7 +253,7 @@ fn something_else_that_is_plugged_in_for_an_optional_remote_stays_offline_and_sa
     shop.until(12_000, |shop| shop.is_running(OUTPUTS));
 }
 
-/// Neither one that is there at the start nor one that is plugged in later.
+/// Neither one that is present at the start nor one that is plugged in later.
 #[test]
 fn an_optional_remote_with_another_unit_number_than_is_asked_for_is_not_taken() {
     for is_there in [false, true] {

@@ -1,4 +1,4 @@
-//! Another board, or another firmware, answers where the driver's own was.
+//! Another board, or another firmware, answers in the place of the driver's own.
 
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ fn i7i97() -> SimFpga {
     machines::i7i97(1)
 }
 
-/// What the board drives, and whether its watchdog was ever set.
+/// Number of driven pins, and true if the watchdog was ever set.
 fn driven(board: &SimFpga) -> (usize, bool) {
     let pins = 0..board.firmware().pins.len();
     let driven = pins.filter(|&pin| board.is_driven(pin)).count();
@@ -45,7 +45,7 @@ fn running() -> Machine {
     machine
 }
 
-/// Cycles that may fail.
+/// Runs cycles that may fail.
 fn cycles(machine: &mut Machine, count: usize) {
     for _ in 0..count {
         let _ = machine.driver.read();
@@ -77,7 +77,7 @@ fn another_board_gets_none_of_the_set_up_and_nothing_of_it_is_valid() {
         let mut looked = 0;
         for id in pins.ids() {
             let info = pins.info_of(id).expect("its own");
-            // What the driver itself knows, such as faults, it goes on to say.
+            // Values that the driver itself knows, such as faults, stay valid.
             let is_board = info.group == machine.driver.group();
             let kinds = [".input-", ".analogin", ".enc"];
             let is_remote = kinds.iter().any(|kind| info.name.contains(kind));
@@ -94,7 +94,7 @@ fn another_board_gets_none_of_the_set_up_and_nothing_of_it_is_valid() {
         .filter(|&&kind| kind == EventKind::OtherFirmware);
     assert_eq!(others.count(), 1, "{told:?}");
 
-    // The driver's own board is there again, without its set-up.
+    // The driver's own board is present again, without its set-up.
     swap(&mut machine, fpga());
     drop(own);
     machine.rearm_all(300);
@@ -123,14 +123,15 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
     swap(&mut machine, i7i97());
     cycles(&mut machine, 3);
     let (board, stopped) = machine.driver.shutdown();
-    // Nobody has seen its own remotes switch off.
+    // The driver has not seen its own remotes switch off.
     let error = stopped.expect_err("remotes that were not reached");
     assert_eq!((error.failed, error.not_reached.len()), (None, 3));
     assert_eq!(driven(&board), (0, false));
     assert!(!board.watchdog().has_bitten(), "it was never touched");
 }
 
-/// A board that is being reset, or whose FPGA has no HostMot2, drives nothing that a stop could switch off.
+/// A board that is being reset, or whose FPGA has no HostMot2, drives nothing that a stop could
+/// switch off.
 #[test]
 fn the_end_of_a_driver_leaves_what_is_no_hostmot2_alone() {
     let mut machine = running();

@@ -1,5 +1,5 @@
-//! Boards beside the usual two: a 7I97 with a 7I77 on P1, older firmware of a 7I80, a 7I97T, a 5I25 with
-//! old serial firmware, and 7I84 and 7I76 on a serial port.
+//! Boards other than the usual two: a 7I97 with a 7I77 on P1, older firmware of a 7I80, a 7I97T, a
+//! 5I25 with old serial firmware, and 7I84 and 7I76 on a serial port.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ fn volts(axis: usize) -> f64 {
     if axis.is_multiple_of(2) { size } else { -size }
 }
 
-/// Enables every axis, gives each its volts for 0.2 s, and looks at every motor and every encoder.
+/// Enables every axis, sets its volts for 0.2 s, and checks every motor and every encoder.
 fn move_all(driver: &mut Driver<SimFpga>, axes: &[(AnalogOut, Counter)]) {
     cycles(driver, 3);
     for (axis, (output, _)) in axes.iter().enumerate() {
@@ -52,7 +52,7 @@ fn move_all(driver: &mut Driver<SimFpga>, axes: &[(AnalogOut, Counter)]) {
     for (axis, (_, encoder)) in axes.iter().enumerate() {
         let motor = driver.bus_mut().motor(axis).expect("an axis");
         let truth = motor.counts();
-        // 10 units/s a volt, 1000 counts a unit, for 0.2 s and the time that accesses take.
+        // 10 units/s per volt, 1000 counts per unit, for 0.2 s and the time that accesses take.
         let expected = volts(axis) * 2000.0;
         assert!(
             (truth / expected - 1.0).abs() < 0.05,
@@ -110,7 +110,7 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
         "hm2_7i92.0.encoder.06.rawcounts"
     );
     move_all(&mut driver, &axes);
-    // Channel 1 is a card's, and not its first.
+    // Channel 1 belongs to a card, but is not its first.
     for (port, channel) in [(0, 1), (1, 0), (0, 6)] {
         let error = driver
             .attach_card::<I7i77>((port, channel))
@@ -322,7 +322,7 @@ fn the_spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
     assert_eq!(volts(&driver), 0.0, "its watchdog has bitten");
 }
 
-/// The stock firmware of a 7I92 lists PWM with 0 instances: nothing to look at.
+/// The stock firmware of a 7I92 lists PWM with 0 instances: nothing to drive.
 #[test]
 fn a_descriptor_without_instances_is_no_module() {
     let fpga = machines::i7i92_with_cards();

@@ -1,5 +1,5 @@
-//! Outputs that nobody may want: after a second fault, beyond crossed limits, of a port that is
-//! switched off, of a board whose bus is down; and values that no driver may stumble over.
+//! Outputs in rarely tested states: after a second fault, beyond crossed limits, of a port that is
+//! switched off, of a board whose bus is down; and values that must not make any driver fail.
 
 use std::time::Duration;
 
@@ -97,7 +97,7 @@ fn pauses_without_end_are_a_policy_like_any_other() {
     assert!(machine.is_running(ANALOG) && machine.is_valid(OUTPUTS));
 }
 
-/// A register with anything in it, extremes more often than chance would have them.
+/// A register with arbitrary contents, extremes more often than by chance.
 fn garbage(chance: &mut Chance) -> u32 {
     let word = (chance.below(1 << 16) << 16 | chance.below(1 << 16)) as u32;
     match chance.below(6) {
@@ -108,7 +108,7 @@ fn garbage(chance: &mut Chance) -> u32 {
     }
 }
 
-/// Reads garbage, but for the cookie.
+/// Reads garbage, except for the cookie.
 struct Garbage {
     chance: Chance,
     one_in: u64,
@@ -134,7 +134,7 @@ impl Between for Garbage {
     }
 }
 
-/// Sets any pin or parameter to something extreme.
+/// Sets any pin or parameter to an extreme value.
 pub fn set_something(pins: &mut Pins, chance: &mut Chance) {
     let place = chance.below(pins.infos().len() as u64) as usize;
     let info = &pins.infos()[place];

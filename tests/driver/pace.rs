@@ -26,21 +26,21 @@ fn machine(pace: Pace) -> Machine {
     start(bus(), |s| s.pace = pace).expect("the board is complete")
 }
 
-/// One that the board paces, after its first read, which waits for the clock as well.
+/// A machine paced by the board, after its first read, which waits for the clock as well.
 fn paced() -> Machine {
     let mut driver = machine(Pace::Board);
     let _ = driver.read().expect("the board is there");
     driver
 }
 
-/// The host takes some of the period, writes, and reads what the board's next period brings.
+/// The host uses some of the period, writes, and reads the data of the board's next period.
 fn cycle(driver: &mut Machine, work: Duration) -> CycleReport {
     driver.bus_mut().wait(work);
     driver.write().expect("the board is there");
     driver.read().expect("the board is there")
 }
 
-/// When the board answered the requests of the cycle, from the packet `first` on.
+/// Times at which the board answered the requests of the cycle, from the packet `first` on.
 fn answered(driver: &mut Machine, first: usize) -> Vec<u64> {
     let journal = &driver.bus_mut().link().journal;
     let requests = journal.iter().skip(first).filter(|sent| sent.is_request);
@@ -55,7 +55,7 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
         .read()
         .expect("the first waits for the clock as well");
     for n in 0..500_u64 {
-        // The host takes now less, now more of the period.
+        // The host uses varying parts of the period.
         let work = Duration::from_micros(50 + n * 7919 % 700);
         let report = cycle(&mut driver, work);
         assert_eq!((report.missed_periods, report.is_good()), (0, true), "{n}");
@@ -112,7 +112,7 @@ fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcn
     let request = journal.next_back().expect("a packet").bytes;
     let reply = (after.bytes_received - before.bytes_received) / 100;
     println!("request {request}, reply {reply} bytes");
-    // Eight bytes are the evidence that the board was not reset, for which LinuxCNC asks no board. In
+    // Eight bytes are the evidence that the board was not reset, which LinuxCNC does not read. In
     // two packets it would be 78 + 116 bytes out.
     assert!(request <= 192 && reply - 4 < 122, "{request}, {reply}");
 }
@@ -229,7 +229,7 @@ fn what_can_not_pace_is_said_when_the_driver_is_built() {
     }
 }
 
-/// Whether it is the error of what can not pace, and its text.
+/// True if the error is that of a machine that cannot be paced, and its text.
 fn refusal<B: RegisterBus + Clock>(
     started: Result<Driver<B>, DriverError<B::Error>>,
 ) -> (bool, String) {
@@ -250,7 +250,7 @@ fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
     for _ in 0..10 {
         let before = driver.bus_mut().now();
         driver.request_read();
-        // The time in which other boards are asked.
+        // Time in which other boards are asked.
         driver.bus_mut().wait(PERIOD / 5);
         let asked = driver.bus_mut().now();
         let _ = driver.read().expect("the board is there");
@@ -265,7 +265,7 @@ fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
         10,
         "each was asked once"
     );
-    // What was asked for and not taken counts as lost, and comes late.
+    // A request whose reply is not taken counts as lost, and as late when the reply arrives.
     driver.request_read();
     driver.request_read();
     let _ = driver.read().expect("the board is there");
@@ -275,7 +275,7 @@ fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
 
 /// A network that holds everything back for a while and then delivers it at once must not leave a
 /// row of requests in the board, each waiting for a period of its own, with the writes between
-/// them: outputs would come that much later from then on.
+/// them: outputs would be that much later from then on.
 #[test]
 fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
     let mut driver = machine(Pace::Board);
@@ -311,8 +311,8 @@ fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
     }
 }
 
-/// Where a cycle is stretched because inputs come too soon after those before, they have been there
-/// for that long.
+/// Where a cycle is stretched because inputs arrive too soon after the previous ones, they have
+/// been waiting for that long.
 #[test]
 fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
     let mut driver = machine(Pace::Board);

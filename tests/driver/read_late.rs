@@ -1,5 +1,5 @@
-//! A network that delivers packets once more, and late: what a port tells of itself when the driver is
-//! built is what it asked for, and not what an earlier command did.
+//! A network that delivers packets again, and late: the port's data that the driver reads while it
+//! is built are those it requested, not those of an earlier command.
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
@@ -24,7 +24,7 @@ fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
             [WIRE].into_iter().chain(late).collect()
         });
         let mut port = Port::new(layout);
-        // What fails is told.
+        // Failures are reported.
         let Ok(found) = port.on(&mut bus).reset() else {
             continue;
         };

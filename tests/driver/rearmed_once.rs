@@ -1,4 +1,5 @@
-//! One call of `rearm` after a bite or a reset of the board arms everything that comes up because of it.
+//! One call of `rearm` after a bite or a reset of the board arms everything that comes up because
+//! of it.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
 use mesa_hal::driver::{BoardState, EventKind};
@@ -6,10 +7,10 @@ use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
-/// How the board loses its set-up.
+/// Cause of the loss of the board's set-up.
 #[derive(Clone, Copy, Debug)]
 enum Loss {
-    /// The host stands still for so many milliseconds.
+    /// The host stops for this number of milliseconds.
     Bite(u64),
     Reset,
 }

@@ -1,4 +1,5 @@
-//! What can not run is refused at the start, with what is missing, and everything is stopped.
+//! A configuration that cannot run is refused at the start, with the missing part, and everything
+//! is stopped.
 
 use std::time::Duration;
 
@@ -52,8 +53,8 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
     );
 }
 
-/// Directions that the board reads back are evidence, and that it does is seen when everything has
-/// registered: with no serial port, nothing registers after it.
+/// Directions that the board reads back are evidence, which is only known when all modules have
+/// registered: with no serial port, nothing registers after this one.
 #[test]
 fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
     #[derive(Debug)]
@@ -88,7 +89,7 @@ fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
     assert!(needed > period && needed < 2 * period, "{needed:?}");
 }
 
-/// A bus that takes no list of the cycle, as one whose packets are too small.
+/// A bus that accepts no list of the cycle, as one whose packets are too small.
 #[derive(Debug)]
 struct TooSmall(SimFpga);
 

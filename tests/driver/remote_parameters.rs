@@ -1,5 +1,5 @@
-//! Parameters that remotes keep: written before the driver is built, or at run time by an operation
-//! that says what it costs. The truth is in the simulated remotes' EEPROMs.
+//! Parameters in the non-volatile memory of remotes: written before the driver is built, or at run
+//! time by an operation with a documented cost. The truth is in the simulated remotes' EEPROMs.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
-/// What the remote's EEPROM holds.
+/// A value in the remote's EEPROM.
 fn kept(machine: &Machine, channel: usize, name: &str) -> u64 {
     let parameters = machine.device(channel).parameters();
     let found = parameters.iter().find(|(known, _)| known == name);
@@ -84,7 +84,7 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
     assert_eq!(machine.status(ANALOG).watchdog, fifty);
     machine.cycles(5);
     assert!(ALL.iter().all(|&channel| machine.is_valid(channel)));
-    // What is kept already is not written again: such memory wears out.
+    // A value that is already stored is not written again: such memory wears out.
     let changes = machine.device(FIELD).nonvolatile_changes();
     let driver = machine.driver;
     drop(driver);
@@ -332,9 +332,9 @@ fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power
     assert!((199..=202).contains(&second), "{second} ms");
 }
 
-/// The bus fails from any exchange of the call on, for two exchanges or to its end. Whatever the port
-/// was told last, in setup mode or not, is not the cycle's: no remote runs, and none is valid, before
-/// the cycle has started it.
+/// The bus fails from any exchange of the call on, for two exchanges or to its end. The last
+/// command to the port, in setup mode or not, does not count as the cycle's: no remote runs, and
+/// none is valid, before the cycle has started it.
 #[test]
 fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_own() {
     let lost = Fault::NotExecuted(BusErrorKind::Lost);
@@ -353,7 +353,7 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
             let _ = driver.write_remote_parameter((0, channel), "nvwatchdogtimeout", value);
             let used = machine.driver.bus().exchanges() - first;
             machine.driver.bus_mut().heal();
-            // It may have failed before anything was stopped.
+            // The bus may have failed before anything was stopped.
             let mut is_started = ALL.iter().all(|&channel| machine.is_running(channel));
             let mut left = 500;
             while !(ALL.iter().all(|&channel| machine.is_valid(channel))

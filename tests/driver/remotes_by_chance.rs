@@ -1,6 +1,6 @@
-//! Everything that can happen to remotes and cables, and calls in any order, by chance: each input is
-//! what the world was like at the time its age says, each output is off or a command given since it
-//! was armed, remotes that nothing happens to notice nothing, and no call takes longer than it may.
+//! Random faults of remotes and cables, and calls in any order: each input is the true one of the
+//! time that its age indicates, each output is off or a command given since it was armed,
+//! undisturbed remotes are not affected, and no call takes longer than permitted.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use mesa_hal_sim::remote::{Toward, WireFault};
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 type Faults = Faulty<SimFpga>;
 
-/// What may happen in a run.
+/// Possible mishaps of a run.
 #[derive(Clone, Copy)]
 struct Mishaps {
     victims: &'static [usize],
@@ -24,7 +24,7 @@ struct Mishaps {
     board: bool,
 }
 
-/// What the world was like from a time on.
+/// The true inputs from a time on.
 struct Truth {
     since: u64,
     stamp: u32,
@@ -37,18 +37,18 @@ struct Run {
     mishaps: Mishaps,
     cycle: u32,
     truths: Vec<Truth>,
-    /// Whether each remote was armed when the command of a cycle was written.
+    /// For each remote and cycle, true if it was armed when the command of the cycle was written.
     armed: [Vec<bool>; 3],
-    /// The newest command that was seen at each remote's terminals.
+    /// The newest command seen at each remote's terminals.
     newest: [u32; 3],
-    /// How many cycles had new inputs, and how many an output that was on.
+    /// Number of cycles with new inputs, and with an output that was on.
     fresh: u32,
     driven: [u32; 3],
-    /// When a reply was made late by about a period or more.
+    /// Cycle of the last reply that was delayed by about a period or more.
     last_late: u32,
-    /// Reads besides those of the cycles, since inputs were new.
+    /// Reads other than those of the cycles, since inputs were new.
     extra_calls: u32,
-    /// Steps since anything happened on purpose.
+    /// Steps of all deliberate actions.
     log: Vec<(u32, String)>,
 }
 
@@ -107,7 +107,7 @@ impl Run {
         self.check_outputs();
     }
 
-    /// A call, and the most nanoseconds that it may take.
+    /// Makes a call, with its limit in nanoseconds.
     fn within<T>(&mut self, limit: u64, call: impl FnOnce(&mut Driver<Faults>) -> T) -> T {
         let begin = self.machine.now();
         let result = call(&mut self.machine.driver);
@@ -116,7 +116,7 @@ impl Run {
         result
     }
 
-    /// Calls that no cycle needs, when the world is not any more what the inputs were read from.
+    /// Makes calls that no cycle needs, when the true inputs have changed since they were read.
     fn besides(&mut self) {
         match self.chance.below(100) {
             0 | 1 => {
@@ -125,7 +125,7 @@ impl Run {
                 self.check_age();
             }
             2 | 3 => {
-                // A cycle without news, as it is counted.
+                // Counted as a cycle without new data.
                 self.extra_calls += 1;
                 let _ = self.within(100_000, |driver| driver.write().is_ok());
             }
@@ -151,7 +151,7 @@ impl Run {
         };
         let cycles = u32::try_from(age.cycles).expect("valid is young");
         let oldest = (self.cycle - 1).saturating_sub(cycles);
-        // After a transfer that failed the age covers that one as well.
+        // After a failed transfer the age covers that transfer as well.
         let newest = match cycles {
             0 | 1 => (oldest + self.extra_calls).min(self.cycle - 1),
             _ => self.cycle - 1,
@@ -168,9 +168,9 @@ impl Run {
         }
     }
 
-    /// Valid inputs are what the world was like at the time their age says, or since that if they are
-    /// two cycles old: then a transfer has failed, whose late reply may have been taken. The cycle in
-    /// which the world became so, and their age.
+    /// Checks that valid inputs are the true ones of the time that their age indicates, or later
+    /// ones if they are two cycles old: then a transfer has failed, whose late reply may have been
+    /// taken. Returns the cycle in which the inputs got these values, and their age.
     fn check_age(&self) -> Option<(u32, Age)> {
         let readings = self.readings();
         let age = readings[0].age;
@@ -199,7 +199,7 @@ impl Run {
         Some((stamp, age))
     }
 
-    /// The world and the commands of this cycle carry its number.
+    /// Sets inputs and commands of this cycle to its number.
     fn set_everything(&mut self) {
         let stamp = self.cycle;
         let since = self.machine.driver.bus_mut().now().as_nanos();
@@ -226,7 +226,7 @@ impl Run {
         pins.set(analog.analogena.pin, true);
     }
 
-    /// The number of the command that stands at the terminals; 0 when all is off.
+    /// The number of the command at the terminals; 0 when all is off.
     fn at_terminals(&self, channel: usize) -> u32 {
         let world = self.machine.device(channel).world();
         if channel == ANALOG {
@@ -303,8 +303,8 @@ impl Run {
                 if let WireFault::Late(delay) = fault
                     && delay > 800_000
                 {
-                    // Several replies in a row that are late by a whole period can not be told
-                    // from replies in time: nothing on the wire numbers them.
+                    // Several replies in a row that are late by a whole period cannot be
+                    // distinguished from replies in time: nothing on the wire numbers them.
                     if self.cycle < self.last_late + 10 {
                         return;
                     }

@@ -1,7 +1,7 @@
-//! A reset or a bite that the driver has not seen yet, at every moment of a cycle whose write holds
-//! a part of the set-up: nothing is driven before everything is re-armed, no input is shown that was
-//! read from a board that had lost its set-up, and re-arming brings everything back. The truth is
-//! what the simulated FPGA drives at every access, seen by a director.
+//! A reset or a bite that the driver has not detected yet, at every time of a cycle whose write
+//! holds a part of the set-up: nothing is driven before everything is re-armed, no input is
+//! published that was read from a board without its set-up, and re-arming recovers everything. The
+//! truth is the outputs of the simulated FPGA at every access, recorded by a director.
 
 mod bitten;
 
@@ -79,8 +79,9 @@ impl Change {
         }
     }
 
-    /// It says what pins drive. No board can be asked not to take it when it has lost its set-up in
-    /// the microsecond before; then it must not take it for longer.
+    /// True if the change contains what pins drive. A board cannot be made to reject it when it has
+    /// lost its set-up within the preceding microsecond; then the pins must not be driven for
+    /// longer.
     fn drives_pins(self) -> bool {
         matches!(
             self,
@@ -116,7 +117,7 @@ struct Machine<B: World> {
 }
 
 impl<B: World> Machine<B> {
-    /// Runs and drives, with counts that are far from 0.
+    /// A machine that runs and drives, with counts that are far from 0.
     fn running(bus: B, remotes: bool, name: String) -> Self {
         let serial = if remotes {
             SerialConfig::default()
@@ -207,7 +208,7 @@ impl<B: World> Machine<B> {
         self.rest();
     }
 
-    /// From now on the board has lost its set-up, or will have in the next cycle.
+    /// Checks a board that has lost its set-up, or will lose it in the next cycle.
     fn must_fall(mut self, before: [Option<i32>; 6], drives_pins: bool) {
         let mut noticed = None;
         for n in 0..100 {
@@ -290,7 +291,7 @@ impl<B: World> Machine<B> {
     }
 }
 
-/// A reset so many nanoseconds after the read begins, in a cycle whose write holds `change`.
+/// A reset this number of nanoseconds after the read begins, in a cycle whose write holds `change`.
 fn reset_at<B: World>(bus: B, remotes: bool, change: Change, delay: u64, name: String) {
     let mut machine = Machine::running(bus, remotes, name);
     let before = machine.counts();
@@ -345,8 +346,8 @@ fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_hol
 
 #[test]
 fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
-    // From the first write of the set-up on, which comes after a look at the cookie and at what the
-    // firmware says of itself: what was lost before is set up by it.
+    // From the first write of the set-up on, which follows a read of the cookie and of the
+    // firmware's description: an earlier loss is repaired by the set-up itself.
     let mut machine = Machine::running(world(false), false, "a look".into());
     let begin = SimFpga::now(machine.fpga());
     HostMot2::identify(machine.fpga()).expect("a firmware");
@@ -360,7 +361,7 @@ fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
         let at = SimFpga::now(machine.fpga()) + delay;
         machine.watch.seen().reset_at = Some(at);
         let _ = machine.driver.rearm().expect("the bus does not fail");
-        // In the middle of the set-up: what was still to come drives pins, but not for long.
+        // In the middle of the set-up: the rest of it drives pins, but not for long.
         let mut seen = machine.watch.seen();
         assert!(
             seen.driven.len() <= SET_UP_AFTER_DRIVE,

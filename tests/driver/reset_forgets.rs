@@ -1,5 +1,4 @@
-//! The board is reset, and nothing that stood before may look true: whatever its remotes do at
-//! that time.
+//! The board is reset, and no earlier value may appear valid: whatever its remotes do at that time.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{BoardState, SerialConfig};
@@ -53,7 +52,7 @@ fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
 }
 
 /// A board that was reset drives its pins as plain outputs when only their directions are written:
-/// low, which switches on whatever is enabled by a low pin.
+/// low, which switches on every device that is enabled by a low pin.
 #[test]
 fn a_board_that_lost_its_set_up_drives_no_pin_before_it_is_re_armed() {
     for bite in [false, true] {

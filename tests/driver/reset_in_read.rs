@@ -1,5 +1,5 @@
-//! A reset of the FPGA between any two accesses of a read: no pin shows as valid what the board did
-//! not have.
+//! A reset of the FPGA between any two accesses of a read: no pin shows a value as valid that the
+//! board did not have.
 
 use crate::common::machine::{ANALOG, Machine, fpga};
 use crate::common::once::Once;
@@ -78,7 +78,7 @@ fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not
     assert!((20..199).contains(&resets), "{resets}");
 }
 
-/// What is read from then on are ones, in the middle of what the read brings as well.
+/// All words read from then on are ones, also in the middle of a read.
 #[test]
 fn a_long_reset_between_any_two_accesses_of_a_read_is_no_bite() {
     let mut resets = 0;

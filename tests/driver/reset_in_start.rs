@@ -1,4 +1,4 @@
-//! A reset at any moment of the start: the driver is not given back with anything on.
+//! A reset at any time of the start: the driver is never returned with any output on.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,12 +9,12 @@ use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, DriverError};
 use mesa_hal_sim::{Cause, Director, SimFpga, machines};
 
-/// Resets the FPGA at a time, for so long.
+/// Resets the FPGA at a given time, for a given time.
 #[derive(Debug)]
 struct Reset {
     at: Option<u64>,
     time: u64,
-    /// Since when a drive sees something else than 0 V and an open switch, and the longest such time.
+    /// Time since which a drive's input is not 0 V with an open switch, and the longest such time.
     on: Option<u64>,
     longest: Arc<AtomicU64>,
 }
@@ -70,7 +70,7 @@ fn settings() -> Settings {
     }
 }
 
-/// Drives that see something else than 0 V, or an enable.
+/// Drives with a voltage other than 0 V, or an enable.
 fn on(fpga: &SimFpga) -> Vec<usize> {
     let is_on = |&n: &usize| {
         let output = fpga.analog_output(n);
@@ -109,11 +109,11 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
             match Driver::start(fpga, settings()) {
                 Ok(mut driver) => {
                     assert_eq!(on(driver.bus()), [], "{told}");
-                    // Not longer than the rest of the exchange that writes the set-up takes.
+                    // Not longer than the rest of the exchange that writes the set-up.
                     let longest = longest.load(Ordering::Relaxed);
                     assert!(longest < 3_000, "{told}: on for {longest} ns");
                     // A reset after the last look is found by the cycle; otherwise all of the
-                    // set-up is there.
+                    // set-up is present.
                     for _ in 0..2 {
                         let _ = driver.read();
                         set_volts(&mut driver, 5.0);
@@ -145,7 +145,7 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
 #[test]
 fn after_a_start_around_a_long_reset_every_fault_can_be_re_armed() {
     let (mut started, mut failed) = (0, 0);
-    // It begins before the start, or at any moment of it.
+    // The reset begins before the start, or at any time of it.
     for time in [2_000, 30_000, 300_000] {
         for at in (0..120_000).step_by(950) {
             let begun = 100_000;

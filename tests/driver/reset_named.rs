@@ -1,5 +1,5 @@
-//! A reset of the board is named a reset however long it lasts, also when the bus was given up before the
-//! board was back. The truth is the reset that the simulated FPGA got.
+//! A reset of the board is reported as a reset however long it lasts, also when the bus was given
+//! up before the board was back. The truth is the reset of the simulated FPGA.
 
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use crate::common::machine::{World, start};
@@ -9,7 +9,7 @@ use mesa_hal_sim::{Motor, machines};
 
 const MS: u64 = 1_000_000;
 
-/// Cycles of 1 ms; from the 100th on something is wrong.
+/// Runs cycles of 1 ms; a fault begins with the 100th.
 fn run<B: World>(bus: B, begin: impl FnOnce(&mut B)) -> (Driver<B>, Vec<EventKind>) {
     let driver = start(bus, |settings| settings.bus_error_limit = 10);
     let mut driver = driver.expect("the board is complete");

@@ -10,7 +10,8 @@ use mesa_hal::hal::{Output, Param};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::{Cause, Director, SimFpga, machines};
 
-/// I/O pins of a 7I97's expansion connector: one that is switched on, and one whose direction changes.
+/// I/O pins of a 7I97's expansion connector: one that is switched on, and one whose direction
+/// changes.
 const ON: usize = 40;
 const CHANGED: usize = 42;
 /// Longer than a board takes for a packet.
@@ -22,7 +23,7 @@ struct Seen {
     bites: bool,
     lost: bool,
     on: Option<u64>,
-    /// From when to when the pin was on after the loss.
+    /// Time spans in which the pin was on after the loss.
     spans: Vec<(u64, u64)>,
 }
 
@@ -103,7 +104,8 @@ impl Rig {
         }
     }
 
-    /// The board loses its set-up so much after the write begins; for how long the pin was on then.
+    /// The board loses its set-up `after` the begin of the write; returns how long the pin was on
+    /// then.
     fn loses_it(&mut self, bites: bool, after: u64) -> u64 {
         let _ = self.machine.driver.read();
         self.machine.set_param(self.changed, true);

@@ -1,5 +1,5 @@
-//! Set-up and end: times that fit each other, a watchdog that bites by nothing but silence, and pins
-//! that are not driven before and after.
+//! Set-up and end: consistent times, a watchdog that bites only on silence, and pins that are not
+//! driven before and after.
 
 use std::time::Duration;
 
@@ -120,7 +120,7 @@ fn watchdog_and_deadline_follow_the_period() {
     }
 }
 
-/// Another program has left everything as badly as it can.
+/// Another program has left the board in the worst state.
 #[test]
 fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
     let mut fpga = machines::i7i97(1);

@@ -1,5 +1,5 @@
-//! Inputs are valid while they are younger than `stale_after`, whoever shows them, and however many
-//! failures the driver is told to bear.
+//! Inputs are valid while they are younger than `stale_after`, in every view of them, and however
+//! many failures the driver is configured to tolerate.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ fn started(fpga: SimFpga, stale_after: u32) -> Driver<Faulty<SimFpga>> {
     driver
 }
 
-/// Every read fails; the ages up to which each group was valid.
+/// Makes every read fail; returns the ages up to which each group was valid.
 fn valid_up_to(driver: &mut Driver<Faulty<SimFpga>>, groups: &[GroupId]) -> Vec<u64> {
     let fault = Fault::NotExecuted(BusErrorKind::Unreachable);
     driver.bus_mut().fail_randomly(fault, 1.0);
@@ -63,7 +63,7 @@ fn encoders_and_remotes_are_valid_up_to_the_same_age() {
         assert!(groups.len() >= 3, "the board and two remotes");
         let ages = valid_up_to(&mut driver, &groups);
         assert_eq!(ages, vec![last; groups.len()]);
-        // What the driver knows by itself stays valid.
+        // Values that the driver knows by itself stay valid.
         let own = driver.pins().groups().next().expect("its own");
         assert!(driver.pins().group_state(own).expect("its own").valid);
     }
@@ -85,7 +85,7 @@ fn a_value_within_so_many_cycles_outlives_a_failed_transfer_and_no_more() {
         assert_eq!(reading.within(3).is_some(), age <= 3);
         assert_eq!(reading.ok().is_some(), age < 5);
     }
-    // Never known is not known within any time.
+    // A value that was never known is not known within any time.
     let foreign = mesa_hal::hal::Input::<bool>::default();
     assert_eq!(driver.pins().read(foreign).within(u64::MAX), None);
 }

@@ -1,19 +1,20 @@
-//! What `stop` says of the outputs is true: where it is content none is on, and where one is on it names
-//! the remote and what switches that off. The truth is what stands on the simulated terminals.
+//! The report of `stop` about the outputs is true: on success no output is on, and otherwise it
+//! contains the remote with an output on and the means that switches it off. The truth is the state
+//! of the simulated terminals.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use crate::faults_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal_sim::SimFpga;
 
-/// Stops it: the board, and the channels that it names.
+/// Stops the machine; returns the board, and the channels in the report.
 fn stop(machine: Machine, what: &str) -> (SimFpga, Vec<usize>) {
     let (fpga, stopped) = machine.driver.shutdown();
     let named = named(stopped, &fpga, what);
     (fpga, named)
 }
 
-/// What of these is on, after the time.
+/// The channels with an output on, after the time.
 fn lit(fpga: &mut SimFpga, millis: u64) -> Vec<usize> {
     fpga.advance_to(fpga.now() + millis * MS);
     let channels = [FIELD, ANALOG, OUTPUTS].into_iter();
@@ -33,7 +34,7 @@ fn a_remote_that_loses_its_cable_is_named_until_its_own_watchdog_must_have_bitte
         let what = format!("{cycles} cycles");
         let (mut fpga, named) = stop(machine, &what);
         assert!(named.is_empty() || named == [OUTPUTS], "{what}: {named:?}");
-        // It is offline after 40 cycles at the latest, and gets nothing from then on.
+        // The remote is offline after 40 cycles at the latest, and gets nothing from then on.
         assert!(cycles < 281 || named.is_empty(), "{what}: {named:?}");
         assert_eq!(lit(&mut fpga, 201), [0; 0], "{what}");
     }
@@ -60,7 +61,8 @@ fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
     }
 }
 
-/// What was off when the cable went is off; and what is plugged in again was started, which switches off.
+/// Outputs that were off when the cable was unplugged are off; and a remote that is plugged in
+/// again was started, which switches off.
 #[test]
 fn a_remote_of_which_nothing_is_on_is_not_named() {
     for is_driven in [false, true] {
@@ -83,7 +85,7 @@ fn a_remote_of_which_nothing_is_on_is_not_named() {
     }
 }
 
-/// A port that was switched off has sent safe values, and a cable that is out then has missed them.
+/// A port that was switched off has sent safe values, which an unplugged remote has missed.
 #[test]
 fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
     for (millis, expected) in [(0, &[OUTPUTS][..]), (200, &[])] {
@@ -98,7 +100,8 @@ fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
     }
 }
 
-/// Everything is out: the bus's own error does not hide what it can not switch off.
+/// All remotes are unplugged: the bus's own error does not hide the remotes that cannot be switched
+/// off.
 #[test]
 fn a_bus_that_fails_hides_no_remote() {
     use mesa_hal::bus::BusErrorKind;

@@ -1,4 +1,4 @@
-//! The trace of the last cycles: what it keeps, when it stops, and how it reads.
+//! The trace of the last cycles: its contents, its end, and its format.
 
 use crate::common::machine::{ANALOG, Machine, fpga};
 use mesa_hal::bus::BusErrorKind;
@@ -99,7 +99,7 @@ fn an_event_freezes_it_some_cycles_later_with_the_cause_in_its_first_line() {
     let (names, rows) = table(&machine);
     assert_eq!(rows.first().expect("rows")[0], "16");
     assert_eq!(rows.last().expect("rows")[0], "25");
-    // The channel's bit in DATA is what it was about.
+    // The event is about the channel's bit in DATA.
     let data = column(&names, "sserial 0 DATA");
     let failed = rows.iter().find(|row| row[data] != "0x00000000");
     assert_eq!(failed.expect("a failed transfer")[0], "22");
@@ -172,7 +172,7 @@ fn it_can_be_frozen_by_call_given_away_and_given_back() {
     assert_eq!((trace.cause(), trace.cycles()), (None, 2));
 }
 
-/// Between a read and a write is where an application does its own work, and asks for it.
+/// An application does its own work, and freezes the trace, between a read and a write.
 #[test]
 fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
     for (cycles, before) in [(4, 2_u16), (4, 3), (4, 4), (4, 9), (1, 5)] {

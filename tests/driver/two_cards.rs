@@ -1,4 +1,4 @@
-//! Two 7I77 on one board, and what is asked of encoders that a firmware does not have.
+//! Two 7I77 on one board, and settings for encoders that a firmware does not have.
 
 use crate::common::machine::start;
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ fn encoders(driver: &Driver<SimFpga>) -> Vec<EncoderPins> {
     module.pins().collect()
 }
 
-/// Turns each motor at a speed of its own, and gives what each encoder has counted, and the motors.
+/// Turns each motor at a speed of its own; returns the count of each encoder, and of each motor.
 fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, i64)> {
     let _ = driver.read().expect("the bus does not fail");
     driver.write().expect("the bus does not fail");
@@ -101,7 +101,7 @@ fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
         assert!(found[n].starts_with(&first), "{n}: {}", found[n]);
         assert_eq!(found[n], found[n + 6], "the same place on the second card");
     }
-    // The same encoders, at pins of something else.
+    // The same encoders, at the pins of another module.
     let mut firmware = machines::firmware_7i92_7i77();
     firmware.pins.swap(3, 20);
     let fpga = with_motors(firmware, 0);

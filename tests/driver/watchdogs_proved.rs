@@ -1,6 +1,6 @@
-//! A remote uses a watchdog time that was written from its next power-up on, and does not say what it
-//! uses until then: the driver lets it bite. The truth is how long an output of the simulated remote
-//! stays on without process data.
+//! A remote uses a written watchdog time only from its next power-up on, and does not report the
+//! time in use until then: the driver lets the watchdog bite. The truth is the time for which an
+//! output of the simulated remote stays on without process data.
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ use mesa_hal_sim::remote::Remote;
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
 
-/// A board whose 7I72 says `written` and uses `used`: written, powered up with it, written again, and
-/// found by somebody else.
+/// A board whose 7I72 reports `written` and uses `used`: written, powered up with it, written
+/// again, and found by another program.
 fn board(used: u32, written: u32) -> SimFpga {
     let mut bus = fpga();
     for (millis, is_used) in [(used, true), (written, false)] {
@@ -47,7 +47,7 @@ fn runs(machine: &mut Machine) {
     });
 }
 
-/// How long an output stays on without process data, up to 3 s, in ms.
+/// Time for which an output stays on without process data, up to 3 s, in ms.
 fn stays_on(machine: &mut Machine) -> u64 {
     machine.cards.set_all(machine.driver.pins_mut());
     machine.cycles(3);
@@ -68,7 +68,7 @@ fn stays_on(machine: &mut Machine) -> u64 {
 fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_off() {
     for (used, written, proved, true_time) in [
         (50, 50, 50..=50, 49..=52),
-        // The others have 50 ms, so that it is left alone for longer than its own 20.
+        // The others have 50 ms, so that it gets no data for longer than its own 20.
         (50, 20, 60..=75, 49..=52),
         (20, 50, 50..=50, 19..=22),
         (5000, 50, 0..=0, 2999..=3001),
@@ -89,7 +89,7 @@ fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_o
         for channel in [FIELD, ANALOG] {
             assert_eq!(machine.status(channel).watchdog, FIFTY, "{what}");
         }
-        // Nothing that was on is on again by itself.
+        // No output that was on comes on again by itself.
         for _ in 0..300 {
             machine.cycles(1);
             for channel in [FIELD, OUTPUTS] {
@@ -119,7 +119,8 @@ fn one_that_is_off_by_its_parameter_is_not_waited_for() {
     assert_eq!(machine.status(OUTPUTS).watchdog, RemoteWatchdog::Off);
 }
 
-/// The bus fails from any exchange of the call on: an error, or what is said of a watchdog is true.
+/// The bus fails from any exchange of the call on: the result is an error, or a true statement
+/// about a watchdog.
 #[test]
 fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
     let mut has_failed = 0;
@@ -157,7 +158,7 @@ fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
     let started = Driver::start(fpga(), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     runs(&mut machine);
-    // Before it bites, and while nobody asks it.
+    // Before it bites, and while it is not addressed.
     let later = Once::at(machine.now() + 20_000_000, |fpga| {
         let remote = fpga.device_mut::<Remote<Device<Outputs48>>>(0, OUTPUTS);
         let remote = remote.expect("a 7I72");
@@ -174,8 +175,8 @@ fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
     assert_eq!(status.watchdog, FIFTY);
 }
 
-/// Remotes that are about to stop, because the application has just switched their port off, are not
-/// asked; so their watchdogs stay what they are.
+/// Remotes that are about to stop, because the application has just switched their port off, are
+/// not tested; so their watchdogs keep their state.
 #[test]
 fn of_a_port_that_is_switched_off_no_watchdog_is_judged() {
     let started = Driver::start(fpga(), Settings::default());

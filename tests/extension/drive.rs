@@ -1,5 +1,5 @@
-//! A module from outside drives simulated motors: its own registers, its own analog outputs, its own
-//! enable pin, and a ramp that it makes by itself.
+//! An external module drives simulated motors: its own registers, its own analog outputs, its own
+//! enable pin, and a ramp that it generates by itself.
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
@@ -7,14 +7,14 @@ use mesa_hal_sim::{
     MotorConfig, PinDescriptor, PinSource, SimFpga, machines,
 };
 
-/// The firmware's number for the module, and where its registers are.
+/// The firmware's number for the module, and the base address of its registers.
 const DAC: u8 = 0x9A;
 const BASE: u16 = 0xA000;
 /// Volts of an output in 1/1000; for each instance.
 const MILLIVOLTS: u16 = BASE;
 /// The time in us after which an output goes to 0 by itself; 0 is never.
 const TIMEOUT: u16 = BASE + 0x100;
-/// The I/O pin that enables the drives of all outputs, and its bits in port 1.
+/// The I/O pin that enables the drives of all outputs, and its bit in port 1.
 const ENABLE: usize = 20;
 const ENABLE_BIT: u32 = 1 << (ENABLE - 17);
 
@@ -78,7 +78,7 @@ impl ForeignModule for Dac {
     }
 }
 
-/// A 7I92 whose gateware has the module, and a motor of 1000 counts/s for each volt on each of its
+/// A 7I92 whose gateware has the module, and a motor of 1000 counts/s per volt on each of its
 /// outputs, at encoders 0 and 1.
 fn machine() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
@@ -100,7 +100,7 @@ fn machine() -> SimFpga {
 fn motor() -> Motor {
     let config = MotorConfig {
         counts_per_unit: 1000.0,
-        // One unit a second for each volt, at once.
+        // One unit per second for each volt, without delay.
         max_speed: 10.0,
         full_scale: 10.0,
         time_constant: 0.0,
@@ -151,7 +151,7 @@ fn each_output_of_a_module_from_outside_turns_its_own_motor() {
     let counted = fpga.encoders().expect("encoders").lines(0);
     wait(&mut fpga, 3 * MS / 2);
     assert_ne!(fpga.encoders().expect("encoders").lines(0), counted);
-    // What is written between two looks takes effect at once.
+    // A write between two looks takes effect immediately.
     fpga.write_register(MILLIVOLTS, 0);
     assert_near(moved(&mut fpga, 10 * MS), [0.0, -50.0]);
 }

@@ -88,7 +88,7 @@ struct Machine {
     pulses: Pulses,
 }
 
-/// What an application holds of the module.
+/// The application's handles of the module.
 #[derive(Clone, Copy)]
 struct Pulses {
     frequency: Output<f64>,
@@ -124,7 +124,7 @@ impl Machine {
 
     fn cycles(&mut self, count: u32) {
         for _ in 0..count {
-            // A read of a board that was reset gives no inputs, and says so in its report.
+            // A read of a board that was reset returns no inputs, and reports that.
             let _ = self.driver.read();
             self.driver.write().expect("the bus does not fail");
             self.driver.bus_mut().wait(PERIOD);
@@ -143,7 +143,7 @@ impl Machine {
         count.valid.then_some(count.value)
     }
 
-    /// Counts 5 pulses a millisecond on, after a count from the cycle before.
+    /// Checks that 5 pulses per millisecond are counted, after a count from the previous cycle.
     fn pulses_for_100_cycles(&mut self, before: i32) {
         let begin = SimFpga::now(self.driver.bus());
         self.cycles(100);
@@ -161,7 +161,7 @@ impl Machine {
         find(self.driver.bus().remote(0, 0).expect("plugged in")).expect("a device")
     }
 
-    /// What lamp, valve and the pin with the pulses are driven to.
+    /// The driven levels of lamp and valve, and true if the pin with the pulses is driven.
     fn driven(&self) -> (Option<bool>, Option<bool>, bool) {
         let fpga = self.driver.bus();
         let pulses = fpga.driven_level(PIN).is_some();
@@ -247,7 +247,7 @@ fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_c
 
 #[test]
 fn between_set_up_and_first_write_an_output_from_outside_has_its_safe_word() {
-    // Left by a program before.
+    // Left by an earlier program.
     let mut used = fpga();
     used.write_register(RATE, 0x0100_0000);
     let mut machine = Machine::on(used);
@@ -315,7 +315,7 @@ fn the_module_takes_less_than_100_lines() {
     assert!(module.lines().count() < 100);
 }
 
-/// What a 7I97 would be with other rates, terminals and full scales.
+/// A hypothetical 7I97 with other rates, terminals and full scales.
 const OTHER: BoardTable = BoardTable {
     name: "9I99",
     encoder_rate: TickRate(30),

@@ -1,4 +1,4 @@
-//! What the stimuli of a recording are applied to.
+//! The bench to which the stimuli of a recording are applied.
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{Firmware, SimFpga, gtag};
@@ -6,11 +6,11 @@ use mesa_hal_sim::{Firmware, SimFpga, gtag};
 use crate::register::Register;
 use crate::transcript::Level;
 
-/// A simulated FPGA with what a recording's bench has around it.
+/// A simulated FPGA with the surroundings of a recording's bench.
 ///
-/// `Err` says that the model has no such register, pin or input, which counts as a difference.
+/// `Err` means that the model has no such register, pin or input, which counts as a difference.
 pub trait Bench {
-    /// The FPGA, without what stands around it.
+    /// The FPGA without its surroundings.
     fn inner(&mut self) -> &mut FpgaBench;
 
     /// Lets time pass up to `to`.
@@ -18,26 +18,26 @@ pub trait Bench {
         self.inner().fpga.advance_to(to);
     }
 
-    /// Writes a register, now.
+    /// Writes a register at the current time.
     fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
         let address = self.inner().address(register)?;
         self.inner().fpga.write_register(address, value);
         Ok(())
     }
 
-    /// Reads a register, now. The runner reads 1 ns before the time of the line: what a register
-    /// shows at an edge is what was there before it.
+    /// Reads a register at the current time. The runner reads 1 ns before the time of the line: at
+    /// an edge, a register shows its value before the edge.
     fn read(&mut self, register: Register) -> Result<u32, String> {
         let address = self.inner().address(register)?;
         Ok(self.inner().fpga.read_register(address))
     }
 
-    /// The level of a pin, now.
+    /// The current level of a pin.
     fn pin(&mut self, pin: &str) -> Result<Level, String> {
         self.inner().level(pin)
     }
 
-    /// Drives a pin from outside, or lets it go.
+    /// Drives a pin from outside, or releases it.
     fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
         Err(format!("{pin} can not be driven to {level:?}"))
     }
@@ -53,7 +53,7 @@ pub trait Bench {
     }
 }
 
-/// A simulated FPGA with nothing around it.
+/// A simulated FPGA without surroundings.
 pub struct FpgaBench {
     /// The FPGA.
     pub fpga: SimFpga,

@@ -138,7 +138,7 @@ fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
     assert_eq!(started, ZERO.mask(), "what is absent still fails");
 }
 
-/// Wherever in the firmware's loop a command is written, it completes.
+/// A command completes at whatever point of the firmware's loop it is written.
 #[test]
 fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     let (mut fpga, mut port) = machine();
@@ -153,7 +153,7 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     }
 }
 
-/// COMMAND has 12 bits of address: 1066 would be 066, which keeps another byte.
+/// COMMAND has 12 bits of address: 1066 would be 066, which holds another byte.
 #[test]
 fn an_address_that_command_has_no_room_for_is_refused_and_not_cut_off() {
     const SCRATCH: u16 = 0x66;
@@ -283,7 +283,7 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
     let cs = port.layout().channel(ONE).unwrap().cs;
     let cs = CsStatus(fpga.read(cs).unwrap());
     assert!(cs.is_stopped(), "{cs}");
-    // In setup mode its tables can be read all the same.
+    // In setup mode its tables can still be read.
     port.on(&mut fpga).stop_all().unwrap();
     let report = port.on(&mut fpga).start(StartMode::Setup, &starts).unwrap();
     assert_eq!(started(&report).bits(), 3);
@@ -310,7 +310,7 @@ fn stop_all_frees_a_port_that_another_program_left_stuck() {
     assert_eq!(other.state(), PortState::Stopped);
 }
 
-/// One step of a program that knows nothing of the rules.
+/// One step of a program that ignores the rules.
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Command(u32),
@@ -344,7 +344,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     /// The driver's operations end within bounds whatever was done to the port before, and a reset
-    /// always brings it back.
+    /// always recovers it.
     #[test]
     fn no_sequence_of_commands_hangs_the_driver(
         steps in proptest::collection::vec(any_step(), 0..24),

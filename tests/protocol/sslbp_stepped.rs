@@ -1,5 +1,5 @@
-//! The port machine without a bus: stepped on recorded registers as the cycle steps it, and its
-//! times against every operation that was recorded.
+//! The port machine without a bus: stepped on recorded registers as in the cycle, and its times
+//! against every recorded operation.
 
 use crate::common::recording::{files, own_directory};
 use crate::common::replay::{MODULE, Replay, recording, segments};
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 const ZERO: Channel = Channel::ALL[0];
 
-/// All registers of a port of eight channels, as one exchange brings them.
+/// All registers of a port of eight channels, read in one exchange.
 struct Registers([u32; 34]);
 
 impl Registers {
@@ -96,7 +96,7 @@ impl Cycle {
         self.machine.written(now, true);
     }
 
-    /// The first read in which it is complete.
+    /// The first read in which the operation is complete.
     fn complete(&mut self) -> (Complete, Registers) {
         for _ in 0..100 {
             if let (Event::Complete(complete), registers) = self.read() {
@@ -178,7 +178,7 @@ fn a_port_is_stuck_when_its_operation_takes_too_long_and_only_the_way_out_is_wri
     assert_eq!(cycle.complete().0.bad, ChannelMask::NONE);
 }
 
-/// Every recorded operation that came to its end, and how long it took.
+/// Every recorded operation that was completed, and its duration.
 fn recorded_operations() -> Vec<(String, Operation, Duration)> {
     let mut found = Vec::new();
     for path in files(&own_directory("transcripts")) {
@@ -230,8 +230,8 @@ fn kind_of(operation: &Operation) -> &'static str {
     }
 }
 
-/// A limit that is too short makes an operation fail that only takes its time; one that is wrong
-/// by an order of magnitude is not about that operation.
+/// Too short a limit makes an operation fail that is only slow; a limit that is wrong by an order
+/// of magnitude has no relation to the operation.
 #[test]
 fn every_recorded_operation_ends_within_half_of_its_longest_time() {
     let operations = recorded_operations();
@@ -249,7 +249,7 @@ fn every_recorded_operation_ends_within_half_of_its_longest_time() {
     assert_eq!(kinds.len(), 7);
 }
 
-/// It is looked at first when it can be complete, and before it is late.
+/// The first check is made when the operation can be complete, and before it is late.
 #[test]
 fn the_usual_time_of_an_operation_is_what_the_recordings_took() {
     let mut times = BTreeMap::<String, (Operation, Vec<Duration>)>::new();

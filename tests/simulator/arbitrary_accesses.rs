@@ -1,5 +1,5 @@
-//! Whatever a driver writes, wherever and whenever: the simulated FPGA goes on, and does the same
-//! thing again.
+//! Arbitrary writes of a driver at arbitrary times: the simulated FPGA goes on, and is
+//! reproducible.
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, RegisterBus};
 use mesa_hal_sim::remote::{FixedData, Remote};
@@ -71,7 +71,7 @@ fn machine() -> SimFpga {
     fpga
 }
 
-/// Plays the steps and says what was read.
+/// Plays the steps; returns the words read.
 fn play(steps: &[Step]) -> Vec<u32> {
     let mut fpga = machine();
     let mut seen = Vec::new();

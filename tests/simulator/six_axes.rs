@@ -29,7 +29,7 @@ fn interface(channel: u16, n: u16) -> u16 {
     INTERFACE + 0x100 * n + 4 * channel
 }
 
-/// Everything set up and all three remotes running; the field I/O in `mode`.
+/// The machine set up and all three remotes running; the field I/O in `mode`.
 fn start(mut fpga: SimFpga, mode: u32) -> SimFpga {
     set_up_pins(&mut fpga);
     fpga.wait(Duration::from_millis(1));
@@ -139,7 +139,7 @@ fn analog_outputs_of_a_7i77_drive_the_motors() {
     let speeds = velocities(&mut fpga);
     assert!(speeds[..5].iter().all(|v| v.abs() < 1e-3), "{speeds:?}");
     assert!((speeds[5] + 100.0).abs() < 0.1, "{speeds:?}");
-    // Nobody talks to the remote any more: its watchdog takes the outputs away after 50 ms.
+    // The remote is no longer addressed: its watchdog switches the outputs off after 50 ms.
     fpga.wait(Duration::from_millis(200));
     assert!(velocities(&mut fpga)[5].abs() < 1e-6);
 }
@@ -155,7 +155,7 @@ fn unplugging_the_analog_remote_stops_the_motors() {
     assert!(velocities(&mut fpga).iter().all(|v| v.abs() < 1e-3));
 }
 
-/// The cycle at 1 kHz, an outer loop closed on the encoders. Hands back the trace of counts.
+/// The cycle at 1 kHz, an outer loop closed on the encoders. Returns the trace of counts.
 fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
     let mut fpga = start(machines::six_axes_7i92(Motor::default()), 3);
     let begin = fpga.now();

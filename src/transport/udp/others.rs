@@ -1,62 +1,65 @@
-//! Whether somebody else sends packets to the board, by the board's own count of them.
+//! Detects other senders of packets to the board, from the board's own packet count.
 //!
-//! Every reply tells how many packets the board has received. What that is more than was sent is
-//! others', or came twice. It is added up for a second, and of each moment only a little counts: a
-//! master sends all the time, and who looks at the board, or whether it is free, in a burst.
+//! Every reply contains the number of packets that the board has received. Packets beyond those
+//! that this host sent come from other hosts, or arrived twice. The surplus is summed for a second,
+//! and of each slot of 10 ms only a few packets count: a second master sends all the time, whereas
+//! a program that inspects the board, or checks that it is free, sends in a burst.
 
 use core::time::Duration;
 
 use crate::bus::Instant;
 use crate::tally::Tally;
 
-/// For so long packets are added up.
+/// Packets are summed over this time.
 const WINDOW: Duration = Duration::from_secs(1);
-/// So many that count are no master's, in a window, and in each second where no reply came for longer.
+/// Threshold: up to 50 counted packets in a window are tolerated, and as many in each second of a
+/// longer interval without replies.
 const FEW: u64 = 50;
-/// A moment in nanoseconds: 10 ms.
+/// Length of a slot in nanoseconds: 10 ms.
 const MOMENT: u64 = 10_000_000;
-/// So many count in each moment: who sends as much all the time is noticed after a quarter of a second.
+/// Upper limit of the packets that count in a slot: a sender that reaches it all the time is
+/// detected after a quarter of a second.
 const IN_A_MOMENT: u64 = 2;
-/// From one reply to the next no more than this counts. A board that was reset counts from 0 again,
-/// which looks like any number of packets, and does so once.
+/// Upper limit of the packets that count from one reply to the next. A board that was reset counts
+/// from 0 again, which looks like an arbitrary number of packets, but happens only once.
 const AT_ONCE: u64 = 8;
-/// Each reply that came twice stands for so many packets that did: of a write no reply tells it, and
+/// Duplicate packets assumed for each duplicate reply: duplicates of a write cause no reply, and
 /// some replies are lost.
 const FOR_A_DUPLICATE: u64 = 4;
 
-/// What a reply tells.
+/// Contents of a reply that show packets of other senders.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heard {
-    /// When its request was sent.
+    /// Time at which the request was sent.
     pub at: Instant,
-    /// Packets that the board has received since the reply before; `None` if that is not known.
+    /// Packets that the board has received since the previous reply; `None` if not known.
     pub received: Option<u16>,
-    /// The number of its request among all packets that were sent.
+    /// Number of the request among all packets that were sent.
     pub sent: u64,
-    /// Replies so far that came twice.
+    /// Duplicate replies so far.
     pub duplicate: u64,
 }
 
-/// The packets of others, added up.
+/// Sum of the packets of other senders.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Others {
-    /// When this window began, and how many replies had come twice.
+    /// Start of this window, and the number of duplicate replies at that time.
     begun: Option<(Instant, u64)>,
-    /// How many packets had been sent with the request before.
+    /// Number of packets sent up to the previous request.
     sent: u64,
-    /// The moment of that, and the packets in it. What is lost makes it less.
+    /// Slot of that request, and the surplus packets in it. Lost packets lower the sum.
     moment: (u64, i64),
-    /// What counts of the moments before, ...
+    /// Counted packets of the earlier slots, limited for each slot.
     counted: i64,
-    /// ... and all packets in them.
+    /// All surplus packets of the earlier slots.
     packets: i64,
-    /// It was told in this window.
+    /// Already reported in this window.
     is_told: bool,
 }
 
 impl Others {
-    /// Takes what a reply tells; when others have sent too many in this window, how many these were,
-    /// once.
+    /// Adds the contents of a reply. Returns the number of foreign packets if they exceed the
+    /// threshold, once in each window.
     pub(super) fn hear(&mut self, heard: Heard) -> Option<u32> {
         let own = heard.sent.wrapping_sub(self.sent) as u16;
         self.sent = heard.sent;
@@ -110,7 +113,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A board's count, and what was sent to it.
+    /// The packet count of a board, and the packets sent to it.
     #[derive(Default)]
     struct Board {
         others: Others,
@@ -122,7 +125,8 @@ mod tests {
     }
 
     impl Board {
-        /// A cycle of 1 ms: a write and a request, and this many packets more, or less.
+        /// A cycle of 1 ms: a write and a request, and `more` packets in addition (or fewer, if
+        /// negative).
         fn cycle(&mut self, more: i16) -> Option<u32> {
             self.now += 1_000_000;
             self.sent += 2;
@@ -181,7 +185,7 @@ mod tests {
     fn a_pause_makes_no_difference() {
         let mut board = Board::new(0, 0);
         for _ in 0..10 {
-            // Somebody else had it meanwhile, and has gone.
+            // Another host used the board in the meantime and has stopped.
             board.now += 60_000_000_000;
             board.received = board.received.wrapping_add(30_000);
             assert_eq!(board.cycle(0), None);
@@ -195,7 +199,7 @@ mod tests {
         ) {
             let mut board = Board::new(60_000, 0);
             for (received, cycles) in resets {
-                // No board is back sooner.
+                // No board restarts faster.
                 board.now += 200_000_000;
                 board.received = received;
                 prop_assert_eq!(board.cycle(0), None);
@@ -222,7 +226,7 @@ mod tests {
                     more -= 1;
                     late += 1;
                 }
-                // Each comes twice as often as the other.
+                // Each of the two is duplicated independently.
                 if doubled % 8 < doubles {
                     more += 1;
                 }

@@ -1,5 +1,5 @@
-//! The faults that are not played on the machine itself: of the host, the bus and the network, and
-//! what is there instead of the board.
+//! The faults that are not played on the machine itself: those of the host, the bus and the
+//! network, and the replacement of the board.
 
 use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::transport::udp::Link;
@@ -16,7 +16,8 @@ impl Scenario {
         } = fault;
         match (kind.place(), &self.sim) {
             (Place::Bus, _) if fault.in_build => {
-                // By the number of the exchange: nobody can act while the driver is built.
+                // By the number of the exchange: no time-based fault can start while the driver is
+                // built.
                 self.host.push((0, fault));
                 return;
             }
@@ -27,7 +28,7 @@ impl Scenario {
                     Pace::Host if self.plan.is_homing => self.plan.period * 7 / 2,
                     Pace::Host => self.plan.period * 3 / 2,
                     // Where packets also wait in the board, longer delays make a write later than
-                    // it can be told.
+                    // can be reported.
                     Pace::Board => self.plan.period / 2,
                 };
                 network.borrow_mut().add(Bad {
@@ -52,7 +53,7 @@ impl Scenario {
         self.stage.schedule(fault, at);
     }
 
-    /// Something else answers from the middle of the first fault on, or the own board again.
+    /// Replaces the board from the middle of the first fault on, or restores the own board.
     pub(super) fn strangers(&mut self, comes: bool) {
         let (at, is_there) = self.stranger;
         if is_there != comes && (!comes || self.sim.now() >= at) {
@@ -61,7 +62,7 @@ impl Scenario {
         }
     }
 
-    /// The application is late or stands still, after its write, before it, or in an exchange.
+    /// The application is late or stops, after its write, before it, or in an exchange.
     pub(super) fn host_faults(&mut self, life: &Life, after_write: bool) {
         let now = self.sim.now();
         let due = |(at, fault): &mut (u64, Planned)| {
@@ -87,15 +88,15 @@ impl Scenario {
                 life.pause(time, more.stalls_before);
                 continue;
             }
-            // Somebody looks all the time, though not the application.
+            // The simulation is observed all the time, though not by the application.
             for _ in 0..time / MILLI {
                 self.sim.pass(MILLI);
             }
         }
     }
 
-    /// Whether the other program writes in this cycle. If it did in every one, nothing that depends on a
-    /// write would ever be taken.
+    /// True if the other program writes in this cycle. With a write in every cycle, data that
+    /// depend on a write would never be taken.
     fn other_writes(&mut self) -> bool {
         self.others.cycles += 1;
         if self.plan.more.master_stays {
@@ -104,7 +105,7 @@ impl Scenario {
         self.chance.one_in(6)
     }
 
-    /// Another program switches an LED of the board, of which no reply comes here.
+    /// Another program switches an LED of the board; its reply does not arrive here.
     pub(super) fn other_master(&mut self) {
         if !self.plan.extras.second_master || !self.other_writes() {
             return;

@@ -21,7 +21,7 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
     used.write_register(0x1200, 0x1FF);
     used.advance_to(1_000_000);
     for mut fpga in [machines::i7i97(1), used] {
-        // A bus so quick that the whole set-up fits into a period of the PWM.
+        // A bus fast enough for the whole set-up to fit into a period of the PWM.
         fpga.set_access_cost(20);
         let watch = Watch::now(&mut fpga);
         let mut machine = started(fpga);
@@ -57,7 +57,7 @@ const WITHOUT_OFFSET: BoardTable = BoardTable {
     ..BoardTable::CONNECTORS
 };
 
-/// What a generator was set to after the first set-up.
+/// Changes a generator's settings after the first set-up.
 type Change = fn(&mut Driver<SimFpga>);
 
 #[test]
@@ -169,7 +169,7 @@ fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
     }
 }
 
-/// What the drives are told: volts, and whether their switch is closed.
+/// Signals at the drives: volts, and true if the switch is closed.
 fn drives(machine: &mut Machine<SimFpga>) -> [(f64, bool); 6] {
     [0, 1, 2, 3, 4, 5].map(|n| {
         let signal = machine.fpga().analog_output(n);
@@ -290,7 +290,7 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     assert!((volts - 1.234_567).abs() < 1e-6, "{volts}");
 }
 
-/// A 7I97 whose firmware has two PWM generators more, on expansion pins: output, direction.
+/// A 7I97 whose firmware has two additional PWM generators, on expansion pins: output, direction.
 fn with_spindles() -> SimFpga {
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(gtag::PWM).expect("PWM").instances = 8;
@@ -372,7 +372,7 @@ fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused()
     driver.write().expect("the bus does not fail");
     driver.bus_mut().wait(Duration::from_micros(100));
     let fpga = driver.bus_mut();
-    // Up and down: positive values on the second pin; a negative scale turns the other round.
+    // Up/down: positive values on the second pin; a negative scale reverses that.
     for (pin, part) in [(34, 0.0), (35, 0.75), (36, 0.25)] {
         let found = high_part(fpga, pin);
         assert!((found - part).abs() < 0.01, "pin {pin}: {found}");

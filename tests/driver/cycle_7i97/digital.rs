@@ -29,7 +29,8 @@ fn inputs_arrive_filtered_and_raw() {
     }
 }
 
-/// For so many cycles no input is valid and wrong, and no MPG has moved; then all of them are valid.
+/// For a number of cycles no input is valid and wrong, and no MPG has moved; then all of them are
+/// valid.
 fn inputs_become_valid_only_as_they_become_true<B: World>(
     machine: &mut Machine<B>,
     terminals: [bool; 16],
@@ -150,7 +151,7 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
         machine.cycles(1);
         assert_eq!(count(&machine, 1), 0);
         machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
-        // A mode that is changed keeps the counts.
+        // A change of mode keeps the counts.
         machine.set_param(inputs.mpg_4x[3], false);
         turn_mpg(&mut machine, 1, 2);
         turn_mpg(&mut machine, 3, 2);

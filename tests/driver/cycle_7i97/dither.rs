@@ -12,12 +12,12 @@ fn dithers(hz: u32) -> Machine<SimFpga> {
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(gtag::PWM).expect("PWM").version = 1;
     let mut fpga = SimFpga::new(firmware);
-    // A write that is over before a period is.
+    // A write takes less than a period of the PWM.
     fpga.set_access_cost(20);
     build(fpga, |settings| settings.pwm_hz = Some(hz))
 }
 
-/// The longest time in nanoseconds in which the pin is low.
+/// The longest time in nanoseconds for which the pin is low.
 fn longest_low(fpga: &mut SimFpga, nanos: u64) -> u64 {
     let start = SimFpga::now(fpga);
     let (mut longest, mut since) = (0, start);

@@ -1,4 +1,4 @@
-//! What is set for the encoders, alone and together, and how fast they may turn.
+//! Settings of the encoders, single and shared, and their greatest count rate.
 
 use mesa_hal::hal::PinError;
 use mesa_hal_sim::SimFpga;
@@ -16,7 +16,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
     let [encoder, ..] = machine.cards.encoders;
     let registers = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
-        // The rate register can not be read back.
+        // The rate register cannot be read back.
         let rate = fpga.encoders().expect("encoders").rate();
         let timer = fpga.read_register(0x3B00);
         [fpga.read_register(0x3800) & 0xFFFF, rate, timer]
@@ -56,7 +56,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
     }
     assert!(after > before, "it counts on: {before}, {after}");
 
-    // After the board has lost its set-up, too.
+    // Also after the board has lost its set-up.
     machine.fpga().reload();
     assert_eq!(registers(&mut machine)[2], 0);
     for _ in 0..50 {
@@ -76,8 +76,8 @@ fn what_all_encoders_have_in_common_can_be_set() {
     assert_eq!(registers(&mut machine), [98, 14, 0]);
 }
 
-/// Where the count goes in 100 ms at so many counts a second: its change, the velocity, and whether
-/// the speed is said to be near the greatest.
+/// Turns encoder 5 for 100 ms at this number of counts per second: the change of its count, the
+/// velocity, and true if the speed is reported as near the greatest.
 fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, bool) {
     let encoder = machine.cards.encoders[5];
     let velocity = machine.input::<f64>("encoder.05.velocity");
@@ -103,7 +103,7 @@ fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, 
 
 /// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE" promises 3 MHz at ClockLow/16; the gateware follows
 /// clock / (3 (n + 2)) with the short filter and clock / (15 (n + 2)) with the long one (FACTS
-/// 12.6), and says no error beyond.
+/// 12.6), and reports no error beyond.
 #[test]
 fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
     let mut machine = board();
@@ -127,9 +127,9 @@ fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
         machine.cycles(2);
         let told = machine.driver.pins().param(max_count_rate);
         assert!((told / greatest - 1.0).abs() < 1e-9, "{told}, {greatest}");
-        // The filters come down to their new length with the first counts.
+        // The filters decrease to their new length with the first counts.
         let _ = turned(&mut machine, 10_000.0);
-        // Velocity comes from stamps of a microsecond, of which a cycle has a thousand.
+        // Velocity is derived from stamps of a microsecond, of which a cycle has a thousand.
         for speed in [0.8, -0.8, 0.98, -0.98].map(|part| part * greatest) {
             let (moved, velocity, near) = turned(&mut machine, speed);
             assert!((moved / speed - 0.1).abs() < 0.001, "{speed}: {moved}");
@@ -167,7 +167,7 @@ fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
     assert_eq!(error(&mut machine), (false, false), "cleared in the board");
     machine.driver.pins_mut().set(watched, true);
     assert_eq!(error(&mut machine), (false, false));
-    // What came while nobody watched is not told later.
+    // Errors from unwatched times are not reported later.
     machine.driver.pins_mut().set(watched, false);
     disturb(&mut machine);
     machine.cycles(4);
@@ -221,13 +221,13 @@ fn a_scale_of_0_is_refused_and_the_position_goes_on_with_the_one_before() {
     assert!((pins.read(encoder.position).value - count / 8.0).abs() < f64::EPSILON);
 }
 
-/// Axis 0 at a velocity in units a second, by hand, for so many cycles.
+/// Turns axis 0 by hand at a velocity in units per second, for a number of cycles.
 fn turn(machine: &mut Machine<SimFpga>, velocity: f64, cycles: usize) {
     machine.turn(0, velocity);
     machine.cycles(cycles);
 }
 
-/// Encoder 0, with the counts of a unit of its motor.
+/// Sets the scale of encoder 0 to the counts per unit of its motor, and returns it.
 fn scaled(machine: &mut Machine<SimFpga>) -> f64 {
     let motor = machine.fpga().motor(0).expect("an axis");
     let counts = motor.config().counts_per_unit;

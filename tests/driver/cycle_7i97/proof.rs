@@ -1,5 +1,5 @@
-//! The board's own outputs while its watchdog has a long time, because the driver does something else
-//! than the cycle.
+//! The board's own outputs while its watchdog has a long time, because the driver runs an operation
+//! outside the cycle.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use mesa_hal_sim::{Cause, Director};
 
 const OUTPUT: usize = 2;
 
-/// Notes when an output goes off.
+/// Records the time at which an output goes off.
 #[derive(Debug)]
 struct Off(Arc<AtomicU64>);
 

@@ -1,4 +1,4 @@
-//! The same of a bad network, and of periods that are missed.
+//! Events of a bad network, and of missed periods.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -15,7 +15,7 @@ use mesa_hal_sim::{FaultKind, Motor, Place, machines};
 /// A network that loses some of the packets.
 struct Network {
     story: Story<UdpBus<SimLink>>,
-    /// What becomes of the next packets.
+    /// The fate of the next packets.
     losing: Rc<Cell<Losing>>,
 }
 
@@ -24,11 +24,11 @@ struct Losing {
     requests: u32,
     writes: u32,
     replies: u32,
-    /// They come, but so much later.
+    /// The packets arrive, but this much later.
     late: Option<u64>,
 }
 
-/// Which of the numbers a packet counts down.
+/// Selects the number that a packet counts down.
 type Pick = for<'a> fn(&'a mut Losing, &[u8]) -> &'a mut u32;
 
 fn fate(losing: &Rc<Cell<Losing>>, pick: Pick) -> Fate {
@@ -62,7 +62,7 @@ impl Network {
         Self { story, losing }
     }
 
-    /// The network is like that for a while.
+    /// Makes the network behave like that for a while.
     fn meanwhile(&mut self, to_board: Fate, to_host: Fate) {
         let link = self.story.machine.driver.bus_mut().link();
         (link.to_board, link.to_host) = (to_board, to_host);
@@ -71,7 +71,7 @@ impl Network {
         (link.to_board, link.to_host) = (good(), good());
     }
 
-    /// The same some times, some cycles apart; all of it was lost.
+    /// Repeats a loss several times, some cycles apart; checks that all packets were lost.
     fn times(&mut self, plan: Losing) {
         for _ in 0..TIMES {
             self.losing.set(plan);
@@ -133,7 +133,7 @@ fn tell(kind: FaultKind) -> Vec<EventKind> {
                 kind if one.contains(kind.mask()) => count(kind),
                 _ => 0,
             });
-            // The number has those that were told.
+            // The count of a repetition includes those reported singly.
             told.max().unwrap_or(0)
         };
         let lost = |kind: &EventKind| match kind {
@@ -183,7 +183,7 @@ fn periods_that_a_late_host_misses_are_told_where_the_board_paces() {
     let [line] = &told()[..] else {
         panic!("one line");
     };
-    // The board's own clock has begun that many periods without being asked.
+    // The board's own clock has started this number of periods without a request.
     let journal = &driver.bus_mut().link().journal[first..];
     let requests = journal.iter().filter(|sent| sent.is_request);
     let times: Vec<u64> = requests.flat_map(|sent| sent.executed.clone()).collect();

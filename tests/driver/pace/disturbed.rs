@@ -1,4 +1,4 @@
-//! Whatever the application does, and whatever happens, while the board paces.
+//! Arbitrary calls and disturbances while the board paces.
 
 use std::time::Duration;
 
@@ -77,7 +77,7 @@ fn a_clock_of_another_frequency_is_said_in_every_report_and_the_loop_does_not_ru
     assert!(driver.statistics().unpaced_cycles > 120);
 }
 
-/// The time in milliseconds, on the field inputs.
+/// Sets the field inputs to the time in milliseconds.
 fn set_inputs(driver: &mut Machine) -> u32 {
     let now = driver.bus_mut().now().as_nanos() / 1_000_000;
     let fpga = driver.bus_mut().link().board.gateware_mut();
@@ -88,7 +88,7 @@ fn set_inputs(driver: &mut Machine) -> u32 {
     now as u32
 }
 
-/// What the inputs say, if they are valid, and how old that is said to be.
+/// The number on the inputs, if they are valid, and its reported age.
 fn shown(driver: &Machine, inputs: &[Input<bool>; 32]) -> Option<(u32, Duration)> {
     let age = driver.pins().read(inputs[0]).age;
     let bits = inputs.iter().enumerate().try_fold(0, |bits, (n, input)| {
@@ -100,7 +100,7 @@ fn shown(driver: &Machine, inputs: &[Input<bool>; 32]) -> Option<(u32, Duration)
     bits.map(|bits| (bits, age.time))
 }
 
-/// One thing that an application may do, or that may happen.
+/// Makes one of the possible calls, or causes one of the possible events.
 fn disturb(driver: &mut Machine, chance: &mut Chance) {
     match chance.below(40) {
         0 => drop(driver.rearm()),
@@ -152,7 +152,7 @@ fn whatever_happens_at_whatever_point_no_input_is_older_than_it_says_and_no_loop
             let failed = driver.read().is_err();
             let now = driver.bus_mut().now().as_nanos() / 1_000_000;
             if let Some((bits, age)) = shown(&driver, &inputs) {
-                // Until when the inputs were like that.
+                // Time until which the inputs had this value.
                 let until = history.iter().copied().find(|set| *set > bits);
                 let until = until.map_or(now, u64::from);
                 assert!(history.contains(&bits), "seed {seed}, cycle {n}: {bits}");

@@ -1,4 +1,4 @@
-//! A write that comes after a bite drives nothing.
+//! A write that arrives after a bite drives nothing.
 
 use super::*;
 
@@ -27,7 +27,7 @@ fn bitten<B: World>(bus: B, remotes: bool, change: Change, name: String) {
     machine.command();
     let _ = machine.driver.write();
     machine.rest();
-    // The board is asked before what drives pins is written.
+    // The board is queried before a setting that drives pins is written.
     machine.must_fall(before, false);
 }
 
@@ -36,7 +36,7 @@ fn bitten<B: World>(bus: B, remotes: bool, change: Change, name: String) {
 fn a_write_that_the_network_holds_until_the_watchdog_has_bitten_drives_nothing() {
     for change in CHANGES {
         if change.drives_pins() {
-            // The board is asked first, and the answer is waited for.
+            // The board is queried first, and the answer is awaited.
             continue;
         }
         let remotes = change == Change::Restart;

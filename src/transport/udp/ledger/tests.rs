@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A board that executes what it gets.
+/// A board that executes each packet that it receives.
 #[derive(Default)]
 struct Board {
     slots: [u16; SLOTS],
@@ -55,12 +55,12 @@ const DOUBT: News = News {
     doubt: true,
 };
 
-/// A board that has executed a write and said so.
+/// A board that has executed a write and reported it.
 fn pair() -> (Ledger, Board) {
     let mut ledger = Ledger::starting_after(u32::MAX - 2);
     let mut board = Board::default();
     board.write(ledger.open_write(Kind::Alone));
-    // Nothing is known of what came before.
+    // Earlier packets are unknown.
     assert_eq!(board.answer(&mut ledger), DOUBT);
     (ledger, board)
 }
@@ -87,7 +87,7 @@ fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_d
     board.write(ledger.open_write(Kind::Alone));
     assert_eq!(board.cycle(&mut ledger), DOUBT, "two writes, in some order");
     assert_eq!(board.cycle(&mut ledger), News::default());
-    // An older one comes a second time.
+    // An older write arrives a second time.
     board.received += 1;
     assert_eq!(board.cycle(&mut ledger), DOUBT);
 }
@@ -102,7 +102,7 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
     ledger.open_request();
     let said = News { lost: 1, ..DOUBT };
     assert_eq!(board.cycle(&mut ledger), said);
-    // It is executed after all, and answered.
+    // The write is executed after all, and answered.
     board.slots[slot] = number as u16;
     board.received += 1;
     board.sent += 1;
@@ -112,7 +112,7 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
         ..DOUBT
     };
     assert_eq!(board.cycle(&mut ledger), late);
-    // One that was executed, and whose reply was lost, is not lost.
+    // A write that was executed and whose reply was lost is not lost.
     let (number, slot) = ledger.open_write(Kind::Cycle);
     ledger.open_request();
     board.slots[slot] = number as u16;
@@ -130,7 +130,7 @@ fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round(
     assert_eq!(board.cycle(&mut ledger), DOUBT);
     assert_eq!(board.cycle(&mut ledger).repeated, 1, "the details tell");
     assert_eq!(board.cycle(&mut ledger), News::default());
-    // As after this many cycles in which all went well: 25 days at 1 kHz.
+    // As after this many cycles without a fault: 25 days at 1 kHz.
     for number in [
         &mut ledger.newest,
         &mut ledger.newest_last,
@@ -156,7 +156,7 @@ fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
     let newer = ledger.open_write(Kind::Alone);
     board.write(lost);
     board.write(newer);
-    // Something came that was not due; what it was is asked for.
+    // An unexpected packet was counted; the next request asks for the details.
     assert_eq!(board.answer(&mut ledger), DOUBT);
     let late = News {
         found: 1,
@@ -241,7 +241,7 @@ fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
 #[test]
 fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnoticed() {
     let (mut ledger, mut board) = pair();
-    // Every write is lost, until the numbers come round to the one that the board has.
+    // Every write is lost, until the numbers wrap to the one that the board holds.
     for n in 1..0x2_0000_u32 {
         ledger.open_write(Kind::Alone);
         let said = board.answer(&mut ledger);
@@ -256,7 +256,7 @@ fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
         assert_eq!(board.cycle(&mut ledger), News::default(), "{n}");
         assert_eq!(board.answer(&mut ledger), News::default(), "{n}");
     }
-    // Nor is a write that is lost among cycles executed, whatever its number.
+    // Nor is a write that is lost among cycles taken as executed, whatever its number.
     for n in 0..0x1_0100 {
         let _ = board.cycle(&mut ledger);
         ledger.open_write(Kind::Alone);
