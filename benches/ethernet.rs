@@ -12,10 +12,11 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use mesa_hal::bus::AccessList;
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig, UdpList};
+use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -43,8 +44,8 @@ const WRITES: [(u16, u16); 8] = [
 ];
 
 struct Cycle {
-    read: UdpList,
-    write: UdpList,
+    read: AccessList,
+    write: AccessList,
     words: [u32; 64],
 }
 

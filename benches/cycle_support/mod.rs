@@ -5,7 +5,9 @@
 use std::time::Duration;
 
 use mesa_hal::Settings;
-use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::bus::{
+    Access, AccessList, Clock, Direction, Hold, Instant, ListForm, RegisterBus, Reply,
+};
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::devices::FieldIo;
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
@@ -108,21 +110,21 @@ impl Frozen {
 
 impl RegisterBus for Frozen {
     type Error = <SimFpga as RegisterBus>::Error;
-    type List = Answers;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.sim.exchange(accesses, words)
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<Answers, Self::Error> {
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
         self.answers.push(Vec::new());
-        Ok(Answers {
+        Ok(AccessList::encoded(Answers {
             accesses: accesses.into(),
             place: self.answers.len() - 1,
-        })
+        }))
     }
 
-    fn finish(&mut self, list: &Answers, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        let list: &Answers = list.form().expect("a list of this bus");
         let reads = list
             .accesses
             .first()
@@ -160,8 +162,8 @@ pub struct Answers {
     place: usize,
 }
 
-impl AsRef<[Access]> for Answers {
-    fn as_ref(&self) -> &[Access] {
+impl ListForm for Answers {
+    fn accesses(&self) -> &[Access] {
         &self.accesses
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
+use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimFpga, machines};
@@ -66,19 +66,9 @@ impl World for Simulated {
 
 impl RegisterBus for Simulated {
     type Error = <SimFpga as RegisterBus>::Error;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.fpga.exchange(accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 }
 

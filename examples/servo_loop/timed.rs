@@ -4,7 +4,7 @@ use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{
-    Access, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
 };
 
 #[derive(Debug)]
@@ -50,22 +50,24 @@ impl<B> DerefMut for Timed<B> {
 
 impl<B: RegisterBus> RegisterBus for Timed<B> {
     type Error = B::Error;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.bus.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.exchange(accesses, words))
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
         self.bus.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.start(list, words))
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
         self.measured(|bus| bus.finish(list, words))
     }
 

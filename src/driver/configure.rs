@@ -39,7 +39,7 @@ pub struct Board<B: RegisterBus + Clock> {
     pub(super) stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
-    description: Known<B::List>,
+    description: Known,
     is_discovered: bool,
 }
 
@@ -77,7 +77,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Not for the cycle. Bounded.
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         let settings = checked(settings)?;
-        if settings.pace == Pace::Board && !B::CAN_HOLD {
+        if settings.pace == Pace::Board && !bus.can_hold() {
             let why = "this bus can not hold reads back";
             return Err(DriverError::NotPaced { why });
         }
@@ -183,7 +183,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         }
     }
 
-    fn start_ports(&mut self) -> Result<(Exchanges<B>, Words), DriverError<B::Error>> {
+    fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError<B::Error>> {
         let bus = &mut *self.bus;
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
@@ -285,7 +285,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         error
     }
 
-    fn into_driver(self, exchanges: Exchanges<B>, words: Words) -> Driver<B> {
+    fn into_driver(self, exchanges: Exchanges, words: Words) -> Driver<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
         let dpll = self.parts.of::<Dpll>().next();
@@ -326,12 +326,11 @@ const STARTED: &str = "its remotes were started";
 /// Attempts to identify a board, or to set it up, when it is reset meanwhile.
 const TRIES: u32 = 3;
 
-/// A firmware, and the words that identify it.
-type Identified<B> = (HostMot2, Known<<B as RegisterBus>::List>);
-
-/// Identifies the firmware of the board, read twice with the same result: words read around a reset
+/// Identifies the firmware of the board, and the words that identify it, read twice with the same result: words read around a reset
 /// do not identify a firmware.
-fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverError<B::Error>> {
+fn identify_steady<B: RegisterBus>(
+    bus: &mut B,
+) -> Result<(HostMot2, Known), DriverError<B::Error>> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;

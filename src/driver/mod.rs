@@ -115,10 +115,10 @@ pub struct Driver<B: RegisterBus + Clock> {
     bus: Held<B>,
     firmware: HostMot2,
     name: String,
-    exchanges: Exchanges<B>,
+    exchanges: Exchanges,
     cycle: Cycle,
     /// The firmware's description of itself, as read when it was set up.
-    description: Known<B::List>,
+    description: Known,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
     trace: Option<Box<Trace>>,
@@ -329,7 +329,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// The lists of accesses of a cycle, for inspection.
-    pub fn lists(&self) -> CycleLists<'_, B::List> {
+    pub fn lists(&self) -> CycleLists<'_> {
         self.exchanges.lists()
     }
 

@@ -47,7 +47,7 @@ impl Pacer {
     pub fn forget_started<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &mut Words,
     ) {
         if let Some(started) = self.started.take() {
@@ -60,7 +60,7 @@ impl Pacer {
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &mut Words,
         extra: bool,
     ) -> Answer<B::Error> {
@@ -112,7 +112,7 @@ impl Pacer {
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &mut Exchanges<B>,
+        exchanges: &mut Exchanges,
         words: &mut Words,
         (extra, quiet): (bool, bool),
     ) -> Result<(), B::Error> {
@@ -129,7 +129,7 @@ impl Pacer {
     pub fn start_read<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &Words,
         extra: bool,
     ) {

@@ -6,7 +6,7 @@ use super::pin::list_of;
 use super::{
     Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor, TrailingEntry,
 };
-use crate::bus::{Access, BoardIdentity, Effort, RegisterBus};
+use crate::bus::{Access, AccessList, BoardIdentity, Effort, RegisterBus};
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
 use alloc::format;
@@ -218,14 +218,14 @@ pub(crate) struct Description(Vec<(Vec<Access>, Box<[u32]>)>);
 
 /// Detects whether the same board with the same firmware still answers.
 #[derive(Debug)]
-pub(crate) struct Known<L> {
+pub(crate) struct Known {
     board: BoardIdentity,
-    parts: Vec<(L, Box<[u32]>)>,
+    parts: Vec<(AccessList, Box<[u32]>)>,
     /// Buffer as long as the longest part.
     now: Box<[u32]>,
 }
 
-impl<L: AsRef<[Access]>> Known<L> {
+impl Known {
     /// True if the board is the same one and its description still consists of the same words.
     ///
     /// # Errors
@@ -235,7 +235,7 @@ impl<L: AsRef<[Access]>> Known<L> {
     /// With [`Effort::Once`] five exchanges, without allocation.
     pub fn is_still<B>(&mut self, bus: &mut B, effort: Effort) -> Result<bool, B::Error>
     where
-        B: RegisterBus<List = L>,
+        B: RegisterBus,
     {
         if bus.board(effort)? != self.board {
             return Ok(false);
@@ -261,7 +261,7 @@ impl Description {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
+    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known, B::Error> {
         let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();
         let parts = self.0.into_iter();

@@ -5,8 +5,8 @@ use core::time::Duration;
 use thiserror::Error;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Fault,
-    Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Fault, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
@@ -177,8 +177,10 @@ impl<B: RegisterBus> Faulty<B> {
 
 impl<B: RegisterBus> RegisterBus for Faulty<B> {
     type Error = FaultyError<B::Error>;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         let drawn = self.draw();
@@ -187,11 +189,15 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, Self::Error> {
+    fn prepare(
+        &mut self,
+        accesses: &[Access],
+        hold: Option<Hold>,
+    ) -> Result<AccessList, Self::Error> {
         Ok(self.inner.prepare(accesses, hold)?)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), Self::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), Self::Error> {
         self.started = self.draw();
         match self.started.1 {
             Some(Fault::NotExecuted(_)) => Ok(()),
@@ -200,7 +206,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         }
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         let drawn = core::mem::take(&mut self.started);
         let accesses = list.as_ref();
         let reply = self.execute(drawn, accesses, words, Reply::UNHEARD, |bus, words| {

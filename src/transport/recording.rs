@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use std::io;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
@@ -141,24 +141,26 @@ impl<B: RegisterBus + Clock> Recording<B> {
 /// The inner bus's clock provides the time stamps of the log.
 impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
     type Error = B::Error;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         let result = self.inner.exchange(accesses, words);
         self.record(accesses, words, result)
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
         self.inner.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
         let result = self.inner.start(list, words);
         result.or_else(|error| self.record(list.as_ref(), words, Err(error)))
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
         let result = self.inner.finish(list, words);
         self.record(list.as_ref(), words, result)
     }

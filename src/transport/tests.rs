@@ -7,7 +7,7 @@ use core::time::Duration;
 use std::collections::BTreeMap;
 
 use crate::bus::{
-    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Instant, RegisterBus, Reply,
 };
 
 /// Registers keep their values; each exchange takes a microsecond.
@@ -33,8 +33,10 @@ impl BusError for MemoryError {
 
 impl RegisterBus for Memory {
     type Error = MemoryError;
-    type List = AccessList;
-    const CAN_HOLD: bool = true;
+
+    fn can_hold(&self) -> bool {
+        true
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), MemoryError> {
         self.exchanges += 1;
@@ -56,12 +58,8 @@ impl RegisterBus for Memory {
         Ok(())
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, MemoryError> {
-        Ok(accesses.into())
-    }
-
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
-        self.exchange(list, words)?;
+        self.exchange(list.as_ref(), words)?;
         Ok(Reply {
             slack: Some(Duration::from_micros(5)),
             ..Reply::CERTAIN

@@ -6,9 +6,7 @@ use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::bus::{
-    Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
-};
+use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
 use mesa_hal::transport::udp::{Link, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
@@ -175,7 +173,6 @@ pub struct Direct {
 
 impl RegisterBus for Direct {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         if self.life.is_over() {
@@ -188,15 +185,6 @@ impl RegisterBus for Direct {
         let until = SimFpga::now(&fpga) + self.life.take_pause(false);
         fpga.advance_to(until);
         done
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {

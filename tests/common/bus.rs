@@ -4,8 +4,7 @@ use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
 use mesa_hal::bus::{
-    Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
-    RegisterBus, Reply,
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Instant, RegisterBus,
 };
 use mesa_hal_sim::{SimError, SimFpga};
 
@@ -69,7 +68,6 @@ impl BusError for NeverFails {
 
 impl<R: Registers> RegisterBus for FakeBus<R> {
     type Error = NeverFails;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
         self.exchanges += 1;
@@ -85,15 +83,6 @@ impl<R: Registers> RegisterBus for FakeBus<R> {
             }
         }
         Ok(())
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 }
 
@@ -126,19 +115,9 @@ pub struct Around<T> {
 
 impl<T: Between> RegisterBus for Around<T> {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         self.between.exchange(&mut self.fpga, accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {

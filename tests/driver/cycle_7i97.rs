@@ -137,8 +137,10 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
     let mut machine = started(ethernet::bus(machines::six_axes_7i97(Motor::default())));
     assert!(machine.driver.missing().is_empty());
     let lists = machine.driver.lists();
-    let (request, reply) = (lists.read.request_bytes(), lists.read.reply_bytes());
-    let write = lists.write.request_bytes();
+    let packet = |list| mesa_hal::transport::udp::UdpList::of(list).expect("a list of this bus");
+    let (read, write) = (packet(lists.read), packet(lists.write));
+    let (request, reply) = (read.request_bytes(), read.reply_bytes());
+    let write = write.request_bytes();
     println!("planned: request {request}, reply {reply}, write {write} bytes");
     // Of request and reply, four bytes each are the evidence that the board was not reset, which
     // LinuxCNC does not read.

@@ -95,7 +95,6 @@ struct TooSmall(SimFpga);
 
 impl RegisterBus for &mut TooSmall {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         self.0.exchange(accesses, words)

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::plan::ImagePlan;
 use super::words::By;
 use super::{Phase, Words};
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{Access, AccessList, RegisterBus};
 
 /// Requested form of a cycle's read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,33 +23,33 @@ pub struct Ask {
 /// # Real time
 /// No function allocates or panics; the exchanges are bounded by the bus.
 #[derive(Debug)]
-pub struct Exchanges<B: RegisterBus> {
-    pub(super) lists: Lists<B::List>,
+pub struct Exchanges {
+    pub(super) lists: Lists,
     pub(super) parts: Parts,
 }
 
 #[derive(Debug)]
-pub(super) struct Lists<L> {
+pub(super) struct Lists {
     /// With the usual registers, and with the extra ones as well.
-    pub read: [L; 2],
-    pub paced: Option<Paced<L>>,
-    pub write: L,
-    pub status: L,
-    pub evidence: L,
-    pub set_up: L,
-    pub quiesce: L,
+    pub read: [AccessList; 2],
+    pub paced: Option<Paced>,
+    pub write: AccessList,
+    pub status: AccessList,
+    pub evidence: AccessList,
+    pub set_up: AccessList,
+    pub quiesce: AccessList,
 }
 
 /// Reads that the board delays until its next period.
 #[derive(Debug)]
-pub(super) struct Paced<L> {
-    pub read: [L; 2],
+pub(super) struct Paced {
+    pub read: [AccessList; 2],
     /// With the writes before them.
-    pub cycle: [L; 2],
+    pub cycle: [AccessList; 2],
 }
 
-impl<L> Lists<L> {
-    fn of(&self, ask: Ask) -> &L {
+impl Lists {
+    fn of(&self, ask: Ask) -> &AccessList {
         let [usual, extra] = match &self.paced {
             Some(paced) if ask.with_writes => &paced.cycle,
             Some(paced) if ask.held => &paced.read,
@@ -61,13 +61,13 @@ impl<L> Lists<L> {
 
 /// The lists of a usual cycle.
 #[derive(Clone, Copy, Debug)]
-pub struct CycleLists<'a, L> {
+pub struct CycleLists<'a> {
     /// The read, at the host's pace.
-    pub read: &'a L,
+    pub read: &'a AccessList,
     /// The write, at the host's pace.
-    pub write: &'a L,
+    pub write: &'a AccessList,
     /// Write and read in one list, at the board's pace.
-    pub paced: Option<&'a L>,
+    pub paced: Option<&'a AccessList>,
 }
 
 /// A register of the cycle, and the place of its word.
@@ -89,7 +89,7 @@ pub(crate) enum Way {
     Setting,
 }
 
-impl<B: RegisterBus> Exchanges<B> {
+impl Exchanges {
     /// All registers that a cycle may contain: those that are read, then those that are written,
     /// then settings. For set-up: allocates.
     pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
@@ -115,9 +115,9 @@ impl<B: RegisterBus> Exchanges<B> {
 }
 
 /// Exchanges. On an error, no word that is read has changed.
-impl<B: RegisterBus> Exchanges<B> {
+impl Exchanges {
     /// The lists of a usual cycle.
-    pub fn lists(&self) -> CycleLists<'_, B::List> {
+    pub fn lists(&self) -> CycleLists<'_> {
         let Lists {
             read, write, paced, ..
         } = &self.lists;
@@ -129,7 +129,12 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Sends the request of a read; [`finish`](Self::finish) receives its reply.
-    pub fn start_read(&self, bus: &mut B, words: &Words, ask: Ask) -> Result<Ask, B::Error> {
+    pub fn start_read<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &Words,
+        ask: Ask,
+    ) -> Result<Ask, B::Error> {
         bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
@@ -137,7 +142,7 @@ impl<B: RegisterBus> Exchanges<B> {
     /// Writes, and requests the next read in the same exchange. Changed settings are written in a
     /// separate exchange before it, together with all other writes, unless the cycle is `quiet`.
     /// Returns `None` if the writes were made but the read could not be requested.
-    pub fn start_cycle(
+    pub fn start_cycle<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         words: &mut Words,
@@ -156,7 +161,12 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Receives the reply to a started read.
-    pub fn finish(&self, bus: &mut B, words: &mut Words, started: Ask) -> Result<(), B::Error> {
+    pub fn finish<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+        started: Ask,
+    ) -> Result<(), B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
         words.heard(reply);
         Ok(())
@@ -164,7 +174,12 @@ impl<B: RegisterBus> Exchanges<B> {
 
     /// Writes the registers of every cycle, triggers last, and the settings that have changed. The
     /// settings are left out if the cycle is `quiet`, because the board is not set up.
-    pub fn write(&mut self, bus: &mut B, words: &mut Words, quiet: bool) -> Result<(), B::Error> {
+    pub fn write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+        quiet: bool,
+    ) -> Result<(), B::Error> {
         if quiet || !words.has_news() {
             // A write has no reply of its own: its result shows in the next read.
             let _ = bus.run(&self.lists.write, &mut words.content)?;
@@ -175,12 +190,21 @@ impl<B: RegisterBus> Exchanges<B> {
 
     /// Writes the settings of the set-up that have changed, including those that drive pins. The
     /// evidence must be read before and [after](Words::guarded_sent) this call.
-    pub fn write_guarded(&mut self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn write_guarded<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         words.expect_either();
         self.write_parts(bus, words, By::Guarded)
     }
 
-    fn write_parts(&mut self, bus: &mut B, words: &mut Words, by: By) -> Result<(), B::Error> {
+    fn write_parts<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+        by: By,
+    ) -> Result<(), B::Error> {
         let accesses = self.parts.choose(words, by);
         bus.write_all(accesses, &mut words.content)?;
         words.sent(by);
@@ -188,14 +212,22 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Reads only the status registers.
-    pub fn read_status(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn read_status<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
         words.heard(reply);
         Ok(())
     }
 
     /// Reads only the evidence registers, all of them.
-    pub fn read_evidence(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn read_evidence<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
         words.heard(reply);
         Ok(())
@@ -203,7 +235,7 @@ impl<B: RegisterBus> Exchanges<B> {
 
     /// Writes the whole set-up again, with the present words of the settings, and reads all
     /// evidence after it. If the evidence matches, the caller calls [`Words::all_set`].
-    pub fn set_up(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut words.content)?;
         words.heard(reply);
@@ -211,7 +243,7 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Writes the first stage of the set-up: nothing is driven.
-    pub fn quiesce(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn quiesce<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }

@@ -26,7 +26,7 @@ impl ImagePlan {
         &self,
         bus: &mut B,
         held: Option<Duration>,
-    ) -> Result<(Exchanges<B>, Words), B::Error> {
+    ) -> Result<(Exchanges, Words), B::Error> {
         debug_assert!(self.check().is_ok(), "it was checked");
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);

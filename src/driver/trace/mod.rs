@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{Event, TraceSettings};
-use crate::bus::{BusErrorKind, Exchanges, Instant, RegisterBus, Words};
+use crate::bus::{BusErrorKind, Exchanges, Instant, Words};
 use crate::bus::{Exchanged, Way};
 use crate::hostmot2::HostMot2;
 use crate::modules::events::Sink;
@@ -93,9 +93,9 @@ impl fmt::Display for Cause {
 
 impl Trace {
     /// Makes a trace for the cycles of these exchanges.
-    pub(super) fn new<B: RegisterBus>(
+    pub(super) fn new(
         settings: TraceSettings,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         (board, firmware): (&str, &HostMot2),
         sink: &Sink,
     ) -> Self {

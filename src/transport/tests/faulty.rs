@@ -49,7 +49,7 @@ fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
 fn a_list_is_held_by_the_bus_inside_and_fails_as_a_whole() {
     let mut bus = Faulty::new(Memory::default(), 1);
     bus.inner.words.insert(0x1000, 7);
-    const { assert!(<Faulty<Memory> as RegisterBus>::CAN_HOLD) };
+    assert!(bus.can_hold());
     let list = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
     bus.fail_at(0, Fault::NotExecuted(BusErrorKind::Lost));
     let mut words = [0];

@@ -7,7 +7,7 @@ use super::UdpError;
 use super::ledger::{Account, Details, Kind, SLOTS};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
-use crate::bus::{Access, Direction, Hold};
+use crate::bus::{Access, AccessList, Direction, Hold, ListForm};
 use crate::lbp16::registers::{control, eeprom, read_only, timer};
 use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 
@@ -93,13 +93,21 @@ fn wide(range: &Range<u16>) -> Range<usize> {
     range.start.into()..range.end.into()
 }
 
-impl AsRef<[Access]> for UdpList {
-    fn as_ref(&self) -> &[Access] {
+impl ListForm for UdpList {
+    fn accesses(&self) -> &[Access] {
         &self.accesses
     }
 }
 
 impl UdpList {
+    /// The packet of a list.
+    ///
+    /// # Errors
+    /// [`UdpError::OtherBus`]: a bus of another type prepared the list.
+    pub fn of(list: &AccessList) -> Result<&Self, UdpError> {
+        list.form().ok_or(UdpError::OtherBus)
+    }
+
     /// Bytes of the packet that is sent, without the headers of lower layers.
     pub fn request_bytes(&self) -> usize {
         self.request.bytes.len()

@@ -149,6 +149,9 @@ pub enum UdpError {
         "there is no reply to this list: start it, and run nothing else before its reply is taken"
     )]
     NotStarted,
+    /// A bus of another type prepared the list.
+    #[error("the list was prepared by a bus of another type; prepare it on this one")]
+    OtherBus,
     /// The limit of the hold exceeds the longest time that a board can wait.
     #[error(
         "the list is to wait for the board's next period for up to {}, and boards wait for \
@@ -205,6 +208,7 @@ impl BusError for UdpError {
             Self::TooLong { .. }
             | Self::BadAccess { .. }
             | Self::NotStarted
+            | Self::OtherBus
             | Self::LongHold { .. } => BusErrorKind::Invalid,
         }
     }

@@ -25,8 +25,8 @@ use core::time::Duration;
 use std::net::SocketAddrV4;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Hold, Instant, RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
@@ -353,9 +353,11 @@ impl<L: Link> Clock for UdpBus<L> {
 
 impl<L: Link> RegisterBus for UdpBus<L> {
     type Error = UdpError;
-    type List = UdpList;
-    /// Done by the board's timer.
-    const CAN_HOLD: bool = true;
+
+    /// The board's timer holds lists back.
+    fn can_hold(&self) -> bool {
+        true
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         let list = UdpList::new(accesses, true, None)?;
@@ -365,14 +367,15 @@ impl<L: Link> RegisterBus for UdpBus<L> {
 
     /// The board can wait for up to 65.535 ms. Time that the board waited does not count for the
     /// deadline of the reply: its words are as new as those of other lists, however long it waited.
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<UdpList, UdpError> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, UdpError> {
         self.prepared = self.prepared.wrapping_add(1);
         let mut list = UdpList::new(accesses, false, hold)?;
         list.number = self.prepared;
-        Ok(list)
+        Ok(AccessList::encoded(list))
     }
 
-    fn start(&mut self, list: &UdpList, words: &[u32]) -> Result<(), UdpError> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), UdpError> {
+        let list = UdpList::of(list)?;
         list.check_words(words.len())?;
         self.is_cyclic = true;
         let deadline = self.config.cycle_deadline;
@@ -382,7 +385,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         Ok(())
     }
 
-    fn finish(&mut self, list: &UdpList, words: &mut [u32]) -> Result<Reply, UdpError> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, UdpError> {
+        let list = UdpList::of(list)?;
         if !list.is_answered {
             return Ok(Reply::UNHEARD);
         }

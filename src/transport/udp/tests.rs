@@ -19,8 +19,8 @@ const MS: Duration = Duration::from_millis(1);
 
 /// The lists of a cycle: the last word is the stamp that the board gave to the read of 0x1000.
 struct Cycle {
-    read: UdpList,
-    write: UdpList,
+    read: AccessList,
+    write: AccessList,
 }
 
 impl Cycle {

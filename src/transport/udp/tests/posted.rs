@@ -9,7 +9,7 @@ fn hold(limit: Duration) -> Hold {
 }
 
 /// A bus whose board waits this long for its clock, and a list that is held back for up to 1 ms.
-fn paced(held: Duration) -> (UdpBus<Network>, UdpList) {
+fn paced(held: Duration) -> (UdpBus<Network>, AccessList) {
     let mut bus = bus();
     bus.link().held = held.as_nanos() as u64;
     let list = bus.prepare(&[READ], Some(hold(MS))).unwrap();
