@@ -22,7 +22,7 @@ simulate() {
   address=$(sed -n 's/.*listening on //p' "$work/board")
 }
 
-# Starts a command in a terminal of $columns and $lines. The prompt in front is that of a reader.
+# Starts a command in a terminal of $columns and $lines.
 show() {
   tmux new-session -d -s "$terminal" -x "$columns" -y "$lines" "$@"
   tmux set-option -t "$terminal" status off
