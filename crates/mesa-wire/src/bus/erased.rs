@@ -1,4 +1,8 @@
 //! A bus whose type is chosen at run time.
+#![expect(
+    clippy::result_large_err,
+    reason = "an error keeps its text without allocation, because the cycle must not allocate"
+)]
 
 use super::{
     Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Effort, Hold,
@@ -116,7 +120,7 @@ impl fmt::Debug for DynBusError {
         f.debug_struct("DynBusError")
             .field("kind", &self.kind)
             .field("text", &self.text())
-            .finish()
+            .finish_non_exhaustive()
     }
 }
 
