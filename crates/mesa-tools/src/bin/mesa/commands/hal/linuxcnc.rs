@@ -230,7 +230,8 @@ pub fn ini(machine: &Machine) -> String {
     let letters: String = LETTERS.chars().take(axes).collect();
     let address = match machine.address {
         Some(address) => format!("BOARD_IP = {}", address.ip()),
-        None => "# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10".to_owned(),
+        None => "# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10"
+            .to_owned(),
     };
     let config = ports
         .iter()

@@ -12,13 +12,13 @@ use super::name;
 use crate::context::Failure;
 use crate::files;
 
-/// Of one pace, in pixels.
+/// Size of the picture of one pace, in pixels.
 const SIZE: (u32, u32) = (800, 320);
-/// Columns of each doubling of the time.
+/// Columns for each doubling of the time.
 const COLUMNS: f64 = 4.0;
-/// Room above the highest column, for the words.
+/// Room above the highest column for the legend, as a factor.
 const HEADROOM: f64 = 30.0;
-/// The least and the most that is shown, in microseconds.
+/// Range of times shown, in microseconds.
 const SHOWN: [f64; 2] = [0.5, 4e6];
 
 const LATE: RGBColor = RGBColor(31, 119, 180);
@@ -111,7 +111,7 @@ struct Column {
     count: f64,
 }
 
-/// Those that have anything in them.
+/// Columns that are not empty.
 fn columns(histogram: &Histogram) -> Vec<Column> {
     let [least, most] = SHOWN;
     let count = ((most / least).log2() * COLUMNS) as u32;

@@ -40,7 +40,8 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
         },
         (Silence::Refused | Silence::Foreign, Way::Direct(_) | Way::Here) => Why {
             reason: silence.to_string(),
-            advice: "another device has this address: change the address of one of the two".to_owned(),
+            advice: "another device has this address: change the address of one of the two"
+                .to_owned(),
         },
         (_, Way::Here) => Why {
             reason: silence.to_string(),
