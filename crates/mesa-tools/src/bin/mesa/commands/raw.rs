@@ -60,7 +60,7 @@ struct Dialogue {
     commands: Vec<Line>,
 }
 
-/// One command.
+/// A command of the packet.
 #[derive(Debug, Serialize)]
 struct Line {
     command: &'static str,

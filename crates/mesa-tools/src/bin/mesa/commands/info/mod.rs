@@ -1,5 +1,5 @@
-//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their remotes
-//! with modes, process data and parameters.
+//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their
+//! remotes with modes, process data and parameters.
 
 mod text;
 

@@ -21,13 +21,13 @@ use measure::Measured;
 use report::Report;
 
 const AFTER_HELP: &str = "\
-Runs the cycle of the board with everything on it; all outputs stay off. Put the host under its usual
-load meanwhile: an idle host shows little.
+Runs the cycle of the board with everything on it; all outputs stay off. Put the host under its
+usual load meanwhile: an idle host shows little.
 
-Late is the time by which a cycle begins later than planned; at the board's pace, later than a period
-after the previous one. Used is the time from the planned begin of a cycle to its end; at the board's
-pace, the period minus the time that the board waited for its end. A rate can be kept if this time,
-followed by the transfers to the remotes, fits into its period.
+Late is how much later than planned a cycle begins; at the board's pace, how much more than a period
+after the previous one. Used is the time from the planned begin of a cycle to its end; at the
+board's pace, the period minus the time that the board waited for its end. A rate can be kept if
+this time, followed by the transfers to the remotes, fits into its period.
 
 Exits with 1 if a remote was offline meanwhile: no rate is judged then.
 
