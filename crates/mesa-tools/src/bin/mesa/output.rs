@@ -67,7 +67,7 @@ fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
     at.filter(|&at| at > begin)
 }
 
-/// Takes the result of printing: the first error is reported and kept, as in [`say`].
+/// Takes the result of printing. The first error is reported and kept, as in [`say`].
 pub fn printed(result: io::Result<()>) {
     let lost = result.err();
     let lost = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe);

@@ -78,7 +78,7 @@ mod tests {
         }
         let library = library.replace("\\\n", "");
         for (program, typed) in TYPED {
-            // One match is in this file.
+            // The first match is in this file.
             assert!(
                 library.matches(program).count() > 1,
                 "nobody says {program}"

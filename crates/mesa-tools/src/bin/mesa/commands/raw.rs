@@ -102,7 +102,7 @@ impl Raw {
             .into_iter()
             .filter(|line| line.command == "write");
         let writes: Vec<String> = writes.map(|line| line.place()).collect();
-        // Fails if another program drives the board, before the question.
+        // Before the question: fails if another program drives the board.
         drop(found.open()?);
         if !writes.is_empty() {
             let what = format!("{}: writes {}", found.address, writes.join(", "));

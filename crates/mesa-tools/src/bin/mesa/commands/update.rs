@@ -266,7 +266,8 @@ fn stopped(why: impl Display) -> Option<Report> {
     None
 }
 
-/// Name of a card. The two parts of a 7I77 share a name and are told apart by their unit numbers.
+/// Name of a card. The two parts of a 7I77 share a name and differ in the class of their unit
+/// numbers.
 fn kind(started: &StartedRemote) -> String {
     let class = (started.unit_number >> 24) as u8;
     match (&started.name.0, class) {

@@ -89,7 +89,7 @@ fn pictures(
 }
 
 /// Waits for a key press or the time of the next picture. Returns `false` if the terminal was
-/// closed, which crossterm 0.29 does not detect: reading its end would never return.
+/// closed, which crossterm 0.29 does not detect: it would read the end of the input for ever.
 fn wait_for_keys() -> io::Result<bool> {
     let limit = Timespec {
         tv_sec: 0,

@@ -92,8 +92,8 @@ impl Machine {
         };
         let is_connected = |info: &&PinInfo| {
             let name = own(info).unwrap_or_default();
-            // I/O pins at a connector for daughter cards, as on the 7I92, have one terminal. Those
-            // of a 7I97 are on a header too.
+            // I/O pins at connectors for daughter cards only, as on the 7I92, have one terminal and
+            // are left out; those of a 7I97 are on a header too.
             let is_free = name.starts_with("gpio.") && !info.place.terminal.contains(", ");
             let is_taken = if groups.contains(&info.group) {
                 !is_one(&NOT_OF_REMOTES, &name)

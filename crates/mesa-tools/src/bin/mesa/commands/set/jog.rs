@@ -304,8 +304,9 @@ impl Jog {
         ControlFlow::Continue(())
     }
 
-    /// Checks that the output has had its value for `set`, as far as it is read back: a transfer
-    /// begun since then has succeeded, and the level at the terminal agrees, if it is read.
+    /// Checks that the output has had its value for `set`, as far as it can be read back: a
+    /// transfer begun since then has succeeded, and the level at the terminal agrees, if it is
+    /// read.
     fn verify(&mut self, pins: &Pins, set: Duration) -> ControlFlow<()> {
         let states = self.groups.iter().map(|&group| pins.group_state(group));
         let mut states = states.map(|state| state.filter(|state| state.valid));

@@ -31,7 +31,7 @@ pub struct Pins {
     scroll: Scroll,
     seen: Option<Snapshot>,
     lines: Vec<Line>,
-    /// One for each pin.
+    /// Trend of each pin.
     trends: Vec<Trend>,
     palette: Palette,
 }

@@ -49,7 +49,7 @@ Examples:
   mesa wiring output --outputs --sim 7i92-7i77
   mesa wiring '*.input-0?' --sim 7i92-7i77 --timeout 2 --json < /dev/null";
 
-/// Check the wiring, terminal by terminal, by actuating inputs and driving outputs
+/// Guide a check of the wiring, terminal by terminal
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Wiring {
