@@ -14,16 +14,16 @@ use crate::context::Context;
 use crate::output::complain;
 use crate::sim::console;
 
-/// How often inputs, keys and signals are looked at.
+/// Interval of the checks of inputs, keys and signals.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Remotes that were just started, or had a fault, are back within that.
+/// Time within which remotes recover after a start or a fault.
 const COMES_BACK: Duration = Duration::from_secs(1);
 
-/// What somebody types, line by line.
+/// Typed lines.
 pub struct Lines {
     lines: Receiver<String>,
-    /// A person's, who ends it by closing the input.
+    /// True if a person types the lines, and ends the check by closing the input.
     is_terminal: bool,
 }
 
@@ -35,7 +35,7 @@ impl Lines {
     }
 }
 
-/// What was typed.
+/// Input of the person.
 enum Typed {
     Nothing,
     Skip,
@@ -43,7 +43,7 @@ enum Typed {
     Text(String),
 }
 
-/// Where to go on.
+/// Direction in which the check continues.
 enum Next {
     Forward,
     Back,
@@ -57,7 +57,7 @@ pub struct Session<'a> {
     pub board: String,
     pub items: Vec<Item>,
     pub timeout: Option<Duration>,
-    /// Each output is driven without a question.
+    /// True if outputs are driven without a question.
     pub is_agreed: bool,
     clock: HostClock,
     seen: Option<Snapshot>,
@@ -92,7 +92,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Goes through all terminals; `keep` is called when one has been judged.
+    /// Goes through all terminals; calls `keep` after each judgement.
     pub fn run(&mut self, keep: impl Fn(&Self)) -> Outcome {
         match self.go(keep) {
             Ok(()) => Outcome::Done,
@@ -125,7 +125,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// A moment passes: what was typed meanwhile, and what the inputs showed.
+    /// Waits for one interval. Returns what was typed, and the judgement if there is one.
     fn pass(&mut self) -> Result<(Typed, Option<Judgement>), Outcome> {
         if self.context.stop.signal().is_some() {
             return Err(Outcome::Stopped);
@@ -157,7 +157,8 @@ impl<'a> Session<'a> {
                 self.seen = Some(seen);
             }),
         };
-        // What could not be read is looked at again a moment later; what is half read is of no cycle.
+        // A failed read is repeated after the next interval. A snapshot that was half read mixes
+        // cycles, and is discarded.
         if read.is_err() {
             self.seen = None;
         }
@@ -190,7 +191,7 @@ impl<'a> Session<'a> {
             .is_some_and(|timeout| since.elapsed() >= timeout)
     }
 
-    /// Asks for an input.
+    /// Checks an input.
     fn input(&mut self, at: usize, (point, kind): (usize, Kind)) -> Result<Next, Outcome> {
         let begun = Instant::now();
         self.check.ask(point);
@@ -299,7 +300,7 @@ impl<'a> Session<'a> {
         self.tell_words(at);
     }
 
-    /// Where a level was that did not change.
+    /// Reason for a level that did not change.
     fn stuck(&self, at: usize) -> Option<String> {
         let What::Input(point, Kind::Digital) = self.items.get(at)?.what else {
             return None;
@@ -335,8 +336,9 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Waits until an output can be driven, and somebody agrees to it; where to go on if nobody does.
-    /// What somebody agreed to while it could not be driven is forgotten.
+    /// Waits until an output can be driven and the person agrees. Returns the direction to continue
+    /// in if the person does not. An agreement given while the output cannot be driven is
+    /// discarded.
     fn may_drive(&mut self, at: usize) -> Result<Option<Next>, Outcome> {
         let (mut is_said, mut is_asked) = (false, false);
         let mut away = Instant::now();
@@ -383,7 +385,7 @@ impl<'a> Session<'a> {
         found.is_some_and(|(seen, item)| machine::is_ready(seen, &item.info))
     }
 
-    /// What a person typed before a question is no answer to it.
+    /// Discards lines that a person typed before the question.
     fn forget_typed(&self) {
         while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
             std::thread::sleep(LOOK);
@@ -430,7 +432,7 @@ impl<'a> Session<'a> {
                 typed if was_on => answer = Some(typed),
                 _ => {}
             }
-            // The next one only when this one is off.
+            // The next output only once this one is off.
             let Some(since) = ended else {
                 continue;
             };
@@ -462,7 +464,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Of an encoder that was turned, and its index did not come.
+/// Text for an encoder that was turned without its index coming.
 fn no_index((from, to): (AnyValue, AnyValue)) -> String {
     format!(
         "the encoder counted {} to {}, and its index did not come",
