@@ -3,9 +3,8 @@
 mod analog;
 mod digital;
 mod dither;
-mod encoders;
+mod long_watchdog;
 mod other_firmware;
-mod proof;
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -55,7 +54,7 @@ impl BoardHandles for Inputs {
     }
 }
 
-type Machine<B> = machine::Machine<B, I7i97>;
+pub type Machine<B> = machine::Machine<B, I7i97>;
 
 fn inputs<B: World>(machine: &Machine<B>) -> Inputs {
     machine.driver.attach_board().expect("InMux or InM")
@@ -72,7 +71,7 @@ fn build<B: World>(bus: B, change: impl FnOnce(&mut Settings)) -> Machine<B> {
     machine
 }
 
-fn board() -> Machine<SimFpga> {
+pub fn board() -> Machine<SimFpga> {
     started(machines::six_axes_7i97(Motor::default()))
 }
 

@@ -3,7 +3,7 @@
 use mesa_hal::hal::PinError;
 use mesa_hal_sim::SimFpga;
 
-use super::{Machine, board};
+use crate::boards::board_7i97::{Machine, board};
 
 #[test]
 fn what_all_encoders_have_in_common_can_be_set() {

@@ -1,7 +1,7 @@
 //! A dropped driver logs the result that `stop` would have returned.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, fpga};
-use crate::logged::logged;
+use crate::setup::log::logged;
 use log::Level;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::transport::{Fault, Faulty};

@@ -35,7 +35,7 @@ impl Cards for Valves {
     }
 }
 
-pub(super) type Shop = Machine<SimFpga, Valves>;
+pub type Shop = Machine<SimFpga, Valves>;
 
 /// Settings for a remote of this kind in this mode, on this channel, that may be absent.
 fn optional(channel: usize, mode: u8, kind: &'static RemoteTable) -> Settings {
@@ -75,7 +75,7 @@ fn shop() -> Shop {
 }
 
 /// The same machine, and the valve block that belongs to it.
-pub(super) fn shop_and_its_valves() -> (Shop, Box<dyn RemoteEnd>) {
+pub fn shop_and_its_valves() -> (Shop, Box<dyn RemoteEnd>) {
     (shop(), valve_block(""))
 }
 

@@ -3,7 +3,7 @@
 //! of the simulated terminals.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use crate::faults_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
+use crate::faults::remote_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal_sim::SimFpga;
 

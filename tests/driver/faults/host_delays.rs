@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
-use crate::faults_outputs::{all_of, on, on_board};
+use crate::faults::remote_outputs::{all_of, on, on_board};
 use mesa_hal::BoardState;
 use mesa_hal::driver::{EventKind, OfflineReason, Pace, Settings};
 

@@ -3,7 +3,7 @@
 //! published that was read from a board without its set-up, and re-arming recovers everything. The
 //! truth is the outputs of the simulated FPGA at every access, recorded by a director.
 
-mod bitten;
+mod late_write;
 
 use std::time::Duration;
 

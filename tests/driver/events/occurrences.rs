@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::optional_remotes::shop_and_its_valves;
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World, fpga, start};
+use crate::remotes::optional::shop_and_its_valves;
 use mesa_hal::RemoteId;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, Events, Failure, OfflineReason, Repeating};

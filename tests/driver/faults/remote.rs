@@ -1,8 +1,12 @@
 //! Faults of remotes and their cables: the state of the pins, the continued operation of the
 //! others, safe outputs, and the recovery of a remote.
 
+use std::time::Duration;
+
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
+use mesa_hal::driver::{
+    Failure, FaultPolicy, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig,
+};
 use mesa_hal::sslbp::RemoteFaults;
 use mesa_hal_sim::devices::{Device, FieldIo, Outputs48};
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
@@ -341,4 +345,18 @@ fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() 
     }
     machine.cycles(60);
     assert_eq!(state(&machine)[0], 0, "nobody is left");
+}
+
+#[test]
+fn pauses_without_end_are_a_policy_like_any_other() {
+    let policy = FaultPolicy {
+        first_backoff: Duration::MAX,
+        longest_backoff: Duration::MAX,
+        ..FaultPolicy::default()
+    };
+    let mut machine = Machine::build(|s| s.fault_policy = policy);
+    machine.cable(FIELD).unplug();
+    machine.until(40, |machine| !machine.is_running(FIELD));
+    machine.cycles(300);
+    assert!(machine.is_running(ANALOG) && machine.is_valid(OUTPUTS));
 }

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use super::outputs_forgotten::set_something;
+use super::arbitrary_values::set_something;
 use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
 use mesa_hal::Settings;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga};
+use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga, start};
 use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
@@ -435,4 +435,19 @@ fn the_port_can_be_switched_off_and_on() {
     machine.until(20, |machine| ALL.iter().all(|&c| machine.is_running(c)));
     machine.cycles(3);
     rearm_all(&mut machine);
+}
+
+#[test]
+fn writes_alone_do_not_bring_back_a_board_whose_bus_was_down() {
+    let driver = start(Faulty::new(fpga(), 1), |s| s.bus_error_limit = 1).unwrap();
+    let mut machine = Machine::with(driver);
+    machine.cycles(3);
+    let bus = machine.driver.bus_mut();
+    let next = bus.exchanges();
+    bus.fail_at(next, Fault::NotExecuted(BusErrorKind::Lost));
+    assert!(machine.driver.write().is_err());
+    for _ in 0..3 {
+        assert!(machine.driver.write().is_ok());
+        assert_eq!(machine.driver.board_state(), BoardState::BusDown);
+    }
 }

@@ -76,7 +76,7 @@ fn machine_7i97() -> Driver<SimFpga> {
 #[test]
 fn a_7i92_with_a_7i77_and_a_7i72_has_exactly_the_pins_that_are_written() {
     let made = made(machine_7i92().pins());
-    let written = manifest(include_str!("../manifests/7i92-7i77-7i72.txt"));
+    let written = manifest(include_str!("../../manifests/7i92-7i77-7i72.txt"));
     assert_eq!(differences(&made, &written), Vec::<String>::new());
     assert!(written.len() > 500, "the manifest is whole");
 }
@@ -84,7 +84,7 @@ fn a_7i92_with_a_7i77_and_a_7i72_has_exactly_the_pins_that_are_written() {
 #[test]
 fn a_7i97_has_exactly_the_pins_that_are_written() {
     let made = made(machine_7i97().pins());
-    let written = manifest(include_str!("../manifests/7i97.txt"));
+    let written = manifest(include_str!("../../manifests/7i97.txt"));
     assert_eq!(differences(&made, &written), Vec::<String>::new());
     assert!(written.len() > 400, "the manifest is whole");
 }

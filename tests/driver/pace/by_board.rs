@@ -2,7 +2,7 @@
 
 mod disturbed;
 
-use super::cycle_7i97::follow;
+use crate::boards::board_7i97::follow;
 use crate::common::machine::{self, start};
 use std::time::Duration;
 
@@ -319,7 +319,7 @@ fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut cycle = |delay: u64| {
         driver.bus_mut().link().to_host = Box::new(move |_, _| vec![WIRE + delay]);
-        let _ = super::pace::cycle(&mut driver, Duration::ZERO);
+        let _ = super::by_board::cycle(&mut driver, Duration::ZERO);
         let link = driver.bus_mut().link();
         let (arrived, _) = link.journal.last().expect("it was asked").replies[0];
         let now = driver.bus_mut().now().as_nanos();
