@@ -192,7 +192,7 @@ fn a_7i97t_is_a_7i97_with_another_clock() {
 
 /// A 5I25 of 2012 printed SSLBP 1.38: FACTS 2.3.
 #[test]
-fn old_serial_firmware_is_told_in_a_remark() {
+fn old_serial_firmware_is_reported_in_a_remark() {
     for (minor, is_old) in [(38, true), (43, false)] {
         let mut firmware = machines::firmware_5i25_7i77();
         firmware.sslbp_minor = minor;

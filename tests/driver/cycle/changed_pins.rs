@@ -133,7 +133,7 @@ fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item
 }
 
 #[test]
-fn a_driver_in_which_nothing_has_changed_does_what_one_does_that_looks_at_everything() {
+fn processing_changed_pins_alone_has_the_same_effect_as_processing_all() {
     for seed in 1..=4 {
         let board = || match seed % 2 {
             0 => machines::six_axes_7i97(Motor::default()),

@@ -28,7 +28,7 @@ fn column(names: &[String], name: &str) -> usize {
 }
 
 #[test]
-fn nobody_who_does_not_ask_for_it_has_one() {
+fn there_is_no_trace_unless_it_is_requested() {
     let mut machine = Machine::new();
     machine.cycles(3);
     assert!(machine.driver.trace().is_none());
@@ -37,7 +37,7 @@ fn nobody_who_does_not_ask_for_it_has_one() {
 }
 
 #[test]
-fn it_holds_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
+fn a_trace_contains_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
     let mut machine = machine(TraceSettings {
         cycles: 8,
         after: 0,
@@ -69,7 +69,7 @@ fn it_holds_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
 }
 
 #[test]
-fn an_event_freezes_it_some_cycles_later_with_the_cause_in_its_first_line() {
+fn an_event_freezes_the_trace_some_cycles_later_with_the_cause_in_its_first_line() {
     let mut machine = machine(TraceSettings {
         cycles: 10,
         after: 3,
@@ -107,7 +107,7 @@ fn an_event_freezes_it_some_cycles_later_with_the_cause_in_its_first_line() {
 }
 
 #[test]
-fn a_read_that_fails_shows_as_failed_with_what_the_bus_said() {
+fn a_failed_read_is_in_the_trace_with_the_error_of_the_bus() {
     let mut machine = machine(TraceSettings {
         cycles: 4,
         after: 1,
@@ -135,7 +135,7 @@ fn a_read_that_fails_shows_as_failed_with_what_the_bus_said() {
 }
 
 #[test]
-fn it_can_be_frozen_by_call_given_away_and_given_back() {
+fn a_trace_can_be_frozen_by_call_taken_and_given_back() {
     let settings = TraceSettings {
         cycles: 4,
         after: 0,
@@ -174,7 +174,7 @@ fn it_can_be_frozen_by_call_given_away_and_given_back() {
 
 /// An application does its own work, and freezes the trace, between a read and a write.
 #[test]
-fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
+fn a_trace_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
     for (cycles, before) in [(4, 2_u16), (4, 3), (4, 4), (4, 9), (1, 5)] {
         let mut machine = machine(TraceSettings {
             cycles,
@@ -207,7 +207,7 @@ fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
 }
 
 #[test]
-fn a_write_without_a_read_has_no_words_of_an_older_one() {
+fn a_write_without_a_read_has_no_words_of_an_older_read_in_the_trace() {
     let mut machine = machine(TraceSettings {
         cycles: 4,
         after: 0,

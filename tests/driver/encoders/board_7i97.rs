@@ -6,7 +6,7 @@ use mesa_hal_sim::SimFpga;
 use crate::boards::board_7i97::{Machine, board};
 
 #[test]
-fn what_all_encoders_have_in_common_can_be_set() {
+fn settings_common_to_all_encoders_can_be_set() {
     let mut machine = board();
     let frequency = machine.output::<u32>("encoder.muxed-sample-frequency");
     let skew = machine.output::<u32>("encoder.muxed-skew");
@@ -105,7 +105,7 @@ fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, 
 /// clock / (3 (n + 2)) with the short filter and clock / (15 (n + 2)) with the long one (FACTS
 /// 12.6), and reports no error beyond.
 #[test]
-fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
+fn the_greatest_count_rate_is_published_and_followed_and_its_approach_is_reported() {
     let mut machine = board();
     let frequency = machine.output::<u32>("encoder.muxed-sample-frequency");
     let watched = machine.output::<bool>("encoder.05.quad-error-enable");
@@ -147,7 +147,7 @@ fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
 }
 
 #[test]
-fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
+fn a_quadrature_error_is_reported_until_its_detection_is_disabled() {
     let mut machine = board();
     let watched = machine.output::<bool>("encoder.02.quad-error-enable");
     let quad_error = machine.input::<bool>("encoder.02.quad-error");

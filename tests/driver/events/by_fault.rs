@@ -291,7 +291,7 @@ fn all_is_as_written(list: &str, is_in: fn(Place) -> bool, tell: fn(FaultKind) -
 }
 
 #[test]
-fn what_is_told_of_each_fault_is_what_happened_in_its_order() {
+fn the_events_of_each_fault_are_what_happened_in_its_order() {
     let is_in = |place| place != Place::Network;
     all_is_as_written("faults.txt", is_in, |kind| {
         let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
@@ -309,7 +309,7 @@ fn what_is_told_of_each_fault_is_what_happened_in_its_order() {
 }
 
 #[test]
-fn a_port_that_is_switched_off_says_so_of_each_of_its_remotes_and_later_that_they_are_back() {
+fn a_port_that_is_switched_off_and_on_has_events_for_each_of_its_remotes() {
     let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
     let run = story.machine.output::<bool>("sserial.port-0.run");
     let switch = |story: &mut Story<_>, on| {
@@ -329,7 +329,7 @@ fn a_port_that_is_switched_off_says_so_of_each_of_its_remotes_and_later_that_the
 }
 
 #[test]
-fn what_was_not_told_one_by_one_is_told_when_the_driver_stops() {
+fn failures_that_were_not_reported_singly_are_an_event_when_the_driver_stops() {
     let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
     assert!(
         story
@@ -360,10 +360,9 @@ fn what_was_not_told_one_by_one_is_told_when_the_driver_stops() {
     assert!(told.starts_with(said), "{told}");
 }
 
-/// A night on a network that loses one packet in a hundred: the events are not read before the
-/// morning.
+/// For a minute, one packet in a hundred is lost, and replies of one remote are corrupted.
 #[test]
-fn a_bad_night_leaves_a_few_lines_and_not_a_full_queue() {
+fn a_bus_that_loses_one_packet_in_a_hundred_has_a_few_events_with_all_numbers() {
     let mut bus = Faulty::new(fpga(), 11);
     bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 0.0);
     let mut story = Story::of(Machine::on(bus, |s| s.bus_error_limit = 100));

@@ -110,12 +110,12 @@ const ARMED_ONE: EventKind = EventKind::Rearmed {
 };
 
 #[test]
-fn while_all_is_well_nothing_is_told() {
+fn undisturbed_cycles_have_no_events() {
     assert_eq!(rig().after(2000), []);
 }
 
 #[test]
-fn a_transfer_that_fails_is_told_once_of_a_row_that_is_over_when_none_has_failed_for_10_s() {
+fn a_run_of_failed_transfers_is_one_event_and_ends_10_s_after_the_last_failure() {
     for channel in [FIELD, ANALOG, OUTPUTS] {
         for (fault, failure) in [
             (WireFault::Lost, Failure::NoReply),
@@ -158,7 +158,7 @@ fn a_transfer_that_fails_is_told_once_of_a_row_that_is_over_when_none_has_failed
 }
 
 #[test]
-fn a_remote_that_is_unplugged_and_plugged_in_again_has_its_story_told() {
+fn an_unplugged_and_reconnected_remote_has_an_event_for_each_change_of_its_state() {
     let mut rig = rig();
     rig.machine.cable(ANALOG).unplug();
     let told = rig.after(60);
@@ -235,7 +235,7 @@ fn a_fault_that_a_remote_reports_is_the_reason_of_its_event_in_the_second_cycle(
 }
 
 #[test]
-fn a_card_that_is_swapped_says_first_why_it_went_and_then_what_answers() {
+fn a_swapped_card_has_an_event_for_its_failure_then_one_with_the_card_that_answers() {
     let mut rig = rig();
     let stranger = Outputs48::i7i72().expect("a 7I72");
     let cable = Cable::new(Box::new(stranger), 3);
@@ -255,7 +255,7 @@ fn a_card_that_is_swapped_says_first_why_it_went_and_then_what_answers() {
 }
 
 #[test]
-fn a_remote_that_is_restarted_on_request_or_switched_off_with_its_port_says_so() {
+fn a_restart_on_request_and_a_port_that_is_switched_off_are_reasons_of_events() {
     let mut rig = rig();
     rig.machine.driver.restart((0, OUTPUTS as u8));
     let told = rig.after(100);
@@ -266,7 +266,7 @@ fn a_remote_that_is_restarted_on_request_or_switched_off_with_its_port_says_so()
 }
 
 #[test]
-fn the_watchdogs_bite_is_told_in_the_first_cycle_after_it_and_the_set_up_when_it_is_back() {
+fn the_watchdogs_bite_is_an_event_in_the_first_cycle_after_it_and_the_restored_set_up_another() {
     let mut rig = rig();
     rig.machine.sleep(20);
     assert_eq!(rig.after(1), [(1, EventKind::WatchdogBitten)]);
@@ -278,7 +278,7 @@ fn the_watchdogs_bite_is_told_in_the_first_cycle_after_it_and_the_set_up_when_it
 }
 
 #[test]
-fn a_reset_of_the_board_is_told_in_the_second_cycle_after_it() {
+fn a_reset_of_the_board_is_an_event_in_the_second_cycle_after_it() {
     let mut rig = rig();
     rig.machine.fpga().reload();
     let told = rig.after(5);
@@ -290,7 +290,7 @@ fn a_reset_of_the_board_is_told_in_the_second_cycle_after_it() {
 }
 
 #[test]
-fn lost_packets_are_told_with_what_the_bus_says_of_them() {
+fn events_of_lost_packets_contain_the_error_of_the_bus() {
     let lost = Fault::NotExecuted(BusErrorKind::Lost);
     let late = Fault::Executed(BusErrorKind::Late);
     for (fault, why) in [(lost, BusErrorKind::Lost), (late, BusErrorKind::Late)] {
@@ -316,7 +316,7 @@ fn lost_packets_are_told_with_what_the_bus_says_of_them() {
 }
 
 #[test]
-fn a_bus_that_is_down_is_told_once_at_its_limit_with_the_first_failure_before_it() {
+fn a_bus_that_is_down_is_one_event_at_its_limit_after_that_of_the_first_failure() {
     let mut rig = rig();
     let next = rig.machine.driver.bus().exchanges();
     for exchange in next..next + 400 {
@@ -357,7 +357,7 @@ fn a_bus_that_is_down_is_told_once_at_its_limit_with_the_first_failure_before_it
 }
 
 #[test]
-fn an_optional_remote_that_is_plugged_in_later_is_told_to_be_up_and_later_back() {
+fn an_optional_remote_that_is_plugged_in_later_has_an_event_when_it_is_up_and_when_it_is_back() {
     let (mut shop, valves) = shop_and_its_valves();
     let mut events = shop.driver.events();
     shop.cycles(1000);
@@ -389,7 +389,7 @@ fn one_group_can_be_re_armed_by_itself() {
 }
 
 #[test]
-fn when_nobody_takes_them_the_first_events_are_kept_and_the_rest_is_counted() {
+fn a_full_queue_keeps_the_first_events_and_counts_the_rest() {
     let driver = start(fpga(), |s| s.event_room = 3).expect("the machine is complete");
     let mut rig = Rig::of(Machine::with(driver));
     for _ in 0..20 {
@@ -403,7 +403,7 @@ fn when_nobody_takes_them_the_first_events_are_kept_and_the_rest_is_counted() {
 }
 
 #[test]
-fn events_carry_the_time_of_the_bus_and_say_what_to_do() {
+fn events_contain_the_time_of_the_bus_and_the_next_step() {
     let mut rig = rig();
     let begin = rig.machine.now();
     rig.machine.sleep(20);

@@ -36,7 +36,7 @@ fn late_cycles<B: World>(machine: &mut Machine<B>, chance: &mut Chance, count: u
 }
 
 #[test]
-fn a_late_host_and_a_remote_without_a_cable_take_nothing_from_the_others() {
+fn host_delays_and_an_unplugged_remote_do_not_affect_the_other_remotes() {
     for seed in 0..20 {
         let mut machine = Machine::build(settings);
         let mut chance = Chance(seed);
@@ -109,7 +109,7 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
 
 /// The host's clocks do not show how long a virtual machine was stopped: the board's watchdog does.
 #[test]
-fn after_a_stop_that_no_clock_of_the_host_has_seen_the_second_read_shows_that_the_board_is_safe() {
+fn after_a_pause_that_the_hosts_clocks_do_not_count_the_second_read_reports_a_safe_board() {
     for pace in [Pace::Host, Pace::Board] {
         let settings = |settings: &mut Settings| settings.pace = pace;
         let mut machine: Machine<_> = Machine::on(connect(SimLink::new(fpga())), settings);

@@ -59,7 +59,7 @@ impl Rig {
 }
 
 #[test]
-fn an_age_covers_the_transfer_that_failed_before_because_its_reply_may_be_taken_for_the_next_one() {
+fn an_age_covers_a_failed_transfer_whose_late_reply_may_be_taken_for_the_next_one() {
     let mut taken = 0;
     for late in (10_000..2_100_000).step_by(9_000) {
         let mut rig = Rig::new();

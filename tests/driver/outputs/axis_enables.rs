@@ -117,7 +117,7 @@ fn an_axis_that_was_never_enabled_has_0_volts_beside_one_that_is() {
 }
 
 #[test]
-fn whoever_sets_the_pins_by_name_has_what_linuxcnc_has() {
+fn enable_pins_set_by_name_act_on_all_axes_as_in_linuxcnc() {
     for mut axes in both() {
         axes.cycles(set_volts);
         assert_eq!(axes.drives(), axes.expected(&[]));
@@ -150,7 +150,7 @@ fn whoever_sets_the_pins_by_name_has_what_linuxcnc_has() {
 }
 
 #[test]
-fn what_was_enabled_before_a_fault_is_not_after_it() {
+fn an_axis_that_was_enabled_before_a_fault_is_not_enabled_after_it() {
     for mut axes in both() {
         axes.cycles(|driver, outputs| {
             for output in outputs {

@@ -137,7 +137,7 @@ fn a_remote_with_a_fault_of_its_own_waits_for_another_call() {
 }
 
 #[test]
-fn one_reset_is_told_once_however_soon_it_is_cleared() {
+fn one_reset_is_one_event_however_soon_it_is_cleared() {
     for wait in 0..8 {
         let mut machine = running();
         let mut events = machine.driver.events();

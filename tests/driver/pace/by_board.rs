@@ -78,7 +78,7 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
 }
 
 #[test]
-fn a_board_that_paces_says_when_the_host_keeps_pace() {
+fn a_board_that_paces_is_locked_after_the_host_has_kept_pace() {
     let mut driver = paced();
     let mut cycle = |work| cycle(&mut driver, Duration::from_micros(work)).locked;
     let locked: Vec<bool> = (0..150).map(|n| cycle(100 + n * 37 % 500)).collect();
@@ -208,7 +208,7 @@ fn a_pace_has_a_name() {
 }
 
 #[test]
-fn what_can_not_pace_is_said_when_the_driver_is_built() {
+fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
     let by_board = |s: &mut Settings| s.pace = Pace::Board;
     let without_dpll = start(
         ethernet::bus(machines::six_axes_7i80_of_2016(Motor::default())),

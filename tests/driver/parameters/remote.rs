@@ -29,7 +29,7 @@ fn shown(machine: &Machine, name: &str) -> u32 {
 }
 
 #[test]
-fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
+fn set_param_of_a_parameter_in_a_remote_is_refused_with_the_way_to_write_it() {
     let mut machine = Machine::new();
     let pins = machine.driver.pins_mut();
     let name = "hm2_7i92.0.7i77.0.0.nvwatchdogtimeout";

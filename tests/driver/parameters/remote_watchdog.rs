@@ -105,7 +105,7 @@ fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_o
 }
 
 #[test]
-fn one_that_is_off_by_its_parameter_is_not_waited_for() {
+fn a_watchdog_that_is_off_by_its_parameter_is_not_waited_for() {
     let started = Driver::start(board(0, 0), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     machine.cable(FIELD).unplug();
@@ -154,7 +154,7 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
 }
 
 #[test]
-fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
+fn a_bite_that_is_reported_together_with_another_fault_is_a_bite() {
     let started = Driver::start(fpga(), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     runs(&mut machine);
@@ -178,7 +178,7 @@ fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
 /// Remotes that are about to stop, because the application has just switched their port off, are
 /// not tested; so their watchdogs keep their state.
 #[test]
-fn of_a_port_that_is_switched_off_no_watchdog_is_judged() {
+fn watchdogs_of_a_port_that_is_switched_off_are_not_judged() {
     let started = Driver::start(fpga(), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     let run = machine

@@ -209,7 +209,7 @@ fn cable(driver: &mut Driver<SimFpga>, channel: usize) -> &mut Cable {
 
 /// FACTS 11.5: an 8I20 has its own start sequence in the gateware, and no tables.
 #[test]
-fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
+fn an_8i20_is_named_as_unsupported_and_does_not_disturb_other_remotes() {
     let mut driver = build(&[("7i64", 0), ("8i20", 0), ("7i72", 0)]).expect("the others");
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
@@ -271,7 +271,7 @@ impl Between for SizesOfNormalStart {
 
 /// FACTS 4.7: the gateware gives a 7I64 its sizes. Their values in setup mode are not known.
 #[test]
-fn a_7i64_of_which_only_the_normal_start_tells_the_sizes_runs_with_a_table_of_these_sizes() {
+fn a_7i64_whose_sizes_only_the_normal_start_reports_runs_with_a_table_of_these_sizes() {
     const OTHER: RemoteTable = RemoteTable {
         has_discovery: false,
         ..RemoteTable::new(
@@ -314,7 +314,7 @@ fn machine(ends: Vec<Box<dyn RemoteEnd>>) -> SimFpga {
 
 /// The remote's own tables are used, and the differences are reported.
 #[test]
-fn a_remote_that_differs_from_the_table_of_its_kind_runs_and_the_differences_are_told() {
+fn a_remote_that_differs_from_the_table_of_its_kind_runs_and_the_differences_are_reported() {
     let text = "
 remote 7I77
 unit 0x11000007
@@ -348,7 +348,7 @@ mode 0 analogout_enables
 }
 
 #[test]
-fn scaled_numbers_without_finite_limits_run_and_a_problem_is_told() {
+fn scaled_numbers_without_finite_limits_run_and_a_problem_is_reported() {
     let text = "
 remote XYZ1
 unit 5
@@ -396,7 +396,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
 
 /// FACTS 8.1: both parts have the name 7I77, and differ in the top byte of the unit number.
 #[test]
-fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
+fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step() {
     let swapped = || machine(vec![device("analog"), device("7i77")]);
     let driver = Driver::start(swapped(), Settings::default()).expect("both run");
     let [remark] = driver.remarks() else {

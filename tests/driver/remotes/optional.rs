@@ -226,7 +226,7 @@ fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
 }
 
 #[test]
-fn something_else_that_is_plugged_in_for_an_optional_remote_stays_offline_and_says_so() {
+fn another_card_in_the_place_of_an_optional_remote_stays_offline_with_the_reason() {
     let mut shop = shop();
     let stays_offline = |shop: &mut Shop, text: &[&str]| {
         shop.until(12_000, |shop| reason(shop).contains(text[0]));

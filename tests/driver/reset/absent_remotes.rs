@@ -5,7 +5,7 @@ use mesa_hal::driver::{BoardState, SerialConfig};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 #[test]
-fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
+fn a_reset_while_all_remotes_are_unplugged_is_detected_in_the_next_cycle() {
     let mut machine = Machine::new();
     machine.cycles(5);
     for channel in [FIELD, ANALOG, OUTPUTS] {

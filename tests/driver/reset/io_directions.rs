@@ -152,7 +152,7 @@ fn a_packet_that_comes_twice_drives_an_io_pin_of_a_reset_board_for_no_longer_tha
 }
 
 #[test]
-fn a_board_that_bites_drives_an_io_pin_up_to_the_look_at_its_evidence() {
+fn a_board_whose_watchdog_bites_drives_an_io_pin_until_its_evidence_is_read() {
     for after in (0..300_000).step_by(5_000) {
         let mut rig = Rig::new();
         rig.machine.driver.bus_mut().link().to_board = good();

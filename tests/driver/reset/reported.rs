@@ -40,7 +40,7 @@ fn check<B: World>((driver, told): (Driver<B>, Vec<EventKind>), is_long: bool, w
 }
 
 #[test]
-fn a_reset_is_named_however_long_it_lasts() {
+fn a_reset_is_reported_as_a_reset_however_long_it_lasts() {
     for away in [1, 4, 8, 12, 30, 300] {
         for offset in [0, 5_000, 200_000, 500_000, 900_000] {
             let fpga = machines::six_axes_7i97(Motor::default());
@@ -51,7 +51,7 @@ fn a_reset_is_named_however_long_it_lasts() {
 }
 
 #[test]
-fn a_reset_of_a_board_on_ethernet_is_named_however_long_it_lasts() {
+fn a_reset_of_a_board_on_ethernet_is_reported_as_a_reset_however_long_it_lasts() {
     for away in [1, 30, 300] {
         let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let ended = run(bus, |bus: &mut UdpBus<SimLink>| {
@@ -65,7 +65,7 @@ fn a_reset_of_a_board_on_ethernet_is_named_however_long_it_lasts() {
 
 /// A bus that is down while the board keeps its set-up is no reset, whatever its watchdog does.
 #[test]
-fn a_bus_that_was_down_is_no_reset() {
+fn a_bus_that_was_down_is_not_reported_as_a_reset() {
     for down in [20, 60, 300] {
         let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let (driver, told) = run(bus, |bus: &mut UdpBus<SimLink>| {

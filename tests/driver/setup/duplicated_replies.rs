@@ -38,7 +38,7 @@ fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
 /// Process data that is laid out, or scaled, by a byte of another place would be a wrong value for as
 /// long as the driver runs.
 #[test]
-fn what_a_remote_says_of_itself_is_its_own_on_a_network_that_duplicates() {
+fn the_description_of_a_remote_is_its_own_on_a_network_that_duplicates() {
     let discovered = |bus| {
         let mut board = Board::identify(bus, Settings::default()).ok()?;
         board.discover().ok()?;

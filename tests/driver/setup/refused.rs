@@ -137,7 +137,7 @@ fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stoppe
 }
 
 #[test]
-fn settings_that_mean_nothing_are_refused_with_what_they_may_be() {
+fn invalid_settings_are_refused_with_the_values_that_are_allowed() {
     let trace = |cycles, after| {
         let of = TraceSettings::default();
         Some(TraceSettings {
@@ -164,7 +164,7 @@ fn settings_that_mean_nothing_are_refused_with_what_they_may_be() {
 }
 
 #[test]
-fn a_restart_of_a_channel_without_a_remote_says_so() {
+fn a_restart_of_a_channel_without_a_remote_returns_false() {
     let mut driver = start(fpga(), |_| {}).expect("it runs");
     assert!(driver.restart((0, OUTPUTS as u8)));
     for (port, channel) in [(0, 7), (0, 200), (7, 0)] {

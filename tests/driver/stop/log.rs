@@ -56,7 +56,7 @@ fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
 }
 
 #[test]
-fn a_driver_that_could_be_stopped_says_nothing() {
+fn a_driver_that_stops_without_an_error_logs_nothing() {
     let log = logged(Level::Error, || {
         let mut machine = Machine::new();
         machine.cards.set_one_of_each(machine.driver.pins_mut());

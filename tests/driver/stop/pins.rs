@@ -69,7 +69,7 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
 }
 
 #[test]
-fn the_end_survives_lost_packets() {
+fn no_pin_is_driven_after_a_shutdown_on_a_network_that_loses_packets() {
     let built = Driver::start(ethernet::bus(fpga()), Settings::default());
     let mut driver = built.expect("the board is complete");
     for _ in 0..5 {

@@ -315,7 +315,7 @@ fn high_part(fpga: &mut SimFpga, pin: usize) -> f64 {
 }
 
 #[test]
-fn generators_on_expansion_pins_are_off_and_plain_until_somebody_asks_for_more() {
+fn generators_on_expansion_pins_are_off_and_plain_until_configured() {
     let mut driver = Driver::start(with_spindles(), Settings::default()).expect("a 7I97");
     let pins = driver.pins();
     let param = |n: u8, name: &str| {

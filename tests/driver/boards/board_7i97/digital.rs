@@ -161,7 +161,7 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
 }
 
 #[test]
-fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
+fn isolated_outputs_and_leds_follow_and_can_be_inverted() {
     for mut machine in both_firmwares().map(started) {
         let card = machine.cards;
         let on = |machine: &mut Machine<SimFpga>| {

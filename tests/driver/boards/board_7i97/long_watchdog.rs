@@ -30,7 +30,7 @@ impl Director for Off {
 }
 
 #[test]
-fn no_output_stays_on_beside_the_cycle_because_writes_are_lost() {
+fn lost_writes_outside_the_cycle_leave_no_output_on() {
     let (mut has_failed, mut has_succeeded) = (0, 0);
     for first in 0..24 {
         for (lost, proves) in [(1, true), (3, true), (12, true), (3, false), (12, false)] {

@@ -43,7 +43,7 @@ fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
 }
 
 #[test]
-fn a_clock_of_another_frequency_is_said_in_every_report_and_the_loop_does_not_run_away() {
+fn a_clock_of_another_frequency_is_in_every_report_and_the_loop_does_not_run_away() {
     let mut driver = machine(Pace::Board);
     let dpll = driver
         .modules::<Dpll>()

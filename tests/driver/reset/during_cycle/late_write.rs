@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_write_after_a_bite_that_nobody_has_seen_drives_nothing_whatever_it_holds() {
+fn a_write_after_an_undetected_bite_drives_nothing_whatever_it_holds() {
     for change in CHANGES {
         for over_ethernet in [false, true] {
             let name = format!("{change:?}, over Ethernet: {over_ethernet}");
