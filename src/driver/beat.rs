@@ -8,7 +8,7 @@ use crate::fraction::Fraction;
 
 /// Arrival of inputs.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Beats {
+pub(super) struct ArrivalClock {
     pace: Pace,
     period: Duration,
     /// Arrival of the last inputs.
@@ -32,14 +32,14 @@ const TOLERANCE: f64 = 1.0 / 20.0;
 
 /// State of the board's clock, from the arrival of inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Beat {
+pub(super) struct Tick {
     /// Periods that passed without inputs.
     pub missed: u64,
     /// The clock has not begun this cycle.
     pub is_unpaced: bool,
 }
 
-impl Beats {
+impl ArrivalClock {
     pub fn new(pace: Pace, period: Duration) -> Self {
         Self {
             pace,
@@ -50,9 +50,9 @@ impl Beats {
 
     /// True if cycle and board run together, after a read that found the loop's phase at
     /// `phase_error_us`. See [`CycleReport::locked`](super::CycleReport).
-    pub fn lock(&mut self, beat: Beat, slack: Option<Duration>, phase_error_us: f64) -> bool {
+    pub fn lock(&mut self, beat: Tick, slack: Option<Duration>, phase_error_us: f64) -> bool {
         let is_in_step = match self.pace {
-            Pace::Board => slack.is_some() && beat == Beat::default(),
+            Pace::Board => slack.is_some() && beat == Tick::default(),
             Pace::Host => {
                 let error = libm::fabs(phase_error_us);
                 let before = self.mean_error_us.unwrap_or(error);
@@ -72,10 +72,10 @@ impl Beats {
     }
 
     /// Evaluates the arrival of inputs, which the board held back for `slack`.
-    pub fn arrived(&mut self, now: Instant, slack: Option<Duration>) -> Beat {
+    pub fn arrived(&mut self, now: Instant, slack: Option<Duration>) -> Tick {
         let before = self.arrived.replace(now);
         let (Pace::Board, Some(before)) = (self.pace, before) else {
-            return Beat::default();
+            return Tick::default();
         };
         let since = now.since(before);
         let period = self.period.as_nanos();
@@ -86,7 +86,7 @@ impl Beats {
         let was_short = core::mem::replace(&mut self.was_short, is_short);
         // The board waited for longer than a period.
         let stands_still = slack.is_some_and(|slack| slack > self.period.fraction(9, 8));
-        Beat {
+        Tick {
             missed: u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX),
             is_unpaced: stands_still || (is_short && was_short),
         }

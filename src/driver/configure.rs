@@ -3,24 +3,24 @@
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
 
-use super::beat::Beats;
+use super::beat::ArrivalClock;
 use super::connection::Connection;
-use super::cycle::Cycle;
-use super::held::Held;
+use super::cycle::BoardCycle;
+use super::held::SafeBus;
 use super::pace::Pacer;
 use super::remotes::PortStage;
 use super::{
-    Driver, DriverError, FaultPolicy, Pace, Part, Parts, Remark, RemarkKind, Settings, Trace,
+    Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
 use crate::discovery::RemoteTable;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, Known};
+use crate::hostmot2::{FirmwareCheck, Gtag, HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
-use crate::modules::events::Sink;
+use crate::modules::events::EventSink;
 use crate::modules::gpio::Gpio;
 use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;
@@ -34,12 +34,12 @@ use crate::modules::{Module, RegisterError, Registrar, undriven};
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
 pub struct Board<B: RegisterBus + Clock> {
-    pub(super) bus: Held<B>,
+    pub(super) bus: SafeBus<B>,
     pub(super) plan: Plan,
     pub(super) stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
-    description: Known,
+    description: FirmwareCheck,
     is_discovered: bool,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct Plan {
     /// The kinds of modules that the application drives.
     claimed: Vec<Gtag>,
     /// Sink of the driver's events.
-    pub events: Sink,
+    pub events: EventSink,
     /// Kinds of remotes: the application's own, then the built-in ones.
     pub tables: Vec<&'static RemoteTable>,
 }
@@ -85,7 +85,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         let (firmware, description) = identify_steady(&mut bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
-        let mut bus = Held::new(bus, &ports, &watchdog);
+        let mut bus = SafeBus::new(bus, &ports, &watchdog);
         let mut plan = Plan::new(firmware, ports, settings);
         let status = plan.status;
         let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
@@ -142,7 +142,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         let made = self.plan.register(&mut *self.bus, group, register)?;
         self.parts
             .modules
-            .extend(made.into_iter().map(|module| Part {
+            .extend(made.into_iter().map(|module| ModulePart {
                 module: Box::new(module),
                 group,
                 version: None,
@@ -299,12 +299,12 @@ impl<B: RegisterBus + Clock> Board<B> {
             firmware: plan.firmware,
             name: plan.name,
             exchanges,
-            cycle: Cycle::new(
+            cycle: BoardCycle::new(
                 (words, plan.pins, plan.group),
                 self.parts,
                 self.connection,
                 plan.events,
-                Beats::new(pace, period),
+                ArrivalClock::new(pace, period),
                 phase_error_us,
             ),
             description: self.description,
@@ -330,7 +330,7 @@ const TRIES: u32 = 3;
 /// do not identify a firmware.
 fn identify_steady<B: RegisterBus>(
     bus: &mut B,
-) -> Result<(HostMot2, Known), DriverError<B::Error>> {
+) -> Result<(HostMot2, FirmwareCheck), DriverError<B::Error>> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;
@@ -372,7 +372,7 @@ impl Plan {
             pins,
             io,
             image: ImagePlan::default(),
-            events: Sink::new(&name, settings.event_room),
+            events: EventSink::new(&name, settings.event_room),
             name,
             settings,
             firmware,

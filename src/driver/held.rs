@@ -9,7 +9,7 @@ use crate::modules::watchdog::WatchdogRegisters;
 
 /// A bus. Dropping it [releases](Self::release) the board.
 #[derive(Debug)]
-pub(super) struct Held<B: RegisterBus> {
+pub(super) struct SafeBus<B: RegisterBus> {
     /// `None` only after it was taken out.
     bus: Option<B>,
     /// The accesses that make the board drive nothing.
@@ -18,7 +18,7 @@ pub(super) struct Held<B: RegisterBus> {
     words: Vec<u32>,
 }
 
-impl<B: RegisterBus> Held<B> {
+impl<B: RegisterBus> SafeBus<B> {
     pub fn new(bus: B, ports: &IoPorts, watchdog: &WatchdogRegisters) -> Self {
         let ports = ports.ports.iter().map(|port| port.address);
         let directions = ports.clone().map(|at| (at.direction, 0));
@@ -58,7 +58,7 @@ fn gone() -> ! {
     unreachable!("the bus is taken out last")
 }
 
-impl<B: RegisterBus> Deref for Held<B> {
+impl<B: RegisterBus> Deref for SafeBus<B> {
     type Target = B;
 
     #[inline]
@@ -67,14 +67,14 @@ impl<B: RegisterBus> Deref for Held<B> {
     }
 }
 
-impl<B: RegisterBus> DerefMut for Held<B> {
+impl<B: RegisterBus> DerefMut for SafeBus<B> {
     #[inline]
     fn deref_mut(&mut self) -> &mut B {
         self.bus.as_mut().unwrap_or_else(|| gone())
     }
 }
 
-impl<B: RegisterBus> Drop for Held<B> {
+impl<B: RegisterBus> Drop for SafeBus<B> {
     fn drop(&mut self) {
         // An error cannot be returned here; the watchdog makes the board safe.
         let _ = self.release();

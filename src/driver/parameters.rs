@@ -22,12 +22,12 @@ const TRIES: u32 = 3;
 
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
-struct Parameter<'a> {
+struct KeptParameter<'a> {
     remote: RemoteId,
     name: &'a str,
 }
 
-impl Parameter<'_> {
+impl KeptParameter<'_> {
     fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
         match source {
             ParameterError::Memory(error) => error.into(),
@@ -99,7 +99,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
     ) -> Result<ParameterValue, DriverError<B::Error>> {
         let remote = remote.into();
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let (mut memory, _, pins) = self.in_setup(remote)?;
         let read = parameter.record(pins)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
@@ -125,7 +125,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ) -> Result<(), DriverError<B::Error>> {
         let (value, period) = (value.into(), self.plan.settings.period);
         let remote = remote.into();
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let (mut memory, store, pins) = self.in_setup(remote)?;
         let record = parameter.record(pins)?;
         let raw = parameter.check(record, value, period)?;
@@ -164,7 +164,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
         let (value, remote) = (value.into(), remote.into());
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let Some(status) = self.remote(remote) else {
             return Err(DriverError::no_remote(remote));
         };
@@ -202,7 +202,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn write_in_setup(
         &mut self,
-        parameter: Parameter<'_>,
+        parameter: KeptParameter<'_>,
         started: &StartedRemote,
         (record, value, raw): (&DataRecord, AnyValue, u64),
     ) -> Result<(), DriverError<B::Error>> {

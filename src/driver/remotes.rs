@@ -10,14 +10,14 @@ use super::remark;
 use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
-use crate::discovery::{Discovered, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
+use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
 use crate::hostmot2::{PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, Layout, MAX_CHANNELS, Port, PortError, PortLink, PortPlace,
+    Channel, CsStatus, MAX_CHANNELS, Port, PortError, PortLayout, PortLink, PortPlace,
     ProcessDataSizes, StartMode, StartedRemote,
 };
 
@@ -111,7 +111,7 @@ impl<B: RegisterBus + Clock> Board<B> {
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
-        let places = Layout::ports(&self.firmware);
+        let places = PortLayout::ports(&self.firmware);
         let ports = places.len() as u8;
         let serial_ports = &self.settings.serial_ports;
         if let Some((&port, _)) = serial_ports.range(ports..).next() {
@@ -234,7 +234,7 @@ impl Plan {
     fn candidate(
         &mut self,
         stage: &PortStage,
-        discovered: Discovered,
+        discovered: Discovery,
     ) -> Result<FoundRemote, (Channel, RemarkKind)> {
         let descriptor = &discovered.descriptor;
         let channel = discovered.started.channel;

@@ -5,7 +5,7 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::exchange::Answering;
+use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
@@ -204,12 +204,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn answers_as_another(&mut self) -> bool {
         if !self.cycle.is_running() {
             match self.who_answers() {
-                Ok(Answering::Other) => {
+                Ok(Responder::Other) => {
                     let now = self.bus.now();
                     self.cycle.is_other_firmware(now);
                 }
-                Ok(Answering::Nobody) => return true,
-                Ok(Answering::Same) | Err(_) => {}
+                Ok(Responder::Nobody) => return true,
+                Ok(Responder::Same) | Err(_) => {}
             }
         }
         self.cycle.state() == BoardState::OtherFirmware

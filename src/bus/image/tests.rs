@@ -57,12 +57,12 @@ impl Memory {
     }
 }
 
-const USUAL: Ask = Ask {
+const USUAL: ReadRequest = ReadRequest {
     held: false,
     extra: false,
     with_writes: false,
 };
-const EXTRA: Ask = Ask {
+const EXTRA: ReadRequest = ReadRequest {
     held: false,
     extra: true,
     with_writes: false,
@@ -85,7 +85,7 @@ fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image {
     Image::frozen(plan, bus, None)
 }
 
-fn read(image: &mut Image, bus: &mut Memory, ask: Ask) -> Vec<u16> {
+fn read(image: &mut Image, bus: &mut Memory, ask: ReadRequest) -> Vec<u16> {
     let Ok(started) = image.exchanges.start_read(bus, &image.words, ask);
     let Ok(()) = image.exchanges.finish(bus, &mut image.words, started);
     bus.take_read()
@@ -136,7 +136,7 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
     let mut bus = Memory::default();
     let held = core::time::Duration::from_millis(1);
     let mut image = Image::frozen(&plan, &mut bus, Some(held));
-    let ask = Ask {
+    let ask = ReadRequest {
         held: true,
         extra: false,
         with_writes: false,

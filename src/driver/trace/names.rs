@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::String;
 
 use crate::hostmot2::{COOKIE_ADDRESS, Gtag, HostMot2, ModuleDescriptor};
-use crate::sslbp::{Channel, Layout};
+use crate::sslbp::{Channel, PortLayout};
 
 /// Number of ports that are searched.
 const MOST: u8 = 4;
@@ -27,7 +27,7 @@ pub(super) fn name(firmware: &HostMot2, address: u16) -> String {
 }
 
 fn in_port(firmware: &HostMot2, port: u8, address: u16) -> Option<String> {
-    let layout = Layout::locate(firmware, port).ok()?;
+    let layout = PortLayout::locate(firmware, port).ok()?;
     if address == layout.command {
         return Some(format!("sserial {port} COMMAND"));
     }

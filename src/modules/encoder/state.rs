@@ -1,7 +1,7 @@
 //! State of one encoder: counts, index and velocity.
 
 use super::latch::{HORIZON, Latch, LatchRequest};
-use super::pins::Command;
+use super::pins::EncoderCommand;
 use super::registers::bits;
 use super::velocity::VelocityEstimator;
 use crate::bus::Instant;
@@ -186,7 +186,7 @@ impl EncoderState {
     }
 
     /// Takes the command of this write.
-    pub fn follow(&mut self, command: Command) {
+    pub fn follow(&mut self, command: EncoderCommand) {
         if command.reset {
             self.reset();
         }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{EventKind, Repeating, Sink};
+use super::{EventKind, EventSink, Repeating};
 use crate::bus::Instant;
 
 /// A row ends when nothing has been added for this time. A network that loses a packet in a
@@ -15,7 +15,7 @@ const QUIET: Duration = Duration::from_secs(10);
 /// # Real time
 /// Constant time. No allocation.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Row {
+pub(crate) struct EventRow {
     /// Number of events so far; 0 if the row is closed.
     count: u32,
     /// Number of those that were reported one by one.
@@ -26,10 +26,10 @@ pub(crate) struct Row {
     last: Instant,
 }
 
-impl Row {
+impl EventRow {
     /// Adds `count` events of a cycle. Reports them if they are the first with their reason.
     #[cold]
-    pub fn add(&mut self, sink: &Sink, now: Instant, count: u32, kind: EventKind) {
+    pub fn add(&mut self, sink: &EventSink, now: Instant, count: u32, kind: EventKind) {
         if self.count == 0 {
             self.first = now;
         }
@@ -51,7 +51,7 @@ impl Row {
 
     /// Ends the row if nothing was added for long enough.
     #[inline]
-    pub fn look(&mut self, sink: &Sink, now: Instant, what: Repeating) {
+    pub fn look(&mut self, sink: &EventSink, now: Instant, what: Repeating) {
         if self.is_open() && now.since(self.last) >= QUIET {
             self.end(sink, now, what);
         }
@@ -59,7 +59,7 @@ impl Row {
 
     /// Ends the row, and reports the number of its events unless all of them were reported.
     #[cold]
-    pub fn end(&mut self, sink: &Sink, now: Instant, what: Repeating) {
+    pub fn end(&mut self, sink: &EventSink, now: Instant, what: Repeating) {
         let row = core::mem::take(self);
         if row.count > row.told {
             let millis = row.last.since(row.first).as_millis();
@@ -89,13 +89,13 @@ mod tests {
         Instant::from_nanos(millis * 1_000_000)
     }
 
-    fn told(sink: &Sink) -> Vec<EventKind> {
+    fn told(sink: &EventSink) -> Vec<EventKind> {
         sink.events().map(|event| event.kind).collect()
     }
 
     #[test]
     fn a_row_is_told_once_for_each_reason_and_counted_when_it_is_over() {
-        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
         for millis in 0..5000 {
             let why = if millis % 2 == 0 { Lost } else { Late };
             row.add(&sink, at(millis), 1, failed(why));
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn the_end_of_a_row_in_which_everything_was_told_is_not_told() {
-        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
         let lost = EventKind::LostWrites { count: 3 };
         row.add(&sink, at(1), 3, lost);
         row.end(&sink, at(2), Repeating::LostWrites);
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn what_is_watched_is_caught_though_it_is_not_told() {
-        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
         row.add(&sink, at(1), 1, failed(Lost));
         sink.watch(super::super::EventMask::READ_FAILED);
         row.add(&sink, at(2), 1, failed(Lost));

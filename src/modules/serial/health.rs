@@ -3,10 +3,10 @@
 use crate::hostmot2::RemoteId;
 use core::time::Duration;
 
-use super::watchdog::Outputs;
+use super::watchdog::OutputsState;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::modules::events::{EventKind, Repeating, Row, Sink};
+use crate::modules::events::{EventKind, EventRow, EventSink, Repeating};
 use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
 use crate::tally::Tally;
 
@@ -50,7 +50,7 @@ pub(crate) struct Health {
     /// the top byte.
     pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
-    pub outputs: Outputs,
+    pub outputs: OutputsState,
     pub state: RemoteState,
     /// The last reason for going offline.
     pub cause: Option<OfflineReason>,
@@ -74,7 +74,7 @@ pub(crate) struct Health {
     /// The previous transfer failed too.
     has_just_failed: bool,
     /// Current row of failed transfers; its first one has been reported as an event.
-    failures: Row,
+    failures: EventRow,
     /// Time to wait before the next restart attempt; doubles with each attempt.
     pause: Duration,
     /// Nothing is sent to the remote before this time, by which its watchdog must have bitten.
@@ -84,7 +84,7 @@ pub(crate) struct Health {
     /// The last attempt failed, so that the next one is likely to take long.
     pub has_failed: bool,
     /// Sink of the remote's events, and the number of its port.
-    pub told: Option<(Sink, u8)>,
+    pub told: Option<(EventSink, u8)>,
 }
 
 impl Health {
@@ -93,7 +93,7 @@ impl Health {
         Self {
             started,
             watchdog,
-            outputs: Outputs::Off,
+            outputs: OutputsState::Off,
             state: RemoteState::Running,
             cause: None,
             first_fault: None,
@@ -104,7 +104,7 @@ impl Health {
             comes_with_board: false,
             rest_until: Instant::default(),
             has_just_failed: false,
-            failures: Row::default(),
+            failures: EventRow::default(),
             pause: policy.first_backoff,
             silent_until: Instant::default(),
             is_asked_for: false,
@@ -242,7 +242,7 @@ impl Health {
         let is = self.started;
         self.started = StartedRemote::new((is.channel, is.software_mode), told, is.sizes, is.cs);
         self.state = RemoteState::Running;
-        self.outputs = Outputs::Off;
+        self.outputs = OutputsState::Off;
         self.has_failed = false;
         self.is_asked_for = false;
         let has_run = core::mem::replace(&mut self.has_run, true);

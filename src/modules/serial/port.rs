@@ -6,16 +6,16 @@ use core::time::Duration;
 use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
-use super::remote::{FoundRemote, Served};
-use super::watchdog::Outputs;
+use super::remote::{FoundRemote, RemoteSlot};
+use super::watchdog::OutputsState;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
-    PerChannel, Port, PortParameters, RemoteFaults,
+    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, MAX_CHANNELS, PerChannel, Port, PortImage,
+    PortLayout, PortOperation, PortParameters, RemoteFaults,
 };
 use crate::tally::Tally;
 
@@ -27,7 +27,7 @@ pub struct SerialPort {
     slots: Slots,
     doit: WriteSlot,
     pub(crate) recovery: Recovery,
-    remotes: Vec<Served>,
+    remotes: Vec<RemoteSlot>,
     pins: PortPins,
     /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
@@ -77,7 +77,7 @@ impl SerialPort {
             for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
                 *slot = r.image.read_extra(Phase::Data, address);
             }
-            let remote = Served::register(r, remote, registers)?;
+            let remote = RemoteSlot::register(r, remote, registers)?;
             let mut health = Health::new(started, RemoteWatchdog::of(&remote.pins), &policy);
             if is_absent {
                 port.machine.set_sizes(&started);
@@ -250,7 +250,7 @@ impl Module for SerialPort {
             served.has_news = outcome.good.contains(channel);
             if served.has_news {
                 if !served.drives {
-                    health.outputs = Outputs::Off;
+                    health.outputs = OutputsState::Off;
                 }
                 served.take(cycle);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
@@ -304,13 +304,13 @@ impl Module for SerialPort {
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
         for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             match operation {
-                Some(Operation::Transfer(mask)) => {
+                Some(PortOperation::Transfer(mask)) => {
                     remote.put(cycle);
                     if remote.drives && mask.contains(remote.channel) {
-                        health.outputs = Outputs::Driven;
+                        health.outputs = OutputsState::Driven;
                     }
                 }
-                Some(Operation::Start(_, mask)) if mask.contains(remote.channel) => {
+                Some(PortOperation::Start(_, mask)) if mask.contains(remote.channel) => {
                     remote.put_mode(cycle);
                 }
                 _ => {}
@@ -352,7 +352,7 @@ impl Module for SerialPort {
 /// Functions for applications.
 impl SerialPort {
     /// The registers of the port.
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &PortLayout {
         self.port.layout()
     }
 
@@ -399,7 +399,7 @@ impl SerialPort {
 }
 
 /// The registers of a port, as read.
-impl Observed for (&Words, &Slots) {
+impl PortImage for (&Words, &Slots) {
     fn command(&self) -> u32 {
         self.0.word(self.1.command)
     }

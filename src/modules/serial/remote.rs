@@ -43,7 +43,7 @@ impl FoundRemote {
 
 /// A remote in the cycle.
 #[derive(Debug)]
-pub(super) struct Served {
+pub(super) struct RemoteSlot {
     pub channel: Channel,
     pub descriptor: RemoteDescriptor,
     pub pins: RemotePins,
@@ -62,7 +62,7 @@ pub(super) struct Served {
     pub drives: bool,
 }
 
-impl Served {
+impl RemoteSlot {
     pub fn register(
         r: &mut Registrar<'_>,
         found: FoundRemote,

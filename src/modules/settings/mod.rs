@@ -388,7 +388,7 @@ pub enum Presence {
     /// expected and found values in the reason. Another firmware with process data of the same size
     /// is detected only by the position of its tables, which the built-in tables do not contain: if
     /// its data may have another meaning, use a table of your own with
-    /// [`Contents`](crate::discovery::Contents). Parameters of the remote have no pins.
+    /// [`TableAddresses`](crate::discovery::TableAddresses). Parameters of the remote have no pins.
     Optional,
 }
 

@@ -4,7 +4,7 @@ use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortParameters,
+        Channel, ChannelVariable, MAX_CHANNELS, PortImage, PortOperation, PortParameters,
         operation::LAST_LOCAL,
     },
 };
@@ -70,7 +70,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     }
 
     fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {
-        let (_, snapshot) = self.run(Operation::ReadLocal(address), &[])?;
+        let (_, snapshot) = self.run(PortOperation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }
 
@@ -101,7 +101,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
-        self.run(Operation::WriteLocal(address), &data)?;
+        self.run(PortOperation::WriteLocal(address), &data)?;
         let read = self.local_read(address)?;
         if read == value {
             return Ok(());

@@ -4,7 +4,7 @@ use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, ChannelVariable, Operation, PortState, ProcessDataSizes,
+        Channel, ChannelMask, ChannelVariable, PortOperation, PortState, ProcessDataSizes,
         StartFailure, StartFailureReason, StartMode, StartedRemote, software_mode_word,
     },
 };
@@ -37,7 +37,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Some((registers.cs, software_mode_word(software_mode)))
         };
         let writes: Vec<_> = channels.iter().filter_map(cs).collect();
-        let (complete, snapshot) = self.run(Operation::Start(mode, mask), &writes)?;
+        let (complete, snapshot) = self.run(PortOperation::Start(mode, mask), &writes)?;
         let limit = ProcessDataSizes::largest(self.port.layout.interface_registers);
         let mut unusable = ChannelMask::NONE;
         for &start in channels {

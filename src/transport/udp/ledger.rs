@@ -45,7 +45,7 @@ pub(super) struct Details {
 
 /// New findings of an account.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct News {
+pub(super) struct WriteReport {
     /// Writes that the board has not executed.
     pub lost: u32,
     /// Writes that were reported as lost and have been executed since.
@@ -63,7 +63,7 @@ pub(super) struct News {
 
 /// State of the ledger when a request was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Asked {
+pub(super) struct LedgerState {
     /// Number of the newest write.
     newest: u32,
     /// Expected content of the last-write register.
@@ -71,7 +71,7 @@ pub(super) struct Asked {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fate {
+enum WriteState {
     /// Never sent, or forgotten.
     Unknown,
     Underway,
@@ -81,15 +81,15 @@ enum Fate {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Write {
-    fate: Fate,
-    kind: Kind,
+struct WriteEntry {
+    fate: WriteState,
+    kind: WriteEvidence,
     slot: usize,
 }
 
 /// Evidence that a write was executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum WriteEvidence {
     /// Not answered: the reply to the next request.
     Alone,
     /// An exchange of set-up: its own reply, or that of another.
@@ -111,7 +111,7 @@ pub(super) struct Ledger {
     has_cycles: bool,
     /// Number of the newest write before those in flight.
     settled: u32,
-    writes: [Write; REMEMBERED as usize],
+    writes: [WriteEntry; REMEMBERED as usize],
     /// The last write of each register.
     owners: [u32; SLOTS],
     /// Writes that were still in flight when they were forgotten.
@@ -131,9 +131,9 @@ pub(super) struct Ledger {
 impl Ledger {
     /// A ledger without writes; the first one has the number after `newest`.
     pub(super) fn starting_after(newest: u32) -> Self {
-        let unknown = Write {
-            fate: Fate::Unknown,
-            kind: Kind::Alone,
+        let unknown = WriteEntry {
+            fate: WriteState::Unknown,
+            kind: WriteEvidence::Alone,
             slot: 0,
         };
         Self {
@@ -155,9 +155,9 @@ impl Ledger {
 
     /// Records that a write is sent; returns its number and the register that it leaves the number
     /// in.
-    pub(super) fn open_write(&mut self, kind: Kind) -> (u32, usize) {
+    pub(super) fn open_write(&mut self, kind: WriteEvidence) -> (u32, usize) {
         self.newest = self.newest.wrapping_add(1);
-        if kind == Kind::Cycle {
+        if kind == WriteEvidence::Cycle {
             self.has_cycles = true;
         } else {
             self.newest_last = self.newest;
@@ -165,13 +165,13 @@ impl Ledger {
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
             // The slot of this write is reused for the new one.
-            let is_open = self.fate(self.newest) == Fate::Underway;
+            let is_open = self.fate(self.newest) == WriteState::Underway;
             self.forgotten.tally(is_open.into());
         }
         let slot = self.choose_slot();
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
-            let fate = Fate::Underway;
-            *place = Write { fate, kind, slot };
+            let fate = WriteState::Underway;
+            *place = WriteEntry { fate, kind, slot };
         }
         (self.newest, slot)
     }
@@ -180,8 +180,8 @@ impl Ledger {
     /// writes first, then one whose write is missing, then one in flight; of those the oldest.
     fn choose_slot(&mut self) -> usize {
         let need = |owner: u32| match self.fate(owner) {
-            Fate::Underway => 2,
-            Fate::Missing if self.age(owner) <= KEPT => 1,
+            WriteState::Underway => 2,
+            WriteState::Missing if self.age(owner) <= KEPT => 1,
             _ => 0,
         };
         let rank = |owner: u32| (need(owner), Reverse(self.age(owner)));
@@ -196,9 +196,9 @@ impl Ledger {
     }
 
     /// Records that a request is sent; returns the state that its reply refers to.
-    pub(super) fn open_request(&mut self) -> Asked {
+    pub(super) fn open_request(&mut self) -> LedgerState {
         self.requests = self.requests.saturating_add(1);
-        Asked {
+        LedgerState {
             newest: self.newest,
             last: self.newest_last,
         }
@@ -219,15 +219,15 @@ impl Ledger {
 
     /// True if the newest write was executed, according to the last account.
     pub(super) fn is_executed(&self) -> bool {
-        self.fate(self.newest) == Fate::Executed
+        self.fate(self.newest) == WriteState::Executed
     }
 
     /// Evaluates the account in the reply to a request; `asked` is the value that [`open_request`]
     /// returned for it.
     ///
     /// [`open_request`]: Self::open_request
-    pub(super) fn hear(&mut self, account: Account, asked: Asked) -> News {
-        let mut news = News::default();
+    pub(super) fn hear(&mut self, account: Account, asked: LedgerState) -> WriteReport {
+        let mut news = WriteReport::default();
         let (asked, newest_last) = (asked.newest, asked.last);
         // The order in which several writes were executed is not known.
         let is_sequence = asked.wrapping_sub(self.settled) > 1;
@@ -238,7 +238,7 @@ impl Ledger {
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
-        let was_underway = last.is_some_and(|last| self.fate(last) == Fate::Underway);
+        let was_underway = last.is_some_and(|last| self.fate(last) == WriteState::Underway);
         let mut fresh = 0_u16;
         for number in slots.into_iter().flatten().chain(last) {
             fresh.tally(self.executed(number, &mut news));
@@ -248,8 +248,9 @@ impl Ledger {
         let is_behind = last.is_some() && last != self.newest_executed(is_own);
         // The newest write was executed, and none after it.
         let expected = if is_own { asked } else { newest_last };
-        let is_newest =
-            self.fate(asked) == Fate::Executed && last_register == expected as u16 && !is_behind;
+        let is_newest = self.fate(asked) == WriteState::Executed
+            && last_register == expected as u16
+            && !is_behind;
         news.late.tally((is_behind && was_underway).into());
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
@@ -274,7 +275,7 @@ impl Ledger {
                 self.is_open = true;
             }
         }
-        if let (false, Some(last), Fate::Missing) = (is_own, last, self.fate(newest_last)) {
+        if let (false, Some(last), WriteState::Missing) = (is_own, last, self.fate(newest_last)) {
             // The newest write did not become the last one; if it arrives late, the register shows
             // it.
             if self.newest_last == newest_last {
@@ -300,26 +301,26 @@ impl Ledger {
 
     /// Marks the write of a number that the board reports as executed. Returns the number of
     /// packets, other than requests, that this explains.
-    fn executed(&mut self, number: u32, news: &mut News) -> u16 {
+    fn executed(&mut self, number: u32, news: &mut WriteReport) -> u16 {
         let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
             return 0;
         };
         match write.fate {
-            Fate::Underway => {}
-            Fate::Missing => {
+            WriteState::Underway => {}
+            WriteState::Missing => {
                 news.found.tally(1);
                 news.late.tally(1);
             }
-            Fate::Unknown | Fate::Executed => return 0,
+            WriteState::Unknown | WriteState::Executed => return 0,
         }
-        write.fate = Fate::Executed;
-        u16::from(write.kind == Kind::Alone)
+        write.fate = WriteState::Executed;
+        u16::from(write.kind == WriteEvidence::Alone)
     }
 
     /// Only known writes arrived: the rest is lost.
-    fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
+    fn nothing_else_came(&mut self, asked: u32, news: &mut WriteReport) {
         while let Some(number) = self.next_to_settle(asked) {
-            news.lost.tally(self.give_up(number, Fate::Missing));
+            news.lost.tally(self.give_up(number, WriteState::Missing));
         }
     }
 
@@ -340,7 +341,7 @@ impl Ledger {
         slots: &[Option<u32>; SLOTS],
         details: Details,
         received: u16,
-        news: &mut News,
+        news: &mut WriteReport,
     ) {
         news.unconfirmed = core::mem::take(&mut self.forgotten);
         while let Some(number) = self.next_to_settle(asked) {
@@ -348,9 +349,10 @@ impl Ledger {
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten {
-                news.unconfirmed.tally(self.give_up(number, Fate::Unknown));
+                news.unconfirmed
+                    .tally(self.give_up(number, WriteState::Unknown));
             } else {
-                news.lost.tally(self.give_up(number, Fate::Missing));
+                news.lost.tally(self.give_up(number, WriteState::Missing));
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -369,8 +371,8 @@ impl Ledger {
     }
 
     /// Changes the fate of a write that is still in flight; returns 1 if it was.
-    fn give_up(&mut self, number: u32, fate: Fate) -> u32 {
-        if self.fate(number) != Fate::Underway {
+    fn give_up(&mut self, number: u32, fate: WriteState) -> u32 {
+        if self.fate(number) != WriteState::Underway {
             return 0;
         }
         if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
@@ -383,7 +385,7 @@ impl Ledger {
     fn number(&self, word: u16) -> Option<u32> {
         let age = (self.newest as u16).wrapping_sub(word);
         let number = self.newest.wrapping_sub(u32::from(age));
-        (self.fate(number) != Fate::Unknown).then_some(number)
+        (self.fate(number) != WriteState::Unknown).then_some(number)
     }
 
     /// The newest executed write: of all, or only of those that set the last-write register.
@@ -391,13 +393,13 @@ impl Ledger {
         (0..REMEMBERED)
             .map(|age| self.newest.wrapping_sub(age))
             .filter(|number| of_all || self.leaves_last(*number))
-            .find(|number| self.fate(*number) == Fate::Executed)
+            .find(|number| self.fate(*number) == WriteState::Executed)
     }
 
     /// True if a remembered write sets the last-write register.
     fn leaves_last(&self, number: u32) -> bool {
         self.write(number)
-            .is_some_and(|write| write.kind != Kind::Cycle)
+            .is_some_and(|write| write.kind != WriteEvidence::Cycle)
     }
 
     fn underway(&self) -> u32 {
@@ -408,11 +410,12 @@ impl Ledger {
         self.newest.wrapping_sub(number)
     }
 
-    fn fate(&self, number: u32) -> Fate {
-        self.write(number).map_or(Fate::Unknown, |write| write.fate)
+    fn fate(&self, number: u32) -> WriteState {
+        self.write(number)
+            .map_or(WriteState::Unknown, |write| write.fate)
     }
 
-    fn write(&self, number: u32) -> Option<&Write> {
+    fn write(&self, number: u32) -> Option<&WriteEntry> {
         let is_remembered = self.age(number) < REMEMBERED;
         let place = (number % REMEMBERED) as usize;
         self.writes.get(place).filter(|_| is_remembered)

@@ -19,7 +19,7 @@ mod receiving;
 pub use encoding::UdpList;
 pub use error::{BLOCKED, UdpError};
 pub(super) use link::poll_for;
-pub use link::{Link, UdpLink};
+pub use link::{PacketLink, UdpLink};
 
 use core::time::Duration;
 use std::net::SocketAddrV4;
@@ -32,7 +32,7 @@ use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
-use ledger::{Kind, Ledger};
+use ledger::{Ledger, WriteEvidence};
 use matching::Requests;
 use others::Others;
 use receiving::Wait;
@@ -94,7 +94,7 @@ impl Default for UdpConfig {
 /// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by
 /// that plus its own limit. Neither allocates.
 #[derive(Debug)]
-pub struct UdpBus<L: Link = UdpLink> {
+pub struct UdpBus<L: PacketLink = UdpLink> {
     link: L,
     config: UdpConfig,
     requests: Requests,
@@ -133,7 +133,7 @@ impl UdpBus<UdpLink> {
     }
 }
 
-impl<L: Link> UdpBus<L> {
+impl<L: PacketLink> UdpBus<L> {
     /// A bus over `link`. Queries the board first, so that every bus that exists has a board behind
     /// it.
     ///
@@ -149,7 +149,7 @@ impl<L: Link> UdpBus<L> {
         // a lost one.
         bus.set_up(&UdpList::clearing()?, &mut [])?;
         bus.identity = UdpList::identity()?;
-        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
+        let contact = UdpList::answered(Some(WriteEvidence::Acknowledged), &[], 0)?;
         bus.set_up(&contact, &mut [])?;
         (bus.statistics, bus.others) = Default::default();
         Ok(bus)
@@ -313,7 +313,7 @@ impl<L: Link> UdpBus<L> {
     }
 }
 
-impl<L: Link> Lbp16Board for UdpBus<L> {
+impl<L: PacketLink> Lbp16Board for UdpBus<L> {
     type Error = UdpError;
 
     fn run_commands(
@@ -336,7 +336,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
     }
 }
 
-impl<L: Link> Clock for UdpBus<L> {
+impl<L: PacketLink> Clock for UdpBus<L> {
     fn now(&mut self) -> Instant {
         self.link.now()
     }
@@ -351,7 +351,7 @@ impl<L: Link> Clock for UdpBus<L> {
     }
 }
 
-impl<L: Link> RegisterBus for UdpBus<L> {
+impl<L: PacketLink> RegisterBus for UdpBus<L> {
     type Error = UdpError;
 
     /// The board's timer holds lists back.

@@ -29,7 +29,7 @@ const FOR_A_DUPLICATE: u64 = 4;
 
 /// Contents of a reply that show packets of other senders.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Heard {
+pub(super) struct ReplyCounters {
     /// Time at which the request was sent.
     pub at: Instant,
     /// Packets that the board has received since the previous reply; `None` if not known.
@@ -60,7 +60,7 @@ pub(super) struct Others {
 impl Others {
     /// Adds the contents of a reply. Returns the number of foreign packets if they exceed the
     /// threshold, once in each window.
-    pub(super) fn hear(&mut self, heard: Heard) -> Option<u32> {
+    pub(super) fn hear(&mut self, heard: ReplyCounters) -> Option<u32> {
         let own = heard.sent.wrapping_sub(self.sent) as u16;
         self.sent = heard.sent;
         let moment = heard.at.as_nanos() / MOMENT;
@@ -77,7 +77,7 @@ impl Others {
         self.end_moment(heard, passed)
     }
 
-    fn end_moment(&mut self, heard: Heard, passed: u64) -> Option<u32> {
+    fn end_moment(&mut self, heard: ReplyCounters, passed: u64) -> Option<u32> {
         let (at, duplicate) = self.begun?;
         let (before, packets) = self.moment;
         let moment = before.wrapping_add(passed);
@@ -98,7 +98,7 @@ impl Others {
         is_news.then_some(packets)
     }
 
-    fn begin(&mut self, heard: Heard, moment: u64) {
+    fn begin(&mut self, heard: ReplyCounters, moment: u64) {
         *self = Self {
             begun: Some((heard.at, heard.duplicate)),
             sent: heard.sent,
@@ -136,7 +136,7 @@ mod tests {
 
         fn reply(&mut self, is_known: bool) -> Option<u32> {
             let before = core::mem::replace(&mut self.heard, self.received);
-            let heard = Heard {
+            let heard = ReplyCounters {
                 at: Instant::from_nanos(self.now),
                 received: is_known.then(|| self.received.wrapping_sub(before)),
                 sent: self.sent,

@@ -2,10 +2,10 @@
 
 use core::time::Duration;
 
-use super::ledger::{Account, Asked};
+use super::ledger::{Account, LedgerState};
 use super::matching::Match;
-use super::others::Heard;
-use super::{Link, UdpBus, UdpError, UdpList};
+use super::others::ReplyCounters;
+use super::{PacketLink, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
@@ -15,7 +15,7 @@ use crate::tally::Tally;
 pub(super) struct Wait {
     pub request: u32,
     /// The writes that were sent before it.
-    pub asked: Asked,
+    pub asked: LedgerState,
     /// The details were requested.
     pub detailed: bool,
     pub started: Instant,
@@ -28,7 +28,7 @@ pub(super) struct Wait {
 /// Limit of the datagrams that are checked after the deadline, for one that arrived before it.
 const MAX_OVERTIME: u32 = 64;
 
-impl<L: Link> UdpBus<L> {
+impl<L: PacketLink> UdpBus<L> {
     /// Waits for the reply to the newest request and takes its words. Discards all other datagrams.
     pub(super) fn receive(
         &mut self,
@@ -158,7 +158,7 @@ impl<L: Link> UdpBus<L> {
         let before = self.ledger.received;
         let news = self.ledger.hear(account, wait.asked);
         let counted = &mut self.statistics;
-        let heard = Heard {
+        let heard = ReplyCounters {
             at: wait.started,
             received: before.map(|before| account.received.wrapping_sub(before)),
             sent: wait.sent,

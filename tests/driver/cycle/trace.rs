@@ -2,7 +2,7 @@
 
 use crate::common::machine::{ANALOG, Machine, fpga};
 use mesa_hal::bus::BusErrorKind;
-use mesa_hal::driver::{Cause, EventKind, EventMask, TraceSettings};
+use mesa_hal::driver::{EventKind, EventMask, TraceCause, TraceSettings};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 
@@ -81,7 +81,7 @@ fn an_event_freezes_the_trace_some_cycles_later_with_the_cause_in_its_first_line
     machine.cable(ANALOG).unplug();
     machine.cycles(50);
     let trace = machine.driver.trace().expect("it was asked for");
-    let Some(Cause::Event(event)) = trace.cause() else {
+    let Some(TraceCause::Event(event)) = trace.cause() else {
         panic!("{:?}", trace.cause());
     };
     assert!(matches!(event.kind, EventKind::TransferFailed { .. }));
@@ -146,7 +146,7 @@ fn a_trace_can_be_frozen_by_call_taken_and_given_back() {
     machine.driver.freeze_trace();
     machine.cycles(6);
     let trace = machine.driver.take_trace().expect("it was asked for");
-    assert_eq!(trace.cause(), Some(Cause::Asked));
+    assert_eq!(trace.cause(), Some(TraceCause::Asked));
     assert!(
         trace
             .csv()

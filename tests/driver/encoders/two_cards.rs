@@ -11,10 +11,10 @@ use mesa_hal::hal::Pins;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
 use mesa_hal_sim::{
-    AxisWiring, DriveSource, Firmware, Motor, MotorConfig, SimFpga, gtag, machines,
+    AxisWiring, DriveSource, Motor, MotorConfig, SimFirmware, SimFpga, gtag, machines,
 };
 
-fn with_motors(firmware: Firmware, cards: usize) -> SimFpga {
+fn with_motors(firmware: SimFirmware, cards: usize) -> SimFpga {
     let mut fpga = SimFpga::new(firmware);
     for card in 0..cards {
         machines::plug_7i77(&mut fpga, 0, 3 * card);

@@ -14,7 +14,7 @@ use mesa_hal::driver::{EventKind, EventMask, Events};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
-use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, FaultKind, FaultPlace, SimFpga};
 
 /// Number of cycles with a fault.
 const FAULTY: usize = 60;
@@ -41,12 +41,12 @@ impl Director for Losses {
 
     fn act(&mut self, _: &mut SimFpga) {}
 
-    fn drives(&mut self, _: &SimFpga, cause: Cause) {
+    fn drives(&mut self, _: &SimFpga, cause: ChangeCause) {
         let [resets, bites] = &mut *self.0.lock().expect("nobody panicked");
         match cause {
-            Cause::Reset => *resets += 1,
-            Cause::Bite => *bites += 1,
-            Cause::Write => {}
+            ChangeCause::Reset => *resets += 1,
+            ChangeCause::Bite => *bites += 1,
+            ChangeCause::Write => {}
         }
     }
 }
@@ -266,7 +266,11 @@ fn spoil(story: &mut Story<Faulty<SimFpga>>, fault: WireFault) {
 
 /// Compares all events of each fault, from its begin to the end of the re-arming, with the written
 /// list. Every fault is checked, even after a failure of an earlier one.
-fn all_is_as_written(list: &str, is_in: fn(Place) -> bool, tell: fn(FaultKind) -> Vec<EventKind>) {
+fn all_is_as_written(
+    list: &str,
+    is_in: fn(FaultPlace) -> bool,
+    tell: fn(FaultKind) -> Vec<EventKind>,
+) {
     let kinds = FaultKind::ALL.iter().copied();
     let mut made = String::new();
     for kind in kinds.filter(|kind| is_in(kind.place())) {
@@ -292,14 +296,14 @@ fn all_is_as_written(list: &str, is_in: fn(Place) -> bool, tell: fn(FaultKind) -
 
 #[test]
 fn the_events_of_each_fault_are_what_happened_in_its_order() {
-    let is_in = |place| place != Place::Network;
+    let is_in = |place| place != FaultPlace::Network;
     all_is_as_written("faults.txt", is_in, |kind| {
         let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
         happen(&mut story, kind);
         story.check(kind);
-        let is_analog = kind.place() == Place::Wire && kind != FaultKind::WireSwapped;
+        let is_analog = kind.place() == FaultPlace::Wire && kind != FaultKind::WireSwapped;
         let target = RemoteId::new(0, if is_analog { ANALOG } else { FIELD } as u8);
-        if matches!(kind.place(), Place::Wire | Place::Remote) {
+        if matches!(kind.place(), FaultPlace::Wire | FaultPlace::Remote) {
             let mut of = story.told.iter().filter_map(EventKind::remote);
             assert!(of.all(|place| place == target), "{kind}: {:?}", story.told);
         }

@@ -9,7 +9,7 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings, StopError};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
-use mesa_hal_sim::remote::{Application, Remote};
+use mesa_hal_sim::remote::{Application, SimRemote};
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{SimError, SimFpga};
 
@@ -32,7 +32,7 @@ enum Cause {
 
 fn change<A: Application>(end: &mut dyn RemoteEnd, faults: RemoteFaults, stuck: bool) -> bool {
     let any: &mut dyn Any = end;
-    let Some(remote) = any.downcast_mut::<Remote<A>>() else {
+    let Some(remote) = any.downcast_mut::<SimRemote<A>>() else {
         return false;
     };
     let kept = if stuck { faults } else { RemoteFaults::empty() };

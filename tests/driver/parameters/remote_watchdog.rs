@@ -12,7 +12,7 @@ use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{Device, Outputs48};
-use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::remote::SimRemote;
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
@@ -160,7 +160,7 @@ fn a_bite_that_is_reported_together_with_another_fault_is_a_bite() {
     runs(&mut machine);
     // Before it bites, and while it is not addressed.
     let later = Once::at(machine.now() + 20_000_000, |fpga| {
-        let remote = fpga.device_mut::<Remote<Device<Outputs48>>>(0, OUTPUTS);
+        let remote = fpga.device_mut::<SimRemote<Device<Outputs48>>>(0, OUTPUTS);
         let remote = remote.expect("a 7I72");
         remote.set_faults(remote.faults() | RemoteFaults::ILLEGAL_MODE);
     });

@@ -11,7 +11,7 @@ use mesa_hal::driver::{
     Driver, DriverError, Presence, Remark, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sslbp::{Channel, Layout};
+use mesa_hal::sslbp::{Channel, PortLayout};
 use mesa_hal_sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
@@ -231,7 +231,7 @@ fn an_8i20_is_named_as_unsupported_and_does_not_disturb_other_remotes() {
 
 /// A gateware that has the sizes of a 7I64 on channel 0 only after a normal START.
 struct SizesOfNormalStart {
-    layout: Layout,
+    layout: PortLayout,
     is_setup: bool,
     is_asked: bool,
 }
@@ -284,7 +284,7 @@ fn a_7i64_whose_sizes_only_the_normal_start_reports_runs_with_a_table_of_these_s
         let mut fpga = machine(vec![device("7i64")]);
         let firmware = HostMot2::identify(&mut fpga).expect("a firmware");
         let between = SizesOfNormalStart {
-            layout: Layout::locate(&firmware, 0).expect("a port"),
+            layout: PortLayout::locate(&firmware, 0).expect("a port"),
             is_setup: false,
             is_asked: false,
         };

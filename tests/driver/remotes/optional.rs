@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
 use crate::common::valves::{VALVES, Valves, valve_block};
 use mesa_hal::boards::{AttachError, I7i72, I7i77Field, i7i72, i7i77};
-use mesa_hal::discovery::{Contents, DataType, ElementTable, RemoteTable};
+use mesa_hal::discovery::{DataType, ElementTable, RemoteTable, TableAddresses};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
@@ -17,7 +17,7 @@ use mesa_hal_sim::wire::RemoteEnd;
 
 /// The valve block, with the place of the tables of the firmware that the machine was built with.
 const VALVES_OF_FIRMWARE_1: RemoteTable = RemoteTable {
-    contents: &[Contents {
+    contents: &[TableAddresses {
         mode: 0,
         ptoc: 0x1234,
         gtoc: 0x1240,

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, DriverError};
-use mesa_hal_sim::{Cause, Director, SimFpga, machines};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga, machines};
 
 /// Resets the FPGA at a given time, for a given time.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ impl Director for Reset {
         }
     }
 
-    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
         let now = SimFpga::now(fpga);
         if let Some(since) = self.on {
             self.longest.fetch_max(now - since, Ordering::Relaxed);

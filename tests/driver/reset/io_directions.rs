@@ -8,7 +8,7 @@ use mesa_hal::bus::Clock;
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::{Output, Param};
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal_sim::{Cause, Director, SimFpga, machines};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga, machines};
 
 /// I/O pins of a 7I97's expansion connector: one that is switched on, and one whose direction
 /// changes.
@@ -47,11 +47,11 @@ impl Director for Loss {
             fpga.write_register(0x0C00, 0);
         } else {
             fpga.reload();
-            self.drives(fpga, Cause::Reset);
+            self.drives(fpga, ChangeCause::Reset);
         }
     }
 
-    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
         let mut seen = self.0.lock().expect("nobody panicked");
         let now = SimFpga::now(fpga);
         let is_on = fpga.is_driven(ON) && fpga.pin_level(ON);

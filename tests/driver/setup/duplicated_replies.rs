@@ -5,7 +5,7 @@ use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sslbp::{Layout, Port};
+use mesa_hal::sslbp::{Port, PortLayout};
 use mesa_hal::{Board, RemoteId, Settings};
 use mesa_hal_sim::machines;
 
@@ -16,7 +16,7 @@ fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
     for seed in 0..400 {
         let mut bus = connect(SimLink::new(machines::i7i92_7i77()));
         let hostmot2 = HostMot2::identify(&mut bus).expect("a firmware");
-        let layout = Layout::locate(&hostmot2, 0).expect("a port");
+        let layout = PortLayout::locate(&hostmot2, 0).expect("a port");
         let mut chance = Chance(seed);
         let one_in = [1, 2, 5, 20][seed as usize % 4];
         bus.link().to_board = Box::new(move |_, _| {

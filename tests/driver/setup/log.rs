@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 use mesa_hal::driver::Driver;
-use mesa_hal_sim::{ModuleDescriptor, PinDescriptor, SimFpga, machines};
+use mesa_hal_sim::{SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
 
 use crate::common::machine::start;
 
@@ -44,11 +44,11 @@ pub fn logged(level: Level, work: impl FnOnce()) -> Vec<String> {
 fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
     let mut firmware = machines::firmware_7i92_7i77();
     // Two step generators, on the last three pins.
-    let stepgen = ModuleDescriptor::new(0x05, 2, 1, 2, 0x2000, 10, 0x00, 0x1FF);
+    let stepgen = SimModuleDescriptor::new(0x05, 2, 1, 2, 0x2000, 10, 0x00, 0x1FF);
     firmware.modules.insert(2, stepgen);
     let pins = firmware.pins.len();
     for (pin, secondary) in firmware.pins[pins - 3..].iter_mut().zip([0x81, 0x82, 0x83]) {
-        *pin = PinDescriptor::new(0x05, 0, secondary);
+        *pin = SimPinDescriptor::new(0x05, 0, secondary);
     }
     let mut remarks = Vec::new();
     let warnings = logged(Level::Warn, || {

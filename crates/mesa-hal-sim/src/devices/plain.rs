@@ -1,9 +1,10 @@
 //! A device from a description, without a world of its own: values in, values out.
 
 use super::{
-    Description, DescriptionError, Device, Element, Layout, SignalValue, World, WorldError, image,
+    Description, DescriptionError, Device, SignalValue, SimElement, SimLayout, World, WorldError,
+    image,
 };
-use crate::remote::{Memory, Remote};
+use crate::remote::{SimMemory, SimRemote};
 
 /// The 7I64: 24 inputs, 24 outputs, analog inputs of 3.3 V; a remote without discovery. FACTS 4.7;
 /// the elements are those of the built-in table of LinuxCNC. They fill the 8 bytes of RXSize, and
@@ -41,7 +42,7 @@ pub struct Plain {
 
 #[derive(Clone, Debug)]
 struct Slot {
-    element: Element,
+    element: SimElement,
     input: [u8; MOST_BYTES],
     output: [u8; MOST_BYTES],
 }
@@ -129,12 +130,12 @@ impl Slot {
 
 impl Plain {
     /// Creates the device from a description in text form.
-    pub fn from_description(text: &str) -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn from_description(text: &str) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Self::remote(&Description::parse(text)?)
     }
 
     /// Creates the device from `description`.
-    pub fn remote(description: &Description) -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn remote(description: &Description) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let (_, layout) = image::build(description)?;
         let slots = layout.elements().iter().map(|element| Slot {
             element: element.clone(),
@@ -146,7 +147,7 @@ impl Plain {
     }
 
     /// A 7I64.
-    pub fn i7i64() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i64() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Self::from_description(I7I64)
     }
 
@@ -171,7 +172,7 @@ impl Plain {
 }
 
 impl World for Plain {
-    fn sample(&mut self, _mode: u8, _layout: &Layout, memory: &mut Memory) {
+    fn sample(&mut self, _mode: u8, _layout: &SimLayout, memory: &mut SimMemory) {
         for slot in self.slots.iter().filter(|s| s.element.record.is_input()) {
             // Bidirectional elements: the host reads the value from the world's side.
             for (offset, &byte) in (0..slot.element.record.bytes() as u16).zip(&slot.input) {
@@ -180,7 +181,7 @@ impl World for Plain {
         }
     }
 
-    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+    fn drive(&mut self, _layout: &SimLayout, memory: &SimMemory) {
         for slot in self
             .slots
             .iter_mut()
@@ -226,12 +227,12 @@ impl World for Plain {
         Ok(())
     }
 
-    fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn inputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let slots = self.slots.iter().filter(|s| s.element.record.is_input());
         slots.flat_map(|slot| slot.signals(&slot.input)).collect()
     }
 
-    fn outputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn outputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let slots = self.slots.iter().filter(|s| s.element.record.is_output());
         slots.flat_map(|slot| slot.signals(&slot.output)).collect()
     }

@@ -1,6 +1,6 @@
 //! A handwheel: a manual pulse generator.
 
-use super::switch::{Change, Terminal};
+use super::switch::{Change, SimTerminal};
 use crate::wire::Nanos;
 
 /// Maximum number of clicks that can be pending.
@@ -10,9 +10,9 @@ const MOST_CLICKS: i64 = 1_000_000;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WheelConfig {
     /// Its signal A.
-    pub a: Terminal,
+    pub a: SimTerminal,
     /// Its signal B. A leads B when turning up.
-    pub b: Terminal,
+    pub b: SimTerminal,
     /// Speed of turning in clicks per second. A click is a whole cycle of A and B: four edges.
     pub speed: f64,
 }
@@ -56,7 +56,7 @@ impl Wheel {
     }
 
     /// The levels of its signals: A, then B.
-    pub(crate) fn signals(&self) -> [(Terminal, bool); 2] {
+    pub(crate) fn signals(&self) -> [(SimTerminal, bool); 2] {
         let phase = self.edges.rem_euclid(EDGES);
         let WheelConfig { a, b, .. } = self.config;
         [(a, matches!(phase, 1 | 2)), (b, matches!(phase, 2 | 3))]
@@ -106,8 +106,8 @@ impl Wheel {
 mod tests {
     use super::*;
 
-    const A: Terminal = Terminal::Board { input: 0 };
-    const B: Terminal = Terminal::Board { input: 1 };
+    const A: SimTerminal = SimTerminal::Board { input: 0 };
+    const B: SimTerminal = SimTerminal::Board { input: 1 };
 
     fn turned(wheel: &mut Wheel, now: Nanos, clicks: i64) -> Vec<(Nanos, char, bool)> {
         assert!(wheel.turn(now, clicks));

@@ -19,7 +19,7 @@ use mesa_hal::{
     bus::RegisterBus,
     discovery::{DiscoveryOptions, discover_port},
     hostmot2::HostMot2,
-    sslbp::{Channel, Layout, Port, PortLink},
+    sslbp::{Channel, Port, PortLayout, PortLink},
     transport::udp::UdpBus,
 };
 
@@ -130,7 +130,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     for register in [0x1204, 0x1104] {
         bus.write(register, 0x1_8000).unwrap();
     }
-    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    let mut port = Port::new(PortLayout::locate(&hostmot2, 0).unwrap());
     port.on(&mut bus).reset().unwrap();
     let [first, ..] = Channel::ALL;
     let start = [(first, 0)];

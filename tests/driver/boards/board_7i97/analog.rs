@@ -3,7 +3,7 @@
 use mesa_hal::boards::PwmTable;
 use mesa_hal::driver::PwmConfig;
 use mesa_hal::hal::Value;
-use mesa_hal_sim::{PinDescriptor, gtag};
+use mesa_hal_sim::{SimPinDescriptor, gtag};
 
 use super::*;
 use crate::common::watch::Watch;
@@ -295,7 +295,7 @@ fn with_spindles() -> SimFpga {
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(gtag::PWM).expect("PWM").instances = 8;
     for (n, unit, function) in [(34, 6, 0x81), (35, 6, 0x82), (36, 7, 0x81), (37, 7, 0x82)] {
-        firmware.pins[n] = PinDescriptor::new(gtag::PWM, unit, function);
+        firmware.pins[n] = SimPinDescriptor::new(gtag::PWM, unit, function);
     }
     let mut fpga = SimFpga::new(firmware);
     fpga.set_access_cost(20);

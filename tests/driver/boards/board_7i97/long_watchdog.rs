@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::*;
 use mesa_hal::driver::DriverError;
 use mesa_hal::transport::{Fault, Faulty};
-use mesa_hal_sim::{Cause, Director};
+use mesa_hal_sim::{ChangeCause, Director};
 
 const OUTPUT: usize = 2;
 
@@ -22,7 +22,7 @@ impl Director for Off {
 
     fn act(&mut self, _: &mut SimFpga) {}
 
-    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
         if !fpga.isolated_output(OUTPUT) {
             let _ = (self.0).fetch_min(fpga.now(), Ordering::Relaxed);
         }

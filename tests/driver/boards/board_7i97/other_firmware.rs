@@ -3,7 +3,7 @@
 use super::{Machine, both_firmwares, started};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal_sim::{ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, SimModuleDescriptor, SimPinDescriptor, gtag, machines};
 
 /// Name and terminals of all pins of a module.
 fn names_of(driver: &Driver<SimFpga>, module: &str) -> Vec<(String, String)> {
@@ -45,10 +45,10 @@ fn inm_and_outm_have_the_pins_and_terminals_of_inmux_and_ssr() {
 #[test]
 fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     let mut firmware = machines::firmware_7i97(1);
-    let out_m = ModuleDescriptor::new(gtag::OUT_M, 0, 1, 1, 0xB000, 1, 0x00, 0);
+    let out_m = SimModuleDescriptor::new(gtag::OUT_M, 0, 1, 1, 0xB000, 1, 0x00, 0);
     firmware.modules.push(out_m);
     for (pin, output) in [(34, 5), (35, 4), (36, 31)] {
-        firmware.pins[pin] = PinDescriptor::new(gtag::OUT_M, 0, 0x81 + output);
+        firmware.pins[pin] = SimPinDescriptor::new(gtag::OUT_M, 0, 0x81 + output);
     }
     let mut machine = started(SimFpga::new(firmware));
     let names: Vec<_> = [

@@ -10,7 +10,7 @@ use crate::common::machine::{Machine, fpga, start};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{EventKind, EventMask, Pace, Repeating};
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal_sim::{FaultKind, Motor, Place, machines};
+use mesa_hal_sim::{FaultKind, FaultPlace, Motor, machines};
 
 /// A network that loses some of the packets.
 struct Network {
@@ -89,7 +89,7 @@ impl Network {
 
 #[test]
 fn the_events_of_a_bad_network_are_what_happened_in_its_order() {
-    all_is_as_written("network.txt", |place| place == Place::Network, tell);
+    all_is_as_written("network.txt", |place| place == FaultPlace::Network, tell);
 }
 
 fn tell(kind: FaultKind) -> Vec<EventKind> {

@@ -11,7 +11,7 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
-use mesa_hal::transport::search::{self, Asked};
+use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 use mesa_hal_sim::{Mishaps, UdpFace};
 
@@ -140,7 +140,7 @@ impl Found {
         // Without opening a bus, which would clear counters that another program relies on.
         for _ in 0..config.setup_tries {
             let asked = search::ask(&[self.address], AGAIN)?;
-            if let Some(Asked { found: Ok(is), .. }) = asked.into_iter().next() {
+            if let Some(AddressResult { found: Ok(is), .. }) = asked.into_iter().next() {
                 return self.check_same(is);
             }
         }

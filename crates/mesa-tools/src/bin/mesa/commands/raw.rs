@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Rounded;
 use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
-use mesa_hal::transport::udp::{Link, UdpLink};
+use mesa_hal::transport::udp::{PacketLink, UdpLink};
 use serde::Serialize;
 
 use crate::consent::Asks;

@@ -10,8 +10,8 @@ use mesa_hal::boards::i7i77;
 use mesa_hal::driver::{RemoteConfig, SerialConfig};
 use mesa_hal::sslbp::{RemoteName, StartedRemote};
 use mesa_hal::{Board, DriverError, Settings};
-use mesa_tools::setup::update::{Plan, Progress, Step, UpdateError};
-use mesa_tools::setup::{Firmware, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
+use mesa_tools::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
+use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;
@@ -101,7 +101,7 @@ struct Report {
 }
 
 /// Doubts about a file, and checks that were not possible.
-fn doubts(firmware: &Firmware, plan: &Plan) -> Vec<String> {
+fn doubts(firmware: &FirmwareFile, plan: &UpdatePlan) -> Vec<String> {
     let mut doubts = Vec::new();
     if !firmware.names_card() {
         doubts.push("only the file's name shows that it is for this card".to_owned());
@@ -142,18 +142,18 @@ impl Update {
         Ok(context.ending())
     }
 
-    fn firmware(&self) -> Result<Firmware, Failure> {
+    fn firmware(&self) -> Result<FirmwareFile, Failure> {
         let path = self.file.display();
         let contents = files::read(&self.file, MOST_BYTES).map_err(Failure::usage)?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
-        let firmware = Firmware::new(&name, contents, self.card);
+        let firmware = FirmwareFile::new(&name, contents, self.card);
         firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))
     }
 
     fn over_board(
         &self,
         context: &Context,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
     ) -> Result<Option<Report>, Failure> {
         // clap requires `--at` unless `--serial` is given.
         let id = self.at.unwrap_or(RemoteId::new(0, 0));
@@ -192,7 +192,7 @@ impl Update {
         context: &Context,
         (link, board): (&mut L, Option<&Found>),
         (place, started, was_cut_off): (RemotePlace, StartedRemote, bool),
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
     ) -> Result<Option<Report>, Failure> {
         let (card, unit_number) = (started.name, started.unit_number);
         if card.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
@@ -204,7 +204,7 @@ impl Update {
         let is_verified = !self.no_verify;
         let bar = Bar::new(context);
         let mut on_progress = |progress| bar.show(progress, context);
-        let plan = match Plan::make(link, firmware, &mut on_progress) {
+        let plan = match UpdatePlan::make(link, firmware, &mut on_progress) {
             Err(UpdateError::Stopped { .. }) => return Ok(stopped("nothing was written")),
             plan => plan?,
         };
@@ -288,12 +288,12 @@ impl Bar {
     }
 
     /// Updates the bar; returns `false` after a signal, to end the update.
-    fn show(&self, progress: Progress, context: &Context) -> bool {
-        let Progress { step, done, total } = progress;
+    fn show(&self, progress: UpdateProgress, context: &Context) -> bool {
+        let UpdateProgress { step, done, total } = progress;
         self.0.set_message(match step {
-            Step::Compare => "compare",
-            Step::Write => "write",
-            Step::Verify => "verify",
+            UpdateStep::Compare => "compare",
+            UpdateStep::Write => "write",
+            UpdateStep::Verify => "verify",
         });
         self.0.set_length(total);
         self.0.set_position(done);

@@ -16,7 +16,9 @@ use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{BoardState, Driver, Settings};
-use mesa_tools::diagnosis::{self, Finding, Host, RoundTrips, Verdict, board, computer, network};
+use mesa_tools::diagnosis::{
+    self, FigureVerdict, Finding, Host, RoundTrips, board, computer, network,
+};
 use serde::Serialize;
 
 use crate::consent::Asks;
@@ -68,7 +70,7 @@ pub struct Doctor {
 struct Diagnosis {
     address: String,
     /// Worst verdict of the findings.
-    verdict: Verdict,
+    verdict: FigureVerdict,
     findings: Vec<Finding>,
 }
 
@@ -119,7 +121,7 @@ impl Doctor {
         })?;
         gathered?;
         Ok(match context.ending() {
-            Ending::Done if verdict == Verdict::Bad => Ending::Refused,
+            Ending::Done if verdict == FigureVerdict::Bad => Ending::Refused,
             ending => ending,
         })
     }
@@ -146,7 +148,7 @@ impl Doctor {
     fn look_at_the_board(&self, context: &Context, found: &Found, findings: &mut Vec<Finding>) {
         let bad = |check: &str, error: Failure| {
             let advice = "fix that first, then run this again";
-            Finding::new(Verdict::Bad, check, error.to_string(), advice)
+            Finding::new(FigureVerdict::Bad, check, error.to_string(), advice)
         };
         let mut bus = match found.open() {
             Ok(bus) => bus,
@@ -209,7 +211,7 @@ impl Doctor {
         let mut driver = running::start(bus, settings)?;
         if let Err(error) = driver.prove_watchdogs() {
             findings.push(Finding::new(
-                Verdict::Unknown,
+                FigureVerdict::Unknown,
                 "remotes: proof of their watchdogs",
                 error.to_string(),
                 "fix that first, then run this again",
@@ -257,7 +259,7 @@ fn judge(
                 None => figure,
             };
             Finding::new(
-                Verdict::Look,
+                FigureVerdict::Look,
                 "cycles",
                 figure,
                 "see packet loss and latency",
@@ -294,7 +296,7 @@ fn bite(bus: &mut UdpBus, firmware: &HostMot2) -> Result<Finding, Failure> {
         ));
     }
     Ok(Finding::new(
-        Verdict::Look,
+        FigureVerdict::Look,
         "board: watchdog bites",
         "it has bitten since it was last set up",
         "normal after a program that ended; in a machine that ran, packets were lost or the program hung",
@@ -320,11 +322,11 @@ impl Display for Diagnosis {
     }
 }
 
-fn word(verdict: Verdict) -> &'static str {
+fn word(verdict: FigureVerdict) -> &'static str {
     match verdict {
-        Verdict::Ok => "ok",
-        Verdict::Unknown => "unknown",
-        Verdict::Look => "look",
-        Verdict::Bad => "BAD",
+        FigureVerdict::Ok => "ok",
+        FigureVerdict::Unknown => "unknown",
+        FigureVerdict::Look => "look",
+        FigureVerdict::Bad => "BAD",
     }
 }

@@ -7,7 +7,7 @@ use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
 use mesa_hal::transport::udp::UdpBus;
-use mesa_tools::inventory::{self, Data, Found, Inventory};
+use mesa_tools::inventory::{self, ChannelContent, Inventory, InventoryData};
 use serde::Serialize;
 
 use crate::context::Failure;
@@ -39,7 +39,7 @@ struct Remote {
     name: String,
     unit_number: String,
     software_mode: u8,
-    records: Vec<Data>,
+    records: Vec<InventoryData>,
 }
 
 /// A question that no manual answers.
@@ -180,7 +180,7 @@ impl Remote {
     fn all(inventory: &Inventory) -> impl Iterator<Item = Self> {
         inventory.serial_ports.iter().flat_map(|port| {
             port.channels.iter().filter_map(|channel| {
-                let Found::Remote(remote) = &channel.found else {
+                let ChannelContent::Remote(remote) = &channel.found else {
                     return None;
                 };
                 let records = remote.process_data.iter();
@@ -209,7 +209,7 @@ impl Decider {
         let records = its.flat_map(|remote| &remote.records);
         let records = records.filter(|record| record.name.starts_with(self.records));
         let found = records.map(|record| {
-            let Data {
+            let InventoryData {
                 name,
                 bits,
                 data_type,

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 use std::path::Path;
 
-use mesa_hal::ethernet::{Area, Bitfile, Difference, FlashLayout};
+use mesa_hal::ethernet::{Area, Bitfile, FlashDifference, FlashLayout};
 use serde::Serialize;
 
 /// Report of a flash command.
@@ -80,7 +80,7 @@ impl About {
 }
 
 impl Written {
-    pub fn of(difference: &Difference) -> Self {
+    pub fn of(difference: &FlashDifference) -> Self {
         Self {
             area: difference.area.map(Name::from),
             start: difference.start,

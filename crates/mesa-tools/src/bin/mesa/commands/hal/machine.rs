@@ -7,7 +7,7 @@ use mesa_hal::Board;
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
-use mesa_hal::sslbp::{Layout, MAX_CHANNELS};
+use mesa_hal::sslbp::{MAX_CHANNELS, PortLayout};
 use mesa_hal::transport::udp::UdpBus;
 
 use super::super::named;
@@ -159,7 +159,7 @@ fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
 
 /// Modes of all channels in LinuxCNC's format, and one line for each remote.
 fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
-    let instances = Layout::ports(board.firmware()).len() as u8;
+    let instances = PortLayout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
     let mut remotes = Vec::new();

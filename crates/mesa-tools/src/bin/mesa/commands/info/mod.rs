@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use mesa_hal::ethernet::EthernetBoard;
-use mesa_tools::inventory::{self, Ethernet, Inventory};
+use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
@@ -45,7 +45,8 @@ impl Info {
         let at = |error: &dyn std::error::Error| {
             Failure::refused(format_args!("{}: {error}", found.address))
         };
-        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+        let ethernet =
+            InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
         let modes = self.modes.by_channel();
         let goes_on = || context.stop.signal().is_none();
         let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);

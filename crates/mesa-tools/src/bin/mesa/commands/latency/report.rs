@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::time::Duration;
 
 use mesa_hal::driver::Pace;
-use mesa_hal::runner::{Distribution, Histogram, Judgement};
+use mesa_hal::runner::{Distribution, Histogram, RateJudgement};
 use serde::Serialize;
 
 use super::measure::{Mark, Measured, Offline};
@@ -64,7 +64,7 @@ struct Times {
 #[derive(Debug, Serialize)]
 struct Judged {
     rate_hz: u32,
-    holds: Judgement,
+    holds: RateJudgement,
     reason: String,
 }
 
@@ -148,7 +148,7 @@ impl Judged {
                           cycle: measure again while it runs";
             return Self {
                 rate_hz: rate,
-                holds: Judgement::No,
+                holds: RateJudgement::No,
                 reason: reason.to_owned(),
             };
         }

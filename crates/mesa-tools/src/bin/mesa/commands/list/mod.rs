@@ -11,7 +11,7 @@ use clap::Args;
 use mesa_hal::ethernet::{AddressSource, Identity};
 use mesa_hal::lbp16;
 use mesa_hal::transport::network::Network;
-use mesa_hal::transport::search::{self, Asked};
+use mesa_hal::transport::search::{self, AddressResult};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
@@ -116,7 +116,7 @@ impl List {
 }
 
 impl Boards {
-    fn add(&mut self, asked: Asked, network: &Network) {
+    fn add(&mut self, asked: AddressResult, network: &Network) {
         let address = *asked.address.ip();
         let silence = match asked.found {
             Ok(identity) => return self.boards.push(Board { address, identity }),

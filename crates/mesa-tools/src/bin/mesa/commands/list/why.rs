@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal::transport::network::{Interface, Network, Way};
+use mesa_hal::transport::network::{Interface, Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
 use mesa_hal::transport::udp::BLOCKED;
 
@@ -17,7 +17,7 @@ pub struct Why {
 /// Determines why no board answers at an address.
 pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     match (silence, network.way_to(address)) {
-        (_, Way::Here) if !address.is_loopback() => Why {
+        (_, NetworkPath::Here) if !address.is_loopback() => Why {
             reason: "this computer itself has this address, and sends nothing to a board"
                 .to_owned(),
             advice: format!(
@@ -26,7 +26,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
                 host_beside(address)
             ),
         },
-        (_, Way::Discarded(route)) => Why {
+        (_, NetworkPath::Discarded(route)) => Why {
             reason: format!("a route of this computer discards what is sent to {route}"),
             advice: format!("sudo ip route del {route}"),
         },
@@ -34,23 +34,23 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             reason: silence.to_string(),
             advice: BLOCKED.to_owned(),
         },
-        (Silence::Nothing | Silence::Refused, Way::Here) => Why {
+        (Silence::Nothing | Silence::Refused, NetworkPath::Here) => Why {
             reason: "no simulated board listens there on this computer".to_owned(),
             advice: format!("mesa sim --board 7i97 --listen {address}"),
         },
-        (Silence::Refused | Silence::Foreign, Way::Direct(_) | Way::Here) => Why {
+        (Silence::Refused | Silence::Foreign, NetworkPath::Direct(_) | NetworkPath::Here) => Why {
             reason: silence.to_string(),
             advice: "another device has this address: change the address of one of the two"
                 .to_owned(),
         },
-        (_, Way::Here) => Why {
+        (_, NetworkPath::Here) => Why {
             reason: silence.to_string(),
             advice: "choose another address of 127.0.0.0/8".to_owned(),
         },
-        (_, Way::Direct(route)) => {
+        (_, NetworkPath::Direct(route)) => {
             in_network(&route.interface, network.interface(&route.interface))
         }
-        (_, Way::Gateway(route)) => {
+        (_, NetworkPath::Gateway(route)) => {
             let (gateway, interface) = (route.gateway, &route.interface);
             let reason = format!(
                 "no interface is in its network: packets leave by {interface} through the gateway \
@@ -58,7 +58,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             );
             other_network(network, address, &reason)
         }
-        (_, Way::None) => other_network(network, address, "no interface is in its network"),
+        (_, NetworkPath::None) => other_network(network, address, "no interface is in its network"),
     }
 }
 

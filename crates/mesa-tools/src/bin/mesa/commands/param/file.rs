@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use mesa_hal::hal::AnyValue;
-use mesa_tools::setup::{Match, SavedCabinet, SavedValue};
+use mesa_tools::setup::{RemoteMatch, SavedCabinet, SavedValue};
 use serde::Serialize;
 
 use super::{Where, warning};
@@ -116,9 +116,9 @@ impl Restore {
         })?;
         let mut cabinet = self.at.cabinet.open()?;
         let by = if self.by_place {
-            Match::Place
+            RemoteMatch::Place
         } else {
-            Match::UnitNumber
+            RemoteMatch::UnitNumber
         };
         let found = saved.compare(&mut cabinet, by);
         let found = found.map_err(|error| {

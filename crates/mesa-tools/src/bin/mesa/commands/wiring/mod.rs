@@ -13,7 +13,7 @@ use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Rounded, Settings};
-use mesa_tools::diagnosis::wiring::{self, Check};
+use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
@@ -181,7 +181,7 @@ impl Wiring {
     }
 
     /// Terminals to check.
-    fn terminals(&self, board: &Board<UdpBus>) -> (Check, Vec<Item>) {
+    fn terminals(&self, board: &Board<UdpBus>) -> (WiringCheck, Vec<Item>) {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);
@@ -201,7 +201,7 @@ impl Wiring {
             let outputs = wiring::outputs(pins, &remotes, harmless).into_iter();
             items.extend(outputs.map(|(pin, info)| Item::new(info, What::Output(pin))));
         }
-        (Check::new(points), items)
+        (WiringCheck::new(points), items)
     }
 
     /// Asks for consent to drive the outputs, if there are any.

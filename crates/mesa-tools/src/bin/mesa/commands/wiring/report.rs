@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::path::Path;
 
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo};
-use mesa_tools::diagnosis::wiring::{Judgement, Kind, Point, Verdict, exchanged};
+use mesa_tools::diagnosis::wiring::{Point, PointKind, WiringJudgement, WiringVerdict, exchanged};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ pub struct Item {
     pub info: PinInfo,
     pub what: What,
     pub mark: Mark,
-    pub judgement: Option<Judgement>,
+    pub judgement: Option<WiringJudgement>,
     /// Answer of a person about an output.
     pub said: Option<String>,
     /// Reason why it is not valid, is unstable, or has failed.
@@ -28,7 +28,7 @@ pub struct Item {
 /// An input by its number in the check, or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
-    Input(usize, Kind),
+    Input(usize, PointKind),
     Output(PinId),
 }
 
@@ -36,7 +36,7 @@ pub enum What {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Mark {
-    Judged(Verdict),
+    Judged(WiringVerdict),
     Not(Not),
 }
 
@@ -92,7 +92,10 @@ impl Item {
     /// Direction in which a number changed.
     fn direction(&self) -> Option<&'static str> {
         let (before, after) = self.moved()?;
-        let is_number = matches!(self.what, What::Input(_, Kind::Counter | Kind::Analog));
+        let is_number = matches!(
+            self.what,
+            What::Input(_, PointKind::Counter | PointKind::Analog)
+        );
         let word = if after.as_f64() > before.as_f64() {
             "up"
         } else {
@@ -114,31 +117,31 @@ impl Item {
             Mark::Not(Not::NotChecked) => "not checked".to_owned(),
             Mark::Not(Not::Failed) => format!("FAILED: {}", reason()),
             Mark::Judged(verdict) => match verdict {
-                Verdict::Ok => {
+                WiringVerdict::Ok => {
                     let before = match &others()[..] {
                         "" => String::new(),
                         others => format!("; before that {others} changed"),
                     };
                     format!("ok{}{before}", self.path())
                 }
-                Verdict::CountsDown => format!(
+                WiringVerdict::CountsDown => format!(
                     "COUNTS DOWN, {}: exchange A and B, or give it a negative scale, before a drive is enabled",
                     self.range().unwrap_or_default()
                 ),
-                Verdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
-                Verdict::NoChange => match &*reason() {
+                WiringVerdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
+                WiringVerdict::NoChange => match &*reason() {
                     "" => "NO CHANGE".to_owned(),
                     reason => format!("NO CHANGE: {reason}"),
                 },
-                Verdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
-                Verdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
-                Verdict::Together => {
+                WiringVerdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
+                WiringVerdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
+                WiringVerdict::Together => {
                     format!("CHANGED TOGETHER with {}: connected?", others())
                 }
-                Verdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
-                Verdict::Unstable => format!("UNSTABLE: {}", reason()),
-                Verdict::NotValid => format!("NOT VALID: {}", reason()),
-                Verdict::Skipped => "skipped".to_owned(),
+                WiringVerdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
+                WiringVerdict::Unstable => format!("UNSTABLE: {}", reason()),
+                WiringVerdict::NotValid => format!("NOT VALID: {}", reason()),
+                WiringVerdict::Skipped => "skipped".to_owned(),
             },
         }
     }
@@ -148,8 +151,10 @@ impl Item {
             return String::new();
         };
         match (self.what, self.direction()) {
-            (What::Input(_, Kind::Counter), Some(way)) => format!(": counts {way}, {range}"),
-            (What::Input(_, Kind::Index), _) => format!(": it came, the encoder counted {range}"),
+            (What::Input(_, PointKind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            (What::Input(_, PointKind::Index), _) => {
+                format!(": it came, the encoder counted {range}")
+            }
             _ => format!(": {range}"),
         }
     }
@@ -246,7 +251,7 @@ impl Report {
             let pairs = pairs.iter().map(|&(one, two)| [name(one), name(two)]);
             pairs.collect()
         };
-        let is_ok = |item: &Item| item.mark == Mark::Judged(Verdict::Ok);
+        let is_ok = |item: &Item| item.mark == Mark::Judged(WiringVerdict::Ok);
         Self {
             address,
             outcome,
@@ -280,10 +285,10 @@ impl Row {
             terminal: info.place.terminal.clone(),
             signal: info.place.signal.clone(),
             kind: match item.what {
-                What::Input(_, Kind::Digital) => "digital",
-                What::Input(_, Kind::Counter) => "counter",
-                What::Input(_, Kind::Index) => "index",
-                What::Input(_, Kind::Analog) => "analog",
+                What::Input(_, PointKind::Digital) => "digital",
+                What::Input(_, PointKind::Counter) => "counter",
+                What::Input(_, PointKind::Index) => "index",
+                What::Input(_, PointKind::Analog) => "analog",
                 What::Output(_) => "output",
             },
             verdict: item.mark,
@@ -301,7 +306,7 @@ impl Row {
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_ok = |row: &&Row| row.verdict == Mark::Judged(Verdict::Ok);
+        let is_ok = |row: &&Row| row.verdict == Mark::Judged(WiringVerdict::Ok);
         let ok = self.terminals.iter().filter(is_ok).count();
         let how = match self.outcome {
             Outcome::Done => "",

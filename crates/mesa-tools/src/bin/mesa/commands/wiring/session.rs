@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use mesa_hal::bus::{Clock, HostClock};
 use mesa_hal::hal::{AnyValue, PinId};
 use mesa_hal::runner::Snapshot;
-use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
+use mesa_tools::diagnosis::wiring::{
+    HANDS_OFF, PointKind, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict,
+};
 
 use super::machine::{self, Driven, Machine};
 use super::report::{Item, Mark, Names, Not, Outcome, What, text};
@@ -53,7 +55,7 @@ pub struct Session<'a> {
     pub context: &'a Context,
     pub machine: &'a Machine,
     pub lines: Lines,
-    pub check: Check,
+    pub check: WiringCheck,
     pub board: String,
     pub items: Vec<Item>,
     pub timeout: Option<Duration>,
@@ -68,7 +70,7 @@ impl<'a> Session<'a> {
         context: &'a Context,
         machine: &'a Machine,
         (lines, timeout): (Lines, Option<Duration>),
-        (check, items): (Check, Vec<Item>),
+        (check, items): (WiringCheck, Vec<Item>),
         board: String,
     ) -> Self {
         Self {
@@ -126,7 +128,7 @@ impl<'a> Session<'a> {
     }
 
     /// Waits for one interval. Returns what was typed, and the judgement if there is one.
-    fn pass(&mut self) -> Result<(Typed, Option<Judgement>), Outcome> {
+    fn pass(&mut self) -> Result<(Typed, Option<WiringJudgement>), Outcome> {
         if self.context.stop.signal().is_some() {
             return Err(Outcome::Stopped);
         }
@@ -150,7 +152,7 @@ impl<'a> Session<'a> {
         Ok((typed, judgement))
     }
 
-    fn look(&mut self) -> Option<Judgement> {
+    fn look(&mut self) -> Option<WiringJudgement> {
         let read = match &mut self.seen {
             Some(seen) => self.machine.reader.read_into(seen),
             None => self.machine.reader.read().map(|seen| {
@@ -192,7 +194,7 @@ impl<'a> Session<'a> {
     }
 
     /// Checks an input.
-    fn input(&mut self, at: usize, (point, kind): (usize, Kind)) -> Result<Next, Outcome> {
+    fn input(&mut self, at: usize, (point, kind): (usize, PointKind)) -> Result<Next, Outcome> {
         let begun = Instant::now();
         self.check.ask(point);
         loop {
@@ -222,75 +224,75 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn tell(&self, at: usize, (point, kind): (usize, Kind), news: News) {
+    fn tell(&self, at: usize, (point, kind): (usize, PointKind), news: WiringMessage) {
         let name = |other| self.names().point(other);
         match (news, kind) {
-            (News::Ready(level), Kind::Digital) => {
+            (WiringMessage::Ready(level), PointKind::Digital) => {
                 self.say(at, &format!("actuate it now; it is {}", text(level)));
             }
-            (News::Ready(_), Kind::Counter) => {
+            (WiringMessage::Ready(_), PointKind::Counter) => {
                 self.say(at, "turn it now by hand, in its positive direction");
             }
-            (News::Ready(_), Kind::Index) => {
+            (WiringMessage::Ready(_), PointKind::Index) => {
                 self.say(at, "turn the encoder past its index, by hand");
             }
-            (News::Ready(value), Kind::Analog) => {
+            (WiringMessage::Ready(value), PointKind::Analog) => {
                 self.say(at, &format!("change it now; it is {}", text(value)));
             }
-            (News::Held(value), _) => {
+            (WiringMessage::Held(value), _) => {
                 let value = text(value);
                 let what = format!("let it go first: it is {value}, and was not before");
                 self.say(at, &what);
             }
-            (News::NotValid, _) => {
+            (WiringMessage::NotValid, _) => {
                 self.say(
                     at,
                     &format!("NOT VALID, and waited for: {}", self.reason(at)),
                 );
             }
-            (News::Restless(it), _) if it == point => {
+            (WiringMessage::Restless(it), _) if it == point => {
                 self.say(at, "CHANGES BY ITSELF; waited for until it is quiet");
             }
-            (News::Restless(other), _) => {
+            (WiringMessage::Restless(other), _) => {
                 let other = name(other);
                 complain(format_args!(
                     "  {other} CHANGES BY ITSELF, and does not count"
                 ));
             }
-            (News::Changed(level), Kind::Digital) => {
+            (WiringMessage::Changed(level), PointKind::Digital) => {
                 complain(format_args!("  {}; let it go", text(level)));
             }
-            (News::Changed(_), Kind::Index) => complain("  the encoder moves"),
-            (News::Changed(_), _) => complain("  it moves; let it rest"),
-            (News::NoIndex(from, to), _) => complain(format_args!(
+            (WiringMessage::Changed(_), PointKind::Index) => complain("  the encoder moves"),
+            (WiringMessage::Changed(_), _) => complain("  it moves; let it rest"),
+            (WiringMessage::NoIndex(from, to), _) => complain(format_args!(
                 "  {}; turn it on, by more than a turn",
                 no_index((from, to))
             )),
-            (News::Instead(other), _) => {
+            (WiringMessage::Instead(other), _) => {
                 complain(format_args!(
                     "  {} changed instead: exchanged?",
                     name(other)
                 ));
             }
-            (News::Dithers, _) => complain(format_args!("  {DITHERS}")),
+            (WiringMessage::Dithers, _) => complain(format_args!("  {DITHERS}")),
         }
     }
 
-    fn judged(&mut self, at: usize, found: Judgement) {
+    fn judged(&mut self, at: usize, found: WiringJudgement) {
         let reason = match found.verdict {
-            Verdict::NotValid => Some(self.reason(at)),
-            Verdict::Unstable if self.is_index(at) => {
+            WiringVerdict::NotValid => Some(self.reason(at)),
+            WiringVerdict::Unstable if self.is_index(at) => {
                 Some("it came while the encoder stood: noise, or an open wire?".to_owned())
             }
-            Verdict::NoChange if self.is_index(at) => Some(match found.moved {
+            WiringVerdict::NoChange if self.is_index(at) => Some(match found.moved {
                 Some(path) => format!("{}: is it wired?", no_index(path)),
                 None => "the encoder was not turned".to_owned(),
             }),
-            Verdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
+            WiringVerdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
                 Some(DITHERS.to_owned())
             }
-            Verdict::Unstable => Some("it changes by itself".to_owned()),
-            Verdict::NoChange => self.stuck(at),
+            WiringVerdict::Unstable => Some("it changes by itself".to_owned()),
+            WiringVerdict::NoChange => self.stuck(at),
             _ => None,
         };
         self.mark(at, Mark::Judged(found.verdict), reason);
@@ -302,7 +304,7 @@ impl<'a> Session<'a> {
 
     /// Reason for a level that did not change.
     fn stuck(&self, at: usize) -> Option<String> {
-        let What::Input(point, Kind::Digital) = self.items.get(at)?.what else {
+        let What::Input(point, PointKind::Digital) = self.items.get(at)?.what else {
             return None;
         };
         let value = text(self.check.value(point)?);
@@ -311,7 +313,7 @@ impl<'a> Session<'a> {
 
     fn is_index(&self, at: usize) -> bool {
         let item = self.items.get(at);
-        item.is_some_and(|item| matches!(item.what, What::Input(_, Kind::Index)))
+        item.is_some_and(|item| matches!(item.what, What::Input(_, PointKind::Index)))
     }
 
     fn is_restless(&self, at: usize) -> bool {
@@ -366,7 +368,7 @@ impl<'a> Session<'a> {
                 Typed::Text(line) if is_yes(&line) => {}
                 Typed::Back => return Ok(Some(Next::Back)),
                 Typed::Skip | Typed::Text(_) => {
-                    self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                    self.mark(at, Mark::Judged(WiringVerdict::Skipped), None);
                     return Ok(Some(Next::Forward));
                 }
                 Typed::Nothing if !is_ready && self.is_timeout(away) => {
@@ -440,7 +442,7 @@ impl<'a> Session<'a> {
                 return Ok(self.answered(at, typed));
             }
             if self.is_timeout(since) {
-                self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                self.mark(at, Mark::Judged(WiringVerdict::Skipped), None);
                 self.tell_words(at);
                 return Ok(Next::Forward);
             }
@@ -450,10 +452,12 @@ impl<'a> Session<'a> {
     fn answered(&mut self, at: usize, typed: Typed) -> Next {
         let (verdict, said) = match typed {
             Typed::Back => return Next::Back,
-            Typed::Text(line) if is_yes(&line) => (Verdict::Ok, None),
-            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => (Verdict::NoChange, None),
-            Typed::Text(line) => (Verdict::OtherChanged, Some(line)),
-            Typed::Skip | Typed::Nothing => (Verdict::Skipped, None),
+            Typed::Text(line) if is_yes(&line) => (WiringVerdict::Ok, None),
+            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => {
+                (WiringVerdict::NoChange, None)
+            }
+            Typed::Text(line) => (WiringVerdict::OtherChanged, Some(line)),
+            Typed::Skip | Typed::Nothing => (WiringVerdict::Skipped, None),
         };
         self.mark(at, Mark::Judged(verdict), None);
         if let Some(item) = self.items.get_mut(at) {

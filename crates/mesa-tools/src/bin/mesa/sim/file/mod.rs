@@ -11,7 +11,7 @@ use std::net::Ipv4Addr;
 use std::path::Path;
 
 use clap::ValueEnum;
-use mesa_hal_sim::{Motor, MotorConfig, MotorError, Terminal};
+use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimTerminal};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -388,7 +388,7 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             channel: Some(channel),
             input: Some(input),
             pin: None,
-        } => Terminal::Remote {
+        } => SimTerminal::Remote {
             port: PORT,
             channel: channel.into(),
             input: input.into(),
@@ -397,14 +397,14 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             channel: None,
             input: Some(input),
             pin: None,
-        } => Terminal::Board {
+        } => SimTerminal::Board {
             input: input.into(),
         },
         WireTable {
             channel: None,
             input: None,
             pin: Some(pin),
-        } => Terminal::Pin { pin: pin.into() },
+        } => SimTerminal::Pin { pin: pin.into() },
         _ => {
             let allowed = "allowed are { channel = CH, input = N } for an input of a remote, \
                            { input = N } for one of the board, { pin = N } for an I/O pin";
