@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// While a screen has the terminal, what is complained about waits here, up to this many lines.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
-const MOST_HELD: usize = 1000;
+const MAX_HELD: usize = 1000;
 
 /// Whether something could not be printed that somebody still waits for.
 static IS_LOST: AtomicBool = AtomicBool::new(false);
@@ -83,7 +83,7 @@ pub fn is_lost() -> bool {
 pub fn complain(text: impl Display) {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     match &mut *held {
-        Some(lines) if lines.len() < MOST_HELD => lines.push(text.to_string()),
+        Some(lines) if lines.len() < MAX_HELD => lines.push(text.to_string()),
         Some(_) => {}
         None => {
             let _ = writeln!(io::stderr(), "{text}");

@@ -15,7 +15,7 @@ use crate::files;
 use crate::output::complain;
 
 /// More than any cabinet has.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 /// Saves what all remotes keep in non-volatile memory
 #[derive(Debug, Args)]
@@ -176,7 +176,7 @@ impl Restore {
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
         let path = &self.file;
-        let bytes = files::bounded(path, MOST_BYTES)?;
+        let bytes = files::bounded(path, MAX_BYTES)?;
         let text = str::from_utf8(&bytes)?;
         // As editors of other systems save it.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
