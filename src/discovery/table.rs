@@ -75,6 +75,7 @@ pub struct TableAddresses {
 /// The remote's description is used; the difference is for the user to check.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{element}: {what} {actual}, by the table {expected}")]
+#[non_exhaustive]
 pub struct TableDifference {
     /// The element.
     pub element: String,

@@ -33,6 +33,7 @@ impl Default for DiscoveryOptions<'_> {
 
 /// Results of discovery of a remote, with the problems encountered.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Discovery {
     /// Result of START. Sizes that are missing there for a 7I64 are taken from its table.
     pub started: StartedRemote,

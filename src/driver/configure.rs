@@ -3,12 +3,12 @@
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
 
-use super::beat::ArrivalClock;
+use super::arrival::ArrivalClock;
 use super::connection::Connection;
 use super::cycle::BoardCycle;
-use super::held::SafeBus;
 use super::pace::Pacer;
 use super::remotes::PortStage;
+use super::safe_bus::SafeBus;
 use super::{
     Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind, Settings, Trace,
 };

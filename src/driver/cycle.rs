@@ -5,7 +5,7 @@
 
 use core::time::Duration;
 
-use super::beat::ArrivalClock;
+use super::arrival::ArrivalClock;
 use super::connection::Connection;
 use super::rows::EventRows;
 use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, Rearmed, SerialPort};
@@ -208,7 +208,7 @@ impl BoardCycle {
 
     /// Lets every module take its inputs from the valid image read at `at`.
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
-        let reply = self.words.take_news();
+        let reply = self.words.take_replies();
         let certain = reply.certain;
         self.words.confirm(certain);
         self.look_closely = !certain || (self.look_closely && !closely);

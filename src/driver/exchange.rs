@@ -192,7 +192,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Detects if the board is the one that the driver was started with.
-    pub(super) fn who_answers(&mut self) -> Result<Responder, B::Error> {
+    pub(super) fn responder(&mut self) -> Result<Responder, B::Error> {
         // A read around a reset is no evidence of another firmware, so that is read twice.
         for _ in 0..2 {
             // An FPGA without its configuration could get it back in the middle of an exchange, and
@@ -214,7 +214,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let now = self.bus.now();
         // A reply that was requested before shows nothing of the board's present state.
         self.forget_started();
-        match self.who_answers()? {
+        match self.responder()? {
             Responder::Same => {}
             Responder::Nobody => return Ok(true),
             Responder::Other => return Ok(false),

@@ -38,8 +38,8 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod arrival;
 mod attach;
-mod beat;
 mod configure;
 mod connection;
 mod cycle;
@@ -58,7 +58,6 @@ pub mod homing {}
 #[cfg(feature = "std")]
 #[doc = include_str!("../../docs/several_boards.md")]
 pub mod several_boards {}
-mod held;
 #[cfg(feature = "log")]
 mod messages;
 mod pace;
@@ -68,6 +67,7 @@ mod remark;
 mod remotes;
 mod report;
 mod rows;
+mod safe_bus;
 mod setup_line;
 mod stop;
 mod trace;
@@ -102,8 +102,8 @@ use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
 use crate::modules::watchdog::Watchdog;
 use cycle::BoardCycle;
-use held::SafeBus;
 use pace::Pacer;
+use safe_bus::SafeBus;
 
 /// A board with all its parts, in the cycle.
 ///

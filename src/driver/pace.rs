@@ -21,7 +21,7 @@ pub(super) struct Pacer {
 
 /// Number of failures after which reads are not held back any more: held requests would queue up in
 /// the board, with the writes between them, and outputs would be late by that many periods.
-const BEHIND: u32 = 2;
+const MAX_FAILURES: u32 = 2;
 
 /// Outcome of a read.
 #[derive(Clone, Copy, Debug)]
@@ -104,7 +104,7 @@ impl Pacer {
     }
 
     fn is_behind(&self) -> bool {
-        self.pace == Pace::Board && self.failures >= BEHIND
+        self.pace == Pace::Board && self.failures >= MAX_FAILURES
     }
 
     /// Writes, and requests the next inputs with the write if the board paces. `quiet`: without

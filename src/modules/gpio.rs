@@ -14,6 +14,7 @@ pub use crate::hostmot2::GpioConfig;
 ///
 /// A pin that a module uses cannot be set, and has a level only if the module reads it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct GpioPins {
     /// The level, and its opposite; absent for a pin that a module drives.
     pub input: Option<DigitalIn>,

@@ -9,6 +9,7 @@ use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
 
 /// A module of a firmware, or a part of one, that is not driven. Its pins are plain I/O.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Undriven {
     /// The kind of the module.
     pub gtag: Gtag,

@@ -88,7 +88,7 @@ pub struct RateVerdict {
 }
 
 /// A rate is almost kept if at most one cycle of this number is late.
-const ALMOST: u64 = 10_000;
+const CYCLES_PER_LATE: u64 = 10_000;
 
 impl Latency {
     /// An empty measurement. The only function that allocates.
@@ -201,7 +201,7 @@ impl Latency {
         let judgement = match late.saturating_add(self.failed) {
             _ if cycles == 0 => RateJudgement::No,
             0 => RateJudgement::Yes,
-            bad if bad.saturating_mul(ALMOST) <= cycles => RateJudgement::Almost,
+            bad if bad.saturating_mul(CYCLES_PER_LATE) <= cycles => RateJudgement::Almost,
             _ => RateJudgement::No,
         };
         let usually = self.used.quantile(0.5).unwrap_or_default();

@@ -127,6 +127,7 @@ pub struct Runner<B: RegisterBus + Clock> {
 
 /// One cycle, after its read, for the application's own work.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Cycle<'a, B: RegisterBus + Clock> {
     /// Number of cycles before this one.
     pub number: u64,

@@ -21,8 +21,8 @@ use crate::sslbp::RemoteName;
 use crate::tally::Tally;
 
 /// Published values are valid for this time; for 3 periods, if these are longer.
-const FRESH: Duration = Duration::from_millis(100);
-const FRESH_PERIODS: u32 = 3;
+const MAX_AGE: Duration = Duration::from_millis(100);
+const MAX_AGE_PERIODS: u32 = 3;
 
 /// Number of tries of a reader to get a consistent set.
 const TRIES: u32 = 100;
@@ -168,7 +168,7 @@ impl SnapshotWriter {
                 words,
                 published: AtomicU64::new(0),
                 clock: HostClock::new(),
-                fresh: FRESH.max(driver.period().saturating_mul(FRESH_PERIODS)),
+                fresh: MAX_AGE.max(driver.period().saturating_mul(MAX_AGE_PERIODS)),
                 has_ended: AtomicBool::new(false),
                 layout,
             }),

@@ -72,6 +72,7 @@ pub enum PortOperation {
 
 /// Durations of an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct OperationTimes {
     /// Until COMMAND is 0, without errors.
     pub usual: Duration,

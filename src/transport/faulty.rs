@@ -167,11 +167,9 @@ impl<B: RegisterBus> Faulty<B> {
         let lost = core::mem::take(&mut self.unnoticed);
         self.counted.lost_writes.tally(lost.into());
         self.counted.doubts.tally((lost > 0).into());
-        Reply {
-            certain: reply.certain && lost == 0,
-            lost_writes: reply.lost_writes.saturating_add(lost),
-            ..reply
-        }
+        reply
+            .with_certain(reply.certain && lost == 0)
+            .with_lost_writes(reply.lost_writes.saturating_add(lost))
     }
 }
 
@@ -209,7 +207,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         let drawn = core::mem::take(&mut self.started);
         let accesses = list.as_ref();
-        let reply = self.execute(drawn, accesses, words, Reply::UNHEARD, |bus, words| {
+        let reply = self.execute(drawn, accesses, words, Reply::UNKNOWN, |bus, words| {
             bus.finish(list, words)
         })?;
         Ok(if reads(accesses) {

@@ -33,6 +33,7 @@ pub struct Recording<B> {
 
 /// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct RecordedEntry {
     /// Time at which the exchange ended.
     pub at: Instant,

@@ -11,7 +11,7 @@ use super::udp::poll_for;
 use crate::ethernet::Identity;
 
 /// Number of addresses that are asked at the same time.
-pub const AT_ONCE: usize = 128;
+pub const MAX_PARALLEL: usize = 128;
 
 /// Requests to each address: the first packet may be lost while the MAC address behind it is
 /// resolved.
@@ -48,10 +48,10 @@ pub enum Silence {
     Unreachable(ErrorKind),
 }
 
-/// Asks each address whether a board is there, twice within `patience`, [`AT_ONCE`] of them at a
-/// time, in their order. Writes nothing to the boards.
+/// Asks each address whether a board is there, twice within `patience`, [`MAX_PARALLEL`] of them at
+/// a time, in their order. Writes nothing to the boards.
 ///
-/// Takes `patience` for each [`AT_ONCE`] addresses, or less where all have answered.
+/// Takes `patience` for each [`MAX_PARALLEL`] addresses, or less where all have answered.
 ///
 /// # Errors
 /// The operating system provides no sockets.
@@ -59,7 +59,7 @@ pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Add
     let question = Identity::question();
     let patience = patience.checked_div(TRIES).unwrap_or_default();
     let mut all = Vec::with_capacity(addresses.len());
-    for batch in addresses.chunks(AT_ONCE) {
+    for batch in addresses.chunks(MAX_PARALLEL) {
         let mut asking = batch
             .iter()
             .map(|&address| AddressRequest::new(address))

@@ -72,7 +72,7 @@ impl PortImage for Registers {
         self.cs[channel]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         let [first, second, third, ..] = self.interface[channel];
         [first, second, third]
     }

@@ -55,7 +55,7 @@ impl PortImage for Registers {
         self.0[2 + 4 * usize::from(channel.index())]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.interface(channel)
     }
 }
@@ -117,7 +117,7 @@ fn write_before_read_gives_the_inputs_of_the_doit_before() {
     let start = PortOperation::Start(StartMode::Normal, ZERO.mask());
     cycle.write(start, &[(Register::Cs(0), software_mode_word(1))]);
     assert_eq!(cycle.complete().0.good, ZERO.mask());
-    let [unit_number, ..] = cycle.machine.link(ZERO).told;
+    let [unit_number, ..] = cycle.machine.link(ZERO).start_registers;
     assert_eq!(unit_number, 0x77AA);
     for word in [0xFFFF_1234, 0x100] {
         let doit = PortOperation::Transfer(ZERO.mask());

@@ -61,6 +61,7 @@ impl Lists {
 
 /// The lists of a usual cycle.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct CycleLists<'a> {
     /// The read, at the host's pace.
     pub read: &'a AccessList,
@@ -168,7 +169,7 @@ impl Exchanges {
         started: ReadRequest,
     ) -> Result<(), B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -218,7 +219,7 @@ impl Exchanges {
         words: &mut Words,
     ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -229,7 +230,7 @@ impl Exchanges {
         words: &mut Words,
     ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -238,7 +239,7 @@ impl Exchanges {
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 

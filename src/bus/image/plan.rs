@@ -52,6 +52,7 @@ pub struct Setting(pub(super) u16);
 /// Reason why an image cannot be planned: an impossible register, or one that two modules claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("register {address:#06X} {what}")]
+#[non_exhaustive]
 pub struct ImageError {
     /// The register.
     pub address: u16,
@@ -203,8 +204,8 @@ impl ImagePlan {
     }
 
     /// Detects whether the board, which has been set up, reads back the settings that
-    /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::stands) in every
-    /// read with extra registers.
+    /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::evidence_matches)
+    /// in every read with extra registers.
     ///
     /// # Errors
     /// Errors of the bus.

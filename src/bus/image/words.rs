@@ -27,8 +27,8 @@ pub struct Words {
     has_guarded_news: bool,
     /// Some settings were sent and are not confirmed yet.
     has_sent: bool,
-    /// State of all replies since [`take_news`](Self::take_news).
-    news: Reply,
+    /// State of all replies since [`take_replies`](Self::take_replies).
+    replies: Reply,
 }
 
 /// Number of reads after which no older write is still in flight.
@@ -105,18 +105,18 @@ impl Words {
             has_news: false,
             has_guarded_news: false,
             has_sent: false,
-            news: Reply::CERTAIN,
+            replies: Reply::CERTAIN,
         }
     }
 
     /// Records the state of a reply that has brought words.
-    pub(crate) fn heard(&mut self, reply: Reply) {
-        self.news = self.news.and(reply);
+    pub(crate) fn add_reply(&mut self, reply: Reply) {
+        self.replies = self.replies.and(reply);
     }
 
     /// Combined state of all replies since the last call.
-    pub(crate) fn take_news(&mut self) -> Reply {
-        core::mem::replace(&mut self.news, Reply::CERTAIN)
+    pub(crate) fn take_replies(&mut self) -> Reply {
+        core::mem::replace(&mut self.replies, Reply::CERTAIN)
     }
 
     /// The word that was read last.
@@ -197,7 +197,7 @@ impl Words {
     }
 
     /// True if all evidence registers read as expected.
-    pub(crate) fn stands(&self) -> bool {
+    pub(crate) fn evidence_matches(&self) -> bool {
         self.settings.iter().all(|state| {
             let shows = |slot| self.word(slot) & state.expected == state.expected;
             state.shown.is_none_or(shows)

@@ -56,7 +56,7 @@ impl Bench {
         let now = self.now();
         let cycle = self.cycle();
         let closely = cycle.begin_read();
-        cycle.words.heard(reply);
+        cycle.words.add_reply(reply);
         cycle.read(now, now, closely)
     }
 
@@ -102,11 +102,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
         assert!(usual(&bench.write()), "{n}");
     }
     // After an uncertain write, the next read includes the extra registers.
-    let lost = Reply {
-        certain: false,
-        lost_writes: 1,
-        ..Reply::CERTAIN
-    };
+    let lost = Reply::UNKNOWN.with_lost_writes(1);
     assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
     let extra = Order::Cycle {
         extra: true,

@@ -75,6 +75,7 @@ enum TraceState {
 
 /// Reason why a trace was frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TraceCause {
     /// A request of the application.
     Asked,

@@ -8,6 +8,7 @@ use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
 /// Sectors in which a chip differs from a backup, and which are written together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct FlashDifference {
     /// The area; `None` for sectors that no configuration uses.
     pub area: Option<Area>,

@@ -8,6 +8,7 @@ use crate::hostmot2::TickRate;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderPins {
     /// Count, position, index and reset.
     pub counter: Counter,
@@ -208,6 +209,7 @@ impl EncoderPins {
 
 /// The pins that all encoders share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderBankPins {
     /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
     /// the sample rate of each encoder. A rate that the clock cannot be divided to becomes the next

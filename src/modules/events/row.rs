@@ -8,7 +8,7 @@ use crate::bus::Instant;
 /// A row ends when nothing has been added for this time. A network that loses a packet in a
 /// thousand gives one row, and not the log of a whole night; the end of a fault is still reported
 /// soon.
-const QUIET: Duration = Duration::from_secs(10);
+const QUIET_TIME: Duration = Duration::from_secs(10);
 
 /// A row, open or closed.
 ///
@@ -19,7 +19,7 @@ pub(crate) struct EventRow {
     /// Number of events so far; 0 if the row is closed.
     count: u32,
     /// Number of those that were reported one by one.
-    told: u32,
+    reported: u32,
     /// The reasons that were reported, by their bits.
     reasons: u32,
     first: Instant,
@@ -38,7 +38,7 @@ impl EventRow {
         let reason = 1 << (kind.reason() % u32::BITS);
         if self.reasons & reason == 0 {
             self.reasons |= reason;
-            self.told = self.told.saturating_add(count);
+            self.reported = self.reported.saturating_add(count);
             sink.tell(now, kind);
         } else {
             sink.pass_over(now, kind);
@@ -52,7 +52,7 @@ impl EventRow {
     /// Ends the row if nothing was added for long enough.
     #[inline]
     pub fn look(&mut self, sink: &EventSink, now: Instant, what: Repeating) {
-        if self.is_open() && now.since(self.last) >= QUIET {
+        if self.is_open() && now.since(self.last) >= QUIET_TIME {
             self.end(sink, now, what);
         }
     }
@@ -61,7 +61,7 @@ impl EventRow {
     #[cold]
     pub fn end(&mut self, sink: &EventSink, now: Instant, what: Repeating) {
         let row = core::mem::take(self);
-        if row.count > row.told {
+        if row.count > row.reported {
             let millis = row.last.since(row.first).as_millis();
             let lasted = Duration::from_millis(u32::try_from(millis).unwrap_or(u32::MAX).into());
             let count = row.count;
@@ -89,7 +89,7 @@ mod tests {
         Instant::from_nanos(millis * 1_000_000)
     }
 
-    fn told(sink: &EventSink) -> Vec<EventKind> {
+    fn reported(sink: &EventSink) -> Vec<EventKind> {
         sink.events().map(|event| event.kind).collect()
     }
 
@@ -101,24 +101,24 @@ mod tests {
             row.add(&sink, at(millis), 1, failed(why));
             row.look(&sink, at(millis), Repeating::FailedReads);
         }
-        assert_eq!(told(&sink), [failed(Lost), failed(Late)]);
+        assert_eq!(reported(&sink), [failed(Lost), failed(Late)]);
         row.look(&sink, at(14_998), Repeating::FailedReads);
-        assert_eq!(told(&sink), []);
+        assert_eq!(reported(&sink), []);
         row.look(&sink, at(14_999), Repeating::FailedReads);
         let kind = EventKind::Repeated {
             what: Repeating::FailedReads,
             count: 5000,
             lasted: Duration::from_millis(4999),
         };
-        assert_eq!(told(&sink), [kind]);
+        assert_eq!(reported(&sink), [kind]);
         assert_eq!(
             alloc::string::ToString::to_string(&kind),
             "in all 5000 reads failed within 4.999 s"
         );
         row.look(&sink, at(99_999), Repeating::FailedReads);
-        assert_eq!(told(&sink), []);
+        assert_eq!(reported(&sink), []);
         row.add(&sink, at(100_000), 1, failed(Late));
-        assert_eq!(told(&sink), [failed(Late)], "another row");
+        assert_eq!(reported(&sink), [failed(Late)], "another row");
     }
 
     #[test]
@@ -127,10 +127,10 @@ mod tests {
         let lost = EventKind::LostWrites { count: 3 };
         row.add(&sink, at(1), 3, lost);
         row.end(&sink, at(2), Repeating::LostWrites);
-        assert_eq!(told(&sink), [lost]);
+        assert_eq!(reported(&sink), [lost]);
         assert!(!row.is_open());
         row.end(&sink, at(3), Repeating::LostWrites);
-        assert_eq!(told(&sink), []);
+        assert_eq!(reported(&sink), []);
     }
 
     #[test]

@@ -72,9 +72,9 @@ impl SerialPort {
                 debug_assert!(false, "port {} has no channel {channel}", layout.instance);
                 continue;
             };
-            let [cs, told @ ..] = &mut slots.channels[channel];
+            let [cs, interfaces @ ..] = &mut slots.channels[channel];
             *cs = r.image.read(Phase::Data, registers.cs);
-            for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
+            for (slot, address) in interfaces.iter_mut().zip(registers.interfaces()) {
                 *slot = r.image.read_extra(Phase::Data, address);
             }
             let remote = RemoteSlot::register(r, remote, registers)?;
@@ -83,7 +83,7 @@ impl SerialPort {
                 port.machine.set_sizes(&started);
                 health = health.absent(now, &policy);
             }
-            health.told = Some((r.events.clone(), layout.instance));
+            health.event_sink = Some((r.events.clone(), layout.instance));
             healths.push(health);
             served.push(remote);
         }
@@ -192,9 +192,9 @@ impl SerialPort {
                 continue;
             }
             // Another fault may be the reason for going offline; the bite is reported beside it.
-            let is_told = health.faults.contains(RemoteFaults::WATCHDOG);
+            let is_reported = health.faults.contains(RemoteFaults::WATCHDOG);
             let is_cause = health.cause == Some(OfflineReason::Watchdog);
-            let has_bitten = (is_cause || is_told) && !health.is_running();
+            let has_bitten = (is_cause || is_reported) && !health.is_running();
             let own = health.watchdog.silence();
             if !has_bitten {
                 health.watchdog = RemoteWatchdog::Off;
@@ -319,7 +319,7 @@ impl Module for SerialPort {
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
         cycle.words.put(self.doit, command);
         if self.recovery.needs_start_data() {
-            cycle.ask_extra();
+            cycle.request_extra();
         }
     }
 
@@ -413,8 +413,8 @@ impl PortImage for (&Words, &Slots) {
         self.0.word(cs)
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
-        let [_, told @ ..] = self.1.channels[channel];
-        told.map(|slot| self.0.word(slot))
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
+        let [_, interfaces @ ..] = self.1.channels[channel];
+        interfaces.map(|slot| self.0.word(slot))
     }
 }

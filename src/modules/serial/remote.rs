@@ -22,6 +22,7 @@ pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// A remote that takes part: as found, or, while absent, as described by its table.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct FoundRemote {
     /// The identity that START reported. For an absent remote, the expected identity: 0 for an
     /// unknown unit number or unknown tables, and the class of the unit number in the top byte.

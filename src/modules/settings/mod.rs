@@ -26,7 +26,8 @@ use crate::sslbp::MAX_CHANNELS;
 /// included.
 ///
 /// All fields have defaults that fit a board on the bench: all ports with all their channels in
-/// mode 0, all encoders, 1 ms.
+/// mode 0, all encoders, 1 ms. A later version may add fields; with `..Settings::default()` at its
+/// end a program compiles nevertheless.
 ///
 /// ```
 /// use mesa_hal::{Pace, Settings};
@@ -395,6 +396,7 @@ pub enum Presence {
 /// Error of parsing a text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what} '{found}': expected {expected}")]
+#[non_exhaustive]
 pub struct ParseError {
     /// The expected kind of value.
     pub what: &'static str,

@@ -53,6 +53,7 @@ pub struct Watchdog {
 
 /// The watchdog's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct WatchdogPins {
     /// The watchdog has bitten; set to false to continue.
     pub has_bit: InOut<bool>,
@@ -131,7 +132,7 @@ impl Watchdog {
     pub(crate) fn is_set_up(&mut self, words: &Words) -> bool {
         let time = words.word(self.time_left);
         let is_held = is_counting(time) && time > self.longest;
-        let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.stands();
+        let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.evidence_matches();
         if is_set_up {
             self.stage = WatchdogStage::Held;
             self.fed = None;
@@ -162,7 +163,7 @@ impl Watchdog {
             WatchdogStage::Held => is_counting(time),
             WatchdogStage::Running => in_cycle,
         };
-        if !is_expected || closely && !words.stands() {
+        if !is_expected || closely && !words.evidence_matches() {
             return Some(BoardState::Reset);
         }
         if in_cycle {
@@ -225,7 +226,7 @@ impl Module for Watchdog {
         self.longest = self.longest.max(time);
         cycle.words.set(self.time, time);
         cycle.words.repeat(self.time);
-        cycle.ask_extra();
+        cycle.request_extra();
     }
 
     fn written(&mut self, now: Instant, _: bool) {

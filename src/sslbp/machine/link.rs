@@ -5,6 +5,7 @@ use crate::sslbp::{CsStatus, LocalFaults, ProcessDataSizes, RemoteFaults, StartM
 
 /// Result of a channel's last transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TransferResult {
     /// Its data is new and sound.
     Good,
@@ -20,7 +21,7 @@ pub struct ChannelLink {
     /// Sizes of its remote's process data.
     pub sizes: ProcessDataSizes,
     /// Interface registers 0 to 2 after the last START: unit number, name, tables.
-    pub told: [u32; 3],
+    pub start_registers: [u32; 3],
     /// Result of the last transfer.
     pub verdict: TransferResult,
     /// CS after the last transfer or START.
@@ -51,7 +52,7 @@ impl ChannelLink {
         Self {
             sizes: ProcessDataSizes::default(),
             has_fault_byte: true,
-            told: [0; 3],
+            start_registers: [0; 3],
             verdict: TransferResult::Failed(Failure::NotRunning),
             cs: CsStatus(0),
             known_faults: LocalFaults::empty(),
@@ -65,9 +66,9 @@ impl ChannelLink {
     }
 
     /// Takes the state after a completed START.
-    pub(super) fn started(&mut self, cs: CsStatus, told: [u32; 3]) {
+    pub(super) fn started(&mut self, cs: CsStatus, start_registers: [u32; 3]) {
         self.cs = cs;
-        self.told = told;
+        self.start_registers = start_registers;
         self.known_faults = cs.local_faults();
         self.run_faults = LocalFaults::empty();
         self.verdict = TransferResult::Failed(Failure::NotRunning);

@@ -25,6 +25,7 @@ use core::{array, fmt};
 
 /// Common state of the running channels of a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum PortState {
     /// Not known: possibly left by another program.
     #[default]
@@ -56,11 +57,12 @@ pub trait PortImage {
     /// CS of a channel.
     fn cs(&self, channel: Channel) -> u32;
     /// Interface registers 0 to 2 of a channel; requested only when a START is complete.
-    fn told(&self, channel: Channel) -> [u32; 3];
+    fn interfaces(&self, channel: Channel) -> [u32; 3];
 }
 
 /// State of the operation in flight, as shown by a read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PortEvent {
     /// No operation is in flight, and the port is idle.
     Idle,
@@ -74,6 +76,7 @@ pub enum PortEvent {
 
 /// A completed operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct CompletedOperation {
     /// The operation.
     pub operation: PortOperation,
@@ -322,7 +325,8 @@ impl PortMachine {
                 complete.good = with_cs(asked, seen, |cs| cs.has_started(mode));
                 complete.bad = asked.difference(complete.good);
                 for channel in asked.iter() {
-                    self.links[channel].started(CsStatus(seen.cs(channel)), seen.told(channel));
+                    self.links[channel]
+                        .started(CsStatus(seen.cs(channel)), seen.interfaces(channel));
                 }
                 if !complete.good.is_empty() {
                     self.state = PortState::Started(mode);

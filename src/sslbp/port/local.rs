@@ -25,7 +25,7 @@ const READS: u8 = 10;
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
-const NOT_KNOWN: &str = "this firmware is not known";
+const UNKNOWN_FIRMWARE: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
     "the pin descriptors have other channels than the port, use another firmware image";
@@ -142,8 +142,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Err(self.unexpected(what.into(), found, expected, hint))
         };
         require((kind, 0x12), "the interface type", OTHER_PROTOCOL)?;
-        require((width, 8), "the width of DATA", NOT_KNOWN)?;
-        require((processor, 0xD8), "the interface processor", NOT_KNOWN)?;
+        require((width, 8), "the width of DATA", UNKNOWN_FIRMWARE)?;
+        require(
+            (processor, 0xD8),
+            "the interface processor",
+            UNKNOWN_FIRMWARE,
+        )?;
         if !is_known {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
@@ -154,7 +158,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
-            return Err(self.unexpected(what, found, expected, NOT_KNOWN));
+            return Err(self.unexpected(what, found, expected, UNKNOWN_FIRMWARE));
         }
         let all = self.port.layout.channels;
         require((channels, all), "the number of channels", INCONSISTENT)?;

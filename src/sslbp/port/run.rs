@@ -20,7 +20,7 @@ const FIRST_POLL: Duration = Duration::from_micros(2);
 const LONGEST_POLL: Duration = Duration::from_micros(250);
 
 /// Ends a wait even on a bus whose clock does not advance.
-const MOST_POLLS: u32 = 20_000;
+const MAX_POLLS: u32 = 20_000;
 
 /// CS and interface registers 0 to 2 of a channel.
 const PER_CHANNEL: usize = 1 + 3;
@@ -93,7 +93,7 @@ impl PortImage for PortSnapshot {
         self.word(Self::place(channel))
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.interface(channel)
     }
 }
@@ -156,7 +156,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     ) -> PortResult<T, B> {
         let begin = self.bus.now();
         let mut pause = FIRST_POLL;
-        for _ in 0..MOST_POLLS {
+        for _ in 0..MAX_POLLS {
             self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
             let now = self.bus.now();
             let event = self.port.machine.observe(now, snapshot, true);

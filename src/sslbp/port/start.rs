@@ -42,9 +42,9 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         let mut unusable = ChannelMask::NONE;
         for &start in channels {
             let (channel, _) = start;
-            let (told, cs) = (snapshot.interface(channel), snapshot.status(channel));
+            let (interfaces, cs) = (snapshot.interface(channel), snapshot.status(channel));
             let [rx, tx] = self.read_variable(channel, ChannelVariable::RxSize)?;
-            let remote = StartedRemote::new(start, told, ProcessDataSizes { rx, tx }, cs);
+            let remote = StartedRemote::new(start, interfaces, ProcessDataSizes { rx, tx }, cs);
             let too_large = mode == StartMode::Normal && !remote.sizes.fit(limit);
             outcomes.push(if complete.good.contains(channel) && !too_large {
                 self.port.machine.set_sizes(&remote);

@@ -206,8 +206,8 @@ impl UdpList {
         let mut board = BoardIdentity::default();
         let (mac, card) = reply.split_at_checked(board.mac.len()).unwrap_or_default();
         // The low byte of the low word comes first.
-        for (byte, told) in board.mac.iter_mut().rev().zip(mac) {
-            *byte = *told;
+        for (byte, received) in board.mac.iter_mut().rev().zip(mac) {
+            *byte = *received;
         }
         put(&mut board.card, 0, card.get(..16).unwrap_or_default());
         board

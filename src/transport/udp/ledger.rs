@@ -82,7 +82,7 @@ enum WriteState {
 
 #[derive(Clone, Copy, Debug)]
 struct WriteEntry {
-    fate: WriteState,
+    state: WriteState,
     kind: WriteEvidence,
     slot: usize,
 }
@@ -132,7 +132,7 @@ impl Ledger {
     /// A ledger without writes; the first one has the number after `newest`.
     pub(super) fn starting_after(newest: u32) -> Self {
         let unknown = WriteEntry {
-            fate: WriteState::Unknown,
+            state: WriteState::Unknown,
             kind: WriteEvidence::Alone,
             slot: 0,
         };
@@ -165,13 +165,13 @@ impl Ledger {
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
             // The slot of this write is reused for the new one.
-            let is_open = self.fate(self.newest) == WriteState::Underway;
+            let is_open = self.state(self.newest) == WriteState::Underway;
             self.forgotten.tally(is_open.into());
         }
         let slot = self.choose_slot();
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
-            let fate = WriteState::Underway;
-            *place = WriteEntry { fate, kind, slot };
+            let state = WriteState::Underway;
+            *place = WriteEntry { state, kind, slot };
         }
         (self.newest, slot)
     }
@@ -179,7 +179,7 @@ impl Ledger {
     /// Picks the register to reuse: one whose write is settled or missing for more than [`KEPT`]
     /// writes first, then one whose write is missing, then one in flight; of those the oldest.
     fn choose_slot(&mut self) -> usize {
-        let need = |owner: u32| match self.fate(owner) {
+        let need = |owner: u32| match self.state(owner) {
             WriteState::Underway => 2,
             WriteState::Missing if self.age(owner) <= KEPT => 1,
             _ => 0,
@@ -219,39 +219,39 @@ impl Ledger {
 
     /// True if the newest write was executed, according to the last account.
     pub(super) fn is_executed(&self) -> bool {
-        self.fate(self.newest) == WriteState::Executed
+        self.state(self.newest) == WriteState::Executed
     }
 
-    /// Evaluates the account in the reply to a request; `asked` is the value that [`open_request`]
-    /// returned for it.
+    /// Evaluates the account in the reply to a request; `request` is the value that
+    /// [`open_request`] returned for it.
     ///
     /// [`open_request`]: Self::open_request
-    pub(super) fn hear(&mut self, account: Account, asked: LedgerState) -> WriteReport {
-        let mut news = WriteReport::default();
-        let (asked, newest_last) = (asked.newest, asked.last);
+    pub(super) fn evaluate(&mut self, account: Account, request: LedgerState) -> WriteReport {
+        let mut report = WriteReport::default();
+        let (request, newest_last) = (request.newest, request.last);
         // The order in which several writes were executed is not known.
-        let is_sequence = asked.wrapping_sub(self.settled) > 1;
-        let last_register = account.last_write.unwrap_or(asked as u16);
+        let is_sequence = request.wrapping_sub(self.settled) > 1;
+        let last_register = account.last_write.unwrap_or(request as u16);
         // A cycle does not set this register: a number that maps to one is left from an old write.
         let says_last = |last: &u32| account.last_write.is_none() || self.leaves_last(*last);
         let last = self.number(last_register).filter(says_last);
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
-        let was_underway = last.is_some_and(|last| self.fate(last) == WriteState::Underway);
+        let was_underway = last.is_some_and(|last| self.state(last) == WriteState::Underway);
         let mut fresh = 0_u16;
         for number in slots.into_iter().flatten().chain(last) {
-            fresh.tally(self.executed(number, &mut news));
+            fresh.tally(self.executed(number, &mut report));
         }
         // A newer write was executed, and this one after it.
         let is_own = account.last_write.is_none();
         let is_behind = last.is_some() && last != self.newest_executed(is_own);
         // The newest write was executed, and none after it.
-        let expected = if is_own { asked } else { newest_last };
-        let is_newest = self.fate(asked) == WriteState::Executed
+        let expected = if is_own { request } else { newest_last };
+        let is_newest = self.state(request) == WriteState::Executed
             && last_register == expected as u16
             && !is_behind;
-        news.late.tally((is_behind && was_underway).into());
+        report.late.tally((is_behind && was_underway).into());
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
             .received
@@ -263,19 +263,19 @@ impl Ledger {
                     // A reset, or another host's number: the counts are meaningless.
                     self.unaccounted = None;
                 }
-                self.settle(asked, &slots, details, account.received, &mut news);
+                self.settle(request, &slots, details, account.received, &mut report);
             }
-            None if is_explained => self.nothing_else_came(asked, &mut news),
+            None if is_explained => self.nothing_else_came(request, &mut report),
             None => {
                 // The other packets are not known yet. But if an older write had followed the
                 // newest one, at least three packets would have arrived.
                 if !is_newest && arrived.is_some_and(|arrived| arrived < 3) {
-                    self.nothing_else_came(asked, &mut news);
+                    self.nothing_else_came(request, &mut report);
                 }
                 self.is_open = true;
             }
         }
-        if let (false, Some(last), WriteState::Missing) = (is_own, last, self.fate(newest_last)) {
+        if let (false, Some(last), WriteState::Missing) = (is_own, last, self.state(newest_last)) {
             // The newest write did not become the last one; if it arrives late, the register shows
             // it.
             if self.newest_last == newest_last {
@@ -285,49 +285,54 @@ impl Ledger {
         self.received = Some(account.received);
         self.requests = 0;
         // A lost write may still arrive, and the details show that best.
-        self.is_open |= news.lost > 0;
-        let said = [news.lost, news.late, news.repeated, news.unconfirmed];
+        self.is_open |= report.lost > 0;
+        let said = [
+            report.lost,
+            report.late,
+            report.repeated,
+            report.unconfirmed,
+        ];
         // Dropped as soon as it is past: half of the number range later, it would count as newer
         // again.
-        let is_past = |overtaken: &u32| asked.wrapping_sub(*overtaken) as i32 > 0;
+        let is_past = |overtaken: &u32| request.wrapping_sub(*overtaken) as i32 > 0;
         self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
         let is_certain = is_explained && is_newest && !is_sequence && self.overtaken.is_none();
-        news.doubt = !is_certain || said.into_iter().any(|count| count > 0);
-        if self.has_cycles && news.doubt {
+        report.doubt = !is_certain || said.into_iter().any(|count| count > 0);
+        if self.has_cycles && report.doubt {
             self.overtaken = Some(self.newest);
         }
-        news
+        report
     }
 
     /// Marks the write of a number that the board reports as executed. Returns the number of
     /// packets, other than requests, that this explains.
-    fn executed(&mut self, number: u32, news: &mut WriteReport) -> u16 {
+    fn executed(&mut self, number: u32, report: &mut WriteReport) -> u16 {
         let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
             return 0;
         };
-        match write.fate {
+        match write.state {
             WriteState::Underway => {}
             WriteState::Missing => {
-                news.found.tally(1);
-                news.late.tally(1);
+                report.found.tally(1);
+                report.late.tally(1);
             }
             WriteState::Unknown | WriteState::Executed => return 0,
         }
-        write.fate = WriteState::Executed;
+        write.state = WriteState::Executed;
         u16::from(write.kind == WriteEvidence::Alone)
     }
 
     /// Only known writes arrived: the rest is lost.
-    fn nothing_else_came(&mut self, asked: u32, news: &mut WriteReport) {
-        while let Some(number) = self.next_to_settle(asked) {
-            news.lost.tally(self.give_up(number, WriteState::Missing));
+    fn nothing_else_came(&mut self, request: u32, report: &mut WriteReport) {
+        while let Some(number) = self.next_to_settle(request) {
+            report.lost.tally(self.give_up(number, WriteState::Missing));
         }
     }
 
-    /// Steps through the writes up to `asked` that are not settled.
-    fn next_to_settle(&mut self, asked: u32) -> Option<u32> {
+    /// Steps through the writes up to `request` that are not settled.
+    fn next_to_settle(&mut self, request: u32) -> Option<u32> {
         // The write may have been settled since the request was sent.
-        if asked.wrapping_sub(self.settled) as i32 <= 0 {
+        if request.wrapping_sub(self.settled) as i32 <= 0 {
             return None;
         }
         self.settled = self.settled.wrapping_add(1);
@@ -337,22 +342,23 @@ impl Ledger {
     /// Settles all writes by the details.
     fn settle(
         &mut self,
-        asked: u32,
+        request: u32,
         slots: &[Option<u32>; SLOTS],
         details: Details,
         received: u16,
-        news: &mut WriteReport,
+        report: &mut WriteReport,
     ) {
-        news.unconfirmed = core::mem::take(&mut self.forgotten);
-        while let Some(number) = self.next_to_settle(asked) {
+        report.unconfirmed = core::mem::take(&mut self.forgotten);
+        while let Some(number) = self.next_to_settle(request) {
             let slot = self.write(number).map_or(0, |write| write.slot);
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten {
-                news.unconfirmed
+                report
+                    .unconfirmed
                     .tally(self.give_up(number, WriteState::Unknown));
             } else {
-                news.lost.tally(self.give_up(number, WriteState::Missing));
+                report.lost.tally(self.give_up(number, WriteState::Missing));
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -361,8 +367,8 @@ impl Ledger {
             .unaccounted
             .map(|before| before.wrapping_add(executions));
         let surplus = expected.map(|expected| unanswered.wrapping_sub(expected));
-        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| news.unconfirmed == 0) {
-            news.repeated.tally(surplus.into());
+        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| report.unconfirmed == 0) {
+            report.repeated.tally(surplus.into());
         }
         // Counts that a reset of the board restarted, or that an unconfirmed write makes
         // unreliable, start again from here.
@@ -371,12 +377,12 @@ impl Ledger {
     }
 
     /// Changes the fate of a write that is still in flight; returns 1 if it was.
-    fn give_up(&mut self, number: u32, fate: WriteState) -> u32 {
-        if self.fate(number) != WriteState::Underway {
+    fn give_up(&mut self, number: u32, state: WriteState) -> u32 {
+        if self.state(number) != WriteState::Underway {
             return 0;
         }
         if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
-            write.fate = fate;
+            write.state = state;
         }
         1
     }
@@ -385,7 +391,7 @@ impl Ledger {
     fn number(&self, word: u16) -> Option<u32> {
         let age = (self.newest as u16).wrapping_sub(word);
         let number = self.newest.wrapping_sub(u32::from(age));
-        (self.fate(number) != WriteState::Unknown).then_some(number)
+        (self.state(number) != WriteState::Unknown).then_some(number)
     }
 
     /// The newest executed write: of all, or only of those that set the last-write register.
@@ -393,7 +399,7 @@ impl Ledger {
         (0..REMEMBERED)
             .map(|age| self.newest.wrapping_sub(age))
             .filter(|number| of_all || self.leaves_last(*number))
-            .find(|number| self.fate(*number) == WriteState::Executed)
+            .find(|number| self.state(*number) == WriteState::Executed)
     }
 
     /// True if a remembered write sets the last-write register.
@@ -410,9 +416,9 @@ impl Ledger {
         self.newest.wrapping_sub(number)
     }
 
-    fn fate(&self, number: u32) -> WriteState {
+    fn state(&self, number: u32) -> WriteState {
         self.write(number)
-            .map_or(WriteState::Unknown, |write| write.fate)
+            .map_or(WriteState::Unknown, |write| write.state)
     }
 
     fn write(&self, number: u32) -> Option<&WriteEntry> {

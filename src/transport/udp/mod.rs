@@ -43,12 +43,12 @@ const RECEIVE_BUFFER: usize = 2048;
 
 /// Time that a board is watched for packets of other hosts before anything is written to it: a
 /// cycle of 100 Hz sends ten packets in it.
-const WATCH: Duration = Duration::from_millis(50);
+const WATCH_TIME: Duration = Duration::from_millis(50);
 /// Number of surplus packets that shows another host, in addition to one duplicate of each of our
 /// own.
-const OTHERS: u16 = 4;
+const SURPLUS_LIMIT: u16 = 4;
 /// More packets than a board can receive in that time: its count was restarted.
-const TOO_MANY: u16 = 0x8000;
+const RESTARTED_COUNT: u16 = 0x8000;
 
 /// Lower limit of a deadline that follows the period.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
@@ -108,7 +108,7 @@ pub struct UdpBus<L: PacketLink = UdpLink> {
     /// True once a list was run: before that, there are no writes on which replies could report.
     is_cyclic: bool,
     /// Findings of the replies since the last report.
-    news: Reply,
+    replies: Reply,
     /// The packet of writes that are encoded for a single use.
     once: UdpList,
     /// The packet that requests the board's identity.
@@ -173,7 +173,7 @@ impl<L: PacketLink> UdpBus<L> {
             prepared: 0,
             started: None,
             is_cyclic: false,
-            news: Reply::CERTAIN,
+            replies: Reply::CERTAIN,
             once: UdpList::with_room(),
             identity: UdpList::default(),
             packet: Box::new([0; MAX_PACKET]),
@@ -200,7 +200,7 @@ impl<L: PacketLink> UdpBus<L> {
         self.set_up(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received, self.statistics.exchanges);
         let start = self.link.now();
-        self.link.sleep_until(start.after(WATCH));
+        self.link.sleep_until(start.after(WATCH_TIME));
         self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = self.statistics.exchanges.wrapping_sub(sent) as u16;
@@ -209,7 +209,7 @@ impl<L: PacketLink> UdpBus<L> {
         };
         // Each of our packets, and earlier ones that are late, may have arrived twice.
         let packets = after.wrapping_sub(before).wrapping_sub(own);
-        let others = own.saturating_add(OTHERS)..TOO_MANY;
+        let others = own.saturating_add(SURPLUS_LIMIT)..RESTARTED_COUNT;
         if others.contains(&packets) {
             self.statistics.others.tally(packets.into());
             return Err(UdpError::OtherHost { packets, within });
@@ -298,7 +298,7 @@ impl<L: PacketLink> UdpBus<L> {
             self.statistics.lost.tally(is_given_up.into());
             Wait {
                 request: self.requests.open(),
-                asked: self.ledger.open_request(),
+                ledger: self.ledger.open_request(),
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
@@ -388,7 +388,7 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, UdpError> {
         let list = UdpList::of(list)?;
         if !list.is_answered {
-            return Ok(Reply::UNHEARD);
+            return Ok(Reply::UNKNOWN);
         }
         list.check_words(words.len())?;
         let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
@@ -397,11 +397,8 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         };
         self.receive(list, wait, words)?;
         let waited = list.waited_us(self.reply.as_slice()).map(u64::from);
-        let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
-        Ok(Reply {
-            slack: waited.map(Duration::from_micros),
-            ..news
-        })
+        let replies = core::mem::replace(&mut self.replies, Reply::CERTAIN);
+        Ok(replies.with_slack(waited.map(Duration::from_micros)))
     }
 
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {

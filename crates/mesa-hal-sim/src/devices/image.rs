@@ -10,7 +10,7 @@ const VALUES: u16 = 0x0010;
 const RECORDS: u16 = 0x0400;
 const END: u16 = 0x8000;
 /// Maximum number of bytes of process data in each direction, fault byte and CRC excluded.
-const MOST_DATA: usize = 30;
+const MAX_DATA: usize = 30;
 
 /// The parameter that holds the software revision.
 const REVISION: &str = "SwRevision";
@@ -249,7 +249,7 @@ impl Builder {
                 .div_ceil(8)
         };
         let (rx, tx) = (bytes(Record::is_input), bytes(Record::is_output));
-        if rx > MOST_DATA || tx > MOST_DATA {
+        if rx > MAX_DATA || tx > MAX_DATA {
             return Err(DescriptionError::TooMuchData { mode });
         }
         if let Some(slot) = config.modes.get_mut(usize::from(mode)) {

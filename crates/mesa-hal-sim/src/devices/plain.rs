@@ -26,7 +26,7 @@ clear-faults 3 3
 ";
 
 /// Maximum length of an element in bytes.
-const MOST_BYTES: usize = 32;
+const MAX_BYTES: usize = 32;
 
 const BITS: u8 = 0x01;
 const UNSIGNED: u8 = 0x02;
@@ -43,8 +43,8 @@ pub struct Plain {
 #[derive(Clone, Debug)]
 struct Slot {
     element: SimElement,
-    input: [u8; MOST_BYTES],
-    output: [u8; MOST_BYTES],
+    input: [u8; MAX_BYTES],
+    output: [u8; MAX_BYTES],
 }
 
 impl Slot {
@@ -139,8 +139,8 @@ impl Plain {
         let (_, layout) = image::build(description)?;
         let slots = layout.elements().iter().map(|element| Slot {
             element: element.clone(),
-            input: [0; MOST_BYTES],
-            output: [0; MOST_BYTES],
+            input: [0; MAX_BYTES],
+            output: [0; MAX_BYTES],
         });
         let slots = slots.collect();
         Device::remote(description, Self { slots })
@@ -156,7 +156,7 @@ impl Plain {
         let mut slots = self.slots.iter_mut();
         let slot = slots.find(|s| s.element.record.name == name && s.element.record.is_input());
         let slot = slot.ok_or(WorldError::NotThere)?;
-        slot.input = [0; MOST_BYTES];
+        slot.input = [0; MAX_BYTES];
         for (to, &from) in slot.input.iter_mut().zip(value) {
             *to = from;
         }
@@ -195,7 +195,7 @@ impl World for Plain {
 
     fn off(&mut self) {
         for slot in &mut self.slots {
-            slot.output = [0; MOST_BYTES];
+            slot.output = [0; MAX_BYTES];
         }
     }
 

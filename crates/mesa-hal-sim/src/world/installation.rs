@@ -8,7 +8,7 @@ use crate::wire::Nanos;
 
 /// Maximum number of pending changes. Above it, a new change replaces the last one of the same
 /// input.
-const MOST_CHANGES: usize = 4096;
+const MAX_CHANGES: usize = 4096;
 
 /// An emergency-stop chain. While it is closed, its inputs are on; pressing it opens it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -149,7 +149,7 @@ fn is_supplied_by(estop: &EstopConfig, terminal: SimTerminal) -> bool {
 
 /// Inserts a change in order of time.
 fn put(changes: &mut VecDeque<Change>, change: Change) {
-    if changes.len() >= MOST_CHANGES {
+    if changes.len() >= MAX_CHANGES {
         let mut same = changes.iter_mut().rev();
         if let Some(last) = same.find(|other| other.terminal == change.terminal) {
             last.on = change.on;

@@ -4,7 +4,7 @@ use super::switch::{Change, SimTerminal};
 use crate::wire::Nanos;
 
 /// Maximum number of clicks that can be pending.
-const MOST_CLICKS: i64 = 1_000_000;
+const MAX_CLICKS: i64 = 1_000_000;
 
 /// A handwheel and the two inputs that its quadrature is wired to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +65,7 @@ impl Wheel {
     /// Adds clicks after those that are still pending. `false` if there would be too many.
     pub(crate) fn turn(&mut self, now: Nanos, clicks: i64) -> bool {
         let edges = clicks.saturating_mul(EDGES).saturating_add(self.left);
-        if edges.unsigned_abs() > (MOST_CLICKS * EDGES).unsigned_abs() {
+        if edges.unsigned_abs() > (MAX_CLICKS * EDGES).unsigned_abs() {
             return false;
         }
         if !self.is_turning() {
@@ -154,7 +154,7 @@ mod tests {
         });
         assert!(!wheel.turn(0, i64::MAX));
         assert!(!wheel.turn(0, i64::MIN));
-        assert!(wheel.turn(0, MOST_CLICKS));
+        assert!(wheel.turn(0, MAX_CLICKS));
         assert!(!wheel.turn(0, 1));
     }
 }

@@ -193,13 +193,13 @@ impl Host {
 /// Parses a list of numbers such as `0-2,5`; skips parts that are not numbers.
 fn list(text: &str) -> Vec<usize> {
     /// Limit of a CPU's number, above that of any computer.
-    const MOST: usize = 4096;
+    const MAX: usize = 4096;
     let parts = text.split(',').filter_map(|part| {
         let (first, last) = part
             .trim()
             .split_once('-')
             .unwrap_or((part.trim(), part.trim()));
-        Some(first.parse().ok()?..=last.parse::<usize>().ok()?.min(MOST))
+        Some(first.parse().ok()?..=last.parse::<usize>().ok()?.min(MAX))
     });
     parts.flatten().collect()
 }

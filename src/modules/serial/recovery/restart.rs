@@ -142,14 +142,14 @@ impl Recovery {
                 }
                 Some(OfflineReason::DidNotStart(link.cs))
             } else if complete.good.contains(channel) {
-                remote.refuses(link.told)
+                remote.refuses(link.start_registers)
             } else {
                 continue;
             };
             if let Some(reason) = problem {
                 remote.go_offline(now, reason, link.good, &self.policy);
             } else if remote.has_run {
-                remote.restarted(now, link.told);
+                remote.restarted(now, link.start_registers);
             } else {
                 mask = mask.union(channel.mask());
             }
@@ -176,7 +176,7 @@ impl Recovery {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {
-                remote.restarted(now, link.told);
+                remote.restarted(now, link.start_registers);
             } else {
                 let reason = OfflineReason::OtherSizes { found, expected };
                 remote.go_offline(now, reason, link.good, &policy);

@@ -42,7 +42,7 @@ impl Board {
             received: self.received,
             details: detailed.then_some(details),
         };
-        ledger.hear(account, asked)
+        ledger.evaluate(account, asked)
     }
 }
 
@@ -180,7 +180,7 @@ fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
     };
     board.sent += 1;
     let next = ledger.open_write(WriteEvidence::Alone);
-    assert_eq!(ledger.hear(account, asked), WriteReport::default());
+    assert_eq!(ledger.evaluate(account, asked), WriteReport::default());
     assert!(!ledger.is_executed());
     board.write(next);
     assert_eq!(board.answer(&mut ledger), WriteReport::default());
@@ -328,7 +328,7 @@ proptest! {
             sent += writes;
             let asked = ledger.open_request();
             let details = details.map(|[sent, slots @ ..]| Details { slots, sent });
-            let said = ledger.hear(Account { last_write, received, details }, asked);
+            let said = ledger.evaluate(Account { last_write, received, details }, asked);
             known = known + said.lost + said.unconfirmed - said.found;
             prop_assert!(known <= sent, "{known} of {sent}");
         }

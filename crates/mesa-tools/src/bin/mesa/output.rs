@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Messages held back while a screen uses the terminal; `MOST_HELD` lines at most.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
-const MOST_HELD: usize = 1000;
+const MAX_HELD: usize = 1000;
 
 /// True if output to standard output was lost, other than to a closed pipe.
 static IS_LOST: AtomicBool = AtomicBool::new(false);
@@ -86,7 +86,7 @@ pub fn is_lost() -> bool {
 pub fn complain(text: impl Display) {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     match &mut *held {
-        Some(lines) if lines.len() < MOST_HELD => lines.push(text.to_string()),
+        Some(lines) if lines.len() < MAX_HELD => lines.push(text.to_string()),
         Some(_) => {}
         None => {
             let _ = writeln!(io::stderr(), "{text}");

@@ -61,7 +61,7 @@ impl PortImage for Registers {
         self.cs[usize::from(channel.index())]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.start[usize::from(channel.index())]
     }
 }

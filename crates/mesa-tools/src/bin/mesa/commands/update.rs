@@ -22,7 +22,7 @@ use crate::output::complain;
 use crate::target::Found;
 
 /// Limit for the size of a firmware file: more than any has.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 const AFTER_HELP: &str = "\
 The card's jumper must be in the setup position (7I77: W12 for field I/O, W4 for analog, to the
@@ -144,7 +144,7 @@ impl Update {
 
     fn firmware(&self) -> Result<FirmwareFile, Failure> {
         let path = self.file.display();
-        let contents = files::read(&self.file, MOST_BYTES).map_err(Failure::usage)?;
+        let contents = files::read(&self.file, MAX_BYTES).map_err(Failure::usage)?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
         let firmware = FirmwareFile::new(&name, contents, self.card);
         firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))

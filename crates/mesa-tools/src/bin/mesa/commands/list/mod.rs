@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
-use range::{MOST, Range};
+use range::{MAX_ADDRESSES, Range};
 use why::Why;
 
 /// Timeout of an answer from an address.
@@ -75,7 +75,7 @@ impl List {
             boards: Vec::new(),
             silent: Vec::new(),
         };
-        for batch in addresses.chunks(search::AT_ONCE) {
+        for batch in addresses.chunks(search::MAX_PARALLEL) {
             if context.stop.signal().is_some() {
                 complain("mesa: ended by a signal; not all addresses were asked");
                 break;
@@ -95,9 +95,9 @@ impl List {
     fn addresses(&self) -> Result<Vec<SocketAddrV4>, Failure> {
         let factory = [AddressSource::FIXED, AddressSource::FACTORY_EEPROM].map(Range::from);
         let given: u32 = self.ranges.iter().map(|range| range.count()).sum();
-        if given > MOST {
+        if given > MAX_ADDRESSES {
             return Err(Failure::usage(format_args!(
-                "these are {given} addresses; at most {MOST} are asked"
+                "these are {given} addresses; at most {MAX_ADDRESSES} are asked"
             )));
         }
         let mut addresses: Vec<SocketAddrV4> = Vec::new();

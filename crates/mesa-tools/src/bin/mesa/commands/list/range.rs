@@ -4,7 +4,7 @@ use std::net::Ipv4Addr;
 use std::str::FromStr;
 
 /// Maximum number of addresses in a search.
-pub const MOST: u32 = 1024;
+pub const MAX_ADDRESSES: u32 = 1024;
 
 /// Consecutive addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,9 +51,9 @@ impl FromStr for Range {
             ip(text)?.into()
         };
         match range.last - range.first {
-            0..MOST => Ok(range),
+            0..MAX_ADDRESSES => Ok(range),
             more => Err(format!(
-                "`{text}` has {} addresses; at most {MOST} are asked",
+                "`{text}` has {} addresses; at most {MAX_ADDRESSES} are asked",
                 u64::from(more) + 1
             )),
         }

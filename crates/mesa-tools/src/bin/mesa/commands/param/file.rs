@@ -15,7 +15,7 @@ use crate::files;
 use crate::output::complain;
 
 /// Limit for the size of a file: more than any cabinet needs.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 /// Save the non-volatile parameters of all remotes to a file
 #[derive(Debug, Args)]
@@ -178,7 +178,7 @@ impl Restore {
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
         let path = &self.file;
-        let bytes = files::bounded(path, MOST_BYTES)?;
+        let bytes = files::bounded(path, MAX_BYTES)?;
         let text = str::from_utf8(&bytes)?;
         // Byte order mark, as some editors write it.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
