@@ -15,7 +15,7 @@ const LAYERS: [(&str, &[&str]); 11] = [
     ("hostmot2", &["bus", "hal"]),
     ("sslbp", &["bus", "lbp", "hostmot2"]),
     ("discovery", &["bus", "lbp", "hal", "sslbp"]),
-    ("remote", &["lbp", "hal", "sslbp", "discovery"]),
+    ("remote", &["lbp", "hal", "hostmot2", "sslbp", "discovery"]),
     ("boards", &["hal", "hostmot2", "sslbp", "discovery"]),
     (
         "modules",

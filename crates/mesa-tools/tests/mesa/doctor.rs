@@ -57,7 +57,7 @@ fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     let period = ["--period", "10000", "--exchanges", "10"];
     let ask = [&["--addr", address.as_str()][..], &period].concat();
     let refused = run(&[&["doctor"][..], &ask].concat());
-    assert_eq!(refused.code, Some(2), "nobody can be asked: {refused:?}");
+    assert_eq!(refused.code, Some(2), "not a terminal: {refused:?}");
     assert!(refused.err.contains("--passive"), "{refused:?}");
 
     let (_, found, said) = diagnosis(&[&ask[..], &["--yes"]].concat());

@@ -111,7 +111,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     give_boot_block_and_fallback(&board);
 
     let refused = run(&write);
-    assert_eq!(refused.code, Some(2), "nobody can be asked: {refused:?}");
+    assert_eq!(refused.code, Some(2), "not a terminal: {refused:?}");
     let text = done(&[&write[..], &["--dry-run"]].concat());
     assert!(
         text.contains("would erase and write the user area (0x100000 to 0x120000)"),

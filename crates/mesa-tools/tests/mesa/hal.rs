@@ -75,7 +75,7 @@ fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
     has(
         &text(&found, "machine.ini"),
         &[
-            "\n# TODO: a simulated board was looked at\nBOARD_IP = 10.10.10.10\n",
+            "\n# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10\n",
             "\nCONFIG = \"sserial_port_0=200xxxxx\"\n",
             "\nJOINTS = 6\nKINEMATICS = trivkins coordinates=XYZABC\n",
             "\n[JOINT_3]\nTYPE = ANGULAR\n",
@@ -210,7 +210,7 @@ fn files_are_replaced_only_when_that_is_asked_for() {
     fs::remove_file(directory.join("machine.ini")).expect("it is there");
     let refused = run(&["hal", "--sim", "7i97", "--out", out]);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    let what = "replaces board.hal, motion.hal, bench.hal, main.rs: nobody can be asked";
+    let what = "replaces board.hal, motion.hal, bench.hal, main.rs: not a terminal";
     assert!(refused.err.contains(what), "{refused:?}");
     assert_eq!(read("board.hal"), "mine");
     assert!(!directory.join("machine.ini").exists(), "all or none");

@@ -1,4 +1,4 @@
-//! A controller on hm2_7i92.0, to begin with. Written by `mesa hal`: it enables no drive.
+//! Skeleton of a controller on hm2_7i92.0, written by `mesa hal`. Enables no drive.
 //!
 //! In Cargo.toml: `mesa-hal = { version = "0.1", features = ["realtime"] }`.
 
@@ -10,7 +10,7 @@ use mesa_hal::hal::PinError;
 use mesa_hal::runner::{Runner, Stop};
 use mesa_hal::{Counter, Driver, Input, Output, Pins, Settings, UdpBus, UdpConfig};
 
-/// The board, unless an argument names another. TODO: a simulated board was looked at.
+/// The board, unless an argument names another. TODO: made from a simulated board.
 const BOARD: &str = "10.10.10.10:27181";
 
 /// A servo axis.
@@ -19,14 +19,14 @@ struct Joint {
     encoder: Counter,
     /// In volts; 0 V while the drive is not enabled.
     volts: Output<f64>,
-    /// Turns the drive on, and all that share it.
+    /// Enables the drive, and every other drive with the same enable.
     #[allow(dead_code, reason = "nothing enables a drive yet")]
     enable: Output<bool>,
 }
 
-/// What the machine has.
+/// Handles of the machine's pins.
 #[derive(Debug)]
-#[allow(dead_code, reason = "take out what is not used")]
+#[allow(dead_code, reason = "remove unused fields")]
 struct Machine {
     joints: [Joint; 6],
     /// TB3 pin 1, 2, 4, 5 QA0, /QA0, QB0, /QB0.
@@ -245,19 +245,19 @@ impl Machine {
         for joint in self.joints {
             let position = joint.encoder.read(pins).ok().filter(|_| may_move);
             pins.set(joint.volts, position.map_or(0.0, servo));
-            // TODO: when the emergency stop was tried, and every axis counts the way it is driven:
+            // TODO: once the emergency stop and each axis's direction of counting are tested:
             // pins.set(joint.enable, may_move);
         }
     }
 }
 
-/// Whether anything may move. TODO: the input of the emergency stop. One that is not valid is
-/// pressed: `pins.read(machine.INPUT).ok() == Some(true)`.
+/// True if motion is allowed. TODO: the input of the emergency stop. An input that is not valid
+/// counts as pressed: `pins.read(machine.INPUT).ok() == Some(true)`.
 fn may_move(_machine: &Machine, _pins: &Pins) -> bool {
     false
 }
 
-/// The servo loop of an axis: volts for where it is, in counts while `encoder.scale` is 1. TODO
+/// Servo loop of an axis: volts for a position, in counts while `encoder.scale` is 1. TODO
 fn servo(_position: f64) -> f64 {
     0.0
 }

@@ -39,7 +39,7 @@ fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
         "{refused:?}"
     );
     let text = done(&[&set[..], &["--dry-run"]].concat());
-    assert!(text.starts_with("Would be so; nothing was done:"), "{text}");
+    assert!(text.starts_with("Planned; nothing was done:"), "{text}");
     assert_eq!(json(&["ip", "--addr", &address]), shown, "nothing was done");
 
     let text = done(&[&set[..], &["--yes"]].concat());

@@ -17,7 +17,7 @@ fn the_leds_are_given_to_hostmot2_now_and_after_a_restart() {
 
     let set = ["led", "--addr", &address, "hostmot2", "--at-start"];
     let refused = run(&set);
-    assert_eq!(refused.code, Some(2), "nobody can be asked: {refused:?}");
+    assert_eq!(refused.code, Some(2), "not a terminal: {refused:?}");
     assert!(refused.err.contains("--yes"), "{refused:?}");
     let text = done(&[&set[..], &["--dry-run"]].concat());
     assert!(text.contains("EEPROM"), "{text}");

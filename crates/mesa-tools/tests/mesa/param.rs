@@ -59,7 +59,7 @@ fn a_parameter_of_a_board_is_listed_read_and_written_by_name() {
 
     let set = [&["param", "set", "0.0.NVWatchDogTimeout", "0x50"], &at[..]].concat();
     let asked = run(&set);
-    assert_eq!(asked.code, Some(2), "nobody can be asked: {asked:?}");
+    assert_eq!(asked.code, Some(2), "not a terminal: {asked:?}");
     assert!(
         asked.err.contains("--yes") && asked.err.contains("= 80 (now 50)"),
         "{asked:?}"
@@ -183,7 +183,7 @@ fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
     for (name, value, said) in [
         ("nvwatchdogtimeout", "0", "SWITCHES ITS WATCHDOG OFF"),
         ("nvwatchdogtimeout", "5000", "stay on for 5000 ms"),
-        ("nvunitnumber", "1", "It is known by this number"),
+        ("nvunitnumber", "1", "The unit number identifies the remote"),
     ] {
         let set = ["param", "set", name, value, "--sim", "7i97,0=7i77-io"];
         let asked = run(&set);

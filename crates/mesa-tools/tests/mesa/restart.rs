@@ -167,7 +167,7 @@ fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
     waiting.signal("INT");
     let ended = Run::from(waiting.output());
     assert_eq!(ended.code, Some(130), "{ended:?}");
-    assert!(ended.err.contains("can not be taken back"), "{ended:?}");
+    assert!(ended.err.contains("cannot be taken back"), "{ended:?}");
     assert!(ended.err.contains("outputs stay as they are"), "{ended:?}");
     let run = run(&["reset", "--addr", &address, "--wait", "61"]);
     assert!(run.code == Some(2) && run.err.contains("1..=60"), "{run:?}");

@@ -226,6 +226,6 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
         assert!(run.err.contains("0.1 s to 60 s"), "{time}: {run:?}");
     }
     let run = run(&["set", OUTPUT, "on", "--for", "1s", "--sim", "7i92-7i77"]);
-    assert_eq!(run.code, Some(2), "nobody can be asked: {run:?}");
+    assert_eq!(run.code, Some(2), "not a terminal: {run:?}");
     assert!(run.err.contains("--yes"), "{run:?}");
 }

@@ -203,7 +203,7 @@ fn what_is_no_output_is_refused_and_nothing_moves() {
             let jog = ["set", pin, value, "--for", "300ms", "--addr", &address];
             let refused = run(&[&jog[..], &flags].concat());
             assert_eq!(refused.code, Some(2), "{pin}: {refused:?}");
-            let said = "says how the board makes its outputs";
+            let said = "configures how the board makes its outputs";
             assert!(refused.err.contains(said), "{pin}: {refused:?}");
             assert_eq!(refused.out, "", "{pin}");
         }

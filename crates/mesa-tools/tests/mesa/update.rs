@@ -48,7 +48,7 @@ fn a_card_on_a_serial_port_is_updated_and_verified() {
         (&2.into(), &2.into())
     );
     let asked = run(&update);
-    assert_eq!(asked.code, Some(2), "nobody can be asked: {asked:?}");
+    assert_eq!(asked.code, Some(2), "not a terminal: {asked:?}");
     assert!(
         asked.err.contains("--yes") && asked.err.contains("field I/O"),
         "{asked:?}"

@@ -409,7 +409,7 @@ fn the_example_of_its_help_has_terminals_and_one_that_is_stuck_is_told() {
     let none = run(&["wiring", "input-0?", "--addr", &address, "--timeout", "2"]);
     assert!(
         none.err
-            .contains("a pattern with * or ? is of a whole name"),
+            .contains("a pattern with * or ? has to match a whole name"),
         "{none:?}"
     );
     assert!(

@@ -33,7 +33,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_started() {
         (
             &["output", "--timeout", "1", "--outputs"],
             2,
-            "nobody can be asked; give --yes",
+            "not a terminal, so nothing was done; add --yes",
         ),
         (
             &["--timeout", "1", "--report", "/nowhere/a.txt"],
@@ -61,7 +61,7 @@ fn a_file_that_is_there_is_replaced_only_with_consent() {
     let all = [&all[..], &["--report", file.path()]].concat();
     let refused = run(&all);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    assert!(refused.err.contains("is there already"), "{refused:?}");
+    assert!(refused.err.contains("already exists"), "{refused:?}");
     assert_eq!(fs::read_to_string(&file.0).expect("kept"), "the old report");
     let replaced = run(&[&all[..], &["--yes"]].concat());
     assert_eq!(replaced.code, Some(1), "{replaced:?}");

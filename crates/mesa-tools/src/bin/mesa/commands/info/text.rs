@@ -1,4 +1,4 @@
-//! The inventory for people.
+//! Text of the inventory.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -218,7 +218,7 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
     Ok(())
 }
 
-/// An element and where its bits are on the card, several to a line.
+/// Prints an element, and the terminals of its bits with several to a line.
 fn print_element(f: &mut Formatter<'_>, element: &InventoryElement) -> fmt::Result {
     writeln!(f, "      {}", describe(&element.data).trim_end())?;
     let places = element.terminals.iter();

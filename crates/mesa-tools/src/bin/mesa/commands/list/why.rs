@@ -1,4 +1,4 @@
-//! Why no board answers at an address, and what to type on this computer.
+//! Reasons why no board answers at an address, and commands for this computer.
 
 use std::net::Ipv4Addr;
 
@@ -6,15 +6,15 @@ use mesa_hal::transport::network::{Interface, Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
 use mesa_hal::transport::udp::BLOCKED;
 
-/// A reason, and what to do.
+/// A reason with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Why {
     pub reason: String,
-    /// Commands for a shell of this computer, or what to look at.
+    /// Shell commands for this computer, or things to check.
     pub advice: String,
 }
 
-/// Why none answers there.
+/// Determines why no board answers at an address.
 pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     match (silence, network.way_to(address)) {
         (_, NetworkPath::Here) if !address.is_loopback() => Why {
@@ -40,7 +40,8 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
         },
         (Silence::Refused | Silence::Foreign, NetworkPath::Direct(_) | NetworkPath::Here) => Why {
             reason: silence.to_string(),
-            advice: "another device has this address: give one of the two another".to_owned(),
+            advice: "another device has this address: change the address of one of the two"
+                .to_owned(),
         },
         (_, NetworkPath::Here) => Why {
             reason: silence.to_string(),
@@ -61,7 +62,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     }
 }
 
-/// The interface is in the network of the board. What else is known of it may be hidden, as in a
+/// Reason if the interface is in the network of the board. Its state may be hidden, as in a
 /// container.
 fn in_network(name: &str, interface: Option<&Interface>) -> Why {
     if interface.is_some_and(|interface| !interface.is_up) {
@@ -84,7 +85,7 @@ fn in_network(name: &str, interface: Option<&Interface>) -> Why {
     }
 }
 
-/// No interface is in the network of the board: which one to put there.
+/// Reason if no interface is in the network of the board, with the interface that should be.
 fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
     let Some(interface) = network.likely() else {
         return Why {
@@ -112,7 +113,7 @@ fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
     }
 }
 
-/// An address for this computer beside a board's: the first of its network that is not the board's.
+/// Address for this computer beside a board: the first of the /24 network that is not the board's.
 fn host_beside(board: Ipv4Addr) -> Ipv4Addr {
     let [a, b, c, d] = board.octets();
     Ipv4Addr::new(a, b, c, if d == 1 { 2 } else { 1 })
@@ -241,7 +242,7 @@ mod tests {
         let why = of(&network, BOARD, Silence::Refused);
         assert!(why.reason.contains("nobody listens"), "{why:?}");
         assert!(why.advice.contains("another device"), "{why:?}");
-        // A gateway refuses for others.
+        // A gateway refuses on behalf of others.
         let through = Network {
             routes: vec![route("eth1", [0; 4], 0, [192, 0, 2, 1])],
             ..network

@@ -14,14 +14,14 @@ use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
 
-/// More than any cabinet has.
+/// Limit for the size of a file: more than any cabinet needs.
 const MAX_BYTES: u64 = 4 << 20;
 
-/// Saves what all remotes keep in non-volatile memory
+/// Save the non-volatile parameters of all remotes to a file
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param save cabinet.toml --addr 10.10.10.10")]
 pub struct Save {
-    /// The file: TOML if its name ends so, else JSON
+    /// File to write: TOML if its name ends in .toml, else JSON
     file: PathBuf,
     #[command(flatten)]
     asks: Asks,
@@ -29,16 +29,18 @@ pub struct Save {
     at: Where,
 }
 
-/// Puts back what a file has: refuses one for other cards, writes what differs, reads it back
+/// Restore the parameters of a file that differ, and read them back
+///
+/// A file for other cards is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param restore cabinet.toml --dry-run --addr 10.10.10.10")]
 pub struct Restore {
-    /// A file of `mesa param save`
+    /// File of `mesa param save`
     file: PathBuf,
-    /// Say what differs, and write nothing
+    /// Print the differences, and write nothing
     #[arg(long)]
     dry_run: bool,
-    /// Find the remotes of the file by name and place, not by unit number: for a card that was
+    /// Match the remotes of the file by name and place, not by unit number: for a card that was
     /// replaced by another of its kind
     #[arg(long)]
     by_place: bool,
@@ -178,7 +180,7 @@ impl Restore {
         let path = &self.file;
         let bytes = files::bounded(path, MAX_BYTES)?;
         let text = str::from_utf8(&bytes)?;
-        // As editors of other systems save it.
+        // Byte order mark, as some editors write it.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         Ok(if is_toml(path) {
             toml::from_str(text)?

@@ -1,4 +1,4 @@
-//! What became of each terminal.
+//! Report on the terminals.
 
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -13,15 +13,15 @@ use crate::commands::watch::view;
 use crate::context::Failure;
 use crate::{files, place};
 
-/// A terminal that is to be checked.
+/// A terminal to check.
 pub struct Item {
     pub info: PinInfo,
     pub what: What,
     pub mark: Mark,
     pub judgement: Option<WiringJudgement>,
-    /// What a person says of an output.
+    /// Answer of a person about an output.
     pub said: Option<String>,
-    /// Why it is not valid, unstable, or has failed.
+    /// Reason why it is not valid, is unstable, or has failed.
     pub reason: Option<String>,
 }
 
@@ -32,7 +32,7 @@ pub enum What {
     Output(PinId),
 }
 
-/// What became of it.
+/// Result of a terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Mark {
@@ -43,25 +43,25 @@ pub enum Mark {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Not {
-    /// Nobody came to it.
+    /// Not reached before the end.
     NotChecked,
     /// The output could not be driven to the end of its time.
     Failed,
 }
 
-/// How it ended.
+/// End of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Not yet.
+    /// Still running.
     Unfinished,
-    /// Everything was asked for.
+    /// All terminals were gone through.
     Done,
-    /// Somebody ended it.
+    /// Ended by a person.
     Ended,
-    /// A signal did.
+    /// Ended by a signal.
     Stopped,
-    /// The machine did.
+    /// Ended by the machine.
     Failed,
 }
 
@@ -89,7 +89,7 @@ impl Item {
         self.judgement.as_ref()?.moved
     }
 
-    /// Which way a number went.
+    /// Direction in which a number changed.
     fn direction(&self) -> Option<&'static str> {
         let (before, after) = self.moved()?;
         let is_number = matches!(
@@ -104,7 +104,7 @@ impl Item {
         is_number.then_some(word)
     }
 
-    /// What became of it, for people.
+    /// Result as text.
     pub fn words(&self, names: &Names<'_>) -> String {
         let is_output = matches!(self.what, What::Output(_));
         let others = || {
@@ -159,7 +159,7 @@ impl Item {
         }
     }
 
-    /// Where it rested, and the farthest from there that it was.
+    /// Value at rest, and the value farthest from it.
     fn range(&self) -> Option<String> {
         let (before, after) = self.moved()?;
         let range = format!("{} to {} {}", text(before), text(after), self.info.unit);
@@ -167,7 +167,7 @@ impl Item {
     }
 }
 
-/// A value for people; a level is on or off.
+/// Formats a value; a level is on or off.
 pub fn text(value: AnyValue) -> String {
     match (value.hal_type, value.as_f64() != 0.0) {
         (HalType::Bit, true) => "on".to_owned(),
@@ -176,7 +176,7 @@ pub fn text(value: AnyValue) -> String {
     }
 }
 
-/// What terminals are called.
+/// Names of terminals.
 pub struct Names<'a> {
     pub board: &'a str,
     pub points: &'a [Point],
@@ -192,21 +192,21 @@ impl Names<'_> {
         }
     }
 
-    /// The same of an input by its number.
+    /// As [`info`](Self::info), for an input by its number.
     pub fn point(&self, number: usize) -> String {
         let point = self.points.get(number);
         point.map_or_else(String::new, |point| self.info(&point.info))
     }
 }
 
-/// What was found.
+/// Report of a check.
 #[derive(Debug, Serialize)]
 pub struct Report {
     address: String,
     outcome: Outcome,
     pub ok: bool,
     terminals: Vec<Row>,
-    /// Names of pins: each changed when the other one was asked for.
+    /// Pairs of pins, by name: each changed when the other one was asked for.
     exchanged: Vec<[String; 2]>,
     missing: Vec<String>,
     #[serde(skip)]
@@ -263,7 +263,7 @@ impl Report {
         }
     }
 
-    /// Puts it into a file: JSON, if its name ends in .json, else text.
+    /// Writes the report to a file: JSON if its name ends in .json, else text.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
         let is_json = path.extension().is_some_and(|end| end == "json");
         let text = if is_json {

@@ -16,16 +16,16 @@ use crate::context::Context;
 use crate::output::complain;
 use crate::sim::console;
 
-/// How often inputs, keys and signals are looked at.
+/// Interval of the checks of inputs, keys and signals.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Remotes that were just started, or had a fault, are back within that.
+/// Time within which remotes recover after a start or a fault.
 const COMES_BACK: Duration = Duration::from_secs(1);
 
-/// What somebody types, line by line.
+/// Typed lines.
 pub struct Lines {
     lines: Receiver<String>,
-    /// A person's, who ends it by closing the input.
+    /// True if a person types the lines, and ends the check by closing the input.
     is_terminal: bool,
 }
 
@@ -37,7 +37,7 @@ impl Lines {
     }
 }
 
-/// What was typed.
+/// Input of the person.
 enum Typed {
     Nothing,
     Skip,
@@ -45,7 +45,7 @@ enum Typed {
     Text(String),
 }
 
-/// Where to go on.
+/// Direction in which the check continues.
 enum Next {
     Forward,
     Back,
@@ -59,7 +59,7 @@ pub struct Session<'a> {
     pub board: String,
     pub items: Vec<Item>,
     pub timeout: Option<Duration>,
-    /// Each output is driven without a question.
+    /// True if outputs are driven without a question.
     pub is_agreed: bool,
     clock: HostClock,
     seen: Option<Snapshot>,
@@ -94,7 +94,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Goes through all terminals; `keep` is called when one has been judged.
+    /// Goes through all terminals; calls `keep` after each judgement.
     pub fn run(&mut self, keep: impl Fn(&Self)) -> Outcome {
         match self.go(keep) {
             Ok(()) => Outcome::Done,
@@ -127,7 +127,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// A moment passes: what was typed meanwhile, and what the inputs showed.
+    /// Waits for one interval. Returns what was typed, and the judgement if there is one.
     fn pass(&mut self) -> Result<(Typed, Option<WiringJudgement>), Outcome> {
         if self.context.stop.signal().is_some() {
             return Err(Outcome::Stopped);
@@ -159,7 +159,8 @@ impl<'a> Session<'a> {
                 self.seen = Some(seen);
             }),
         };
-        // What could not be read is looked at again a moment later; what is half read is of no cycle.
+        // A failed read is repeated after the next interval. A snapshot that was half read mixes
+        // cycles, and is discarded.
         if read.is_err() {
             self.seen = None;
         }
@@ -192,7 +193,7 @@ impl<'a> Session<'a> {
             .is_some_and(|timeout| since.elapsed() >= timeout)
     }
 
-    /// Asks for an input.
+    /// Checks an input.
     fn input(&mut self, at: usize, (point, kind): (usize, PointKind)) -> Result<Next, Outcome> {
         let begun = Instant::now();
         self.check.ask(point);
@@ -301,7 +302,7 @@ impl<'a> Session<'a> {
         self.tell_words(at);
     }
 
-    /// Where a level was that did not change.
+    /// Reason for a level that did not change.
     fn stuck(&self, at: usize) -> Option<String> {
         let What::Input(point, PointKind::Digital) = self.items.get(at)?.what else {
             return None;
@@ -337,8 +338,9 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Waits until an output can be driven, and somebody agrees to it; where to go on if nobody does.
-    /// What somebody agreed to while it could not be driven is forgotten.
+    /// Waits until an output can be driven and the person agrees. Returns the direction to continue
+    /// in if the person does not. An agreement given while the output cannot be driven is
+    /// discarded.
     fn may_drive(&mut self, at: usize) -> Result<Option<Next>, Outcome> {
         let (mut is_said, mut is_asked) = (false, false);
         let mut away = Instant::now();
@@ -385,7 +387,7 @@ impl<'a> Session<'a> {
         found.is_some_and(|(seen, item)| machine::is_ready(seen, &item.info))
     }
 
-    /// What a person typed before a question is no answer to it.
+    /// Discards lines that a person typed before the question.
     fn forget_typed(&self) {
         while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
             std::thread::sleep(LOOK);
@@ -432,7 +434,7 @@ impl<'a> Session<'a> {
                 typed if was_on => answer = Some(typed),
                 _ => {}
             }
-            // The next one only when this one is off.
+            // The next output only once this one is off.
             let Some(since) = ended else {
                 continue;
             };
@@ -466,7 +468,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Of an encoder that was turned, and its index did not come.
+/// Text for an encoder that was turned without its index coming.
 fn no_index((from, to): (AnyValue, AnyValue)) -> String {
     format!(
         "the encoder counted {} to {}, and its index did not come",
