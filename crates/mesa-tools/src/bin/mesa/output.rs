@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Messages held back while a screen uses the terminal; `MOST_HELD` lines at most.
+/// Messages held back while a screen uses the terminal; `MAX_HELD` lines at most.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
 const MAX_HELD: usize = 1000;
 
