@@ -1,5 +1,6 @@
 //! Set-up of a driver: what it refuses, requests and logs.
 
+mod bus_at_run_time;
 mod duplicated_replies;
 #[cfg(feature = "log")]
 pub mod log;

@@ -50,11 +50,11 @@ const LOOK: Duration = Duration::from_micros(500);
 /// bytes.
 ///
 /// ```no_run
-/// # fn port() -> std::fs::File { unimplemented!() }
 /// use mesa_tools::setup::SerialHost;
 ///
-/// // For example serialport::new("/dev/ttyUSB0", SETUP_BAUD_RATE).timeout(...).open()?
-/// let mut host = SerialHost::new(port());
+/// # let port = std::fs::File::open("/dev/ttyUSB0")?;
+/// // `port` is, for example, serialport::new("/dev/ttyUSB0", SETUP_BAUD_RATE).timeout(...).open()?
+/// let mut host = SerialHost::new(port);
 /// let remote = host.identify()?;
 /// let found = host.discover(&remote, &Default::default());
 /// for record in &found.descriptor.parameters {
