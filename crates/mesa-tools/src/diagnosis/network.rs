@@ -3,14 +3,15 @@
 use core::net::Ipv4Addr;
 
 use super::{Finding, Verdict};
-use mesa_hal::transport::network::{Interface, Network, Way};
+use mesa_hal::transport::network::{Interface, Network, Route, Way};
+
+const CHECK: &str = "network route";
 
 /// Judges the route to `address`, and the state of its interface.
 pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
-    let check = "network route";
-    let bad = |figure: String, advice: String| Finding::new(Verdict::Bad, check, figure, advice);
+    let bad = |figure: String, advice: String| Finding::new(Verdict::Bad, CHECK, figure, advice);
     match network.way_to(address) {
-        Way::Here => Finding::good(check, format!("{address} is this computer")),
+        Way::Here => Finding::good(CHECK, format!("{address} is this computer")),
         Way::None => bad(
             format!("none to {address}"),
             format!(
@@ -24,7 +25,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
         ),
         Way::Gateway(route) => Finding::new(
             Verdict::Look,
-            check,
+            CHECK,
             format!(
                 "{address} is in no network of this computer, but behind {}",
                 route.gateway
@@ -34,38 +35,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
                 add(network, address)
             ),
         ),
-        Way::Direct(route) => {
-            let name = &route.interface;
-            let figure = format!("{name}, {route}");
-            let is_default = |one: &mesa_hal::transport::network::Route| {
-                one.is_default() && one.interface == *name
-            };
-            match network.interface(name) {
-                Some(Interface { is_up: false, .. }) => {
-                    let advice = format!("`sudo ip link set {name} up`");
-                    bad(format!("{figure}, switched off"), advice)
-                }
-                Some(Interface {
-                    has_link: false, ..
-                }) => bad(
-                    format!("{figure}, no link"),
-                    "check the cable and the board's power".to_owned(),
-                ),
-                Some(Interface {
-                    is_wireless: true, ..
-                }) => bad(
-                    format!("{figure}, wireless"),
-                    "use a cable: no period can be kept over radio".to_owned(),
-                ),
-                _ if network.routes.iter().any(is_default) => Finding::new(
-                    Verdict::Look,
-                    check,
-                    format!("{figure}, shared with the rest of the network"),
-                    "use a network card for the board alone: other traffic delays its packets",
-                ),
-                _ => Finding::good(check, figure),
-            }
-        }
+        Way::Direct(route) => direct(network, route),
     }
 }
 
@@ -74,6 +44,39 @@ pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     match network.way_to(address) {
         Way::Direct(route) | Way::Gateway(route) => Some(&route.interface),
         Way::Here | Way::Discarded(_) | Way::None => None,
+    }
+}
+
+/// Judges a route to a network of this computer, and the state of its interface.
+fn direct(network: &Network, route: &Route) -> Finding {
+    let bad = |figure: String, advice: String| Finding::new(Verdict::Bad, CHECK, figure, advice);
+    let name = &route.interface;
+    let figure = format!("{name}, {route}");
+    let is_default = |one: &Route| one.is_default() && one.interface == *name;
+    match network.interface(name) {
+        Some(Interface { is_up: false, .. }) => {
+            let advice = format!("`sudo ip link set {name} up`");
+            bad(format!("{figure}, switched off"), advice)
+        }
+        Some(Interface {
+            has_link: false, ..
+        }) => bad(
+            format!("{figure}, no link"),
+            "check the cable and the board's power".to_owned(),
+        ),
+        Some(Interface {
+            is_wireless: true, ..
+        }) => bad(
+            format!("{figure}, wireless"),
+            "use a cable: no period can be kept over radio".to_owned(),
+        ),
+        _ if network.routes.iter().any(is_default) => Finding::new(
+            Verdict::Look,
+            CHECK,
+            format!("{figure}, shared with the rest of the network"),
+            "use a network card for the board alone: other traffic delays its packets",
+        ),
+        _ => Finding::good(CHECK, figure),
     }
 }
 
@@ -90,7 +93,6 @@ fn add(network: &Network, address: Ipv4Addr) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mesa_hal::transport::network::Route;
 
     fn network(is_up: bool, has_link: bool, is_wireless: bool, default: &str) -> Network {
         let route = |interface: &str, network, mask, gateway| Route {
