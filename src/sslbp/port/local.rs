@@ -25,6 +25,7 @@ const READS: u8 = 10;
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
+const TOO_OLD: &str = "flash a newer firmware";
 const NOT_KNOWN: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
@@ -147,8 +148,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         if !is_known {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
-            let hint = "flash a newer firmware";
-            return Err(self.unexpected("the SSLBP version".into(), found, expected, hint));
+            return Err(self.unexpected("the SSLBP version".into(), found, expected, TOO_OLD));
         }
         if !is_room {
             let what = "the place of the channel variables".into();
