@@ -16,7 +16,7 @@ use mesa_hal::bus::AccessList;
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -50,7 +50,7 @@ struct Cycle {
 }
 
 impl Cycle {
-    fn new<L: Link>(bus: &mut UdpBus<L>) -> Self {
+    fn new<L: PacketLink>(bus: &mut UdpBus<L>) -> Self {
         let mut first = 0;
         let mut place = |list: &[(u16, u16)], access: fn(u16, u16, u16) -> Access| {
             let accesses = list.iter().map(|&(address, count)| {
@@ -73,7 +73,7 @@ impl Cycle {
         }
     }
 
-    fn run<L: Link>(&mut self, bus: &mut UdpBus<L>) -> bool {
+    fn run<L: PacketLink>(&mut self, bus: &mut UdpBus<L>) -> bool {
         let read = bus.run(&self.read, &mut self.words);
         let write = bus.run(&self.write, &mut self.words);
         read.is_ok() && write.is_ok()
@@ -123,7 +123,7 @@ struct Direct {
     now: u64,
 }
 
-impl Link for Direct {
+impl PacketLink for Direct {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let reply = self.responder.answer(packet);
         self.waiting.clear();

@@ -2,7 +2,7 @@
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    Firmware, ForeignModule, ModuleDescriptor, PinDescriptor, SimFpga, UNDRIVEN, machines,
+    ForeignModule, SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, UNDRIVEN, machines,
 };
 
 use crate::pulser::GTAG;
@@ -16,10 +16,10 @@ pub fn board() -> SimFpga {
 }
 
 /// The FPGA of a firmware, with a pulse generator added.
-pub fn with_pulser(mut firmware: Firmware) -> SimFpga {
-    let descriptor = ModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
+pub fn with_pulser(mut firmware: SimFirmware) -> SimFpga {
+    let descriptor = SimModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
     firmware.modules.push(descriptor);
-    firmware.pins[PIN] = PinDescriptor::new(GTAG.0, 0, 0x81);
+    firmware.pins[PIN] = SimPinDescriptor::new(GTAG.0, 0, 0x81);
     let clock_hz = u64::from(firmware.clock_low);
     let mut fpga = SimFpga::new(firmware);
     fpga.add_module(GTAG.0, Box::new(Gateware::new(clock_hz)));

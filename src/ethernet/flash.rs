@@ -7,7 +7,7 @@ use core::time::Duration;
 
 mod backup;
 
-pub use backup::Difference;
+pub use backup::FlashDifference;
 
 use super::packets::QUICK;
 use super::{Bitfile, EthernetBoard, EthernetError, Lbp16Board};

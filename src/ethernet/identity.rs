@@ -41,6 +41,7 @@ impl serde::Serialize for MacAddress {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[non_exhaustive]
 pub enum AddressSource {
     /// Both down: 192.168.1.121.
     Fixed,

@@ -11,6 +11,7 @@ use crate::lbp16::{Command, ErrorRegister, InfoArea, Space};
 /// Source: manual 7I97, "SPACE 6 LBP STATUS/CONTROL AREA".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Counters {
     /// The errors that have occurred.
     #[cfg_attr(feature = "serde", serde(serialize_with = "error_names"))]
@@ -50,6 +51,7 @@ fn error_names<S: serde::Serializer>(
 ///
 /// Source: manual 7I97, "MEMORY SPACE 7 LAYOUT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Timestamps {
     /// Start of the reception.
     pub receive_start: u16,

@@ -19,7 +19,7 @@ mod restart;
 pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Difference, Flash, FlashStep};
+pub use flash::{Area, Flash, FlashDifference, FlashStep};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

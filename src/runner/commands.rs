@@ -53,7 +53,7 @@ const LARGEST: usize = 1 << 16;
 /// allocates.
 #[derive(Debug)]
 pub struct CommandQueue {
-    shared: Arc<Shared>,
+    shared: Arc<CommandBuffer>,
     /// Number of times that faults have disarmed groups, at the last look.
     faults: u64,
     /// Number of looks at which that had grown: a re-arm command counts only if sent after the last
@@ -71,7 +71,7 @@ pub struct CommandQueue {
 /// command is executed in the next cycle, or, where more than 16 commands wait, 16 in each.
 #[derive(Clone, Debug)]
 pub struct CommandSender {
-    shared: Arc<Shared>,
+    shared: Arc<CommandBuffer>,
 }
 
 /// Reason why a command was not sent.
@@ -121,7 +121,7 @@ const WORDS: usize = 4;
 
 /// Commands to the cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Command {
+enum QueuedCommand {
     /// The pin, its value, and the fault count of its group when the command was sent.
     Set(PinId, AnyValue, u64),
     /// The epoch when the command was sent.
@@ -132,7 +132,7 @@ enum Command {
 
 /// A ring buffer: senders write behind a lock of their own, the cycle reads without one.
 #[derive(Debug)]
-struct Shared {
+struct CommandBuffer {
     slots: Box<[[AtomicU64; WORDS]]>,
     /// Number of commands sent, and number of those taken.
     sent: AtomicU64,
@@ -167,7 +167,7 @@ impl CommandQueue {
             (group, AtomicU64::new(faults))
         });
         Self {
-            shared: Arc::new(Shared {
+            shared: Arc::new(CommandBuffer {
                 slots: slots.collect(),
                 faults: groups.collect(),
                 sent: AtomicU64::new(0),
@@ -218,12 +218,14 @@ impl CommandQueue {
         {
             count.tally(1);
             let is_done = match command {
-                Command::Set(pin, value, faults) => set(driver.pins_mut(), (pin, value), faults),
-                Command::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
-                Command::RearmGroup(group, epoch) => {
+                QueuedCommand::Set(pin, value, faults) => {
+                    set(driver.pins_mut(), (pin, value), faults)
+                }
+                QueuedCommand::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
+                QueuedCommand::RearmGroup(group, epoch) => {
                     epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
                 }
-                Command::Restart(remote) => {
+                QueuedCommand::Restart(remote) => {
                     // The groups that this disarms were disarmed on request, not by a fault.
                     let before = faults(driver);
                     driver.restart(remote);
@@ -235,7 +237,7 @@ impl CommandQueue {
             if !is_done {
                 self.shared.refused.fetch_add(1, Ordering::Relaxed);
             }
-            if matches!(command, Command::Rearm(_)) {
+            if matches!(command, QueuedCommand::Rearm(_)) {
                 break;
             }
         }
@@ -314,12 +316,12 @@ impl CommandSender {
         let mut faults = shared.faults.iter();
         let faults = faults.find(|(group, _)| *group == info.group);
         let faults = faults.map_or(0, |(_, faults)| faults.load(Ordering::Acquire));
-        self.send(Command::Set(pin, value, faults))
+        self.send(QueuedCommand::Set(pin, value, faults))
     }
 
     /// Re-arms everything: [`Driver::rearm`].
     pub fn rearm(&self) -> Result<(), CommandError> {
-        self.send(Command::Rearm(self.epoch()))
+        self.send(QueuedCommand::Rearm(self.epoch()))
     }
 
     /// Re-arms one group: [`Pins::rearm`](crate::hal::Pins::rearm).
@@ -327,7 +329,7 @@ impl CommandSender {
         if !PinId::from_word(group.to_word()).is_beside(self.shared.pin) {
             return Err(PinError::ForeignHandle.into());
         }
-        self.send(Command::RearmGroup(group, self.epoch()))
+        self.send(QueuedCommand::RearmGroup(group, self.epoch()))
     }
 
     /// Restarts a remote: [`Driver::restart`].
@@ -336,7 +338,7 @@ impl CommandSender {
         if !self.shared.remotes.contains(&remote) {
             return Err(CommandError::NoRemote { remote });
         }
-        self.send(Command::Restart(remote))
+        self.send(QueuedCommand::Restart(remote))
     }
 
     /// Statistics of the commands of all senders so far.
@@ -356,7 +358,7 @@ impl CommandSender {
         self.shared.epoch.load(Ordering::Acquire)
     }
 
-    fn send(&self, command: Command) -> Result<(), CommandError> {
+    fn send(&self, command: QueuedCommand) -> Result<(), CommandError> {
         let shared = &*self.shared;
         // The guarded state is consistent at every point, so that a poisoned lock can be used.
         let _one_at_a_time = shared
@@ -382,9 +384,9 @@ impl CommandSender {
     }
 }
 
-impl Shared {
+impl CommandBuffer {
     /// Takes a command. Called in one thread only.
-    fn next(&self) -> Option<Command> {
+    fn next(&self) -> Option<QueuedCommand> {
         let taken = self.taken.load(Ordering::Relaxed);
         if taken == self.sent.load(Ordering::Acquire) {
             return None;
@@ -393,7 +395,7 @@ impl Shared {
         let words = words.map(|word| word.load(Ordering::Relaxed));
         // Returns the words to the senders.
         self.taken.store(taken.wrapping_add(1), Ordering::Release);
-        Some(Command::from_words(words))
+        Some(QueuedCommand::from_words(words))
     }
 
     /// Takes all waiting commands without executing any. Called in the thread that takes.
@@ -419,7 +421,7 @@ const TYPES: [HalType; 6] = [
     HalType::U64,
 ];
 
-impl Command {
+impl QueuedCommand {
     fn to_words(self) -> [u64; WORDS] {
         match self {
             Self::Rearm(epoch) => [0, 0, epoch, 0],

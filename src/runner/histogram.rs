@@ -26,6 +26,7 @@ pub struct Histogram {
 /// Summary of a histogram.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Distribution {
     /// Number of times recorded; if zero, all other fields are zero.
     pub count: u64,

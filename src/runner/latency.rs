@@ -27,7 +27,7 @@ use crate::tally::Tally;
 /// });
 /// ended.stopped?;
 /// assert_eq!(latency.used().count(), 1000);
-/// assert_eq!(latency.verdict(1000).judgement, Judgement::Yes);
+/// assert_eq!(latency.verdict(1000).judgement, RateJudgement::Yes);
 /// # Ok(())
 /// # }
 /// ```
@@ -41,13 +41,13 @@ pub struct Latency {
     used: Histogram,
     failed: u64,
     /// The cycle that has started and whose end is not known yet, at the host's pace.
-    begun: Option<Begun>,
+    begun: Option<CycleStart>,
     /// Arrival of the last inputs, at the board's pace.
     arrived: Option<Instant>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Begun {
+struct CycleStart {
     late: Duration,
     round_trip: Option<Duration>,
 }
@@ -56,7 +56,7 @@ struct Begun {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Judgement {
+pub enum RateJudgement {
     /// All cycles would have ended in time.
     Yes,
     /// At most one of 10,000 cycles would not have ended in time.
@@ -68,11 +68,11 @@ pub enum Judgement {
 /// Judgement of a rate, with the reason. `Display` is one line, without the rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Verdict {
+pub struct RateVerdict {
     /// Cycles per second.
     pub rate: u32,
     /// The judgement.
-    pub judgement: Judgement,
+    pub judgement: RateJudgement,
     /// Number of cycles measured.
     pub cycles: u64,
     /// Cycles that would not have ended in time.
@@ -88,7 +88,7 @@ pub struct Verdict {
 }
 
 /// A rate is almost kept if at most one cycle of this number is late.
-const ALMOST: u64 = 10_000;
+const CYCLES_PER_LATE: u64 = 10_000;
 
 impl Latency {
     /// An empty measurement. The only function that allocates.
@@ -123,7 +123,7 @@ impl Latency {
 
     fn at_the_hosts_pace<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
         let round_trip = cycle.pins().now().since(cycle.begun);
-        let begun = Begun {
+        let begun = CycleStart {
             late: cycle.late,
             round_trip: cycle.read.is_ok().then_some(round_trip),
         };
@@ -191,7 +191,7 @@ impl Latency {
     }
 
     /// Judges whether `rate` cycles per second can be kept, from measurements at any rate.
-    pub fn verdict(&self, rate: u32) -> Verdict {
+    pub fn verdict(&self, rate: u32) -> RateVerdict {
         let period = period_of(rate);
         let cycles = self.used.count();
         let late = match period.checked_sub(self.transfer) {
@@ -199,13 +199,13 @@ impl Latency {
             None => cycles,
         };
         let judgement = match late.saturating_add(self.failed) {
-            _ if cycles == 0 => Judgement::No,
-            0 => Judgement::Yes,
-            bad if bad.saturating_mul(ALMOST) <= cycles => Judgement::Almost,
-            _ => Judgement::No,
+            _ if cycles == 0 => RateJudgement::No,
+            0 => RateJudgement::Yes,
+            bad if bad.saturating_mul(CYCLES_PER_LATE) <= cycles => RateJudgement::Almost,
+            _ => RateJudgement::No,
         };
         let usually = self.used.quantile(0.5).unwrap_or_default();
-        Verdict {
+        RateVerdict {
             rate,
             judgement,
             cycles,
@@ -218,7 +218,7 @@ impl Latency {
     }
 }
 
-impl Display for Judgement {
+impl Display for RateJudgement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Yes => "yes",
@@ -234,7 +234,7 @@ fn period_of(rate: u32) -> Duration {
     second.checked_div(rate).unwrap_or(second)
 }
 
-impl Display for Verdict {
+impl Display for RateVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let micros = |time: Duration| time.as_nanos().div_ceil(1000);
         let period = period_of(self.rate);
@@ -296,14 +296,14 @@ mod tests {
         latency
     }
 
-    fn judgements(latency: &Latency) -> Vec<Judgement> {
+    fn judgements(latency: &Latency) -> Vec<RateJudgement> {
         let rates = [1000, 2000, 4000];
         rates.map(|rate| latency.verdict(rate).judgement).into()
     }
 
     #[test]
     fn a_rate_is_kept_if_the_longest_cycle_and_the_transfers_fit() {
-        use Judgement::{No, Yes};
+        use RateJudgement::{No, Yes};
         for (longest, kept) in [
             (150, [Yes, Yes, Yes]),
             (151, [Yes, Yes, No]),
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn one_late_cycle_in_ten_thousand_is_almost() {
-        use Judgement::{Almost, No};
+        use RateJudgement::{Almost, No};
         let times = |count: usize| core::iter::repeat_n(50, count - 1).chain([5000]);
         assert_eq!(judgements(&measured(times(10_000))), [Almost; 3]);
         assert_eq!(judgements(&measured(times(9_999))), [No; 3]);
@@ -338,7 +338,7 @@ mod tests {
         says(&slow, 4000, "half of all cycles need more than");
         slow.failed = 2;
         says(&slow, 1000, "2 reads failed");
-        assert_eq!(slow.verdict(1000).judgement, Judgement::No);
+        assert_eq!(slow.verdict(1000).judgement, RateJudgement::No);
         slow.transfer = micros(260);
         says(
             &slow,
@@ -346,7 +346,7 @@ mod tests {
             "the transfers to the remotes alone take 260 us",
         );
         says(&measured([]), 1000, "no cycle was measured");
-        assert_eq!(measured([]).verdict(1000).judgement, Judgement::No);
+        assert_eq!(measured([]).verdict(1000).judgement, RateJudgement::No);
     }
 
     #[test]

@@ -84,7 +84,7 @@ pub use commands::{
     COMMANDS_IN_A_CYCLE, CommandError, CommandQueue, CommandSender, CommandStatistics,
 };
 pub use histogram::{Distribution, Histogram};
-pub use latency::{Judgement, Latency, Verdict};
+pub use latency::{Latency, RateJudgement, RateVerdict};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
 pub use scope::{
@@ -127,6 +127,7 @@ pub struct Runner<B: RegisterBus + Clock> {
 
 /// One cycle, after its read, for the application's own work.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Cycle<'a, B: RegisterBus + Clock> {
     /// Number of cycles before this one.
     pub number: u64,

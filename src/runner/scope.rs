@@ -87,6 +87,7 @@ pub enum Edge {
 
 /// State of a scope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ScopeState {
     /// The cycles before the trigger are not complete: a trigger is still ignored.
     Filling,

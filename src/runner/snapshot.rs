@@ -13,7 +13,7 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
 use core::time::Duration;
 
 use super::RunStatistics;
-use super::packed::{Packed, Sink};
+use super::packed::{Packed, WordSink};
 use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
@@ -21,8 +21,8 @@ use crate::sslbp::RemoteName;
 use crate::tally::Tally;
 
 /// Published values are valid for this time; for 3 periods, if these are longer.
-const FRESH: Duration = Duration::from_millis(100);
-const FRESH_PERIODS: u32 = 3;
+const MAX_AGE: Duration = Duration::from_millis(100);
+const MAX_AGE_PERIODS: u32 = 3;
 
 /// Number of tries of a reader to get a consistent set.
 const TRIES: u32 = 100;
@@ -59,14 +59,14 @@ const TRIES: u32 = 100;
 /// blocks: readers neither lock nor delay it. It does not allocate; [`new`](Self::new) does.
 #[derive(Debug)]
 pub struct SnapshotWriter {
-    shared: Arc<Shared>,
+    shared: Arc<SnapshotBuffer>,
     sequence: u64,
-    since: Since,
+    since: ChangeTimes,
 }
 
 /// Times of the last changes of state.
 #[derive(Debug)]
-struct Since {
+struct ChangeTimes {
     board: (BoardState, Instant),
     /// For each remote, true while it runs, and the time since.
     remotes: Vec<(bool, Instant)>,
@@ -75,7 +75,7 @@ struct Since {
 /// Takes snapshots, in any thread.
 #[derive(Clone, Debug)]
 pub struct SnapshotReader {
-    shared: Arc<Shared>,
+    shared: Arc<SnapshotBuffer>,
 }
 
 /// Reason why there is no snapshot.
@@ -101,7 +101,7 @@ pub enum SnapshotError {
 /// A sequence lock: the number is odd while words are written, and a new even one afterwards. A
 /// reader that finds the same even number before and after its copy has a consistent set.
 #[derive(Debug)]
-struct Shared {
+struct SnapshotBuffer {
     sequence: AtomicU64,
     words: Box<[AtomicU64]>,
     /// Time of publication, in nanoseconds on `clock`.
@@ -110,12 +110,12 @@ struct Shared {
     /// Time for which the words are fresh.
     fresh: Duration,
     has_ended: AtomicBool,
-    layout: Layout,
+    layout: SnapshotLayout,
 }
 
 /// Constant data, and the positions of the words that change.
 #[derive(Debug)]
-struct Layout {
+struct SnapshotLayout {
     infos: Vec<PinInfo>,
     /// Any pin, which identifies the driver that the pins belong to.
     pin: PinId,
@@ -130,9 +130,9 @@ struct Layout {
     flags_at: usize,
 }
 
-struct Words<'a>(slice::Iter<'a, AtomicU64>);
+struct SnapshotWords<'a>(slice::Iter<'a, AtomicU64>);
 
-impl Sink for Words<'_> {
+impl WordSink for SnapshotWords<'_> {
     fn put(&mut self, value: u64) {
         if let Some(word) = self.0.next() {
             word.store(value, Ordering::Relaxed);
@@ -156,19 +156,19 @@ impl SnapshotWriter {
             })
         });
         let places: Vec<_> = remotes.collect();
-        let since = Since {
+        let since = ChangeTimes {
             board: (driver.board_state(), now),
             remotes: places.iter().map(|_| (true, now)).collect(),
         };
-        let (layout, words) = Layout::new(driver, places, &since);
+        let (layout, words) = SnapshotLayout::new(driver, places, &since);
         let words = (0..words).map(|_| AtomicU64::new(0)).collect();
         Self {
-            shared: Arc::new(Shared {
+            shared: Arc::new(SnapshotBuffer {
                 sequence: AtomicU64::new(0),
                 words,
                 published: AtomicU64::new(0),
                 clock: HostClock::new(),
-                fresh: FRESH.max(driver.period().saturating_mul(FRESH_PERIODS)),
+                fresh: MAX_AGE.max(driver.period().saturating_mul(MAX_AGE_PERIODS)),
                 has_ended: AtomicBool::new(false),
                 layout,
             }),
@@ -213,7 +213,7 @@ impl SnapshotWriter {
             return Err(PinError::ForeignHandle);
         }
         self.since.look(driver);
-        let Shared {
+        let SnapshotBuffer {
             sequence,
             words,
             published,
@@ -223,7 +223,7 @@ impl SnapshotWriter {
         sequence.store(self.sequence.wrapping_add(1), Ordering::Relaxed);
         // No new word becomes visible before the odd number.
         fence(Ordering::Release);
-        record(driver, run, &self.since, &mut Words(words.iter()));
+        record(driver, run, &self.since, &mut SnapshotWords(words.iter()));
         published.store(now, Ordering::Relaxed);
         self.sequence = self.sequence.wrapping_add(2);
         sequence.store(self.sequence, Ordering::Release);
@@ -231,7 +231,7 @@ impl SnapshotWriter {
     }
 }
 
-impl Shared {
+impl SnapshotBuffer {
     /// Nanoseconds on the clock of this host.
     fn now(&self) -> u64 {
         self.clock.read().as_nanos()
@@ -245,7 +245,7 @@ impl Drop for SnapshotWriter {
     }
 }
 
-impl Since {
+impl ChangeTimes {
     fn look<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         let now = driver.pins().now();
         if self.board.0 != driver.board_state() {
@@ -265,12 +265,12 @@ fn remotes<B: RegisterBus + Clock>(driver: &Driver<B>) -> impl Iterator<Item = R
     ports.flat_map(SerialPort::remotes)
 }
 
-/// All words of a cycle, in the order of the [`Layout`].
+/// All words of a cycle, in the order of the [`SnapshotLayout`].
 fn record<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     run: &RunStatistics,
-    since: &Since,
-    to: &mut impl Sink,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
 ) {
     record_head(driver, run, since, to);
     record_groups(driver.pins(), to);
@@ -282,8 +282,8 @@ fn record<B: RegisterBus + Clock>(
 fn record_head<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     run: &RunStatistics,
-    since: &Since,
-    to: &mut impl Sink,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
 ) {
     driver.pins().cycle().pack(to);
     driver.pins().now().pack(to);
@@ -294,13 +294,17 @@ fn record_head<B: RegisterBus + Clock>(
     driver.bus().statistics().pack(to);
 }
 
-fn record_groups(pins: &Pins, to: &mut impl Sink) {
+fn record_groups(pins: &Pins, to: &mut impl WordSink) {
     for state in pins.groups().filter_map(|group| pins.group_state(group)) {
         state.pack(to);
     }
 }
 
-fn record_remotes<B: RegisterBus + Clock>(driver: &Driver<B>, since: &Since, to: &mut impl Sink) {
+fn record_remotes<B: RegisterBus + Clock>(
+    driver: &Driver<B>,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
+) {
     for (remote, &(_, since)) in remotes(driver).zip(&since.remotes) {
         since.pack(to);
         remote.state.pack(to);
@@ -312,12 +316,12 @@ fn record_remotes<B: RegisterBus + Clock>(driver: &Driver<B>, since: &Since, to:
     }
 }
 
-fn record_values(pins: &Pins, to: &mut impl Sink) {
+fn record_values(pins: &Pins, to: &mut impl WordSink) {
     pins.kept().for_each(|(bits, _)| to.put(bits));
 }
 
 /// One bit for each pin: its last value was refused or withheld.
-fn record_flags(pins: &Pins, to: &mut impl Sink) {
+fn record_flags(pins: &Pins, to: &mut impl WordSink) {
     let (mut flags, mut count) = (0, 0);
     for (_, is_bad) in pins.kept() {
         flags |= u64::from(is_bad) << count;
@@ -330,12 +334,12 @@ fn record_flags(pins: &Pins, to: &mut impl Sink) {
     to.put(flags);
 }
 
-impl Layout {
+impl SnapshotLayout {
     /// The layout, and the number of words.
     fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
         places: Vec<(RemoteId, RemoteName, GroupId)>,
-        since: &Since,
+        since: &ChangeTimes,
     ) -> (Self, usize) {
         let pins = driver.pins();
         let groups: Vec<_> = pins.groups().collect();

@@ -29,7 +29,7 @@ pub struct Faulty<B> {
     generator: SplitMix,
     exchange: u64,
     /// Number and fault of the list that was started.
-    started: Drawn,
+    started: NumberedFault,
     /// Writes dropped since the last reply.
     unnoticed: u32,
     counted: BusStatistics,
@@ -37,7 +37,7 @@ pub struct Faulty<B> {
 }
 
 /// The number of an exchange, and the fault drawn for it.
-type Drawn = (u64, Option<Fault>);
+type NumberedFault = (u64, Option<Fault>);
 
 /// An injected error, or an error of the inner bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -109,7 +109,7 @@ impl<B> Faulty<B> {
 
     /// Draws the fault of the next exchange. Consumes the same number of random numbers whatever
     /// the plan, so that a planned fault does not change the random ones.
-    fn draw(&mut self) -> Drawn {
+    fn draw(&mut self) -> NumberedFault {
         let number = self.exchange;
         self.exchange.tally(1);
         let planned = self.plan.iter().find(|(at, _)| *at == number);
@@ -128,7 +128,7 @@ impl<B: RegisterBus> Faulty<B> {
     /// result of an exchange that was dropped silently.
     fn execute<T>(
         &mut self,
-        (exchange, fault): Drawn,
+        (exchange, fault): NumberedFault,
         accesses: &[Access],
         words: &mut [u32],
         unheard: T,
@@ -167,11 +167,9 @@ impl<B: RegisterBus> Faulty<B> {
         let lost = core::mem::take(&mut self.unnoticed);
         self.counted.lost_writes.tally(lost.into());
         self.counted.doubts.tally((lost > 0).into());
-        Reply {
-            certain: reply.certain && lost == 0,
-            lost_writes: reply.lost_writes.saturating_add(lost),
-            ..reply
-        }
+        reply
+            .with_certain(reply.certain && lost == 0)
+            .with_lost_writes(reply.lost_writes.saturating_add(lost))
     }
 }
 
@@ -209,7 +207,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         let drawn = core::mem::take(&mut self.started);
         let accesses = list.as_ref();
-        let reply = self.execute(drawn, accesses, words, Reply::UNHEARD, |bus, words| {
+        let reply = self.execute(drawn, accesses, words, Reply::UNKNOWN, |bus, words| {
             bus.finish(list, words)
         })?;
         Ok(if reads(accesses) {

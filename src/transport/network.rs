@@ -54,7 +54,7 @@ pub struct Route {
 
 /// The way to an address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way<'a> {
+pub enum NetworkPath<'a> {
     /// The address is this computer's own.
     Here,
     /// Through an interface in the same network: the only way that boards are meant for.
@@ -103,18 +103,18 @@ impl Network {
 
     /// The way to an address: the narrowest route is taken, and of equal ones the one with the
     /// lowest metric.
-    pub fn way_to(&self, address: Ipv4Addr) -> Way<'_> {
+    pub fn way_to(&self, address: Ipv4Addr) -> NetworkPath<'_> {
         let mut own = self.own.iter();
         if address.is_loopback() || own.any(|(own, mask)| address & mask == *own) {
-            return Way::Here;
+            return NetworkPath::Here;
         }
         let routes = self.routes.iter().filter(|route| route.leads_to(address));
         let best = routes.max_by_key(|route| (route.mask.to_bits(), Reverse(route.metric)));
         match best {
-            None => Way::None,
-            Some(route) if route.discards() => Way::Discarded(route),
-            Some(route) if route.gateway.is_unspecified() => Way::Direct(route),
-            Some(route) => Way::Gateway(route),
+            None => NetworkPath::None,
+            Some(route) if route.discards() => NetworkPath::Discarded(route),
+            Some(route) if route.gateway.is_unspecified() => NetworkPath::Direct(route),
+            Some(route) => NetworkPath::Gateway(route),
         }
     }
 
@@ -321,26 +321,33 @@ Local:
         let network = network();
         assert_eq!(network.routes.len(), 8);
         let way = |a, b, c, d| network.way_to(Ipv4Addr::new(a, b, c, d));
-        assert_eq!(way(127, 1, 2, 3), Way::Here);
-        let Way::Gateway(route) = way(192, 168, 1, 121) else {
+        assert_eq!(way(127, 1, 2, 3), NetworkPath::Here);
+        let NetworkPath::Gateway(route) = way(192, 168, 1, 121) else {
             panic!("through the gateway");
         };
         assert_eq!(route.gateway, Ipv4Addr::new(192, 0, 2, 1));
-        assert!(matches!(way(192, 0, 2, 9), Way::Direct(route) if route.interface == "eth0"));
-        assert!(matches!(way(10, 10, 10, 10), Way::Direct(route) if route.interface == "eth2"));
+        assert!(
+            matches!(way(192, 0, 2, 9), NetworkPath::Direct(route) if route.interface == "eth0")
+        );
+        assert!(
+            matches!(way(10, 10, 10, 10), NetworkPath::Direct(route) if route.interface == "eth2")
+        );
         for discarded in [
             way(10, 96, 200, 1),
             way(10, 97, 0, 1),
             way(10, 98, 0, 9),
             way(10, 99, 0, 9),
         ] {
-            assert!(matches!(discarded, Way::Discarded(_)), "{discarded:?}");
+            assert!(
+                matches!(discarded, NetworkPath::Discarded(_)),
+                "{discarded:?}"
+            );
         }
-        assert!(matches!(way(10, 97, 0, 2), Way::Gateway(_)));
-        assert_eq!(way(192, 0, 2, 2), Way::Here);
+        assert!(matches!(way(10, 97, 0, 2), NetworkPath::Gateway(_)));
+        assert_eq!(way(192, 0, 2, 2), NetworkPath::Here);
         assert_eq!(
             Network::default().way_to(Ipv4Addr::new(10, 0, 0, 1)),
-            Way::None
+            NetworkPath::None
         );
     }
 

@@ -25,7 +25,7 @@ pub struct Recording<B> {
     /// The inner bus.
     pub inner: B,
     /// The log, oldest entry first.
-    pub entries: VecDeque<Entry>,
+    pub entries: VecDeque<RecordedEntry>,
     capacity: usize,
     /// Number of entries that were dropped for newer ones.
     pub dropped: u64,
@@ -33,19 +33,20 @@ pub struct Recording<B> {
 
 /// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Entry {
+#[non_exhaustive]
+pub struct RecordedEntry {
     /// Time at which the exchange ended.
     pub at: Instant,
     /// The register; the first one for an exchange that failed.
     pub address: u16,
     /// The event.
-    pub event: Event,
+    pub event: RecordedEvent,
 }
 
 /// Events in the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Event {
+pub enum RecordedEvent {
     /// The register was read and had this word.
     Read(u32),
     /// The word was written to the register.
@@ -59,14 +60,14 @@ pub enum Event {
     },
 }
 
-impl fmt::Display for Entry {
+impl fmt::Display for RecordedEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (nanos, address) = (self.at.as_nanos(), self.address);
         write!(f, "{}.{:02} host ", nanos / 1_000, nanos % 1_000 / 10)?;
         match self.event {
-            Event::Read(word) => write!(f, "read {address:#06X} {word:#010X}"),
-            Event::Written(word) => write!(f, "write {address:#06X} {word:#010X}"),
-            Event::Failed { kind, accesses } => {
+            RecordedEvent::Read(word) => write!(f, "read {address:#06X} {word:#010X}"),
+            RecordedEvent::Written(word) => write!(f, "write {address:#06X} {word:#010X}"),
+            RecordedEvent::Failed { kind, accesses } => {
                 write!(f, "failed {address:#06X} ; {kind:?}, accesses={accesses}")
             }
         }
@@ -97,11 +98,11 @@ impl<B> Recording<B> {
         Ok(())
     }
 
-    fn push(&mut self, at: Instant, address: u16, event: Event) {
+    fn push(&mut self, at: Instant, address: u16, event: RecordedEvent) {
         let is_full = self.entries.len() >= self.capacity;
         self.dropped.tally(is_full.into());
         if !is_full || self.entries.pop_front().is_some() {
-            self.entries.push_back(Entry { at, address, event });
+            self.entries.push_back(RecordedEntry { at, address, event });
         }
     }
 }
@@ -116,7 +117,7 @@ impl<B: RegisterBus + Clock> Recording<B> {
     ) -> Result<T, B::Error> {
         let at = self.inner.now();
         if let Err(error) = &result {
-            let event = Event::Failed {
+            let event = RecordedEvent::Failed {
                 kind: error.kind(),
                 accesses: accesses.len(),
             };
@@ -125,8 +126,8 @@ impl<B: RegisterBus + Clock> Recording<B> {
         }
         for access in accesses {
             let event = match access.direction {
-                Direction::Read => Event::Read,
-                Direction::Write => Event::Written,
+                Direction::Read => RecordedEvent::Read,
+                Direction::Write => RecordedEvent::Written,
             };
             let addresses = (access.address..=u16::MAX).step_by(4);
             let values = words.get(access.words()).unwrap_or_default();

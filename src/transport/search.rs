@@ -11,7 +11,7 @@ use super::udp::poll_for;
 use crate::ethernet::Identity;
 
 /// Number of addresses that are asked at the same time.
-pub const AT_ONCE: usize = 128;
+pub const MAX_PARALLEL: usize = 128;
 
 /// Requests to each address: the first packet may be lost while the MAC address behind it is
 /// resolved.
@@ -19,7 +19,7 @@ const TRIES: u32 = 2;
 
 /// The result of asking one address.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Asked {
+pub struct AddressResult {
     /// The address.
     pub address: SocketAddrV4,
     /// The board there, or the reason why none was found.
@@ -48,21 +48,21 @@ pub enum Silence {
     Unreachable(ErrorKind),
 }
 
-/// Asks each address whether a board is there, twice within `patience`, [`AT_ONCE`] of them at a
-/// time, in their order. Writes nothing to the boards.
+/// Asks each address whether a board is there, twice within `patience`, [`MAX_PARALLEL`] of them at
+/// a time, in their order. Writes nothing to the boards.
 ///
-/// Takes `patience` for each [`AT_ONCE`] addresses, or less where all have answered.
+/// Takes `patience` for each [`MAX_PARALLEL`] addresses, or less where all have answered.
 ///
 /// # Errors
 /// The operating system provides no sockets.
-pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Asked>> {
+pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<AddressResult>> {
     let question = Identity::question();
     let patience = patience.checked_div(TRIES).unwrap_or_default();
     let mut all = Vec::with_capacity(addresses.len());
-    for batch in addresses.chunks(AT_ONCE) {
+    for batch in addresses.chunks(MAX_PARALLEL) {
         let mut asking = batch
             .iter()
-            .map(|&address| Asking::new(address))
+            .map(|&address| AddressRequest::new(address))
             .collect::<io::Result<Vec<_>>>()?;
         for _ in 0..TRIES {
             for one in &mut asking {
@@ -70,19 +70,19 @@ pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Ask
             }
             receive(&mut asking, patience)?;
         }
-        all.extend(asking.into_iter().map(Asking::result));
+        all.extend(asking.into_iter().map(AddressRequest::result));
     }
     Ok(all)
 }
 
 /// An address that is being asked.
-struct Asking {
+struct AddressRequest {
     address: SocketAddrV4,
     socket: UdpSocket,
     found: Option<Result<Identity, Silence>>,
 }
 
-impl Asking {
+impl AddressRequest {
     fn new(address: SocketAddrV4) -> io::Result<Self> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
         socket.set_nonblocking(true)?;
@@ -116,8 +116,8 @@ impl Asking {
         }
     }
 
-    fn result(self) -> Asked {
-        Asked {
+    fn result(self) -> AddressResult {
+        AddressResult {
             address: self.address,
             found: self.found.unwrap_or(Err(Silence::Nothing)),
         }
@@ -142,7 +142,7 @@ fn failed(error: io::Error) -> Result<Identity, Silence> {
 }
 
 /// Receives until all have answered or `patience` has elapsed.
-fn receive(asking: &mut [Asking], patience: Duration) -> io::Result<()> {
+fn receive(asking: &mut [AddressRequest], patience: Duration) -> io::Result<()> {
     let start = Instant::now();
     loop {
         let left = patience.saturating_sub(start.elapsed());

@@ -60,10 +60,7 @@ impl RegisterBus for Memory {
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
         self.exchange(list.as_ref(), words)?;
-        Ok(Reply {
-            slack: Some(Duration::from_micros(5)),
-            ..Reply::CERTAIN
-        })
+        Ok(Reply::CERTAIN.with_slack(Some(Duration::from_micros(5))))
     }
 
     fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), MemoryError> {

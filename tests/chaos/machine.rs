@@ -4,8 +4,8 @@ use mesa_hal_sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{
-    AxisWiring, DriveSource, Firmware, Motor, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga,
-    gtag, machines,
+    AxisWiring, DriveSource, Motor, MotorConfig, OUTPUT_PIN, SimFirmware, SimFpga,
+    SimPinDescriptor, gtag, machines,
 };
 
 use super::journal::{Journal, Outputs, PORTS, Recorder};
@@ -53,7 +53,7 @@ pub fn nominal(clock: u32) -> u32 {
 }
 
 /// A firmware whose oscillator is faster by `ppm` parts per million.
-fn quickened(mut firmware: Firmware, ppm: i64) -> Firmware {
+fn quickened(mut firmware: SimFirmware, ppm: i64) -> SimFirmware {
     for clock in [&mut firmware.clock_low, &mut firmware.clock_high] {
         *clock = (i64::from(*clock) + i64::from(*clock) * ppm / 1_000_000) as u32;
     }
@@ -108,7 +108,7 @@ pub fn unit_number(card: Card, number: usize) -> u32 {
     description(card).unit + number as u32
 }
 
-fn firmware(plan: &Plan) -> Firmware {
+fn firmware(plan: &Plan) -> SimFirmware {
     let mut firmware = plain_firmware(plan);
     if plan.extras.dithers
         && let Some(pwm) = firmware.module_mut(gtag::PWM)
@@ -118,7 +118,7 @@ fn firmware(plan: &Plan) -> Firmware {
     firmware
 }
 
-fn plain_firmware(plan: &Plan) -> Firmware {
+fn plain_firmware(plan: &Plan) -> SimFirmware {
     let channels: Vec<u8> = plan.ports.iter().map(|cards| cards.len() as u8).collect();
     match (plan.board, &channels[..]) {
         (Board::I7i92, [1..=3]) => machines::firmware_7i92_7i77(),
@@ -134,21 +134,23 @@ fn plain_firmware(plan: &Plan) -> Firmware {
 }
 
 /// A firmware with more serial ports, on more pins.
-fn with_ports(mut firmware: Firmware, more: &[u8]) -> Firmware {
+fn with_ports(mut firmware: SimFirmware, more: &[u8]) -> SimFirmware {
     for (unit, count) in (1..).zip(more) {
         for channel in 0..*count {
             firmware
                 .pins
-                .push(PinDescriptor::new(gtag::SSERIAL, unit, 1 + channel));
+                .push(SimPinDescriptor::new(gtag::SSERIAL, unit, 1 + channel));
             let transmit = OUTPUT_PIN | (1 + channel);
             firmware
                 .pins
-                .push(PinDescriptor::new(gtag::SSERIAL, unit, transmit));
+                .push(SimPinDescriptor::new(gtag::SSERIAL, unit, transmit));
         }
     }
     let width = firmware.port_width as usize;
     let ports = firmware.pins.len().div_ceil(width);
-    firmware.pins.resize(ports * width, PinDescriptor::gpio());
+    firmware
+        .pins
+        .resize(ports * width, SimPinDescriptor::gpio());
     firmware.ports = ports as u32;
     for module in &mut firmware.modules {
         match module.gtag {
@@ -169,7 +171,7 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    fn of(firmware: &Firmware) -> Self {
+    fn of(firmware: &SimFirmware) -> Self {
         let pins = firmware.pins.iter().enumerate();
         let free: Vec<_> = pins
             .filter(|(_, pin)| pin.secondary == 0)

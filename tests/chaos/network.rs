@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
-use mesa_hal::transport::udp::{Link, UdpBus};
+use mesa_hal::transport::udp::{PacketLink, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 
@@ -309,7 +309,7 @@ pub struct ChaosLink {
     pub life: Life,
 }
 
-impl Link for ChaosLink {
+impl PacketLink for ChaosLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.life.is_over() {
             return Err(io::ErrorKind::HostUnreachable.into());

@@ -9,7 +9,7 @@ pub use more::{LOCKED_AFTER, More};
 use mesa_hal::boards::{i7i72, i7i77};
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::Pace;
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use crate::common::chance::Chance;
 
@@ -230,7 +230,7 @@ impl Plan {
     /// application nor another program disturbs the others.
     pub fn victim(&self) -> Option<usize> {
         let of_remotes =
-            |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+            |fault: &Planned| matches!(fault.kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         let [first, ..] = &self.faults[..] else {
             return None;
         };
@@ -247,7 +247,7 @@ impl Plan {
 
     /// Some bytes on a wire are lost or wrong, so that a START takes longer.
     pub fn has_bad_wire(&self) -> bool {
-        let is_bad = |fault: &Planned| fault.kind.place() == Place::Wire;
+        let is_bad = |fault: &Planned| fault.kind.place() == FaultPlace::Wire;
         self.faults.iter().any(is_bad)
     }
 
@@ -316,8 +316,8 @@ fn faults(
         .iter()
         .copied()
         .filter(|kind| match kind.place() {
-            Place::Network => is_network,
-            Place::Bus => !is_network,
+            FaultPlace::Network => is_network,
+            FaultPlace::Bus => !is_network,
             _ => true,
         })
         .collect();
@@ -326,7 +326,7 @@ fn faults(
     let mut faults: Vec<Planned> = Vec::new();
     for n in 0..count {
         let kind = chance.of(&possible);
-        let in_build = n == 0 && kind.place() != Place::Host && chance.one_in(4);
+        let in_build = n == 0 && kind.place() != FaultPlace::Host && chance.one_in(4);
         let lasts = match chance.below(4) {
             0 => MICRO * (1 + chance.below(2_000)),
             1 => MILLI * (1 + chance.below(60)),

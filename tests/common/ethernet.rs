@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find;
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga};
 
@@ -220,7 +220,7 @@ impl std::fmt::Debug for SimLink {
     }
 }
 
-impl Link for SimLink {
+impl PacketLink for SimLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.is_unreachable {
             return Err(io::ErrorKind::HostUnreachable.into());

@@ -345,4 +345,4 @@ impl<B: Embedded, C> Machine<B, C> {
     }
 }
 
-pub type FieldRemote = mesa_hal_sim::remote::Remote<Device<FieldIo>>;
+pub type FieldRemote = mesa_hal_sim::remote::SimRemote<Device<FieldIo>>;

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use mesa_hal_sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga};
 
 /// Acts on the board once, at a time in nanoseconds.
 pub struct Once<F> {
@@ -32,5 +32,5 @@ impl<F: FnMut(&mut SimFpga) + Send> Director for Once<F> {
         (self.act)(fpga);
     }
 
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+    fn drives(&mut self, _: &SimFpga, _: ChangeCause) {}
 }

@@ -5,7 +5,7 @@
 //! small table, because the driver reads more than the recording host did.
 
 use mesa_hal::hostmot2::{Gtag, ModuleDescriptor};
-use mesa_hal::sslbp::{Channel, ChannelMask, Layout};
+use mesa_hal::sslbp::{Channel, ChannelMask, PortLayout};
 use mesa_hal_sim::sslbp::Register;
 use mesa_hal_sim::wire::Nanos;
 use std::collections::{BTreeMap, HashMap};
@@ -225,7 +225,7 @@ impl Recorded {
     }
 
     fn decode(address: u16) -> Register {
-        let layout = Layout::new(&MODULE, 0, 8).unwrap();
+        let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         if address == layout.command {
             return Register::Command;
         }

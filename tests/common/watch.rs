@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mesa_hal_sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga};
 
 /// Pins of a 7I97 that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
 const LOW_ENABLES: [usize; 3] = [5, 7, 8];
@@ -59,9 +59,9 @@ impl Director for Watch {
         fpga.reload();
     }
 
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
         let mut seen = self.seen();
-        seen.is_noting |= cause == Cause::Bite;
+        seen.is_noting |= cause == ChangeCause::Bite;
         if !seen.is_noting {
             return;
         }

@@ -5,7 +5,7 @@ mod damage;
 use crate::common::image::{Image, NoReply};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DataType, Discovered, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
+    DataDirection, DataType, Discovery, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
     RemoteTable, Table, discover,
 };
 use mesa_hal::sslbp::RemoteName;
@@ -25,7 +25,7 @@ fn started(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> StartedRemote {
     }
 }
 
-fn run(image: &mut Image, started: &StartedRemote) -> Discovered {
+fn run(image: &mut Image, started: &StartedRemote) -> Discovery {
     let options = DiscoveryOptions {
         tables: &REMOTES,
         ..DiscoveryOptions::default()
@@ -33,7 +33,7 @@ fn run(image: &mut Image, started: &StartedRemote) -> Discovered {
     discover(image, started, 3, &options)
 }
 
-fn kinds(found: &Discovered) -> Vec<ProblemKind> {
+fn kinds(found: &Discovery) -> Vec<ProblemKind> {
     let problems = found.problems.iter();
     problems.map(|problem| problem.kind.clone()).collect()
 }

@@ -157,7 +157,8 @@ fn sentences(page: &str) -> Vec<String> {
             blocks.push(String::new());
             continue;
         }
-        if is_code || line.starts_with('#') || line.starts_with("|---") {
+        let is_target = line.starts_with('[') && line.contains("]: ");
+        if is_code || is_target || line.starts_with('#') || line.starts_with("|---") {
             continue;
         }
         let begins = line.is_empty() || line.starts_with("- ") || line.starts_with('|');

@@ -3,8 +3,8 @@
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    AxisWiring, DriveSignal, DriveSource, ForeignModule, IoPorts, ModuleDescriptor, Motor,
-    MotorConfig, PinDescriptor, PinSource, SimFpga, machines,
+    AxisWiring, DriveSignal, DriveSource, ForeignModule, Motor, MotorConfig, PinSource, SimFpga,
+    SimIoPorts, SimModuleDescriptor, SimPinDescriptor, machines,
 };
 
 /// The firmware's number for the module, and the base address of its registers.
@@ -61,7 +61,7 @@ impl ForeignModule for Dac {
         *self = Self::default();
     }
 
-    fn drive_signal(&self, now: Nanos, output: u8, io: &IoPorts) -> DriveSignal {
+    fn drive_signal(&self, now: Nanos, output: u8, io: &SimIoPorts) -> DriveSignal {
         DriveSignal {
             volts: self.volts(now, output.into()),
             enabled: match io.source(Some(ENABLE)) {
@@ -82,9 +82,9 @@ impl ForeignModule for Dac {
 /// outputs, at encoders 0 and 1.
 fn machine() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
-    let descriptor = ModuleDescriptor::new(DAC, 0, 1, 2, BASE, 2, 0x00, 0x01);
+    let descriptor = SimModuleDescriptor::new(DAC, 0, 1, 2, BASE, 2, 0x00, 0x01);
     firmware.modules.push(descriptor);
-    firmware.pins[ENABLE] = PinDescriptor::new(DAC, 0, 0x81);
+    firmware.pins[ENABLE] = SimPinDescriptor::new(DAC, 0, 0x81);
     let mut fpga = SimFpga::new(firmware);
     fpga.add_module(DAC, Box::new(Dac::default()));
     for output in 0..2 {

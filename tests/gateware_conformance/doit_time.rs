@@ -6,8 +6,8 @@ use std::time::Duration;
 use crate::DIRECTORY;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 use crate::common::recording::{Recording, files, own_directory};
-use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, DoitTime, Exchange, ProcessDataSizes};
-use mesa_hal_sim::remote::Remote;
+use mesa_hal::sslbp::{Channel, ChannelExchange, DEFAULT_BAUD_RATE, DoitTime, ProcessDataSizes};
+use mesa_hal_sim::remote::SimRemote;
 use mesa_hal_sim::sslbp::{PortConfig, Register, SslbpPort};
 use mesa_hal_sim::wire::{Nanos, RemoteEnd};
 use proptest::prelude::*;
@@ -49,7 +49,7 @@ fn is_command(entry: &Entry) -> bool {
 /// one.
 fn doits(transcript: &Transcript) -> Vec<Recorded> {
     let mut found = Vec::new();
-    let mut last: Vec<Exchange> = Vec::new();
+    let mut last: Vec<ChannelExchange> = Vec::new();
     let mut log_is_off = false;
     for (n, entry) in transcript.entries.iter().enumerate() {
         log_is_off |= matches!(entry.event, Event::WireLogOff);
@@ -106,7 +106,7 @@ fn is_good(command: u32, rest: &[Entry]) -> bool {
 
 /// The last exchange of each channel of `mask`, and true if there were others; `None` if another
 /// channel is on the wire, or a burst on it is not as expected.
-fn exchanges(mask: u8, from: Nanos, wire: &[Entry]) -> Option<(Vec<Exchange>, bool)> {
+fn exchanges(mask: u8, from: Nanos, wire: &[Entry]) -> Option<(Vec<ChannelExchange>, bool)> {
     let mut found = Vec::new();
     let mut met_chatter = false;
     for channel in Channel::ALL {
@@ -136,7 +136,7 @@ fn on(channel: Channel, entry: &Entry) -> bool {
 }
 
 /// Contents of a request and its reply, and the start of the request.
-fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(Exchange, Nanos)> {
+fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(ChannelExchange, Nanos)> {
     let Event::FromFpga {
         bytes: sent,
         start: begin,
@@ -156,7 +156,7 @@ fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(Exchang
     };
     let rate = (reply.time - start) / received.len() as Nanos;
     let is_usual = sent.first() == Some(&PROCESS_DATA_RPC) && (3_900..4_100).contains(&rate);
-    let exchange = Exchange {
+    let exchange = ChannelExchange {
         channel,
         sizes: ProcessDataSizes {
             rx: received.len() as u8 - 1,
@@ -218,7 +218,7 @@ fn run(port: &mut SslbpPort, lines: &mut Sockets, command: u32, at: Nanos) -> Na
 
 fn remote(sizes: ProcessDataSizes) -> Box<dyn RemoteEnd> {
     let ProcessDataSizes { rx, tx } = sizes;
-    let mut remote = Remote::model();
+    let mut remote = SimRemote::model();
     remote
         .apply(&format!(
             "present=1 name=TEST unit=4660 mode0={rx},{tx},0x100,0x200 lat=10 wd=0"
@@ -244,7 +244,7 @@ proptest! {
         for (channel, (rx, tx)) in Channel::ALL.into_iter().zip(remotes) {
             let sizes = ProcessDataSizes { rx, tx };
             lines[usize::from(channel.index())] = Some(remote(sizes));
-            exchanges.push(Exchange::usual(channel, sizes));
+            exchanges.push(ChannelExchange::usual(channel, sizes));
         }
         let mask = (1 << exchanges.len()) - 1;
         let mut now = run(&mut port, &mut lines, 0x0800, 600_000) + 20_000;

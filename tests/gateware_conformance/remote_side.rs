@@ -1,7 +1,7 @@
 //! The simulated remotes against the recorded requests: bytes, times and events must be those of
 //! the recorded remotes.
 
-use mesa_hal_sim::remote::{FixedData, Remote, RemoteEvent};
+use mesa_hal_sim::remote::{FixedData, RemoteEvent, SimRemote};
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 use crate::common::recording::Outcome;
@@ -130,7 +130,7 @@ fn compare(channel: &Channel<'_>, end: Nanos) -> Outcome {
     {
         return outcome;
     }
-    let mut remote = Remote::model();
+    let mut remote = SimRemote::model();
     let mut done = Vec::new();
     for (time, line, stimulus) in &channel.stimuli {
         remote.advance(*time);
@@ -152,7 +152,7 @@ fn compare(channel: &Channel<'_>, end: Nanos) -> Outcome {
     outcome
 }
 
-fn collect(remote: &mut Remote<FixedData>, line: usize, done: &mut Vec<Deed>) {
+fn collect(remote: &mut SimRemote<FixedData>, line: usize, done: &mut Vec<Deed>) {
     while let Some((time, event)) = remote.take_event() {
         let what = What::Event(match event {
             RemoteEvent::WatchdogBites => "watchdog bites".to_owned(),

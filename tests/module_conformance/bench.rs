@@ -1,7 +1,7 @@
 //! The bench to which the stimuli of a recording are applied.
 
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, SimFpga, gtag};
+use mesa_hal_sim::{SimFirmware, SimFpga, gtag};
 
 use crate::register::Register;
 use crate::transcript::Level;
@@ -61,7 +61,7 @@ pub struct FpgaBench {
 
 impl FpgaBench {
     /// An FPGA that has just been configured.
-    pub fn new(firmware: Firmware) -> Self {
+    pub fn new(firmware: SimFirmware) -> Self {
         Self {
             fpga: SimFpga::new(firmware),
         }
@@ -110,7 +110,7 @@ impl Bench for FpgaBench {
 }
 
 /// The number of an I/O pin: `IO` and its number, or the signal of a module.
-fn find_pin(firmware: &Firmware, name: &str) -> Option<usize> {
+fn find_pin(firmware: &SimFirmware, name: &str) -> Option<usize> {
     let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
     let number: u8 = name[letters.len()..].parse().unwrap_or(0);
     match letters {

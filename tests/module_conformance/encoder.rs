@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFirmware, SimFpga, SimPinDescriptor, gtag, machines};
 
 use crate::bench::{Bench, FpgaBench};
 use crate::common::recording::{Outcome, Recording, files, own_directory};
@@ -106,7 +106,7 @@ fn is_count(register: Register) -> bool {
 }
 
 /// The firmware that a file was recorded on.
-fn firmware(transcript: &Transcript) -> Firmware {
+fn firmware(transcript: &Transcript) -> SimFirmware {
     let is_two_cards = transcript.name.starts_with("enc12");
     let mut firmware = if is_two_cards {
         machines::firmware_7i92_7i77x2()
@@ -129,10 +129,10 @@ fn firmware(transcript: &Transcript) -> Firmware {
     }
     if is_plain || has_mask_or_probe(transcript) {
         for unit in 0..6 {
-            let pin = PinDescriptor::new(tag, unit, 0x04);
+            let pin = SimPinDescriptor::new(tag, unit, 0x04);
             firmware.pins[FIRST_MASK + usize::from(unit)] = pin;
         }
-        firmware.pins[PROBE] = PinDescriptor::new(tag, 0, 0x05);
+        firmware.pins[PROBE] = SimPinDescriptor::new(tag, 0, 0x05);
     }
     firmware
 }
@@ -173,7 +173,7 @@ const PINS: [&str; 8] = [
 ];
 
 impl EncoderBench {
-    fn new(firmware: &Firmware) -> Self {
+    fn new(firmware: &SimFirmware) -> Self {
         Self {
             inner: FpgaBench::new(firmware.clone()),
             levels: BTreeMap::new(),

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, PinDescriptor, gtag, machines};
+use mesa_hal_sim::{SimFirmware, SimPinDescriptor, gtag, machines};
 
 use crate::Replay;
 use crate::bench::FpgaBench;
@@ -79,14 +79,14 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
 }
 
 /// The pins of a 7I97's PWM generators, and the second pins of four of them on IO34 to IO37.
-pub fn pwm_firmware() -> Firmware {
+pub fn pwm_firmware() -> SimFirmware {
     let mut firmware = machines::firmware_7i97(1);
     for pin in &mut firmware.pins[PWM_PINS..] {
-        *pin = PinDescriptor::gpio();
+        *pin = SimPinDescriptor::gpio();
     }
     for unit in 0..4 {
         firmware.pins[SECOND_PWM_PINS + usize::from(unit)] =
-            PinDescriptor::new(gtag::PWM, unit, 0x82);
+            SimPinDescriptor::new(gtag::PWM, unit, 0x82);
     }
     firmware
 }

@@ -1,6 +1,6 @@
 //! The registers by their names in the transcripts.
 
-use mesa_hal_sim::{Firmware, gtag};
+use mesa_hal_sim::{SimFirmware, gtag};
 
 /// A kind of register.
 #[derive(Debug, PartialEq, Eq)]
@@ -120,7 +120,7 @@ impl Register {
 
     /// Its address in a firmware, from the module's descriptor; `None` if the firmware has no such
     /// register.
-    pub fn address(self, firmware: &Firmware) -> Option<u16> {
+    pub fn address(self, firmware: &SimFirmware) -> Option<u16> {
         let module = firmware.module(self.kind.gtag)?;
         let exists = self.kind.instances == 1 || self.index < module.instances;
         // Both register strides are 0x100, and these modules have instances 4 bytes apart.

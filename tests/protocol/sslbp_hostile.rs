@@ -6,8 +6,8 @@ use crate::common::replay::{MODULE, Replay};
 use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelVariable, Layout, NonvolatileMemory, Port, PortLink, RemoteAccess,
-    StartMode,
+    AccessSize, Channel, ChannelVariable, NonvolatileMemory, Port, PortLayout, PortLink,
+    RemoteAccess, StartMode,
 };
 use proptest::prelude::*;
 
@@ -55,7 +55,7 @@ proptest! {
         let mut bus = Hostile::bus(seed, idle_every);
         bus.is_stopped = is_stopped;
         let bus = &mut bus;
-        let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
+        let mut port = Port::new(PortLayout::new(&MODULE, 0, 8).unwrap());
         let zero = Channel::ALL[0];
         let starts = Channel::ALL.map(|channel| (channel, 0));
         let _ = port.on(bus).reset();

@@ -7,8 +7,8 @@ use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
-    LocalLocation, NonvolatileMemory, Operation, Port, PortAccess, PortError, PortLink,
+    AccessSize, Channel, ChannelMask, ChannelVariable, ComState, LocalFaults, LocalLocation,
+    NonvolatileMemory, Port, PortAccess, PortError, PortLayout, PortLink, PortOperation,
     PortParameters, PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason,
     StartMode,
 };
@@ -17,7 +17,7 @@ use mesa_hal_sim::sslbp::Register;
 const ZERO: Channel = Channel::ALL[0];
 
 fn port() -> Port {
-    Port::new(Layout::new(&MODULE, 0, 8).unwrap())
+    Port::new(PortLayout::new(&MODULE, 0, 8).unwrap())
 }
 
 fn identified(bus: &mut Replay) -> Port {

@@ -1,7 +1,7 @@
 //! Filters of the simulated encoders: gated index, polarity, probe and live bits, see FACTS 12.12.
 //! The comparison with recordings is in `tests/module_conformance`.
 
-use mesa_hal_sim::{PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, SimPinDescriptor, gtag, machines};
 
 /// Control bits.
 const GATE: u32 = 1 << 7;
@@ -33,7 +33,7 @@ impl Bench {
         let module = firmware.module_mut(gtag::MUXED_ENCODER).expect("encoders");
         (module.gtag, module.registers) = (tag, 6);
         let base = module.base;
-        firmware.pins[PROBE] = PinDescriptor::new(tag, 0, 0x05);
+        firmware.pins[PROBE] = SimPinDescriptor::new(tag, 0, 0x05);
         let mut fpga = SimFpga::new(firmware);
         fpga.set_access_cost(0);
         // The select line of the multiplexer: alternate source and direction.

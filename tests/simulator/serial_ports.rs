@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::remote::{FixedData, SimRemote};
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
 /// Register addresses of one port, according to its module descriptor.
@@ -33,8 +33,8 @@ impl Port {
 }
 
 /// A remote as in the transcripts, with the sizes of one mode.
-fn model(name: &str, rx: u8, tx: u8) -> Box<Remote<FixedData>> {
-    let mut remote = Remote::model();
+fn model(name: &str, rx: u8, tx: u8) -> Box<SimRemote<FixedData>> {
+    let mut remote = SimRemote::model();
     let line = format!("present=1 name={name} unit=1 mode0={rx},{tx},0,0");
     remote.apply(&line).expect("model");
     Box::new(remote)
@@ -46,7 +46,7 @@ fn settle(fpga: &mut SimFpga) {
 }
 
 fn outputs(fpga: &SimFpga, port: usize, channel: usize) -> &[u8] {
-    let remote = fpga.device::<Remote<FixedData>>(port, channel);
+    let remote = fpga.device::<SimRemote<FixedData>>(port, channel);
     remote.expect("remote").application().outputs()
 }
 

@@ -3,13 +3,13 @@
 use alloc::vec::Vec;
 
 use super::plan::ImagePlan;
-use super::words::By;
+use super::words::WriteKind;
 use super::{Phase, Words};
 use crate::bus::{Access, AccessList, RegisterBus};
 
 /// Requested form of a cycle's read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ask {
+pub struct ReadRequest {
     /// The registers wait for the board's next period, if the board paces.
     pub held: bool,
     /// The extra registers are read as well.
@@ -25,14 +25,14 @@ pub struct Ask {
 #[derive(Debug)]
 pub struct Exchanges {
     pub(super) lists: Lists,
-    pub(super) parts: Parts,
+    pub(super) parts: SettingExchanges,
 }
 
 #[derive(Debug)]
 pub(super) struct Lists {
     /// With the usual registers, and with the extra ones as well.
     pub read: [AccessList; 2],
-    pub paced: Option<Paced>,
+    pub paced: Option<PacedReads>,
     pub write: AccessList,
     pub status: AccessList,
     pub evidence: AccessList,
@@ -42,14 +42,14 @@ pub(super) struct Lists {
 
 /// Reads that the board delays until its next period.
 #[derive(Debug)]
-pub(super) struct Paced {
+pub(super) struct PacedReads {
     pub read: [AccessList; 2],
     /// With the writes before them.
     pub cycle: [AccessList; 2],
 }
 
 impl Lists {
-    fn of(&self, ask: Ask) -> &AccessList {
+    fn of(&self, ask: ReadRequest) -> &AccessList {
         let [usual, extra] = match &self.paced {
             Some(paced) if ask.with_writes => &paced.cycle,
             Some(paced) if ask.held => &paced.read,
@@ -61,6 +61,7 @@ impl Lists {
 
 /// The lists of a usual cycle.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct CycleLists<'a> {
     /// The read, at the host's pace.
     pub read: &'a AccessList,
@@ -72,15 +73,15 @@ pub struct CycleLists<'a> {
 
 /// A register of the cycle, and the place of its word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Exchanged {
-    pub way: Way,
+pub(crate) struct CycleRegister {
+    pub way: WordDirection,
     pub address: u16,
     pub(super) place: u16,
 }
 
 /// Direction of a word in the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Way {
+pub(crate) enum WordDirection {
     /// Read in every cycle.
     Read,
     /// Written in every cycle.
@@ -92,13 +93,13 @@ pub(crate) enum Way {
 impl Exchanges {
     /// All registers that a cycle may contain: those that are read, then those that are written,
     /// then settings. For set-up: allocates.
-    pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
+    pub(crate) fn exchanged(&self) -> Vec<CycleRegister> {
         let Lists { read, write, .. } = &self.lists;
         let [_, read] = read;
         let of = |way| {
             move |access: &Access| {
                 let (address, first) = (access.address, access.first);
-                (0..access.count).map(move |n| Exchanged {
+                (0..access.count).map(move |n| CycleRegister {
                     way,
                     address: address.wrapping_add(n.wrapping_mul(4)),
                     place: first.saturating_add(n),
@@ -106,10 +107,10 @@ impl Exchanges {
             }
         };
         let settings = self.parts.settings.iter().map(|(_, access)| access);
-        let read = read.as_ref().iter().flat_map(of(Way::Read));
-        let write = write.as_ref().iter().flat_map(of(Way::Write));
+        let read = read.as_ref().iter().flat_map(of(WordDirection::Read));
+        let write = write.as_ref().iter().flat_map(of(WordDirection::Write));
         read.chain(write)
-            .chain(settings.flat_map(of(Way::Setting)))
+            .chain(settings.flat_map(of(WordDirection::Setting)))
             .collect()
     }
 }
@@ -133,8 +134,8 @@ impl Exchanges {
         &self,
         bus: &mut B,
         words: &Words,
-        ask: Ask,
-    ) -> Result<Ask, B::Error> {
+        ask: ReadRequest,
+    ) -> Result<ReadRequest, B::Error> {
         bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
@@ -146,11 +147,11 @@ impl Exchanges {
         &mut self,
         bus: &mut B,
         words: &mut Words,
-        ask: Ask,
+        ask: ReadRequest,
         quiet: bool,
-    ) -> Result<Option<Ask>, B::Error> {
+    ) -> Result<Option<ReadRequest>, B::Error> {
         if quiet || !words.has_news() {
-            let with_writes = Ask {
+            let with_writes = ReadRequest {
                 with_writes: true,
                 ..ask
             };
@@ -165,10 +166,10 @@ impl Exchanges {
         &self,
         bus: &mut B,
         words: &mut Words,
-        started: Ask,
+        started: ReadRequest,
     ) -> Result<(), B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -185,7 +186,7 @@ impl Exchanges {
             let _ = bus.run(&self.lists.write, &mut words.content)?;
             return Ok(());
         }
-        self.write_parts(bus, words, By::Cycle)
+        self.write_parts(bus, words, WriteKind::Cycle)
     }
 
     /// Writes the settings of the set-up that have changed, including those that drive pins. The
@@ -196,14 +197,14 @@ impl Exchanges {
         words: &mut Words,
     ) -> Result<(), B::Error> {
         words.expect_either();
-        self.write_parts(bus, words, By::Guarded)
+        self.write_parts(bus, words, WriteKind::Guarded)
     }
 
     fn write_parts<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         words: &mut Words,
-        by: By,
+        by: WriteKind,
     ) -> Result<(), B::Error> {
         let accesses = self.parts.choose(words, by);
         bus.write_all(accesses, &mut words.content)?;
@@ -218,7 +219,7 @@ impl Exchanges {
         words: &mut Words,
     ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -229,7 +230,7 @@ impl Exchanges {
         words: &mut Words,
     ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -238,7 +239,7 @@ impl Exchanges {
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
@@ -251,7 +252,7 @@ impl Exchanges {
 
 /// All writes, as needed for exchanges that contain settings.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(super) struct SettingExchanges {
     first: Vec<Access>,
     data: Vec<Access>,
     /// Single accesses, stage by stage, each with its number.
@@ -261,7 +262,7 @@ pub(super) struct Parts {
     chosen: Vec<Access>,
 }
 
-impl Parts {
+impl SettingExchanges {
     pub fn new(
         plan: &ImagePlan,
         writes: impl Fn(Phase) -> Vec<Access>,
@@ -286,10 +287,10 @@ impl Parts {
     /// contains all other writes as well, in the same places as without settings. A write that
     /// drives pins ends with the watchdog's word, which comes first otherwise: the watchdog bites
     /// on a board that was reset before or meanwhile, because its time is then 0.
-    fn choose(&mut self, words: &Words, by: By) -> &[Access] {
+    fn choose(&mut self, words: &Words, by: WriteKind) -> &[Access] {
         let (before, after) = match by {
-            By::Cycle => (&self.first[..], &self.triggers),
-            By::Guarded => (&[][..], &self.first),
+            WriteKind::Cycle => (&self.first[..], &self.triggers),
+            WriteKind::Guarded => (&[][..], &self.first),
         };
         let asked = self.settings.iter().filter(|(n, _)| words.is_asked(*n, by));
         self.chosen.clear();

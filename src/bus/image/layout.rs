@@ -4,8 +4,8 @@
 use alloc::{vec, vec::Vec};
 use core::time::Duration;
 
-use super::exchange::{Exchanges, Lists, Paced, Parts};
-use super::plan::{Again, ImagePlan, Register, StepPlace, push};
+use super::exchange::{Exchanges, Lists, PacedReads, SettingExchanges};
+use super::plan::{ImagePlan, Register, RepeatedWord, StepPlace, push};
 use super::{Phase, Stage, Words};
 use crate::bus::{Access, Direction, Hold, RegisterBus};
 
@@ -55,7 +55,7 @@ impl ImagePlan {
                 read: both(&read, None)?,
                 paced: match held {
                     None => None,
-                    Some(_) => Some(Paced {
+                    Some(_) => Some(PacedReads {
                         read: both(&read, Some(0))?,
                         cycle: both(&cycle, Some(write.len()))?,
                     }),
@@ -66,7 +66,7 @@ impl ImagePlan {
                 set_up: bus.prepare(&set_up, None)?,
                 quiesce: bus.prepare(&quiesce, None)?,
             },
-            parts: Parts::new(self, writes_of, first_setting),
+            parts: SettingExchanges::new(self, writes_of, first_setting),
         };
         let (read_places, write_places) = (reads.index(&self.reads), writes.index(&self.writes));
         let words = Words::new(self, content, read_places, write_places, first_setting);
@@ -84,9 +84,9 @@ impl ImagePlan {
         let (mut all, mut quiesce) = (Vec::new(), Vec::new());
         for step in self.sorted_steps() {
             let place = match step.again {
-                Again::Setting(setting) => first_setting.saturating_add(setting.0),
-                Again::Safe(slot) => first_safe.saturating_add(slot.0),
-                Again::Word(word) => push(content, word),
+                RepeatedWord::Setting(setting) => first_setting.saturating_add(setting.0),
+                RepeatedWord::Safe(slot) => first_safe.saturating_add(slot.0),
+                RepeatedWord::Word(word) => push(content, word),
             };
             let access = Access::write(step.address, place, 1);
             all.push(access);

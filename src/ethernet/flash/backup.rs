@@ -8,7 +8,8 @@ use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
 /// Sectors in which a chip differs from a backup, and which are written together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Difference {
+#[non_exhaustive]
+pub struct FlashDifference {
     /// The area; `None` for sectors that no configuration uses.
     pub area: Option<Area>,
     /// Its first address.
@@ -89,7 +90,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         &mut self,
         backup: &[u8],
         progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<Difference>>, EthernetError<B::Error>> {
+    ) -> Result<Option<Vec<FlashDifference>>, EthernetError<B::Error>> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let Some(found) = self.backup(progress)? else {
             return Ok(None);
@@ -104,7 +105,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         for area in AREAS {
             let range = self.layout.addresses(area);
             let last = differs.iter().rev().find(|start| range.contains(start));
-            differences.extend(last.map(|last| Difference {
+            differences.extend(last.map(|last| FlashDifference {
                 area: Some(area),
                 start: range.start,
                 end: last.saturating_add(SECTOR_BYTES),
@@ -116,7 +117,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
                 .any(|&area| self.layout.addresses(area).contains(start))
         };
         let others = differs.iter().filter(|start| !named(start));
-        let others = others.map(|&start| Difference {
+        let others = others.map(|&start| FlashDifference {
             area: None,
             start,
             end: start.saturating_add(SECTOR_BYTES),
@@ -137,7 +138,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     pub fn check_restore(
         &mut self,
         backup: &[u8],
-        part: &Difference,
+        part: &FlashDifference,
     ) -> Result<(), EthernetError<B::Error>> {
         self.check_backup(backup)?;
         part.area.map_or(Ok(()), |area| self.need_other(area))
@@ -150,7 +151,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     pub fn restore(
         &mut self,
         backup: &[u8],
-        part: &Difference,
+        part: &FlashDifference,
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
         self.check_restore(backup, part)?;

@@ -160,9 +160,9 @@ fn what_a_cycle_that_hangs_has_shown_is_not_valid_and_gets_older() {
     let input = driver.pins().input("hm2_7i92.0.7i77.0.0.input-02");
     let input: crate::hal::Input<bool> = input.expect("there");
     assert!(before.read(input).valid);
-    thread::sleep(FRESH + Duration::from_millis(10));
+    thread::sleep(MAX_AGE + Duration::from_millis(10));
     let seen = reader.read().expect("the last one stays");
-    assert!(!seen.has_ended && seen.age() > FRESH);
+    assert!(!seen.has_ended && seen.age() > MAX_AGE);
     is_not_fresh(&seen);
     assert!(before.read(input).valid, "as it was when it was taken");
     same(&driver, &fresh(&driver, &mut writer));

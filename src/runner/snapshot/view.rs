@@ -5,7 +5,7 @@ use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::Shared;
+use super::SnapshotBuffer;
 use crate::bus::{BusStatistics, Instant};
 use crate::driver::{BoardState, DriverStatistics, OfflineReason, RemoteState};
 #[cfg(doc)]
@@ -24,7 +24,7 @@ use crate::sslbp::{RemoteFaults, RemoteName};
 /// cycle published last.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    pub(super) shared: Arc<Shared>,
+    pub(super) shared: Arc<SnapshotBuffer>,
     pub(super) words: Vec<u64>,
     pub(super) age: Duration,
     pub(super) has_ended: bool,

@@ -4,7 +4,7 @@ use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortParameters,
+        Channel, ChannelVariable, MAX_CHANNELS, PortImage, PortOperation, PortParameters,
         operation::LAST_LOCAL,
     },
 };
@@ -26,7 +26,7 @@ const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
 const TOO_OLD: &str = "flash a newer firmware";
-const NOT_KNOWN: &str = "this firmware is not known";
+const UNKNOWN_FIRMWARE: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
     "the pin descriptors have other channels than the port, use another firmware image";
@@ -71,7 +71,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     }
 
     fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {
-        let (_, snapshot) = self.run(Operation::ReadLocal(address), &[])?;
+        let (_, snapshot) = self.run(PortOperation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }
 
@@ -102,7 +102,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
-        self.run(Operation::WriteLocal(address), &data)?;
+        self.run(PortOperation::WriteLocal(address), &data)?;
         let read = self.local_read(address)?;
         if read == value {
             return Ok(());
@@ -131,10 +131,6 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             processor,
             channels,
         ] = parameters;
-        let last = u16::from(start) + u16::from(stride) * u16::from(MAX_CHANNELS - 1);
-        let is_room =
-            u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK;
-        let is_known = major == 1 && minor >= OLDEST_MINOR;
         let require = |(found, expected): (u8, u8), what: &str, hint| {
             if found == expected {
                 return Ok(());
@@ -143,18 +139,22 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Err(self.unexpected(what.into(), found, expected, hint))
         };
         require((kind, 0x12), "the interface type", OTHER_PROTOCOL)?;
-        require((width, 8), "the width of DATA", NOT_KNOWN)?;
-        require((processor, 0xD8), "the interface processor", NOT_KNOWN)?;
-        if !is_known {
+        require((width, 8), "the width of DATA", UNKNOWN_FIRMWARE)?;
+        require(
+            (processor, 0xD8),
+            "the interface processor",
+            UNKNOWN_FIRMWARE,
+        )?;
+        if major != 1 || minor < OLDEST_MINOR {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
             return Err(self.unexpected("the SSLBP version".into(), found, expected, TOO_OLD));
         }
-        if !is_room {
+        if !has_room(start, stride) {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
-            return Err(self.unexpected(what, found, expected, NOT_KNOWN));
+            return Err(self.unexpected(what, found, expected, UNKNOWN_FIRMWARE));
         }
         let all = self.port.layout.channels;
         require((channels, all), "the number of channels", INCONSISTENT)?;
@@ -202,4 +202,10 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         }
         Ok(())
     }
+}
+
+/// True if the variables of all channels fit before the parameters behind them.
+fn has_room(start: u8, stride: u8) -> bool {
+    let last = u16::from(start) + u16::from(stride) * u16::from(MAX_CHANNELS - 1);
+    u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK
 }

@@ -34,7 +34,7 @@ fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
     bus.fail_at(1, Fault::SilentWrite);
     let write = bus.prepare(&[Access::write(0x1000, 0, 1)], None).unwrap();
     let read = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
-    assert_eq!(bus.run(&write, &mut [5]), Ok(Reply::UNHEARD));
+    assert_eq!(bus.run(&write, &mut [5]), Ok(Reply::UNKNOWN));
     assert!(bus.inner.words.is_empty());
     assert_eq!(bus.statistics().lost_writes, 0);
     let mut words = [9];

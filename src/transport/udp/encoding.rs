@@ -4,7 +4,7 @@ use core::ops::Range;
 use core::time::Duration;
 
 use super::UdpError;
-use super::ledger::{Account, Details, Kind, SLOTS};
+use super::ledger::{Account, Details, SLOTS, WriteEvidence};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
 use crate::bus::{Access, AccessList, Direction, Hold, ListForm};
@@ -68,7 +68,7 @@ pub struct UdpList {
     /// The packet is answered, and begins with the number of the request.
     pub(super) is_answered: bool,
     /// Evidence that its writes were executed, if the packet changes registers of the board.
-    pub(super) kind: Option<Kind>,
+    pub(super) kind: Option<WriteEvidence>,
     /// Offset of the address of the slot register, which is followed by the number of the write.
     slot: usize,
     /// Offset of the number for the last-write register, if the packet sets that register.
@@ -165,9 +165,9 @@ impl UdpList {
         let has = |direction| accesses.iter().any(|access| access.direction == direction);
         let is_answered = is_acknowledged || hold.is_some() || has(Direction::Read);
         let kind = has(Direction::Write).then_some(match hold {
-            Some(_) => Kind::Cycle,
-            None if is_answered => Kind::Acknowledged,
-            None => Kind::Alone,
+            Some(_) => WriteEvidence::Cycle,
+            None if is_answered => WriteEvidence::Acknowledged,
+            None => WriteEvidence::Alone,
         });
         self.accesses.clear();
         self.accesses.extend_from_slice(accesses);
@@ -206,8 +206,8 @@ impl UdpList {
         let mut board = BoardIdentity::default();
         let (mac, card) = reply.split_at_checked(board.mac.len()).unwrap_or_default();
         // The low byte of the low word comes first.
-        for (byte, told) in board.mac.iter_mut().rev().zip(mac) {
-            *byte = *told;
+        for (byte, received) in board.mac.iter_mut().rev().zip(mac) {
+            *byte = *received;
         }
         put(&mut board.card, 0, card.get(..16).unwrap_or_default());
         board
@@ -224,7 +224,7 @@ impl UdpList {
 
     /// The packet of ready-made commands, which are answered with `reply_len` bytes.
     pub(super) fn answered(
-        kind: Option<Kind>,
+        kind: Option<WriteEvidence>,
         commands: &[u8],
         reply_len: usize,
     ) -> Result<Self, UdpError> {
@@ -240,7 +240,7 @@ impl UdpList {
     fn make(
         &mut self,
         is_answered: bool,
-        kind: Option<Kind>,
+        kind: Option<WriteEvidence>,
         body: impl FnOnce(&mut Self),
     ) -> Result<(), UdpError> {
         self.request.bytes.clear();
@@ -256,7 +256,7 @@ impl UdpList {
             let number = self.write_timer(SLOT, &[0; 2]);
             self.slot = number.saturating_sub(ADDRESS);
         }
-        if kind.is_some_and(|kind| kind != Kind::Cycle) {
+        if kind.is_some_and(|kind| kind != WriteEvidence::Cycle) {
             self.last_write = Some(self.write_timer(LAST_WRITE, &[0; 2]));
         }
         if is_answered {
@@ -412,7 +412,7 @@ impl UdpList {
             let [received, last_write, ..] = words;
             (received, last_write, None)
         };
-        let is_own = self.kind == Some(Kind::Cycle);
+        let is_own = self.kind == Some(WriteEvidence::Cycle);
         Account {
             last_write: (!is_own).then_some(last_write),
             received,
@@ -423,7 +423,7 @@ impl UdpList {
     fn tail(&self, detailed: bool) -> Tail {
         match self.kind {
             _ if detailed => DETAILED,
-            Some(Kind::Cycle) => OWN,
+            Some(WriteEvidence::Cycle) => OWN,
             _ => BRIEF,
         }
     }

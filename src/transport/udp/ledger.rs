@@ -45,7 +45,7 @@ pub(super) struct Details {
 
 /// New findings of an account.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct News {
+pub(super) struct WriteReport {
     /// Writes that the board has not executed.
     pub lost: u32,
     /// Writes that were reported as lost and have been executed since.
@@ -63,7 +63,7 @@ pub(super) struct News {
 
 /// State of the ledger when a request was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Asked {
+pub(super) struct LedgerState {
     /// Number of the newest write.
     newest: u32,
     /// Expected content of the last-write register.
@@ -71,7 +71,7 @@ pub(super) struct Asked {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fate {
+enum WriteState {
     /// Never sent, or forgotten.
     Unknown,
     Underway,
@@ -81,15 +81,15 @@ enum Fate {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Write {
-    fate: Fate,
-    kind: Kind,
+struct WriteEntry {
+    state: WriteState,
+    kind: WriteEvidence,
     slot: usize,
 }
 
 /// Evidence that a write was executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum WriteEvidence {
     /// Not answered: the reply to the next request.
     Alone,
     /// An exchange of set-up: its own reply, or that of another.
@@ -111,7 +111,7 @@ pub(super) struct Ledger {
     has_cycles: bool,
     /// Number of the newest write before those in flight.
     settled: u32,
-    writes: [Write; REMEMBERED as usize],
+    writes: [WriteEntry; REMEMBERED as usize],
     /// The last write of each register.
     owners: [u32; SLOTS],
     /// Writes that were still in flight when they were forgotten.
@@ -131,9 +131,9 @@ pub(super) struct Ledger {
 impl Ledger {
     /// A ledger without writes; the first one has the number after `newest`.
     pub(super) fn starting_after(newest: u32) -> Self {
-        let unknown = Write {
-            fate: Fate::Unknown,
-            kind: Kind::Alone,
+        let unknown = WriteEntry {
+            state: WriteState::Unknown,
+            kind: WriteEvidence::Alone,
             slot: 0,
         };
         Self {
@@ -155,9 +155,9 @@ impl Ledger {
 
     /// Records that a write is sent; returns its number and the register that it leaves the number
     /// in.
-    pub(super) fn open_write(&mut self, kind: Kind) -> (u32, usize) {
+    pub(super) fn open_write(&mut self, kind: WriteEvidence) -> (u32, usize) {
         self.newest = self.newest.wrapping_add(1);
-        if kind == Kind::Cycle {
+        if kind == WriteEvidence::Cycle {
             self.has_cycles = true;
         } else {
             self.newest_last = self.newest;
@@ -165,13 +165,13 @@ impl Ledger {
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
             // The slot of this write is reused for the new one.
-            let is_open = self.fate(self.newest) == Fate::Underway;
+            let is_open = self.state(self.newest) == WriteState::Underway;
             self.forgotten.tally(is_open.into());
         }
         let slot = self.choose_slot();
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
-            let fate = Fate::Underway;
-            *place = Write { fate, kind, slot };
+            let state = WriteState::Underway;
+            *place = WriteEntry { state, kind, slot };
         }
         (self.newest, slot)
     }
@@ -179,9 +179,9 @@ impl Ledger {
     /// Picks the register to reuse: one whose write is settled or missing for more than [`KEPT`]
     /// writes first, then one whose write is missing, then one in flight; of those the oldest.
     fn choose_slot(&mut self) -> usize {
-        let need = |owner: u32| match self.fate(owner) {
-            Fate::Underway => 2,
-            Fate::Missing if self.age(owner) <= KEPT => 1,
+        let need = |owner: u32| match self.state(owner) {
+            WriteState::Underway => 2,
+            WriteState::Missing if self.age(owner) <= KEPT => 1,
             _ => 0,
         };
         let rank = |owner: u32| (need(owner), Reverse(self.age(owner)));
@@ -196,9 +196,9 @@ impl Ledger {
     }
 
     /// Records that a request is sent; returns the state that its reply refers to.
-    pub(super) fn open_request(&mut self) -> Asked {
+    pub(super) fn open_request(&mut self) -> LedgerState {
         self.requests = self.requests.saturating_add(1);
-        Asked {
+        LedgerState {
             newest: self.newest,
             last: self.newest_last,
         }
@@ -219,35 +219,35 @@ impl Ledger {
 
     /// True if the newest write was executed, according to the last account.
     pub(super) fn is_executed(&self) -> bool {
-        self.fate(self.newest) == Fate::Executed
+        self.state(self.newest) == WriteState::Executed
     }
 
-    /// Evaluates the account in the reply to a request; `asked` is the value that [`open_request`]
-    /// returned for it.
+    /// Evaluates the account in the reply to a request; `request` is the value that
+    /// [`open_request`] returned for it.
     ///
     /// [`open_request`]: Self::open_request
-    pub(super) fn hear(&mut self, account: Account, asked: Asked) -> News {
-        let mut news = News::default();
-        let (asked, newest_last) = (asked.newest, asked.last);
+    pub(super) fn evaluate(&mut self, account: Account, request: LedgerState) -> WriteReport {
+        let mut report = WriteReport::default();
+        let (request, newest_last) = (request.newest, request.last);
         // The order in which several writes were executed is not known.
-        let is_sequence = asked.wrapping_sub(self.settled) > 1;
-        let last_register = account.last_write.unwrap_or(asked as u16);
+        let is_sequence = request.wrapping_sub(self.settled) > 1;
+        let last_register = account.last_write.unwrap_or(request as u16);
         // A cycle does not set this register: a number that maps to one is left from an old write.
         let says_last = |last: &u32| account.last_write.is_none() || self.leaves_last(*last);
         let last = self.number(last_register).filter(says_last);
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
-        let was_underway = last.is_some_and(|last| self.fate(last) == Fate::Underway);
-        let fresh = self.executed(slots.into_iter().flatten().chain(last), &mut news);
+        let was_underway = last.is_some_and(|last| self.state(last) == WriteState::Underway);
+        let fresh = self.mark_executed(slots.into_iter().flatten().chain(last), &mut report);
         // A newer write was executed, and this one after it.
         let is_own = account.last_write.is_none();
         let is_behind = last.is_some() && last != self.newest_executed(is_own);
         // The newest write was executed, and none after it.
-        let expected = if is_own { asked } else { newest_last };
-        let is_newest =
-            self.fate(asked) == Fate::Executed && last_register == expected as u16 && !is_behind;
-        news.late.tally((is_behind && was_underway).into());
+        let expected = if is_own { request } else { newest_last };
+        let is_last = last_register == expected as u16 && !is_behind;
+        let is_newest = is_last && self.state(request) == WriteState::Executed;
+        report.late.tally((is_behind && was_underway).into());
         let arrived = self.arrived(account.received);
         let is_explained = arrived == Some(fresh.wrapping_add(1)) && self.requests == 1;
         match account.details {
@@ -256,14 +256,14 @@ impl Ledger {
                     // A reset, or another host's number: the counts are meaningless.
                     self.unaccounted = None;
                 }
-                self.settle(asked, &slots, details, account.received, &mut news);
+                self.settle(request, &slots, details, account.received, &mut report);
             }
-            None if is_explained => self.nothing_else_came(asked, &mut news),
+            None if is_explained => self.nothing_else_came(request, &mut report),
             None => {
                 // The other packets are not known yet. But if an older write had followed the
                 // newest one, at least three packets would have arrived.
                 if !is_newest && arrived.is_some_and(|arrived| arrived < 3) {
-                    self.nothing_else_came(asked, &mut news);
+                    self.nothing_else_came(request, &mut report);
                 }
                 self.is_open = true;
             }
@@ -271,10 +271,10 @@ impl Ledger {
         if let (false, Some(last)) = (is_own, last) {
             self.correct_last(newest_last, last);
         }
-        self.close_requests(account.received, news.lost);
+        self.close_requests(account.received, report.lost);
         let is_certain = is_explained && is_newest && !is_sequence;
-        news.doubt = self.doubts(asked, is_certain, &news);
-        news
+        report.doubt = self.leaves_doubt(request, is_certain, &report);
+        report
     }
 
     /// Number of packets that arrived since the last account, by the new RXUDPCount.
@@ -292,11 +292,16 @@ impl Ledger {
 
     /// True if an account leaves a doubt: it is not `is_certain` by itself, an older cycle may
     /// follow, or it has findings.
-    fn doubts(&mut self, asked: u32, is_certain: bool, news: &News) -> bool {
-        let said = [news.lost, news.late, news.repeated, news.unconfirmed];
+    fn leaves_doubt(&mut self, request: u32, is_certain: bool, report: &WriteReport) -> bool {
+        let said = [
+            report.lost,
+            report.late,
+            report.repeated,
+            report.unconfirmed,
+        ];
         // Dropped as soon as it is past: half of the number range later, it would count as newer
         // again.
-        let is_past = |overtaken: &u32| asked.wrapping_sub(*overtaken) as i32 > 0;
+        let is_past = |overtaken: &u32| request.wrapping_sub(*overtaken) as i32 > 0;
         self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
         let is_certain = is_certain && self.overtaken.is_none();
         let doubts = !is_certain || said.into_iter().any(|count| count > 0);
@@ -309,49 +314,53 @@ impl Ledger {
     /// If the write expected in the last-write register is missing, expects the one found there: if
     /// the missing one arrives late, the register shows it.
     fn correct_last(&mut self, expected: u32, last: u32) {
-        if self.fate(expected) == Fate::Missing && self.newest_last == expected {
+        if self.state(expected) == WriteState::Missing && self.newest_last == expected {
             self.newest_last = last;
         }
     }
 
     /// Marks the writes of the numbers that the board reports as executed. Returns the number of
     /// packets, other than requests, that this explains.
-    fn executed(&mut self, numbers: impl Iterator<Item = u32>, news: &mut News) -> u16 {
+    fn mark_executed(
+        &mut self,
+        numbers: impl Iterator<Item = u32>,
+        report: &mut WriteReport,
+    ) -> u16 {
         let mut fresh = 0_u16;
         for number in numbers {
-            fresh.tally(self.execute(number, news));
+            fresh.tally(self.mark(number, report));
         }
         self.executions = self.executions.wrapping_add(fresh);
         fresh
     }
 
-    fn execute(&mut self, number: u32, news: &mut News) -> u16 {
+    fn mark(&mut self, number: u32, report: &mut WriteReport) -> u16 {
         let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
             return 0;
         };
-        match write.fate {
-            Fate::Underway => {}
-            Fate::Missing => {
-                news.found.tally(1);
-                news.late.tally(1);
+        match write.state {
+            WriteState::Underway => {}
+            WriteState::Missing => {
+                report.found.tally(1);
+                report.late.tally(1);
             }
-            Fate::Unknown | Fate::Executed => return 0,
+            WriteState::Unknown | WriteState::Executed => return 0,
         }
-        write.fate = Fate::Executed;
-        u16::from(write.kind == Kind::Alone)
+        write.state = WriteState::Executed;
+        u16::from(write.kind == WriteEvidence::Alone)
     }
 
     /// Only known writes arrived: the rest is lost.
-    fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
-        while let Some(number) = self.next_to_settle(asked) {
-            news.lost.tally(self.give_up(number, Fate::Missing));
+    fn nothing_else_came(&mut self, request: u32, report: &mut WriteReport) {
+        while let Some(number) = self.next_to_settle(request) {
+            report.lost.tally(self.give_up(number, WriteState::Missing));
         }
     }
 
-    /// Steps through the writes up to `asked` that are not settled.
-    fn next_to_settle(&mut self, asked: u32) -> Option<u32> {
+    /// Steps through the writes up to `request` that are not settled.
+    fn next_to_settle(&mut self, request: u32) -> Option<u32> {
         // The write may have been settled since the request was sent.
-        if asked.wrapping_sub(self.settled) as i32 <= 0 {
+        if request.wrapping_sub(self.settled) as i32 <= 0 {
             return None;
         }
         self.settled = self.settled.wrapping_add(1);
@@ -361,21 +370,23 @@ impl Ledger {
     /// Settles all writes by the details.
     fn settle(
         &mut self,
-        asked: u32,
+        request: u32,
         slots: &[Option<u32>; SLOTS],
         details: Details,
         received: u16,
-        news: &mut News,
+        report: &mut WriteReport,
     ) {
-        news.unconfirmed = core::mem::take(&mut self.forgotten);
-        while let Some(number) = self.next_to_settle(asked) {
+        report.unconfirmed = core::mem::take(&mut self.forgotten);
+        while let Some(number) = self.next_to_settle(request) {
             let slot = self.write(number).map_or(0, |write| write.slot);
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten {
-                news.unconfirmed.tally(self.give_up(number, Fate::Unknown));
+                report
+                    .unconfirmed
+                    .tally(self.give_up(number, WriteState::Unknown));
             } else {
-                news.lost.tally(self.give_up(number, Fate::Missing));
+                report.lost.tally(self.give_up(number, WriteState::Missing));
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -384,8 +395,8 @@ impl Ledger {
             .unaccounted
             .map(|before| before.wrapping_add(executions));
         let surplus = expected.map(|expected| unanswered.wrapping_sub(expected));
-        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| news.unconfirmed == 0) {
-            news.repeated.tally(surplus.into());
+        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| report.unconfirmed == 0) {
+            report.repeated.tally(surplus.into());
         }
         // Counts that a reset of the board restarted, or that an unconfirmed write makes
         // unreliable, start again from here.
@@ -394,12 +405,12 @@ impl Ledger {
     }
 
     /// Changes the fate of a write that is still in flight; returns 1 if it was.
-    fn give_up(&mut self, number: u32, fate: Fate) -> u32 {
-        if self.fate(number) != Fate::Underway {
+    fn give_up(&mut self, number: u32, state: WriteState) -> u32 {
+        if self.state(number) != WriteState::Underway {
             return 0;
         }
         if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
-            write.fate = fate;
+            write.state = state;
         }
         1
     }
@@ -408,7 +419,7 @@ impl Ledger {
     fn number(&self, word: u16) -> Option<u32> {
         let age = (self.newest as u16).wrapping_sub(word);
         let number = self.newest.wrapping_sub(u32::from(age));
-        (self.fate(number) != Fate::Unknown).then_some(number)
+        (self.state(number) != WriteState::Unknown).then_some(number)
     }
 
     /// The newest executed write: of all, or only of those that set the last-write register.
@@ -416,13 +427,13 @@ impl Ledger {
         (0..REMEMBERED)
             .map(|age| self.newest.wrapping_sub(age))
             .filter(|number| of_all || self.leaves_last(*number))
-            .find(|number| self.fate(*number) == Fate::Executed)
+            .find(|number| self.state(*number) == WriteState::Executed)
     }
 
     /// True if a remembered write sets the last-write register.
     fn leaves_last(&self, number: u32) -> bool {
         self.write(number)
-            .is_some_and(|write| write.kind != Kind::Cycle)
+            .is_some_and(|write| write.kind != WriteEvidence::Cycle)
     }
 
     fn underway(&self) -> u32 {
@@ -433,11 +444,12 @@ impl Ledger {
         self.newest.wrapping_sub(number)
     }
 
-    fn fate(&self, number: u32) -> Fate {
-        self.write(number).map_or(Fate::Unknown, |write| write.fate)
+    fn state(&self, number: u32) -> WriteState {
+        self.write(number)
+            .map_or(WriteState::Unknown, |write| write.state)
     }
 
-    fn write(&self, number: u32) -> Option<&Write> {
+    fn write(&self, number: u32) -> Option<&WriteEntry> {
         let is_remembered = self.age(number) < REMEMBERED;
         let place = (number % REMEMBERED) as usize;
         self.writes.get(place).filter(|_| is_remembered)

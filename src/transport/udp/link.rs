@@ -16,7 +16,7 @@ use crate::bus::{Clock, HostClock, Instant, SPIN};
 ///
 /// [`UdpBus`](super::UdpBus) is generic over it, so that losses, delays and duplicates are tested
 /// on virtual time.
-pub trait Link {
+pub trait PacketLink {
     /// Sends one datagram to the board.
     fn send(&mut self, packet: &[u8]) -> io::Result<()>;
 
@@ -112,7 +112,7 @@ fn refused(options: [(&'static str, bool); 3]) -> Vec<&'static str> {
     refused.map(|(name, _)| name).collect()
 }
 
-impl Link for UdpLink {
+impl PacketLink for UdpLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         self.socket.send(packet)?;
         Ok(())

@@ -19,7 +19,7 @@ mod receiving;
 pub use encoding::UdpList;
 pub use error::{BLOCKED, UdpError};
 pub(super) use link::poll_for;
-pub use link::{Link, UdpLink};
+pub use link::{PacketLink, UdpLink};
 
 use core::time::Duration;
 use std::net::SocketAddrV4;
@@ -32,7 +32,7 @@ use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
-use ledger::{Kind, Ledger};
+use ledger::{Ledger, WriteEvidence};
 use matching::Requests;
 use others::Others;
 use receiving::Wait;
@@ -43,12 +43,12 @@ const RECEIVE_BUFFER: usize = 2048;
 
 /// Time that a board is watched for packets of other hosts before anything is written to it: a
 /// cycle of 100 Hz sends ten packets in it.
-const WATCH: Duration = Duration::from_millis(50);
+const WATCH_TIME: Duration = Duration::from_millis(50);
 /// Number of surplus packets that shows another host, in addition to one duplicate of each of our
 /// own.
-const OTHERS: u16 = 4;
+const SURPLUS_LIMIT: u16 = 4;
 /// More packets than a board can receive in that time: its count was restarted.
-const TOO_MANY: u16 = 0x8000;
+const RESTARTED_COUNT: u16 = 0x8000;
 
 /// Lower limit of a deadline that follows the period.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
@@ -94,7 +94,7 @@ impl Default for UdpConfig {
 /// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by
 /// that plus its own limit. Neither allocates.
 #[derive(Debug)]
-pub struct UdpBus<L: Link = UdpLink> {
+pub struct UdpBus<L: PacketLink = UdpLink> {
     link: L,
     config: UdpConfig,
     requests: Requests,
@@ -108,7 +108,7 @@ pub struct UdpBus<L: Link = UdpLink> {
     /// True once a list was run: before that, there are no writes on which replies could report.
     is_cyclic: bool,
     /// Findings of the replies since the last report.
-    news: Reply,
+    replies: Reply,
     /// The packet of writes that are encoded for a single use.
     once: UdpList,
     /// The packet that requests the board's identity.
@@ -133,7 +133,7 @@ impl UdpBus<UdpLink> {
     }
 }
 
-impl<L: Link> UdpBus<L> {
+impl<L: PacketLink> UdpBus<L> {
     /// A bus over `link`. Queries the board first, so that every bus that exists has a board behind
     /// it.
     ///
@@ -149,7 +149,7 @@ impl<L: Link> UdpBus<L> {
         // a lost one.
         bus.set_up(&UdpList::clearing()?, &mut [])?;
         bus.identity = UdpList::identity()?;
-        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
+        let contact = UdpList::answered(Some(WriteEvidence::Acknowledged), &[], 0)?;
         bus.set_up(&contact, &mut [])?;
         (bus.statistics, bus.others) = Default::default();
         Ok(bus)
@@ -173,7 +173,7 @@ impl<L: Link> UdpBus<L> {
             prepared: 0,
             started: None,
             is_cyclic: false,
-            news: Reply::CERTAIN,
+            replies: Reply::CERTAIN,
             once: UdpList::with_room(),
             identity: UdpList::default(),
             packet: Box::new([0; MAX_PACKET]),
@@ -200,7 +200,7 @@ impl<L: Link> UdpBus<L> {
         self.set_up(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received, self.statistics.exchanges);
         let start = self.link.now();
-        self.link.sleep_until(start.after(WATCH));
+        self.link.sleep_until(start.after(WATCH_TIME));
         self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = self.statistics.exchanges.wrapping_sub(sent) as u16;
@@ -209,7 +209,7 @@ impl<L: Link> UdpBus<L> {
         };
         // Each of our packets, and earlier ones that are late, may have arrived twice.
         let packets = after.wrapping_sub(before).wrapping_sub(own);
-        let others = own.saturating_add(OTHERS)..TOO_MANY;
+        let others = own.saturating_add(SURPLUS_LIMIT)..RESTARTED_COUNT;
         if others.contains(&packets) {
             self.statistics.others.tally(packets.into());
             return Err(UdpError::OtherHost { packets, within });
@@ -298,7 +298,7 @@ impl<L: Link> UdpBus<L> {
             self.statistics.lost.tally(is_given_up.into());
             Wait {
                 request: self.requests.open(),
-                asked: self.ledger.open_request(),
+                ledger: self.ledger.open_request(),
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
@@ -313,7 +313,7 @@ impl<L: Link> UdpBus<L> {
     }
 }
 
-impl<L: Link> Lbp16Board for UdpBus<L> {
+impl<L: PacketLink> Lbp16Board for UdpBus<L> {
     type Error = UdpError;
 
     fn run_commands(
@@ -336,7 +336,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
     }
 }
 
-impl<L: Link> Clock for UdpBus<L> {
+impl<L: PacketLink> Clock for UdpBus<L> {
     fn now(&mut self) -> Instant {
         self.link.now()
     }
@@ -351,7 +351,7 @@ impl<L: Link> Clock for UdpBus<L> {
     }
 }
 
-impl<L: Link> RegisterBus for UdpBus<L> {
+impl<L: PacketLink> RegisterBus for UdpBus<L> {
     type Error = UdpError;
 
     /// The board's timer holds lists back.
@@ -388,7 +388,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, UdpError> {
         let list = UdpList::of(list)?;
         if !list.is_answered {
-            return Ok(Reply::UNHEARD);
+            return Ok(Reply::UNKNOWN);
         }
         list.check_words(words.len())?;
         let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
@@ -397,11 +397,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         };
         self.receive(list, wait, words)?;
         let waited = list.waited_us(self.reply.as_slice()).map(u64::from);
-        let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
-        Ok(Reply {
-            slack: waited.map(Duration::from_micros),
-            ..news
-        })
+        let replies = core::mem::replace(&mut self.replies, Reply::CERTAIN);
+        Ok(replies.with_slack(waited.map(Duration::from_micros)))
     }
 
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {

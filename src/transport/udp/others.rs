@@ -14,22 +14,22 @@ use crate::tally::Tally;
 const WINDOW: Duration = Duration::from_secs(1);
 /// Threshold: up to 50 counted packets in a window are tolerated, and as many in each second of a
 /// longer interval without replies.
-const FEW: u64 = 50;
+const THRESHOLD: u64 = 50;
 /// Length of a slot in nanoseconds: 10 ms.
-const MOMENT: u64 = 10_000_000;
+const SLOT_NANOS: u64 = 10_000_000;
 /// Upper limit of the packets that count in a slot: a sender that reaches it all the time is
 /// detected after a quarter of a second.
-const IN_A_MOMENT: u64 = 2;
+const MAX_PER_SLOT: u64 = 2;
 /// Upper limit of the packets that count from one reply to the next. A board that was reset counts
 /// from 0 again, which looks like an arbitrary number of packets, but happens only once.
-const AT_ONCE: u64 = 8;
+const MAX_PER_REPLY: u64 = 8;
 /// Duplicate packets assumed for each duplicate reply: duplicates of a write cause no reply, and
 /// some replies are lost.
-const FOR_A_DUPLICATE: u64 = 4;
+const PER_DUPLICATE: u64 = 4;
 
 /// Contents of a reply that show packets of other senders.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Heard {
+pub(super) struct ReplyCounters {
     /// Time at which the request was sent.
     pub at: Instant,
     /// Packets that the board has received since the previous reply; `None` if not known.
@@ -48,61 +48,61 @@ pub(super) struct Others {
     /// Number of packets sent up to the previous request.
     sent: u64,
     /// Slot of that request, and the surplus packets in it. Lost packets lower the sum.
-    moment: (u64, i64),
+    slot: (u64, i64),
     /// Counted packets of the earlier slots, limited for each slot.
     counted: i64,
     /// All surplus packets of the earlier slots.
     packets: i64,
     /// Already reported in this window.
-    is_told: bool,
+    is_reported: bool,
 }
 
 impl Others {
     /// Adds the contents of a reply. Returns the number of foreign packets if they exceed the
     /// threshold, once in each window.
-    pub(super) fn hear(&mut self, heard: Heard) -> Option<u32> {
-        let own = heard.sent.wrapping_sub(self.sent) as u16;
-        self.sent = heard.sent;
-        let moment = heard.at.as_nanos() / MOMENT;
-        let Some(received) = heard.received.filter(|_| self.begun.is_some()) else {
-            self.begin(heard, moment);
+    pub(super) fn add(&mut self, counters: ReplyCounters) -> Option<u32> {
+        let own = counters.sent.wrapping_sub(self.sent) as u16;
+        self.sent = counters.sent;
+        let slot = counters.at.as_nanos() / SLOT_NANOS;
+        let Some(received) = counters.received.filter(|_| self.begun.is_some()) else {
+            self.begin(counters, slot);
             return None;
         };
         let more = received.wrapping_sub(own).cast_signed();
-        self.moment.1.tally(more.into());
-        let passed = moment.wrapping_sub(self.moment.0);
+        self.slot.1.tally(more.into());
+        let passed = slot.wrapping_sub(self.slot.0);
         if passed == 0 {
             return None;
         }
-        self.end_moment(heard, passed)
+        self.end_slot(counters, passed)
     }
 
-    fn end_moment(&mut self, heard: Heard, passed: u64) -> Option<u32> {
+    fn end_slot(&mut self, counters: ReplyCounters, passed: u64) -> Option<u32> {
         let (at, duplicate) = self.begun?;
-        let (before, packets) = self.moment;
-        let moment = before.wrapping_add(passed);
-        self.moment = (moment, 0);
-        let most = passed.saturating_mul(IN_A_MOMENT).min(AT_ONCE);
+        let (before, packets) = self.slot;
+        let slot = before.wrapping_add(passed);
+        self.slot = (slot, 0);
+        let most = passed.saturating_mul(MAX_PER_SLOT).min(MAX_PER_REPLY);
         self.counted.tally(packets.min(most.cast_signed()));
         self.packets.tally(packets);
-        let within = heard.at.since(at);
-        let few = FEW.saturating_mul(within.max(WINDOW).as_secs());
-        let duplicates = heard.duplicate.saturating_sub(duplicate);
-        let few = few.saturating_add(FOR_A_DUPLICATE.saturating_mul(duplicates));
-        let is_news = !self.is_told && u64::try_from(self.counted).is_ok_and(|n| n > few);
+        let within = counters.at.since(at);
+        let few = THRESHOLD.saturating_mul(within.max(WINDOW).as_secs());
+        let duplicates = counters.duplicate.saturating_sub(duplicate);
+        let few = few.saturating_add(PER_DUPLICATE.saturating_mul(duplicates));
+        let is_news = !self.is_reported && u64::try_from(self.counted).is_ok_and(|n| n > few);
         let packets = u32::try_from(self.packets).unwrap_or(u32::MAX);
-        self.is_told |= is_news;
+        self.is_reported |= is_news;
         if within >= WINDOW {
-            self.begin(heard, moment);
+            self.begin(counters, slot);
         }
         is_news.then_some(packets)
     }
 
-    fn begin(&mut self, heard: Heard, moment: u64) {
+    fn begin(&mut self, counters: ReplyCounters, slot: u64) {
         *self = Self {
-            begun: Some((heard.at, heard.duplicate)),
-            sent: heard.sent,
-            moment: (moment, 0),
+            begun: Some((counters.at, counters.duplicate)),
+            sent: counters.sent,
+            slot: (slot, 0),
             ..Self::default()
         };
     }
@@ -117,7 +117,7 @@ mod tests {
     #[derive(Default)]
     struct Board {
         others: Others,
-        heard: u16,
+        counters: u16,
         received: u16,
         sent: u64,
         duplicate: u64,
@@ -135,14 +135,14 @@ mod tests {
         }
 
         fn reply(&mut self, is_known: bool) -> Option<u32> {
-            let before = core::mem::replace(&mut self.heard, self.received);
-            let heard = Heard {
+            let before = core::mem::replace(&mut self.counters, self.received);
+            let counters = ReplyCounters {
                 at: Instant::from_nanos(self.now),
                 received: is_known.then(|| self.received.wrapping_sub(before)),
                 sent: self.sent,
                 duplicate: self.duplicate,
             };
-            self.others.hear(heard)
+            self.others.add(counters)
         }
 
         fn new(received: u16, sent: u64) -> Self {

@@ -2,10 +2,10 @@
 
 use core::time::Duration;
 
-use super::ledger::{Account, Asked};
+use super::ledger::{Account, LedgerState};
 use super::matching::Match;
-use super::others::Heard;
-use super::{Link, UdpBus, UdpError, UdpList};
+use super::others::ReplyCounters;
+use super::{PacketLink, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
@@ -15,7 +15,7 @@ use crate::tally::Tally;
 pub(super) struct Wait {
     pub request: u32,
     /// The writes that were sent before it.
-    pub asked: Asked,
+    pub ledger: LedgerState,
     /// The details were requested.
     pub detailed: bool,
     pub started: Instant,
@@ -28,7 +28,7 @@ pub(super) struct Wait {
 /// Limit of the datagrams that are checked after the deadline, for one that arrived before it.
 const MAX_OVERTIME: u32 = 64;
 
-impl<L: Link> UdpBus<L> {
+impl<L: PacketLink> UdpBus<L> {
     /// Waits for the reply to the newest request and takes its words. Discards all other datagrams.
     pub(super) fn receive(
         &mut self,
@@ -140,9 +140,9 @@ impl<L: Link> UdpBus<L> {
         }
         // Only the time that the board waited for its clock extends the deadline: any other delay
         // was on the way, and the words are that much older.
-        let told = list.waited_us(reply).unwrap_or(0);
-        let told = Duration::from_micros(told.into()).min(list.held);
-        let deadline = wait.deadline.saturating_add(told);
+        let held = list.waited_us(reply).unwrap_or(0);
+        let held = Duration::from_micros(held.into()).min(list.held);
+        let deadline = wait.deadline.saturating_add(held);
         if waited > deadline {
             counted.late.tally(1);
             return Err(UdpError::Late {
@@ -153,42 +153,39 @@ impl<L: Link> UdpBus<L> {
         }
         counted.bytes_received.tally(length as u64);
         let account = list.account(reply, wait.detailed);
-        self.hear(account, wait);
+        self.evaluate(account, wait);
         Ok(())
     }
 
     /// Counts the fates of the writes, and the packets of other senders.
-    fn hear(&mut self, account: Account, wait: Wait) {
+    fn evaluate(&mut self, account: Account, wait: Wait) {
         let before = self.ledger.received;
-        let news = self.ledger.hear(account, wait.asked);
+        let report = self.ledger.evaluate(account, wait.ledger);
         let counted = &mut self.statistics;
-        let heard = Heard {
+        let counters = ReplyCounters {
             at: wait.started,
             received: before.map(|before| account.received.wrapping_sub(before)),
             sent: wait.sent,
             duplicate: counted.duplicate.saturating_add(counted.stale),
         };
-        let others = self.others.hear(heard);
+        let others = self.others.add(counters);
         let others = others.filter(|_| !self.config.beside_others);
         let others = others.unwrap_or(0);
         counted.others.tally(others.into());
-        counted.lost_writes.tally(news.lost.into());
-        counted.lost_writes = counted.lost_writes.saturating_sub(news.found.into());
-        counted.late_writes.tally(news.late.into());
-        counted.repeated_writes.tally(news.repeated.into());
-        counted.unconfirmed_writes.tally(news.unconfirmed.into());
-        counted.doubts.tally(news.doubt.into());
+        counted.lost_writes.tally(report.lost.into());
+        counted.lost_writes = counted.lost_writes.saturating_sub(report.found.into());
+        counted.late_writes.tally(report.late.into());
+        counted.repeated_writes.tally(report.repeated.into());
+        counted.unconfirmed_writes.tally(report.unconfirmed.into());
+        counted.doubts.tally(report.doubt.into());
         if self.is_cyclic {
-            self.news = self.news.and(Reply {
-                certain: !news.doubt,
-                // A write that arrives late is no longer lost, but it was.
-                lost_writes: news
-                    .lost
-                    .saturating_add(news.late)
-                    .saturating_sub(news.found),
-                others,
-                slack: None,
-            });
+            // A write that arrives late is no longer lost, but it was.
+            let lost = report.lost.saturating_add(report.late);
+            let reply = Reply::CERTAIN
+                .with_certain(!report.doubt)
+                .with_lost_writes(lost.saturating_sub(report.found))
+                .with_others(others);
+            self.replies = self.replies.and(reply);
         }
     }
 }

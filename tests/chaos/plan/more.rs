@@ -149,8 +149,9 @@ impl Plan {
 
     /// True if nothing happens to the board, to its host, or between the two.
     pub fn spares_the_board(&self) -> bool {
-        use mesa_hal_sim::Place;
-        let spares = |kind: FaultKind| matches!(kind.place(), Place::Wire | Place::Remote);
+        use mesa_hal_sim::FaultPlace;
+        let spares =
+            |kind: FaultKind| matches!(kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         self.faults.iter().all(|fault| spares(fault.kind))
             && !self.has_deeds()
             && !self.extras.second_master

@@ -2,8 +2,8 @@
 //! network, and the replacement of the board.
 
 use mesa_hal::driver::{Driver, Pace};
-use mesa_hal::transport::udp::Link;
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal::transport::udp::PacketLink;
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::network::{Bad, Host, Life, Sim};
 use super::super::plan::{MICRO, MILLI, Planned};
@@ -15,14 +15,14 @@ impl Scenario {
             kind, lasts, dice, ..
         } = fault;
         match (kind.place(), &self.sim) {
-            (Place::Bus, _) if fault.in_build => {
+            (FaultPlace::Bus, _) if fault.in_build => {
                 // By the number of the exchange: no time-based fault can start while the driver is
                 // built.
                 self.host.push((0, fault));
                 return;
             }
-            (Place::Bus | Place::Host, _) => self.host.push((at, fault)),
-            (Place::Network, Sim::Network(network)) => {
+            (FaultPlace::Bus | FaultPlace::Host, _) => self.host.push((at, fault)),
+            (FaultPlace::Network, Sim::Network(network)) => {
                 let one_in = [1, 2, 5, 20][(dice % 4) as usize];
                 let longest = match self.plan.pace {
                     Pace::Host if self.plan.is_homing => self.plan.period * 7 / 2,
@@ -43,7 +43,7 @@ impl Scenario {
                     delay: longest,
                 });
             }
-            (Place::Fpga, Sim::Network(network)) => match kind {
+            (FaultPlace::Fpga, Sim::Network(network)) => match kind {
                 FaultKind::FpgaReset => network.borrow_mut().link.resets.push((at, 0)),
                 FaultKind::FpgaResetLong => network.borrow_mut().link.resets.push((at, lasts)),
                 _ => {}
@@ -119,7 +119,7 @@ impl Scenario {
 
     pub(super) fn bus_faults<B: Host>(&mut self, driver: &mut Driver<B>, now: u64) {
         let due = |(at, fault): &mut (u64, Planned)| {
-            *at > 0 && *at <= now && fault.kind.place() == Place::Bus
+            *at > 0 && *at <= now && fault.kind.place() == FaultPlace::Bus
         };
         for (_, fault) in self.host.extract_if(.., due) {
             let count = (fault.lasts / self.plan.period).clamp(1, 12);

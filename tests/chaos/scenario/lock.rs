@@ -1,7 +1,7 @@
 //! The DPLL: times at which it must or cannot be locked to the reads, and the consequences.
 
 use mesa_hal::driver::{BoardState, CycleReport, Pace};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Board, LOCKED_AFTER, Planned};
@@ -58,7 +58,7 @@ impl Scenario {
         lock.uneven = if is_jittering { lock.uneven + 1 } else { 0 };
         // Packets delayed by the network arrive at other intervals than they were sent.
         let is_delayed = |fault: &Planned| {
-            fault.kind.place() == Place::Network || fault.kind == FaultKind::FpgaResetLong
+            fault.kind.place() == FaultPlace::Network || fault.kind == FaultKind::FpgaResetLong
         };
         let is_sound = plan.pace == Pace::Host && !plan.faults.iter().any(is_delayed);
         if !is_sound || !plan.has_dpll() {

@@ -1,7 +1,7 @@
 //! Events, statistics and reasons, checked against the true events.
 
 use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::application::Application;
 use super::super::journal::{Event, What};
@@ -93,7 +93,8 @@ impl Scenario {
 
     /// Checks that a program that writes all the time is detected.
     pub(super) fn others_are_told(&self) -> Checked {
-        let wires = |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+        let wires =
+            |fault: &Planned| matches!(fault.kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         let is_sound = self.plan.faults.iter().all(wires) && !self.plan.has_deeds();
         let must = self.plan.more.master_stays && is_sound;
         let Others { sent, told, .. } = self.others;

@@ -1,7 +1,7 @@
 //! Validity: unknown values are not valid, and values without a failure are.
 
 use mesa_hal::driver::{BoardState, Driver};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::application::Application;
 use super::super::network::Host;
@@ -24,7 +24,7 @@ fn is_sound(plan: &Plan) -> bool {
     let is_missed = |fault: &Planned| {
         let place = fault.kind.place();
         let is_host = matches!(fault.kind, FaultKind::HostLate);
-        (matches!(place, Place::Network | Place::Bus) || is_host) && !fault.in_build
+        (matches!(place, FaultPlace::Network | FaultPlace::Bus) || is_host) && !fault.in_build
     };
     !plan.has_deeds() && plan.faults.iter().all(is_missed)
 }

@@ -6,9 +6,9 @@ use mesa_hal::lbp::RemoteFaults;
 use mesa_hal_sim::devices::{
     Analog, Device, FieldIo, Outputs48, SignalValue, World, find_cable, find_mut,
 };
-use mesa_hal_sim::remote::{Cable, Remote, Toward, WireFault};
+use mesa_hal_sim::remote::{Cable, SimRemote, Toward, WireFault};
 use mesa_hal_sim::wire::{Nanos, RemoteEnd};
-use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, FaultKind, FaultPlace, SimFpga};
 
 use super::super::journal::{Journal, Level, Outputs, PARTS, Parts, What, parts, recorder};
 use super::super::machine::{Gpio, end};
@@ -245,7 +245,7 @@ impl Player {
                 } else {
                     fpga.reset_for(lasts);
                 }
-                self.drives(fpga, Cause::Reset);
+                self.drives(fpga, ChangeCause::Reset);
             }
             FaultKind::FpgaWatchdog => {
                 fpga.write_register(0x0C00, 1);
@@ -378,7 +378,7 @@ impl Player {
                 let device = find_mut(self.end(fpga, target)).expect("a device");
                 device.set_power(now, true);
             }
-            kind if kind.place() == Place::Wire => self.mend_cable(fpga, target),
+            kind if kind.place() == FaultPlace::Wire => self.mend_cable(fpga, target),
             _ => {}
         }
         if let Some(recorder) = recorder(self.end(fpga, target)) {
@@ -455,7 +455,7 @@ impl Player {
 }
 
 fn set_bit<T: World>(fpga: &mut SimFpga, (port, channel): (usize, usize), bit: RemoteFaults) {
-    if let Some(remote) = fpga.device_mut::<Remote<Device<T>>>(port, channel) {
+    if let Some(remote) = fpga.device_mut::<SimRemote<Device<T>>>(port, channel) {
         let faults = remote.faults() | bit;
         remote.set_faults(faults);
     }
@@ -493,16 +493,16 @@ impl Director for Player {
         }
     }
 
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
         let now = SimFpga::now(fpga);
         match cause {
-            Cause::Bite => self.journal.note(now, What::Bite),
-            Cause::Reset => self.journal.note(now, What::Reset),
+            ChangeCause::Bite => self.journal.note(now, What::Bite),
+            ChangeCause::Reset => self.journal.note(now, What::Reset),
             // While all is well the sender of a write is irrelevant.
-            Cause::Write if self.stage.lock().all_is_well != Some(true) => {
+            ChangeCause::Write if self.stage.lock().all_is_well != Some(true) => {
                 self.journal.note(now, What::Written);
             }
-            Cause::Write => {}
+            ChangeCause::Write => {}
         }
         let is_open = (0..fpga.firmware().pins.len()).any(|pin| fpga.is_driven(pin));
         if is_open && !std::mem::replace(&mut self.is_open, is_open) {

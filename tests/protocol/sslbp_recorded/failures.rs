@@ -123,7 +123,7 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
     let PortError::Timeout { waited, .. } = error else {
         panic!("expected a wait that ended, got {error}");
     };
-    let longest = Operation::Start(StartMode::Normal, ZERO.mask())
+    let longest = PortOperation::Start(StartMode::Normal, ZERO.mask())
         .times()
         .longest;
     assert!(waited >= longest && waited < longest * 11 / 10);

@@ -41,9 +41,9 @@ pub struct Description {
     /// Hardware mode: index and name.
     pub hardware: (u8, String),
     /// Software modes.
-    pub modes: Vec<Mode>,
+    pub modes: Vec<SimMode>,
     /// Parameters, in the order of the GTOC.
-    pub parameters: Vec<Parameter>,
+    pub parameters: Vec<SimParameter>,
     /// Working copies.
     pub working: Vec<Working>,
     /// Name of the working watchdog time.
@@ -62,7 +62,7 @@ pub struct Description {
 
 /// A software mode.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Mode {
+pub struct SimMode {
     /// Its number.
     pub index: u8,
     /// Its name.
@@ -114,7 +114,7 @@ impl Record {
 
 /// A parameter.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameter {
+pub struct SimParameter {
     /// Its record.
     pub record: Record,
     /// Raw factory value.
@@ -282,7 +282,7 @@ impl Description {
             ("hardware", [index, name]) => {
                 self.hardware = (number(line, index, 0xFF)? as u8, (*name).to_owned());
             }
-            ("mode", [index, name]) => self.modes.push(Mode {
+            ("mode", [index, name]) => self.modes.push(SimMode {
                 index: number(line, index, crate::remote::MAX_MODES as u64 - 1)? as u8,
                 name: (*name).to_owned(),
                 data: Vec::new(),
@@ -316,13 +316,13 @@ impl Description {
     }
 }
 
-fn parameter(line: usize, words: &[&str]) -> Result<Parameter, DescriptionError> {
+fn parameter(line: usize, words: &[&str]) -> Result<SimParameter, DescriptionError> {
     let (words, value) = match words {
         [words @ .., "=", value] => (words, number(line, value, u64::MAX)?),
         words => (words, 0),
     };
     let record = record(line, words)?;
-    Ok(Parameter { record, value })
+    Ok(SimParameter { record, value })
 }
 
 fn record(line: usize, words: &[&str]) -> Result<Record, DescriptionError> {

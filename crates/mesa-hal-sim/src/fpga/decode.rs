@@ -1,6 +1,6 @@
 //! Address decoder: the register at each address.
 
-use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, ModuleDescriptor, gtag};
+use super::firmware::{COOKIE_ADDRESS, IDROM_ADDRESS, SimFirmware, SimModuleDescriptor, gtag};
 
 /// Maximum number of ports of a serial module.
 pub(super) const MAX_PORTS: u8 = 4;
@@ -34,7 +34,7 @@ pub(crate) struct AddressMap {
 
 impl AddressMap {
     /// The map of a firmware. `rom` is the number of words of identification and IDROM.
-    pub(crate) fn new(firmware: &Firmware, idrom_words: usize) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, idrom_words: usize) -> Self {
         let mut map = Self {
             targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
         };
@@ -72,8 +72,8 @@ impl AddressMap {
 
     /// Maps one register in all instances of a module. `first_port` is the number of the first
     /// port, if the module is serial.
-    fn put_register(&mut self, module: &ModuleDescriptor, register: u8, first_port: u8) {
-        let (register_stride, instance_stride) = Firmware::strides(module);
+    fn put_register(&mut self, module: &SimModuleDescriptor, register: u8, first_port: u8) {
+        let (register_stride, instance_stride) = SimFirmware::strides(module);
         let serial = is_serial(module);
         let multiple = module.multiple >> register & 1 != 0;
         let base = module
@@ -123,13 +123,13 @@ impl AddressMap {
     }
 }
 
-fn is_serial(module: &ModuleDescriptor) -> bool {
+fn is_serial(module: &SimModuleDescriptor) -> bool {
     matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B)
 }
 
 /// Number of registers of a module. With a DPLL, encoders have one more than their descriptor
 /// counts: the selection of the timer that latches them.
-fn registers(firmware: &Firmware, module: &ModuleDescriptor) -> u8 {
+fn registers(firmware: &SimFirmware, module: &SimModuleDescriptor) -> u8 {
     let is_encoder = matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER);
     let has_timer = is_encoder && firmware.module(gtag::DPLL).is_some();
     module.registers + u8::from(has_timer)

@@ -128,7 +128,11 @@ pub struct Hold {
 }
 
 /// Result of running a list: evidence about the writes, and about other masters.
+///
+/// A bus starts from [`CERTAIN`](Self::CERTAIN) or [`UNKNOWN`](Self::UNKNOWN) and sets what it
+/// knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Reply {
     /// True if all earlier writes since the previous reply, and those of this list, were executed
     /// exactly once and in order. Do not trust values that depend on the last write otherwise.
@@ -151,10 +155,37 @@ impl Reply {
         slack: None,
     };
     /// No reply was expected: the fate of the writes is not known yet.
-    pub const UNHEARD: Self = Self {
+    pub const UNKNOWN: Self = Self {
         certain: false,
         ..Self::CERTAIN
     };
+
+    /// Sets whether the writes were executed exactly once and in order.
+    #[must_use]
+    pub const fn with_certain(self, certain: bool) -> Self {
+        Self { certain, ..self }
+    }
+
+    /// Sets the number of writes that this reply proves missing.
+    #[must_use]
+    pub const fn with_lost_writes(self, lost_writes: u32) -> Self {
+        Self {
+            lost_writes,
+            ..self
+        }
+    }
+
+    /// Sets the number of packets of another master.
+    #[must_use]
+    pub const fn with_others(self, others: u32) -> Self {
+        Self { others, ..self }
+    }
+
+    /// Sets the time for which the board held the list back.
+    #[must_use]
+    pub const fn with_slack(self, slack: Option<Duration>) -> Self {
+        Self { slack, ..self }
+    }
 
     /// The combined result of this reply and a `later` one.
     #[must_use]
@@ -173,11 +204,19 @@ impl Reply {
 ///
 /// The default value is for a bus whose board cannot be exchanged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct BoardIdentity {
     /// The MAC address, high byte first.
     pub mac: [u8; 6],
     /// The card's name, padded as on the board.
     pub card: [u8; 16],
+}
+
+impl BoardIdentity {
+    /// The identity of the board with this MAC address and card name.
+    pub const fn new(mac: [u8; 6], card: [u8; 16]) -> Self {
+        Self { mac, card }
+    }
 }
 
 /// Effort to spend on an exchange outside of lists.
@@ -433,7 +472,7 @@ pub trait RegisterBus {
     /// Takes the reply to the started list. On failure, no word has changed.
     ///
     /// A list without reads may have no reply: the fate of its writes is then unknown until a later
-    /// reply ([`Reply::UNHEARD`]). The provided method makes an [`exchange`](Self::exchange), after
+    /// reply ([`Reply::UNKNOWN`]). The provided method makes an [`exchange`](Self::exchange), after
     /// which all writes are certain.
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         self.exchange(list.as_ref(), words)?;

@@ -110,7 +110,7 @@ fn a_file_that_a_board_would_not_start_from_is_no_backup() {
 fn the_fallback_is_written_back_only_beside_a_user_configuration() {
     let (mut chip, backup) = whole();
     chip.bytes[USER..USER + PAGE].fill(0xFF);
-    let part = Difference {
+    let part = FlashDifference {
         area: Some(Area::Fallback),
         start: 0x1_0000,
         end: 0x2_0000,
@@ -119,7 +119,7 @@ fn the_fallback_is_written_back_only_beside_a_user_configuration() {
     let address = USER as u32;
     let refused = flash.restore(&backup, &part, |_, _| {});
     assert_eq!(refused, Err(EthernetError::NoUserConfiguration { address }));
-    let outside = Difference {
+    let outside = FlashDifference {
         area: None,
         start: 0x1F_0000,
         end: 0x21_0000,

@@ -241,7 +241,7 @@ impl Fate {
     }
 }
 
-impl Link for Network {
+impl PacketLink for Network {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let numbers = numbers(packet);
         let before = self.newest.write;
@@ -291,7 +291,7 @@ impl Link for Network {
 }
 
 /// Lets a test inspect the network when the bus could not be made.
-impl Link for &mut Network {
+impl PacketLink for &mut Network {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         (**self).send(packet)
     }

@@ -1,4 +1,4 @@
-//! Which board a command is for.
+//! Target board of a command.
 
 use std::cell::OnceCell;
 use std::net::{Ipv4Addr, SocketAddrV4};
@@ -11,7 +11,7 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
-use mesa_hal::transport::search::{self, Asked};
+use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 use mesa_hal_sim::{Mishaps, UdpFace};
 
@@ -20,33 +20,32 @@ use crate::context::Failure;
 use crate::output::complain;
 use crate::sim::machine::{Machine, MachineOptions};
 
-/// How long a board may take to say again who it is.
+/// Timeout of an answer when the identity of a board is checked again.
 const AGAIN: Duration = Duration::from_millis(100);
 
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
 
-/// Which board a command is for: one on the network, or an embedded simulated one.
+/// Target board of a command: one on the network, or an embedded simulated one.
 #[derive(Clone, Debug, Args)]
 pub struct Target {
-    /// An Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
+    /// Address of an Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
     #[arg(long, value_name = "IP[:PORT]", value_parser = parse_address, conflicts_with = "sim")]
     addr: Option<SocketAddrV4>,
-    /// A simulated machine in this program: 7i92-7i77, 7i97, or another board of `mesa sim --board`,
-    /// and what is plugged into its serial channels as in `mesa sim --remote`:
-    /// 7i97,0=7i72,1=7i77-io:2; or one that a file describes, whose name ends in .toml
-    /// (examples/mill.toml); or in place of the board the image of a firmware, whose name ends in .txt
-    /// (`mesa sim --firmware`)
+    /// Simulated machine in this process: 7i92-7i77, 7i97 or another board of `mesa sim --board`,
+    /// with remotes on its serial channels as in `mesa sim --remote` (7i97,0=7i72,1=7i77-io:2); a
+    /// machine file that ends in .toml (examples/mill.toml); or, in place of the board, a firmware
+    /// image that ends in .txt (`mesa sim --firmware`)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
 }
 
-/// The board of a command that changes it.
+/// Target board of a command that changes it.
 #[derive(Clone, Debug, Args)]
 pub struct ChangedTarget {
     #[command(flatten)]
     target: Target,
-    /// Check everything, print what would be done, and do nothing
+    /// Check everything and print the planned action without doing it
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
@@ -60,19 +59,19 @@ impl ChangedTarget {
     }
 }
 
-/// A board that a command talks to, and the simulated machine behind it if there is one.
+/// Address of the target board, and the simulated machine behind it, if any.
 #[derive(Debug)]
 pub struct Found {
-    /// Where it is.
+    /// Address of the board.
     pub address: SocketAddrV4,
-    /// Card and MAC address of what answered there first.
+    /// Card and MAC address of the first board that answered at the address.
     who: OnceCell<(String, MacAddress)>,
-    // Ends when nobody talks to it any more.
+    // Dropping it ends the simulated machine.
     _simulated: Option<Embedded>,
 }
 
 impl Target {
-    /// Where the board is; starts the simulated machine if that is the board.
+    /// Determines the address of the board; starts the simulated machine if that is the board.
     pub fn find(&self) -> Result<Found, Failure> {
         if let Some(machine) = &self.sim {
             let embedded = Embedded::start(machine)?;
@@ -95,12 +94,13 @@ impl Target {
 }
 
 impl Found {
-    /// The bus of the board. A board that another program drives is left alone.
+    /// Opens the bus of the board. Fails if another program drives the board, which is not
+    /// disturbed.
     pub fn open(&self) -> Result<UdpBus, Failure> {
         self.open_with(UdpConfig::default())
     }
 
-    /// The same with these deadlines.
+    /// As [`open`](Self::open), with the deadlines of `config`.
     pub fn open_with(&self, config: UdpConfig) -> Result<UdpBus, Failure> {
         let tries = config.setup_tries;
         let bus = UdpBus::connect(self.address, config);
@@ -110,7 +110,8 @@ impl Found {
         Ok(bus)
     }
 
-    /// Boards come with the same address: what is done is done to the one that was looked at.
+    /// Fails if another board answers than before. Boards share factory addresses, and an action
+    /// must reach the board that was inspected.
     fn check_same(&self, is: Identity) -> Result<(), Failure> {
         let is = (is.card, is.mac);
         let was = self.who.get_or_init(|| is.clone());
@@ -125,8 +126,8 @@ impl Found {
         )))
     }
 
-    /// Looks again whether another program drives the board, and whether it still is that one, before
-    /// something is done to it. Nothing is changed there.
+    /// Checks again, before an action, that no other program drives the board and that it is still
+    /// the same one. Changes nothing on the board.
     pub fn check_free(&self) -> Result<(), Failure> {
         let config = UdpConfig::default();
         let free = UdpLink::connect(self.address)
@@ -136,10 +137,10 @@ impl Found {
         if self.who.get().is_none() {
             return Ok(());
         }
-        // With no bus, which would clear what another one counts on.
+        // Without opening a bus, which would clear counters that another program relies on.
         for _ in 0..config.setup_tries {
             let asked = search::ask(&[self.address], AGAIN)?;
-            if let Some(Asked { found: Ok(is), .. }) = asked.into_iter().next() {
+            if let Some(AddressResult { found: Ok(is), .. }) = asked.into_iter().next() {
                 return self.check_same(is);
             }
         }
@@ -152,7 +153,7 @@ impl Found {
     fn refuses(&self, tries: u32, error: UdpError) -> Failure {
         let why = match error.kind() {
             _ if matches!(error, UdpError::Foreign { .. }) => {
-                format!("asked {tries} times, and no board answers, but somebody: {error}")
+                format!("no board answers, asked {tries} times, but another host does: {error}")
             }
             BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
             _ => error.to_string(),
@@ -172,7 +173,7 @@ fn from_environment() -> Result<SocketAddrV4, Failure> {
     }
 }
 
-/// An IPv4 address, with a port if it is not 27181.
+/// Parses an IPv4 address, with a port if it is not 27181.
 pub fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
     let with_port = || text.parse().ok();
     let ip = text.parse::<Ipv4Addr>().ok();
@@ -191,7 +192,7 @@ struct Embedded {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The longest time between two looks at whether it shall end.
+/// Longest time between two checks for the end.
 const TICK: Duration = Duration::from_millis(1);
 
 impl Embedded {

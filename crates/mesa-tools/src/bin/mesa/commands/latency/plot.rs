@@ -12,17 +12,17 @@ use super::name;
 use crate::context::Failure;
 use crate::files;
 
-/// Of one pace, in pixels.
+/// Size of the picture of one pace, in pixels.
 const SIZE: (u32, u32) = (800, 340);
-/// Of the numbers and words at the axes, in pixels.
+/// Font of the axes, and its size in pixels.
 const AXIS_FONT: (&str, u32) = ("sans-serif", 15);
-/// Room right of the last number of the time axis, which is centred below its line.
+/// Room right of the last number of the time axis, which is centred below its line, in pixels.
 const RIGHT_MARGIN: u32 = 40;
-/// Columns of each doubling of the time.
+/// Columns for each doubling of the time.
 const COLUMNS: f64 = 4.0;
-/// Room above the highest column, for the words.
+/// Room above the highest column for the legend, as a factor.
 const HEADROOM: f64 = 300.0;
-/// The least and the most that is shown, in microseconds.
+/// Range of times shown, in microseconds.
 const SHOWN: [f64; 2] = [0.5, 4e6];
 
 const LATE: RGBColor = RGBColor(31, 119, 180);
@@ -146,7 +146,7 @@ struct Column {
     count: f64,
 }
 
-/// Those that have anything in them.
+/// Columns that are not empty.
 fn columns(histogram: &Histogram) -> Vec<Column> {
     let [least, most] = SHOWN;
     let count = ((most / least).log2() * COLUMNS) as u32;
