@@ -35,7 +35,6 @@ pub enum Rejection {
 
 /// Time since the last good transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
 pub struct Age {
     /// In cycles: 0 if this read completed the transfer that the last write started.
     pub cycles: u64,
@@ -56,7 +55,6 @@ impl Age {
 /// Result of reading a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
-#[non_exhaustive]
 pub struct Reading<T> {
     /// The value: the last good one if `valid` is false, or the type's zero if there was none yet.
     pub value: T,
