@@ -166,11 +166,7 @@ pub(super) fn make_slot<T: Value>(
     initial: T,
 ) -> Result<(PinSlot, Rule), PinError> {
     let group = pins.part(part).ok_or(PinError::ForeignHandle)?.group;
-    let parameter = |key: Option<Key>| match key {
-        None => Ok(NONE),
-        Some(key) if pins.index(key).is_some() => Ok(key.index),
-        Some(_) => Err(PinError::ForeignHandle),
-    };
+    let parameter = |key| parameter_index(pins, key);
     let invert = parameter(spec.invert.map(Invert::key))?;
     let max_limit = parameter(spec.max_limit.map(|param| param.key))?;
     let min_limit = parameter(spec.min_limit.map(|param| param.key))?;
@@ -178,21 +174,8 @@ pub(super) fn make_slot<T: Value>(
     let wire = spec
         .full_scale
         .map_or((0.0, 0.0), |full| (full.min, full.max));
+    let (min, max) = bounds(role, spec, wire, initial)?;
     let is_real = T::TYPE == HalType::Float;
-    // The first value of an input may lie outside its limits, which are informational.
-    let limits = spec.limits.filter(|_| role != Role::Input);
-    let ends = limits.unwrap_or_default();
-    let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
-    let (min, max) =
-        limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
-    let is_within = min <= initial && initial <= max && AnyValue::from(initial).is_finite();
-    if are_finite != [true; 4] || !is_within || (scale != NONE && !is_real) {
-        return Err(PinError::BadLimits {
-            name: ShortName::new(&spec.name),
-            initial: initial.into(),
-            limits,
-        });
-    }
     let safe = initial.to_bits();
     let slot = PinSlot {
         bits: safe,
@@ -222,6 +205,40 @@ pub(super) fn make_slot<T: Value>(
         scale_now: 0.0,
     };
     Ok((slot, rule))
+}
+
+fn parameter_index(pins: &Pins, key: Option<Key>) -> Result<u32, PinError> {
+    match key {
+        None => Ok(NONE),
+        Some(key) if pins.index(key).is_some() => Ok(key.index),
+        Some(_) => Err(PinError::ForeignHandle),
+    }
+}
+
+/// The smallest and the largest value of a new pin, checked to be usable and to contain its first
+/// value.
+fn bounds<T: Value>(
+    role: Role,
+    spec: &Spec,
+    wire: (f64, f64),
+    initial: T,
+) -> Result<(T, T), PinError> {
+    // The first value of an input may lie outside its limits, which are informational.
+    let limits = spec.limits.filter(|_| role != Role::Input);
+    let ends = limits.unwrap_or_default();
+    let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
+    let (min, max) =
+        limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
+    let is_within = min <= initial && initial <= max && AnyValue::from(initial).is_finite();
+    let is_scaled = spec.full_scale.is_some();
+    if are_finite != [true; 4] || !is_within || (is_scaled && T::TYPE != HalType::Float) {
+        return Err(PinError::BadLimits {
+            name: ShortName::new(&spec.name),
+            initial: initial.into(),
+            limits,
+        });
+    }
+    Ok((min, max))
 }
 
 #[cfg(test)]

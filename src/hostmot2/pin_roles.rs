@@ -73,6 +73,61 @@ const RESOLVER: Names = &[
     (0x89, "Test"),
 ];
 
+const SSI: Names = &[
+    (0x81, "Clk"),
+    (0x82, "ClkEn"),
+    (0x03, "Data"),
+    (0x84, "DataValid"),
+    (0x85, "/ClkEn"),
+];
+
+const DPLL: Names = &[
+    (0x01, "Sync"),
+    (0x82, "MSB"),
+    (0x83, "F"),
+    (0x84, "Post"),
+    (0x85, "SyncToggle"),
+];
+
+const THREE_PHASE_PWM: Names = &[
+    (0x81, "A"),
+    (0x82, "B"),
+    (0x83, "C"),
+    (0x84, "/A"),
+    (0x85, "/B"),
+    (0x86, "/C"),
+    (0x87, "Enable"),
+    (0x08, "Fault"),
+];
+
+const BISS: Names = &[
+    (0x81, "Clk"),
+    (0x82, "ClkEn"),
+    (0x03, "Data"),
+    (0x84, "DataValid"),
+    (0x85, "TestData"),
+    (0x86, "SampleTime"),
+    (0x87, "/ClkEn"),
+];
+
+const FABS: Names = &[
+    (0x81, "Request"),
+    (0x82, "RequestEn"),
+    (0x03, "Data"),
+    (0x84, "DataValid"),
+    (0x85, "TestClk"),
+    (0x86, "/RequestEn"),
+];
+
+const HM2DPLL: Names = &[
+    (0x01, "Sync"),
+    (0x82, "Ref"),
+    (0x83, "Timer1"),
+    (0x84, "Timer2"),
+    (0x85, "Timer3"),
+    (0x86, "Timer4"),
+];
+
 fn known(gtag: Gtag) -> (Names, Numbered) {
     match gtag {
         Gtag::ENCODER | Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => (ENCODER, &[]),
@@ -80,82 +135,21 @@ fn known(gtag: Gtag) -> (Names, Numbered) {
         Gtag::PWM => (&[(0x81, "Out"), (0x82, "Dir"), (0x83, "/Enable")], &[]),
         Gtag::SPI => (SPI, &[]),
         Gtag::BUFFERED_SPI | Gtag::DECODED_SPI => (SPI, &[(0x85, 0x8C, "CS")]),
-        Gtag::SSI => (
-            &[
-                (0x81, "Clk"),
-                (0x82, "ClkEn"),
-                (0x03, "Data"),
-                (0x84, "DataValid"),
-                (0x85, "/ClkEn"),
-            ],
-            &[],
-        ),
+        Gtag::SSI => (SSI, &[]),
         Gtag::UART_TX | Gtag::PACKET_UART_TX => (TRANSMIT, &[]),
         Gtag::UART_RX | Gtag::PACKET_UART_RX => (&[(0x01, "RX")], &[]),
         Gtag::MUX_SELECT | Gtag::MUX_SELECT_MIM => (&[], &[(0x81, 0x82, "Select")]),
-        Gtag::DPLL => (
-            &[
-                (0x01, "Sync"),
-                (0x82, "MSB"),
-                (0x83, "F"),
-                (0x84, "Post"),
-                (0x85, "SyncToggle"),
-            ],
-            &[],
-        ),
-        Gtag::THREE_PHASE_PWM => (
-            &[
-                (0x81, "A"),
-                (0x82, "B"),
-                (0x83, "C"),
-                (0x84, "/A"),
-                (0x85, "/B"),
-                (0x86, "/C"),
-                (0x87, "Enable"),
-                (0x08, "Fault"),
-            ],
-            &[],
-        ),
+        Gtag::DPLL => (DPLL, &[]),
+        Gtag::THREE_PHASE_PWM => (THREE_PHASE_PWM, &[]),
         Gtag::WAVEGEN => (
             &[(0x81, "PDMA"), (0x82, "PDMB")],
             &[(0x83, 0x86, "Trigger")],
         ),
         Gtag::DAQ_FIFO => (&[(0x41, "Strobe"), (0x81, "Full")], &[(0x01, 0x1F, "Data")]),
         Gtag::BINARY_OSCILLATOR => (&[], &[(0x81, 0x9F, "Out")]),
-        Gtag::BISS => (
-            &[
-                (0x81, "Clk"),
-                (0x82, "ClkEn"),
-                (0x03, "Data"),
-                (0x84, "DataValid"),
-                (0x85, "TestData"),
-                (0x86, "SampleTime"),
-                (0x87, "/ClkEn"),
-            ],
-            &[],
-        ),
-        Gtag::FABS => (
-            &[
-                (0x81, "Request"),
-                (0x82, "RequestEn"),
-                (0x03, "Data"),
-                (0x84, "DataValid"),
-                (0x85, "TestClk"),
-                (0x86, "/RequestEn"),
-            ],
-            &[],
-        ),
-        Gtag::HM2DPLL => (
-            &[
-                (0x01, "Sync"),
-                (0x82, "Ref"),
-                (0x83, "Timer1"),
-                (0x84, "Timer2"),
-                (0x85, "Timer3"),
-                (0x86, "Timer4"),
-            ],
-            &[],
-        ),
+        Gtag::BISS => (BISS, &[]),
+        Gtag::FABS => (FABS, &[]),
+        Gtag::HM2DPLL => (HM2DPLL, &[]),
         Gtag::SCALER => (&[(0x01, "A"), (0x02, "B")], &[]),
         _ => known_of_io(gtag),
     }

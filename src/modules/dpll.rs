@@ -3,6 +3,7 @@
 //! Source: FACTS 13.8, 9.5, 12.4.
 
 use alloc::format;
+use alloc::string::String;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
@@ -64,15 +65,12 @@ impl Dpll {
         let config = pins.config(r.pins);
         let clock_hz = module.clock_hz;
         let words = config.words(clock_hz, dds_bits);
-        let words = words.map_err(|(prescale, base_rate)| RegisterError::Setting {
-            what: "rate that the DPLL follows",
-            found: format!(
+        let words = words.map_err(|(prescale, base_rate)| {
+            let found = format!(
                 "{khz} kHz, which with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits needs \
                  prescale {prescale} and base rate {base_rate}"
-            ),
-            expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1; choose another \
-                 thread period, or go on without it (`Settings::no_dpll`)"
-                .into(),
+            );
+            unusable_rate(found)
         })?;
         let [base_rate, control_0, control_1, timers_12, timers_34] = words;
         r.pins.publish(pins.ddsize, dds_bits.into());
@@ -103,6 +101,16 @@ impl Dpll {
             following,
             start: PhaseStart::default(),
         }))
+    }
+}
+
+fn unusable_rate(found: String) -> RegisterError {
+    RegisterError::Setting {
+        what: "rate that the DPLL follows",
+        found,
+        expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1; choose another \
+             thread period, or go on without it (`Settings::no_dpll`)"
+            .into(),
     }
 }
 

@@ -110,16 +110,7 @@ impl RemotePins {
                 source: source.into(),
             })?;
         }
-        // Looking up a missing name compares it with all names, to build the error. This is
-        // therefore done only for elements for which the table names an enable.
-        let known = table.iter().flat_map(|table| table.elements);
-        for known in known.filter(|known| !known.enabled_by.is_empty()) {
-            let id = |name| pins.id(&format!("{}.{}", remote.prefix, hal_name(name)));
-            // If a mode lacks one of the two, the other one needs no link.
-            if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
-                pins.enabled_by(output, enable);
-            }
-        }
+        remote.link_enables(pins, table);
         for record in &descriptor.parameters {
             let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
             let made = RemoteParameter::new(pins, remote.group, &name, record);
@@ -130,6 +121,20 @@ impl RemotePins {
             remote.parameters.extend(made);
         }
         Ok(remote)
+    }
+
+    /// Links the outputs of the table to their enables.
+    fn link_enables(&self, pins: &mut PinStore, table: Option<&RemoteTable>) {
+        // Looking up a missing name compares it with all names, to build the error. This is
+        // therefore done only for elements for which the table names an enable.
+        let known = table.iter().flat_map(|table| table.elements);
+        for known in known.filter(|known| !known.enabled_by.is_empty()) {
+            let id = |name| pins.id(&format!("{}.{}", self.prefix, hal_name(name)));
+            // If a mode lacks one of the two, the other one needs no link.
+            if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
+                pins.enabled_by(output, enable);
+            }
+        }
     }
 
     /// The parameter with that name, as spelled by the remote or, in lower case, by LinuxCNC.

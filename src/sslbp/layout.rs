@@ -3,6 +3,7 @@
 use super::{Channel, ChannelMask, MAX_CHANNELS};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor};
 use alloc::format;
+use alloc::string::String;
 use alloc::vec::Vec;
 
 /// Largest number of interface registers of a channel: 224 bits.
@@ -99,31 +100,8 @@ impl PortLayout {
         channels: u8,
     ) -> Result<Self, HostMot2Error> {
         let gtag = module.gtag;
-        let unknown = |found, expected| HostMot2Error::Unknown {
-            gtag,
-            found,
-            expected,
-        };
-        let interface_registers = match gtag {
-            Gtag::SSERIAL => 3,
-            Gtag::SSERIAL_B => 7,
-            _ => {
-                return Err(unknown(
-                    "no serial ports".into(),
-                    "SSerial or SSerialB".into(),
-                ));
-            }
-        };
+        let interface_registers = interface_registers(module)?;
         let registers = interface_registers + INTERFACE as u8;
-        // Any other set of registers belongs to an unsupported firmware.
-        let expected = (registers, (1 << registers) - (1 << CS));
-        let found = (module.registers, module.multiple_registers);
-        if found != expected {
-            let text = |(registers, multiple): (u8, u32)| {
-                format!("{registers} registers with multiple-register mask {multiple:#X}")
-            };
-            return Err(unknown(text(found), text(expected)));
-        }
         if instance >= module.instances.min(MAX_PORTS) {
             return Err(HostMot2Error::NoRegister {
                 gtag,
@@ -142,12 +120,11 @@ impl PortLayout {
         let command = Self::base(module, instance, channels, registers);
         let Some(command) = command.filter(|_| channels <= MAX_CHANNELS) else {
             let (register, of_instance) = (module.register_stride, module.instance_stride);
-            return Err(unknown(
-                format!(
-                    "{channels} channels on port {instance}, strides {register:#X} and {of_instance:#X}"
-                ),
-                "1 to 8 whose registers do not overlap".into(),
-            ));
+            let found = format!(
+                "{channels} channels on port {instance}, strides {register:#X} and {of_instance:#X}"
+            );
+            let expected = "1 to 8 whose registers do not overlap".into();
+            return Err(unknown(gtag, found, expected));
         };
         Ok(Self {
             instance,
@@ -197,6 +174,38 @@ impl PortLayout {
     /// `base` has checked that the last register is in the address space.
     const fn register(self, index: u16) -> u16 {
         self.command + self.register_stride * index
+    }
+}
+
+/// Number of interface registers of a channel: 3 or 7, depending on the kind of the module.
+fn interface_registers(module: &ModuleDescriptor) -> Result<u8, HostMot2Error> {
+    let gtag = module.gtag;
+    let interface_registers = match gtag {
+        Gtag::SSERIAL => 3,
+        Gtag::SSERIAL_B => 7,
+        _ => {
+            let expected = "SSerial or SSerialB".into();
+            return Err(unknown(gtag, "no serial ports".into(), expected));
+        }
+    };
+    let registers = interface_registers + INTERFACE as u8;
+    // Any other set of registers belongs to an unsupported firmware.
+    let expected = (registers, (1 << registers) - (1 << CS));
+    let found = (module.registers, module.multiple_registers);
+    if found != expected {
+        let text = |(registers, multiple): (u8, u32)| {
+            format!("{registers} registers with multiple-register mask {multiple:#X}")
+        };
+        return Err(unknown(gtag, text(found), text(expected)));
+    }
+    Ok(interface_registers)
+}
+
+fn unknown(gtag: Gtag, found: String, expected: String) -> HostMot2Error {
+    HostMot2Error::Unknown {
+        gtag,
+        found,
+        expected,
     }
 }
 

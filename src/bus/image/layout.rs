@@ -31,26 +31,14 @@ impl ImagePlan {
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);
         let first_setting = writes.end;
-        let first_safe = first_setting.saturating_add(self.settings.len() as u16);
         let mut content = vec![0; usize::from(reads.end)];
         content.extend(writes.places.iter().map(|(_, write)| write.word));
         content.extend(self.settings.iter().map(|setting| setting.word));
         content.extend(self.writes.iter().map(|write| write.word));
-        let (mut set_up, mut quiesce) = (Vec::new(), Vec::new());
-        for step in self.sorted_steps() {
-            let place = match step.again {
-                RepeatedWord::Setting(setting) => first_setting.saturating_add(setting.0),
-                RepeatedWord::Safe(slot) => first_safe.saturating_add(slot.0),
-                RepeatedWord::Word(word) => push(&mut content, word),
-            };
-            let access = Access::write(step.address, place, 1);
-            set_up.push(access);
-            if step.place == StepPlace::In(Stage::Quiesce) {
-                quiesce.push(access);
-            }
-        }
+        let (mut set_up, quiesce) = self.step_accesses(first_setting, &mut content);
         let read = |extra| reads.runs(|read| extra || !read.is_extra);
         let write = writes.runs(|_| true);
+        let writes_of = |phase| writes.runs(|write| write.phase == phase);
         let cycle = |extra| [&write[..], &read(extra)].concat();
         let evidence = reads.runs(|read| read.phase == Phase::Evidence);
         let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
@@ -78,20 +66,35 @@ impl ImagePlan {
                 set_up: bus.prepare(&set_up, None)?,
                 quiesce: bus.prepare(&quiesce, None)?,
             },
-            parts: SettingExchanges::new(
-                self,
-                |phase| writes.runs(|write| write.phase == phase),
-                first_setting,
-            ),
+            parts: SettingExchanges::new(self, writes_of, first_setting),
         };
-        let words = Words::new(
-            self,
-            content,
-            reads.index(&self.reads),
-            writes.index(&self.writes),
-            first_setting,
-        );
+        let (read_places, write_places) = (reads.index(&self.reads), writes.index(&self.writes));
+        let words = Words::new(self, content, read_places, write_places, first_setting);
         Ok((exchanges, words))
+    }
+
+    /// The accesses of all steps in their order, and of those that quiesce the board. Appends the
+    /// words of the steps that have no other place to `content`.
+    fn step_accesses(
+        &self,
+        first_setting: u16,
+        content: &mut Vec<u32>,
+    ) -> (Vec<Access>, Vec<Access>) {
+        let first_safe = first_setting.saturating_add(self.settings.len() as u16);
+        let (mut all, mut quiesce) = (Vec::new(), Vec::new());
+        for step in self.sorted_steps() {
+            let place = match step.again {
+                RepeatedWord::Setting(setting) => first_setting.saturating_add(setting.0),
+                RepeatedWord::Safe(slot) => first_safe.saturating_add(slot.0),
+                RepeatedWord::Word(word) => push(content, word),
+            };
+            let access = Access::write(step.address, place, 1);
+            all.push(access);
+            if step.place == StepPlace::In(Stage::Quiesce) {
+                quiesce.push(access);
+            }
+        }
+        (all, quiesce)
     }
 }
 

@@ -128,24 +128,11 @@ impl Encoders {
         let is_muxed = gtag == Gtag::MUXED_ENCODER;
         let probe = module.version & ModuleDescriptor::WITH_PROBE;
         let version = module.version & !probe;
-        let is_probe =
-            |pin: &PinDescriptor| pin.secondary == gtag && pin.secondary_pin == PROBE_PIN;
         take_pins(r, of_kind, count)?;
 
         let rate_register = module.register(4, 0)?;
-        // The register count of the descriptor does not include this register; firmware without it
-        // ignores writes there.
-        let timer_register = rate_register
-            .checked_add(module.register_stride)
-            .filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some());
-        let usual = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
-        if usual.0 > TickRate::SLOWEST.0 {
-            return Err(RegisterError::Setting {
-                what: "rate of the encoders (`EncoderSetup::rate`)",
-                found: format!("{usual:?}"),
-                expected: format!("at most {:?}: the register has 12 bits", TickRate::SLOWEST),
-            });
-        }
+        let timer_register = timer_register(r, module, rate_register);
+        let usual = rate_of_setup(r)?;
         let bank = EncoderBankPins::new(
             r.maker(&bank_stem("encoder", bank)),
             usual.hz(clock_hz) as u32,
@@ -163,18 +150,15 @@ impl Encoders {
         let [ticks, sample_hz] = [common.timestamps, common.rate].map(|rate| rate.hz(clock_hz));
         let mut axes = Vec::new();
         for (instance, number) in (0..count).zip(first_number..) {
-            let mut encoder = Encoder::new(r, of_kind, instance, number)?;
-            let (state, pins) = (&mut encoder.state, &encoder.pins);
-            state.set_rates(ticks, sample_hz * samples);
-            r.pins.publish(pins.max_count_rate, state.max_count_rate());
-            axes.push(encoder);
+            let rates = [ticks, sample_hz * samples];
+            axes.push(Encoder::new(r, of_kind, instance, number, rates)?);
         }
         Ok(Self {
             bank,
             axes,
             clock_hz,
             samples,
-            has_probe: probe != 0 || r.firmware.pins.iter().any(is_probe),
+            has_probe: probe != 0 || has_probe_pin(r, gtag),
             usual,
             timestamp: r.image.read(Phase::Data, module.register(3, 0)?),
             rate,
@@ -205,6 +189,7 @@ impl Encoder {
         of_kind: &DrivenModule,
         instance: u8,
         number: u8,
+        [ticks, samples]: [f64; 2],
     ) -> Result<Self, RegisterError> {
         let module = &of_kind.descriptor;
         let (gtag, n) = (module.gtag, of_kind.number(instance).into());
@@ -216,9 +201,12 @@ impl Encoder {
         let (count, control) = (module.register(0, instance)?, module.register(1, instance)?);
         let mode = r.image.setting(Stage::Configure, control, config.mode);
         r.image.step(Stage::Configure, count, 0);
+        let mut state = EncoderState::new(config);
+        state.set_rates(ticks, samples);
+        r.pins.publish(pins.max_count_rate, state.max_count_rate());
         Ok(Self {
             pins,
-            state: EncoderState::new(config),
+            state,
             rests: false,
             command: EncoderCommand::default(),
             shown: None,
@@ -258,6 +246,32 @@ impl Encoder {
         }
         state.latch.is_repeated |= cycle.words.is_news(self.mode);
     }
+}
+
+/// The rate of the settings, or of the board's table.
+fn rate_of_setup(r: &Registrar<'_>) -> Result<TickRate, RegisterError> {
+    let rate = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
+    if rate.0 > TickRate::SLOWEST.0 {
+        return Err(RegisterError::Setting {
+            what: "rate of the encoders (`EncoderSetup::rate`)",
+            found: format!("{rate:?}"),
+            expected: format!("at most {:?}: the register has 12 bits", TickRate::SLOWEST),
+        });
+    }
+    Ok(rate)
+}
+
+/// The register that selects the timer for latching; `None` without a DPLL.
+fn timer_register(r: &Registrar<'_>, module: &ModuleDescriptor, rate: u16) -> Option<u16> {
+    // The register count of the descriptor does not include this register; firmware without it
+    // ignores writes there.
+    let register = rate.checked_add(module.register_stride);
+    register.filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some())
+}
+
+fn has_probe_pin(r: &Registrar<'_>, gtag: Gtag) -> bool {
+    let is_probe = |pin: &PinDescriptor| pin.secondary == gtag && pin.secondary_pin == PROBE_PIN;
+    r.firmware.pins.iter().any(is_probe)
 }
 
 /// Checks layout and version.

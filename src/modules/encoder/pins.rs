@@ -84,11 +84,6 @@ impl EncoderPins {
             place: place.clone(),
             ..Spec::from(name)
         };
-        let vel_timeout = Spec {
-            unit: "s".into(),
-            limits: Some((0.0, LONGEST_IDLE)),
-            ..Spec::from("vel-timeout")
-        };
         let mut make = make.at([a.clone(), b.clone()].into_iter().collect());
         let mut pins = Self {
             counter: Counter {
@@ -118,7 +113,7 @@ impl EncoderPins {
             counter_mode: make.setting("counter-mode", false)?,
             filter: make.setting("filter", has_filter)?,
             max_count_rate: make.property("max-count-rate", 0.0)?,
-            vel_timeout: make.setting(vel_timeout, 0.5)?,
+            vel_timeout: make.setting(vel_timeout(), 0.5)?,
             ..Self::default()
         };
         let mut make = make.at(Place::default());
@@ -204,6 +199,14 @@ impl EncoderPins {
         if reading.index_came {
             pins.publish(self.counter.index_enable, false);
         }
+    }
+}
+
+fn vel_timeout() -> Spec {
+    Spec {
+        unit: "s".into(),
+        limits: Some((0.0, LONGEST_IDLE)),
+        ..Spec::from("vel-timeout")
     }
 }
 

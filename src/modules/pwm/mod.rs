@@ -118,15 +118,7 @@ impl Pwm {
     ) -> Result<Self, RegisterError> {
         let module = &of_kind.descriptor;
         let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
-        let table = &r.board.pwm;
-        let usual = if dithers {
-            let keeps = |hz: &&u32| PwmRate::new(clock_hz, f64::from(**hz)).bits >= DITHER_BITS;
-            let offered = table.hz_dither;
-            let usual = offered.iter().find(keeps).or(offered.last());
-            usual.copied().unwrap_or(table.hz)
-        } else {
-            table.hz
-        };
+        let usual = usual_hz(&r.board.pwm, clock_hz, dithers);
         let hz = (r.settings.pwm_hz.unwrap_or(usual), 20_000);
         let fastest = PwmRate::fastest(clock_hz);
         if !(1..=fastest).contains(&hz.0) {
@@ -153,14 +145,7 @@ impl Pwm {
         let generators = (0..module.instances)
             .map(|instance| Generator::new(r, of_kind, instance, rate.bits))
             .collect::<Result<Vec<_>, _>>()?;
-        for (number, Generator { pins, .. }) in (of_kind.first..).zip(&generators) {
-            r.pins.enabled_by(pins.value, pins.enable);
-            let leader = of_kind.leader(r, number);
-            let leader = leader.and_then(|leader| generators.get(usize::from(leader)));
-            if let Some(leader) = leader {
-                r.pins.enabled_by(pins.enable, leader.pins.enable);
-            }
-        }
+        link_enables(r, of_kind, &generators);
         Ok(Self {
             bank,
             generators,
@@ -186,6 +171,29 @@ impl Pwm {
             cycle
                 .words
                 .set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
+        }
+    }
+}
+
+/// The frequency of a table; of those for dithering, the first that keeps enough bits.
+fn usual_hz(table: &PwmTable, clock_hz: u32, dithers: bool) -> u32 {
+    if !dithers {
+        return table.hz;
+    }
+    let keeps = |hz: &&u32| PwmRate::new(clock_hz, f64::from(**hz)).bits >= DITHER_BITS;
+    let offered = table.hz_dither;
+    let usual = offered.iter().find(keeps).or(offered.last());
+    usual.copied().unwrap_or(table.hz)
+}
+
+/// Links each value to its enable, and each enable to that of its leader.
+fn link_enables(r: &mut Registrar<'_>, of_kind: &DrivenModule, generators: &[Generator]) {
+    for (number, Generator { pins, .. }) in (of_kind.first..).zip(generators) {
+        r.pins.enabled_by(pins.value, pins.enable);
+        let leader = of_kind.leader(r, number);
+        let leader = leader.and_then(|leader| generators.get(usize::from(leader)));
+        if let Some(leader) = leader {
+            r.pins.enabled_by(pins.enable, leader.pins.enable);
         }
     }
 }

@@ -140,14 +140,6 @@ impl Settings {
 
     /// Refuses values that are invalid for any board.
     pub(crate) fn check(&self) -> Result<(), RegisterError> {
-        let refused = |what, found, expected: &str| {
-            let expected = expected.into();
-            Err(RegisterError::Setting {
-                what,
-                found,
-                expected,
-            })
-        };
         let watchdog = self.watchdog_time();
         if watchdog > LONGEST_WATCHDOG {
             return refused(
@@ -163,6 +155,26 @@ impl Settings {
                 "at least 1",
             );
         }
+        self.check_fault_policy()?;
+        let mut scales = self.pwm.values().filter_map(|config| config.scale);
+        if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
+            return refused(
+                "the scale of a PWM generator (`Settings::pwm`)",
+                format!("{scale}"),
+                "a number other than 0, its size from 1e-100 to 1e100",
+            );
+        }
+        match self.trace {
+            Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
+                "what a trace keeps (`Settings::trace`)",
+                format!("{cycles} cycles, {after} of them after the event"),
+                "at least 1 cycle, and fewer after the event than in all",
+            ),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_fault_policy(&self) -> Result<(), RegisterError> {
         let policy = &self.fault_policy;
         if policy.fault_lim == 0 || policy.fault_inc == 0 {
             return refused(
@@ -181,23 +193,17 @@ impl Settings {
                 "1 to 1000",
             );
         }
-        let mut scales = self.pwm.values().filter_map(|config| config.scale);
-        if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
-            return refused(
-                "the scale of a PWM generator (`Settings::pwm`)",
-                format!("{scale}"),
-                "a number other than 0, its size from 1e-100 to 1e100",
-            );
-        }
-        match self.trace {
-            Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
-                "what a trace keeps (`Settings::trace`)",
-                format!("{cycles} cycles, {after} of them after the event"),
-                "at least 1 cycle, and fewer after the event than in all",
-            ),
-            _ => Ok(()),
-        }
+        Ok(())
     }
+}
+
+fn refused(what: &'static str, found: String, expected: &str) -> Result<(), RegisterError> {
+    let expected = expected.into();
+    Err(RegisterError::Setting {
+        what,
+        found,
+        expected,
+    })
 }
 
 /// Greatest number of cycles for which old inputs may count as valid.

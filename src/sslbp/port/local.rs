@@ -25,6 +25,7 @@ const READS: u8 = 10;
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
+const TOO_OLD: &str = "flash a newer firmware";
 const UNKNOWN_FIRMWARE: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
@@ -130,10 +131,6 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             processor,
             channels,
         ] = parameters;
-        let last = u16::from(start) + u16::from(stride) * u16::from(MAX_CHANNELS - 1);
-        let is_room =
-            u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK;
-        let is_known = major == 1 && minor >= OLDEST_MINOR;
         let require = |(found, expected): (u8, u8), what: &str, hint| {
             if found == expected {
                 return Ok(());
@@ -148,13 +145,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             "the interface processor",
             UNKNOWN_FIRMWARE,
         )?;
-        if !is_known {
+        if major != 1 || minor < OLDEST_MINOR {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
-            let hint = "flash a newer firmware";
-            return Err(self.unexpected("the SSLBP version".into(), found, expected, hint));
+            return Err(self.unexpected("the SSLBP version".into(), found, expected, TOO_OLD));
         }
-        if !is_room {
+        if !has_room(start, stride) {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
@@ -206,4 +202,10 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         }
         Ok(())
     }
+}
+
+/// True if the variables of all channels fit before the parameters behind them.
+fn has_room(start: u8, stride: u8) -> bool {
+    let last = u16::from(start) + u16::from(stride) * u16::from(MAX_CHANNELS - 1);
+    u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK
 }

@@ -239,23 +239,16 @@ impl Ledger {
             details.slots.map(|word| self.number(word))
         });
         let was_underway = last.is_some_and(|last| self.state(last) == WriteState::Underway);
-        let mut fresh = 0_u16;
-        for number in slots.into_iter().flatten().chain(last) {
-            fresh.tally(self.executed(number, &mut report));
-        }
+        let fresh = self.mark_executed(slots.into_iter().flatten().chain(last), &mut report);
         // A newer write was executed, and this one after it.
         let is_own = account.last_write.is_none();
         let is_behind = last.is_some() && last != self.newest_executed(is_own);
         // The newest write was executed, and none after it.
         let expected = if is_own { request } else { newest_last };
-        let is_newest = self.state(request) == WriteState::Executed
-            && last_register == expected as u16
-            && !is_behind;
+        let is_last = last_register == expected as u16 && !is_behind;
+        let is_newest = is_last && self.state(request) == WriteState::Executed;
         report.late.tally((is_behind && was_underway).into());
-        self.executions = self.executions.wrapping_add(fresh);
-        let arrived = self
-            .received
-            .map(|before| account.received.wrapping_sub(before));
+        let arrived = self.arrived(account.received);
         let is_explained = arrived == Some(fresh.wrapping_add(1)) && self.requests == 1;
         match account.details {
             Some(details) => {
@@ -275,17 +268,31 @@ impl Ledger {
                 self.is_open = true;
             }
         }
-        if let (false, Some(last), WriteState::Missing) = (is_own, last, self.state(newest_last)) {
-            // The newest write did not become the last one; if it arrives late, the register shows
-            // it.
-            if self.newest_last == newest_last {
-                self.newest_last = last;
-            }
+        if let (false, Some(last)) = (is_own, last) {
+            self.correct_last(newest_last, last);
         }
-        self.received = Some(account.received);
+        self.close_requests(account.received, report.lost);
+        let is_certain = is_explained && is_newest && !is_sequence;
+        report.doubt = self.leaves_doubt(request, is_certain, &report);
+        report
+    }
+
+    /// Number of packets that arrived since the last account, by the new RXUDPCount.
+    fn arrived(&self, received: u16) -> Option<u16> {
+        self.received.map(|before| received.wrapping_sub(before))
+    }
+
+    /// Ends the requests up to the account that was evaluated.
+    fn close_requests(&mut self, received: u16, lost: u32) {
+        self.received = Some(received);
         self.requests = 0;
         // A lost write may still arrive, and the details show that best.
-        self.is_open |= report.lost > 0;
+        self.is_open |= lost > 0;
+    }
+
+    /// True if an account leaves a doubt: it is not `is_certain` by itself, an older cycle may
+    /// follow, or it has findings.
+    fn leaves_doubt(&mut self, request: u32, is_certain: bool, report: &WriteReport) -> bool {
         let said = [
             report.lost,
             report.late,
@@ -296,17 +303,38 @@ impl Ledger {
         // again.
         let is_past = |overtaken: &u32| request.wrapping_sub(*overtaken) as i32 > 0;
         self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
-        let is_certain = is_explained && is_newest && !is_sequence && self.overtaken.is_none();
-        report.doubt = !is_certain || said.into_iter().any(|count| count > 0);
-        if self.has_cycles && report.doubt {
+        let is_certain = is_certain && self.overtaken.is_none();
+        let doubts = !is_certain || said.into_iter().any(|count| count > 0);
+        if self.has_cycles && doubts {
             self.overtaken = Some(self.newest);
         }
-        report
+        doubts
     }
 
-    /// Marks the write of a number that the board reports as executed. Returns the number of
+    /// If the write expected in the last-write register is missing, expects the one found there: if
+    /// the missing one arrives late, the register shows it.
+    fn correct_last(&mut self, expected: u32, last: u32) {
+        if self.state(expected) == WriteState::Missing && self.newest_last == expected {
+            self.newest_last = last;
+        }
+    }
+
+    /// Marks the writes of the numbers that the board reports as executed. Returns the number of
     /// packets, other than requests, that this explains.
-    fn executed(&mut self, number: u32, report: &mut WriteReport) -> u16 {
+    fn mark_executed(
+        &mut self,
+        numbers: impl Iterator<Item = u32>,
+        report: &mut WriteReport,
+    ) -> u16 {
+        let mut fresh = 0_u16;
+        for number in numbers {
+            fresh.tally(self.mark(number, report));
+        }
+        self.executions = self.executions.wrapping_add(fresh);
+        fresh
+    }
+
+    fn mark(&mut self, number: u32, report: &mut WriteReport) -> u16 {
         let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
             return 0;
         };

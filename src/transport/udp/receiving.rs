@@ -72,15 +72,7 @@ impl<L: PacketLink> UdpBus<L> {
             overtime.tally((waited > deadline).into());
             if overtime >= MAX_OVERTIME {
                 self.statistics.lost.tally(1);
-                return Err(match instead {
-                    Some(stale) => stale,
-                    None if datagrams == 0 => UdpError::Lost { request, waited },
-                    None => UdpError::Foreign {
-                        request,
-                        datagrams,
-                        waited,
-                    },
-                });
+                return Err(instead.unwrap_or_else(|| without_reply(request, datagrams, waited)));
             }
         }
     }
@@ -94,7 +86,6 @@ impl<L: PacketLink> UdpBus<L> {
         wait: Wait,
         waited: Duration,
     ) -> Result<Option<u32>, UdpError> {
-        let (request, expected) = (wait.request, list.reply_len(wait.detailed));
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends such a packet, and it is cut off: its last bytes here may be from its
@@ -107,41 +98,15 @@ impl<L: PacketLink> UdpBus<L> {
             counted.short.tally(1);
             return Ok(None);
         };
-        // Only the time that the board waited for its clock extends the deadline: any other delay
-        // was on the way, and the words are that much older.
-        let held = list.waited_us(reply).unwrap_or(0);
-        let held = Duration::from_micros(held.into()).min(list.held);
-        let deadline = wait.deadline.saturating_add(held);
         match self.requests.classify(number) {
-            Match::Current if length != expected => {
-                counted.short.tally(1);
-                return Err(UdpError::Short {
-                    request,
-                    expected,
-                    got: length,
-                    waited,
-                });
-            }
-            Match::Current if waited > deadline => {
-                counted.late.tally(1);
-                return Err(UdpError::Late {
-                    request,
-                    waited,
-                    by: waited.saturating_sub(deadline),
-                });
-            }
-            Match::Current => {
-                counted.bytes_received.tally(length as u64);
-                let account = list.account(reply, wait.detailed);
-                self.evaluate(account, wait);
-            }
+            Match::Current => self.accept(list, length, wait, waited)?,
             Match::Late => {
                 counted.late.tally(1);
                 counted.lost = counted.lost.saturating_sub(1);
             }
             Match::Duplicate => counted.duplicate.tally(1),
             Match::Stale => counted.stale.tally(1),
-            Match::Foreign if length < expected => {
+            Match::Foreign if length < list.reply_len(wait.detailed) => {
                 counted.short.tally(1);
                 return Ok(None);
             }
@@ -151,6 +116,45 @@ impl<L: PacketLink> UdpBus<L> {
             }
         }
         Ok(Some(number))
+    }
+
+    /// Checks length and age of the awaited reply, and takes its account.
+    fn accept(
+        &mut self,
+        list: &UdpList,
+        length: usize,
+        wait: Wait,
+        waited: Duration,
+    ) -> Result<(), UdpError> {
+        let (request, expected) = (wait.request, list.reply_len(wait.detailed));
+        let counted = &mut self.statistics;
+        let reply = self.reply.get(..length).unwrap_or(&[]);
+        if length != expected {
+            counted.short.tally(1);
+            return Err(UdpError::Short {
+                request,
+                expected,
+                got: length,
+                waited,
+            });
+        }
+        // Only the time that the board waited for its clock extends the deadline: any other delay
+        // was on the way, and the words are that much older.
+        let held = list.waited_us(reply).unwrap_or(0);
+        let held = Duration::from_micros(held.into()).min(list.held);
+        let deadline = wait.deadline.saturating_add(held);
+        if waited > deadline {
+            counted.late.tally(1);
+            return Err(UdpError::Late {
+                request,
+                waited,
+                by: waited.saturating_sub(deadline),
+            });
+        }
+        counted.bytes_received.tally(length as u64);
+        let account = list.account(reply, wait.detailed);
+        self.evaluate(account, wait);
+        Ok(())
     }
 
     /// Counts the fates of the writes, and the packets of other senders.
@@ -183,5 +187,16 @@ impl<L: PacketLink> UdpBus<L> {
                 .with_others(others);
             self.replies = self.replies.and(reply);
         }
+    }
+}
+
+fn without_reply(request: u32, datagrams: u64, waited: Duration) -> UdpError {
+    if datagrams == 0 {
+        return UdpError::Lost { request, waited };
+    }
+    UdpError::Foreign {
+        request,
+        datagrams,
+        waited,
     }
 }

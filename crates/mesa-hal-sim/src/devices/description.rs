@@ -216,6 +216,22 @@ pub enum DescriptionError {
     TooManyRecords,
 }
 
+/// The statements that have a fixed number of words.
+const STATEMENTS: [&str; 12] = [
+    "remote",
+    "unit",
+    "revision",
+    "hardware",
+    "mode",
+    "working",
+    "watchdog",
+    "baud-rate",
+    "unit-number",
+    "no-discovery",
+    "no-fault-byte",
+    "clear-faults",
+];
+
 impl Description {
     /// Parses a description.
     pub fn parse(text: &str) -> Result<Self, DescriptionError> {
@@ -276,14 +292,7 @@ impl Description {
                 let mode = mode.ok_or(DescriptionError::DataWithoutMode { line })?;
                 mode.data.push(record(line, words)?);
             }
-            ("parameter", words) => {
-                let (words, value) = match words {
-                    [words @ .., "=", value] => (words, number(line, value, u64::MAX)?),
-                    words => (words, 0),
-                };
-                let record = record(line, words)?;
-                self.parameters.push(SimParameter { record, value });
-            }
+            ("parameter", words) => self.parameters.push(parameter(line, words)?),
             ("working", [name, bits, from]) => self.working.push(Working {
                 name: (*name).to_owned(),
                 bits: number(line, bits, 64)? as u8,
@@ -298,15 +307,22 @@ impl Description {
                 let place = (number(line, byte, 29)? as u8, number(line, bit, 7)? as u8);
                 self.clear_faults = Some(place);
             }
-            (
-                "remote" | "unit" | "revision" | "hardware" | "mode" | "working" | "watchdog"
-                | "baud-rate" | "unit-number" | "no-discovery" | "no-fault-byte" | "clear-faults",
-                _,
-            ) => return Err(DescriptionError::Words { line }),
+            (statement, _) if STATEMENTS.contains(&statement) => {
+                return Err(DescriptionError::Words { line });
+            }
             _ => return Err(DescriptionError::Statement { line }),
         }
         Ok(())
     }
+}
+
+fn parameter(line: usize, words: &[&str]) -> Result<SimParameter, DescriptionError> {
+    let (words, value) = match words {
+        [words @ .., "=", value] => (words, number(line, value, u64::MAX)?),
+        words => (words, 0),
+    };
+    let record = record(line, words)?;
+    Ok(SimParameter { record, value })
 }
 
 fn record(line: usize, words: &[&str]) -> Result<Record, DescriptionError> {

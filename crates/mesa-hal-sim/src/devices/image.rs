@@ -1,5 +1,6 @@
 //! Memory image and data layout, built from a description.
 
+use super::description::Working;
 use super::{Description, DescriptionError, Record};
 use crate::remote::{ParameterPlace, SimMemory, SimRemoteConfig, WorkingCopy};
 use mesa_wire::lbp::{Capabilities, DiscoveryReply};
@@ -271,33 +272,8 @@ impl Builder {
         config: &mut SimRemoteConfig,
     ) -> Result<(), DescriptionError> {
         for working in &description.working {
-            let bytes = usize::from(working.bits).div_ceil(8);
-            let find = |layout: &SimLayout, name: &str| {
-                let parameter = layout.parameters.iter().find(|p| p.record.name == name);
-                parameter.map(|p| (p.address, p.record.bytes()))
-            };
-            let from = find(&self.layout, &working.from);
-            let (from, size) = from.ok_or(DescriptionError::UnknownName)?;
-            let to = if let Some((address, _)) = find(&self.layout, &working.name) {
-                address
-            } else {
-                let address = allocate(&mut self.next_value, bytes)?;
-                self.layout.hidden.push((working.name.clone(), address));
-                address
-            };
-            let is_unit = description.unit_number.as_ref() == Some(&working.name);
-            let value = if is_unit {
-                description.unit.into()
-            } else {
-                self.image.word(from, size)
-            };
-            self.image.set_word(from, size, value);
-            self.image.set_word(to, bytes, value);
-            config.working_copies.push(WorkingCopy {
-                from,
-                to,
-                bytes: bytes.min(size) as u16,
-            });
+            let copy = self.working_copy(working, description)?;
+            config.working_copies.push(copy);
         }
         let find = |name: &Option<String>| match name {
             None => Ok(None),
@@ -326,6 +302,42 @@ impl Builder {
             }
         }
         Ok(())
+    }
+
+    /// Gives a working copy its memory and sets the value of both; for the unit number, that of the
+    /// description.
+    fn working_copy(
+        &mut self,
+        working: &Working,
+        description: &Description,
+    ) -> Result<WorkingCopy, DescriptionError> {
+        let bytes = usize::from(working.bits).div_ceil(8);
+        let find = |layout: &SimLayout, name: &str| {
+            let parameter = layout.parameters.iter().find(|p| p.record.name == name);
+            parameter.map(|p| (p.address, p.record.bytes()))
+        };
+        let from = find(&self.layout, &working.from);
+        let (from, size) = from.ok_or(DescriptionError::UnknownName)?;
+        let to = if let Some((address, _)) = find(&self.layout, &working.name) {
+            address
+        } else {
+            let address = allocate(&mut self.next_value, bytes)?;
+            self.layout.hidden.push((working.name.clone(), address));
+            address
+        };
+        let is_unit = description.unit_number.as_ref() == Some(&working.name);
+        let value = if is_unit {
+            description.unit.into()
+        } else {
+            self.image.word(from, size)
+        };
+        self.image.set_word(from, size, value);
+        self.image.set_word(to, bytes, value);
+        Ok(WorkingCopy {
+            from,
+            to,
+            bytes: bytes.min(size) as u16,
+        })
     }
 
     fn data_records(&mut self, elements: &[SimElement]) -> Result<Vec<u16>, DescriptionError> {

@@ -46,36 +46,10 @@ impl AddressMap {
             if module.gtag == gtag::MUX_SELECT || module.instances == 0 {
                 continue;
             }
-            let (register_stride, instance_stride) = SimFirmware::strides(module);
-            let serial = matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B);
             for register in 0..registers(firmware, module).min(32) {
-                let multiple = module.multiple >> register & 1 != 0;
-                let base = module
-                    .base
-                    .wrapping_add(u16::from(register).wrapping_mul(register_stride));
-                let instances = if multiple || serial {
-                    module.instances
-                } else {
-                    1
-                };
-                for instance in 0..instances {
-                    let address =
-                        base.wrapping_add(u16::from(instance).wrapping_mul(instance_stride));
-                    if serial {
-                        let port = instance.saturating_add(ports);
-                        map.put_channels(address, module.gtag, register, port, multiple);
-                    } else {
-                        let target = Target::Module {
-                            gtag: module.gtag,
-                            register,
-                            instance,
-                            port: 0,
-                        };
-                        map.put(address, target);
-                    }
-                }
+                map.put_register(module, register, ports);
             }
-            if serial {
+            if is_serial(module) {
                 ports += module.instances.min(MAX_PORTS);
             }
         }
@@ -94,6 +68,37 @@ impl AddressMap {
             .get(usize::from(address >> 2))
             .copied()
             .unwrap_or_default()
+    }
+
+    /// Maps one register in all instances of a module. `first_port` is the number of the first
+    /// port, if the module is serial.
+    fn put_register(&mut self, module: &SimModuleDescriptor, register: u8, first_port: u8) {
+        let (register_stride, instance_stride) = SimFirmware::strides(module);
+        let serial = is_serial(module);
+        let multiple = module.multiple >> register & 1 != 0;
+        let base = module
+            .base
+            .wrapping_add(u16::from(register).wrapping_mul(register_stride));
+        let instances = if multiple || serial {
+            module.instances
+        } else {
+            1
+        };
+        for instance in 0..instances {
+            let address = base.wrapping_add(u16::from(instance).wrapping_mul(instance_stride));
+            if serial {
+                let port = instance.saturating_add(first_port);
+                self.put_channels(address, module.gtag, register, port, multiple);
+            } else {
+                let target = Target::Module {
+                    gtag: module.gtag,
+                    register,
+                    instance,
+                    port: 0,
+                };
+                self.put(address, target);
+            }
+        }
     }
 
     /// Maps smart serial: COMMAND and DATA once per port, the others once for each of eight
@@ -116,6 +121,10 @@ impl AddressMap {
             *slot = target;
         }
     }
+}
+
+fn is_serial(module: &SimModuleDescriptor) -> bool {
+    matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B)
 }
 
 /// Number of registers of a module. With a DPLL, encoders have one more than their descriptor

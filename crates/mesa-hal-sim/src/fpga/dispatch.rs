@@ -24,15 +24,9 @@ impl SimFpga {
                 let pwm = self.pwm.as_ref();
                 pwm.map_or(0, |pwm| pwm.read(register))
             }
-            gtag::IN_MUX => {
+            gtag::IN_MUX | gtag::IN_M => {
                 self.settle_inputs();
-                let inputs = self.in_mux.as_mut();
-                let word = inputs.map_or(0, |inputs| inputs.read(now, register));
-                Inputs::word_of(&self.firmware, (gtag, instance), register, word)
-            }
-            gtag::IN_M => {
-                self.settle_inputs();
-                let inputs = self.in_m.as_mut();
+                let inputs = self.field_inputs(gtag);
                 let word = inputs.map_or(0, |inputs| inputs.read(now, register));
                 Inputs::word_of(&self.firmware, (gtag, instance), register, word)
             }
@@ -81,23 +75,39 @@ impl SimFpga {
                         .write_encoder(index, now, register, instance, value);
                 }
             }
+            gtag::PWM | gtag::SSR | gtag::OUT_M | gtag::LED => {
+                self.write_outputs(gtag, register, instance, value);
+            }
+            gtag::IN_MUX | gtag::IN_M => {
+                self.settle_inputs();
+                if let Some(inputs) = self.field_inputs(gtag) {
+                    inputs.write(now, register, value);
+                }
+            }
+            gtag::DPLL => {
+                self.settle();
+                if let Some(dpll) = &mut self.dpll {
+                    dpll.write(now, register, value);
+                }
+            }
+            gtag::SSERIAL | gtag::SSERIAL_B => {
+                if let Some(serial) = self.serial.get_mut(usize::from(port)) {
+                    serial.write(now, register, instance, value);
+                }
+            }
+            _ => self.write_foreign(gtag, register, instance, value),
+        }
+    }
+
+    /// Writes a register of a module that drives outputs.
+    fn write_outputs(&mut self, gtag: u8, register: u8, instance: u8, value: u32) {
+        let now = self.now;
+        match gtag {
             gtag::PWM => {
                 self.settle();
                 if let Some(pwm) = &mut self.pwm {
                     pwm.write(now, register, instance, value);
                     self.plant.pwm_changed(pwm, &self.io);
-                }
-            }
-            gtag::IN_MUX => {
-                self.settle_inputs();
-                if let Some(inputs) = &mut self.in_mux {
-                    inputs.write(now, register, value);
-                }
-            }
-            gtag::IN_M => {
-                self.settle_inputs();
-                if let Some(inputs) = &mut self.in_m {
-                    inputs.write(now, register, value);
                 }
             }
             gtag::SSR => {
@@ -110,25 +120,25 @@ impl SimFpga {
                     out.write(now, register, value);
                 }
             }
-            gtag::DPLL => {
-                self.settle();
-                if let Some(dpll) = &mut self.dpll {
-                    dpll.write(now, register, value);
-                }
-            }
-            gtag::LED => self.leds.write(value),
-            gtag::SSERIAL | gtag::SSERIAL_B => {
-                if let Some(serial) = self.serial.get_mut(usize::from(port)) {
-                    serial.write(now, register, instance, value);
-                }
-            }
-            _ => {
-                self.settle_foreign();
-                if let Some(module) = self.foreign.get_mut(gtag) {
-                    module.write(now, register, instance, value);
-                }
-                self.plant.modules_changed(&self.foreign, &self.io);
-            }
+            _ => self.leds.write(value),
+        }
+    }
+
+    /// Writes a register of a module that is not the simulator's own.
+    fn write_foreign(&mut self, gtag: u8, register: u8, instance: u8, value: u32) {
+        self.settle_foreign();
+        if let Some(module) = self.foreign.get_mut(gtag) {
+            module.write(self.now, register, instance, value);
+        }
+        self.plant.modules_changed(&self.foreign, &self.io);
+    }
+
+    /// The field inputs of a firmware, multiplexed or not.
+    fn field_inputs(&mut self, gtag: u8) -> Option<&mut Inputs> {
+        if gtag == gtag::IN_MUX {
+            self.in_mux.as_mut()
+        } else {
+            self.in_m.as_mut()
         }
     }
 

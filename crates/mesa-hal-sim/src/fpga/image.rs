@@ -66,6 +66,9 @@ const SIMULATED: [u8; 14] = [
 /// Descriptors after the end of the list, each with its slot.
 type BehindEnd = Vec<(u8, SimModuleDescriptor)>;
 
+/// The test of a word.
+type Test = fn(u32) -> bool;
+
 /// The rate of the encoders' multiplexer after configuration. FACTS 12.6.
 const MUX_RATE: u32 = 11;
 
@@ -106,50 +109,10 @@ impl FirmwareImage {
     /// # Errors
     /// [`FirmwareImageError::Word`]: its cookie, the place of its IDROM, or its I/O ports.
     pub fn firmware(&self) -> Result<SimFirmware, FirmwareImageError> {
-        let expect = |address, is_right: bool, expected| {
-            let found = self.word(address);
-            if is_right {
-                Ok(())
-            } else {
-                Err(FirmwareImageError::Word {
-                    address,
-                    found,
-                    expected,
-                })
-            }
-        };
-        expect(
-            COOKIE_ADDRESS,
-            self.word(COOKIE_ADDRESS) == COOKIE,
-            "the cookie 0x55AACAFE",
-        )?;
-        let place = COOKIE_ADDRESS + 12;
-        let is_usual = self.word(place) == u32::from(IDROM_ADDRESS);
-        expect(place, is_usual, "an IDROM at 0x0400")?;
+        self.check_header()?;
         let header = |n: u16| self.word(IDROM_ADDRESS + 4 * n);
         let (modules, pins) = (header(1), header(2));
-        let bytes = 4 * IDROM_WORDS as u32;
-        expect(
-            IDROM_ADDRESS + 4,
-            modules % 4 == 0 && modules < bytes,
-            "an offset in the IDROM",
-        )?;
-        expect(
-            IDROM_ADDRESS + 8,
-            pins % 4 == 0 && pins < bytes,
-            "an offset in the IDROM",
-        )?;
         let (ports, port_width) = (header(7), header(9));
-        expect(
-            IDROM_ADDRESS + 28,
-            (1..=16).contains(&ports),
-            "1 to 16 I/O ports",
-        )?;
-        expect(
-            IDROM_ADDRESS + 36,
-            (1..=32).contains(&port_width),
-            "1 to 32 pins a port",
-        )?;
         let [b0, b1, b2, b3] = header(3).to_le_bytes();
         let [b4, b5, b6, b7] = header(4).to_le_bytes();
         let (modules, behind_end) = self.modules(modules as u16, pins as u16);
@@ -171,6 +134,40 @@ impl FirmwareImage {
             // The image has their words; they are not simulated.
             local_pins: Vec::new(),
         })
+    }
+
+    /// Checks the words that the decoding depends on.
+    fn check_header(&self) -> Result<(), FirmwareImageError> {
+        let is_cookie: Test = |word| word == COOKIE;
+        let is_usual: Test = |word| word == u32::from(IDROM_ADDRESS);
+        let is_offset: Test = |word| word % 4 == 0 && word < 4 * IDROM_WORDS as u32;
+        let rows = [
+            (COOKIE_ADDRESS, is_cookie, "the cookie 0x55AACAFE"),
+            (COOKIE_ADDRESS + 12, is_usual, "an IDROM at 0x0400"),
+            (IDROM_ADDRESS + 4, is_offset, "an offset in the IDROM"),
+            (IDROM_ADDRESS + 8, is_offset, "an offset in the IDROM"),
+            (
+                IDROM_ADDRESS + 28,
+                |word| (1..=16).contains(&word),
+                "1 to 16 I/O ports",
+            ),
+            (
+                IDROM_ADDRESS + 36,
+                |word| (1..=32).contains(&word),
+                "1 to 32 pins a port",
+            ),
+        ];
+        for (address, is_right, expected) in rows {
+            let found = self.word(address);
+            if !is_right(found) {
+                return Err(FirmwareImageError::Word {
+                    address,
+                    found,
+                    expected,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// The module descriptors up to the first empty slot, and those after it with their slots.

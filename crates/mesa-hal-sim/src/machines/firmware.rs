@@ -76,36 +76,6 @@ pub fn firmware_5i25_7i77() -> SimFirmware {
 /// Its serial port has one channel, on TB4. With more `channels` (up to 8) the port is extended
 /// over pins of P1, two for each channel.
 pub fn firmware_7i97(channels: u8) -> SimFirmware {
-    let mut pins = Vec::with_capacity(51);
-    for unit in 0..4 {
-        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
-    }
-    for unit in 4..6 {
-        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
-        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x83));
-    }
-    // ENA0 to ENA3 have a common switch, the enable of output 0.
-    pins.push(SimPinDescriptor::new(gtag::PWM, 0, 0x83));
-    for unit in 0..3 {
-        pins.extend(encoder_pins(unit));
-    }
-    pins.push(SimPinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
-    for output in 0..6 {
-        pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0x81 + output));
-    }
-    pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0xA0));
-    for address in 0..4 {
-        pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
-    }
-    pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x01));
-    for pin in [RX, TX, TXEN] {
-        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, pin));
-    }
-    for channel in 1..channels.min(MAX_CHANNELS) {
-        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
-        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
-    }
-    pins.resize(51, SimPinDescriptor::gpio());
     SimFirmware {
         idrom_type: 3,
         board: *b"MESA7I97",
@@ -141,12 +111,46 @@ pub fn firmware_7i97(channels: u8) -> SimFirmware {
                 module((gtag::IN_MUX_WIDTH, 0, 0, 0), (0, 0, 0x00, 0x10)),
             ),
         ],
-        pins,
+        pins: pins_7i97(channels),
         local_pins: vec![
             SimPinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),
             SimPinDescriptor::local(gtag::CP_DRIVE, 0, 0x81),
         ],
     }
+}
+
+fn pins_7i97(channels: u8) -> Vec<SimPinDescriptor> {
+    let mut pins = Vec::with_capacity(51);
+    for unit in 0..4 {
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
+    }
+    for unit in 4..6 {
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x83));
+    }
+    // ENA0 to ENA3 have a common switch, the enable of output 0.
+    pins.push(SimPinDescriptor::new(gtag::PWM, 0, 0x83));
+    for unit in 0..3 {
+        pins.extend(encoder_pins(unit));
+    }
+    pins.push(SimPinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
+    for output in 0..6 {
+        pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0x81 + output));
+    }
+    pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0xA0));
+    for address in 0..4 {
+        pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
+    }
+    pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x01));
+    for pin in [RX, TX, TXEN] {
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, pin));
+    }
+    for channel in 1..channels.min(MAX_CHANNELS) {
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
+    }
+    pins.resize(51, SimPinDescriptor::gpio());
+    pins
 }
 
 /// The firmware of a 7I97T: a 7I97 with a larger FPGA of another maker, ClockHigh 160 MHz, and PWM

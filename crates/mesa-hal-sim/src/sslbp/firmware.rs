@@ -193,19 +193,7 @@ impl Firmware {
     pub fn step(&mut self) {
         match self.phase {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => {}
-            Phase::Released => {
-                // Memory is still in the state before the reset.
-                if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
-                    let now = self.now();
-                    self.host.clear_command(now);
-                }
-                let channels = self.config.channels();
-                self.memory
-                    .set_up(channels as u8, timing::DEFAULT_BAUD_RATE);
-                let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels as u64;
-                self.spend(memory - timing::RESET_FIRST_CLEAR);
-                self.phase = Phase::MemorySetup;
-            }
+            Phase::Released => self.set_up_memory(),
             Phase::MemorySetup => {
                 let now = self.now();
                 self.host.clear_command(now);
@@ -259,6 +247,20 @@ impl Firmware {
 
     fn channels(&self) -> usize {
         usize::from(self.memory.get(global::CHANNELS)).clamp(1, self.config.channels())
+    }
+
+    fn set_up_memory(&mut self) {
+        // Memory is still in the state before the reset.
+        if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
+            let now = self.now();
+            self.host.clear_command(now);
+        }
+        let channels = self.config.channels();
+        self.memory
+            .set_up(channels as u8, timing::DEFAULT_BAUD_RATE);
+        let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels as u64;
+        self.spend(memory - timing::RESET_FIRST_CLEAR);
+        self.phase = Phase::MemorySetup;
     }
 
     fn initialize_channels(&mut self) {

@@ -96,64 +96,43 @@ pub enum MotorError {
     },
 }
 
+/// A permitted range: its test and its text.
+type Range = (fn(f64) -> bool, &'static str);
+
+const SPEED: Range = (
+    |speed| speed > 0.0 && speed <= 1e9,
+    "more than 0, up to 1e9",
+);
+const FULL_SCALE: Range = (
+    |volts| volts > 0.0 && volts <= 100.0,
+    "more than 0, up to 100 (V)",
+);
+const TIME: Range = (|time| (0.0..=10.0).contains(&time), "0 to 10 (s)");
+const FRICTION: Range = (|volts| (0.0..=10.0).contains(&volts), "0 to 10 (V)");
+const COUNTS: Range = (
+    |counts| counts.abs() <= 1e7 && counts != 0.0,
+    "-1e7 to 1e7, and not 0",
+);
+const INERTIA: Range = (|inertia| (1e-9..=1e9).contains(&inertia), "1e-9 to 1e9");
+const FORCE: Range = (|force| force > 0.0, "more than 0, up to inf");
+const DRAG: Range = (|drag| (0.0..=1e9).contains(&drag), "0 to 1e9");
+const POSITION: Range = (|position| position.abs() <= 1e9, "-1e9 to 1e9");
+
 impl MotorConfig {
     /// Checks the ranges.
     fn check(&self) -> Result<(), MotorError> {
-        let positive = |value: f64| value > 0.0 && value <= 1e9;
-        let not_negative = |value: f64| (0.0..=1e9).contains(&value);
-        let up_to_ten = |value: f64| (0.0..=10.0).contains(&value);
-        for (field, value, is_allowed, allowed) in [
-            (
-                "max_speed",
-                self.max_speed,
-                positive(self.max_speed),
-                "more than 0, up to 1e9",
-            ),
-            (
-                "full_scale",
-                self.full_scale,
-                self.full_scale > 0.0 && self.full_scale <= 100.0,
-                "more than 0, up to 100 (V)",
-            ),
-            (
-                "time_constant",
-                self.time_constant,
-                up_to_ten(self.time_constant),
-                "0 to 10 (s)",
-            ),
-            (
-                "friction",
-                self.friction,
-                up_to_ten(self.friction),
-                "0 to 10 (V)",
-            ),
-            (
-                "counts_per_unit",
-                self.counts_per_unit,
-                self.counts_per_unit.abs() <= 1e7 && self.counts_per_unit != 0.0,
-                "-1e7 to 1e7, and not 0",
-            ),
-            (
-                "inertia",
-                self.inertia,
-                (1e-9..=1e9).contains(&self.inertia),
-                "1e-9 to 1e9",
-            ),
-            (
-                "max_force",
-                self.max_force,
-                self.max_force > 0.0,
-                "more than 0, up to inf",
-            ),
-            ("drag", self.drag, not_negative(self.drag), "0 to 1e9"),
-            (
-                "position",
-                self.position,
-                self.position.abs() <= 1e9,
-                "-1e9 to 1e9",
-            ),
+        for (field, value, (is_allowed, allowed)) in [
+            ("max_speed", self.max_speed, SPEED),
+            ("full_scale", self.full_scale, FULL_SCALE),
+            ("time_constant", self.time_constant, TIME),
+            ("friction", self.friction, FRICTION),
+            ("counts_per_unit", self.counts_per_unit, COUNTS),
+            ("inertia", self.inertia, INERTIA),
+            ("max_force", self.max_force, FORCE),
+            ("drag", self.drag, DRAG),
+            ("position", self.position, POSITION),
         ] {
-            if !is_allowed {
+            if !is_allowed(value) {
                 return Err(MotorError::OutOfRange {
                     field,
                     value,

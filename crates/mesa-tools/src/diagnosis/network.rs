@@ -3,15 +3,16 @@
 use core::net::Ipv4Addr;
 
 use super::{FigureVerdict, Finding};
-use mesa_hal::transport::network::{Interface, Network, NetworkPath};
+use mesa_hal::transport::network::{Interface, Network, NetworkPath, Route};
+
+const CHECK: &str = "network route";
 
 /// Judges the route to `address`, and the state of its interface.
 pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
-    let check = "network route";
     let bad =
-        |figure: String, advice: String| Finding::new(FigureVerdict::Bad, check, figure, advice);
+        |figure: String, advice: String| Finding::new(FigureVerdict::Bad, CHECK, figure, advice);
     match network.way_to(address) {
-        NetworkPath::Here => Finding::good(check, format!("{address} is this computer")),
+        NetworkPath::Here => Finding::good(CHECK, format!("{address} is this computer")),
         NetworkPath::None => bad(
             format!("none to {address}"),
             format!(
@@ -25,7 +26,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
         ),
         NetworkPath::Gateway(route) => Finding::new(
             FigureVerdict::Look,
-            check,
+            CHECK,
             format!(
                 "{address} is in no network of this computer, but behind {}",
                 route.gateway
@@ -35,38 +36,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
                 add(network, address)
             ),
         ),
-        NetworkPath::Direct(route) => {
-            let name = &route.interface;
-            let figure = format!("{name}, {route}");
-            let is_default = |one: &mesa_hal::transport::network::Route| {
-                one.is_default() && one.interface == *name
-            };
-            match network.interface(name) {
-                Some(Interface { is_up: false, .. }) => {
-                    let advice = format!("`sudo ip link set {name} up`");
-                    bad(format!("{figure}, switched off"), advice)
-                }
-                Some(Interface {
-                    has_link: false, ..
-                }) => bad(
-                    format!("{figure}, no link"),
-                    "check the cable and the board's power".to_owned(),
-                ),
-                Some(Interface {
-                    is_wireless: true, ..
-                }) => bad(
-                    format!("{figure}, wireless"),
-                    "use a cable: no period can be kept over radio".to_owned(),
-                ),
-                _ if network.routes.iter().any(is_default) => Finding::new(
-                    FigureVerdict::Look,
-                    check,
-                    format!("{figure}, shared with the rest of the network"),
-                    "use a network card for the board alone: other traffic delays its packets",
-                ),
-                _ => Finding::good(check, figure),
-            }
-        }
+        NetworkPath::Direct(route) => direct(network, route),
     }
 }
 
@@ -75,6 +45,40 @@ pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     match network.way_to(address) {
         NetworkPath::Direct(route) | NetworkPath::Gateway(route) => Some(&route.interface),
         NetworkPath::Here | NetworkPath::Discarded(_) | NetworkPath::None => None,
+    }
+}
+
+/// Judges a route to a network of this computer, and the state of its interface.
+fn direct(network: &Network, route: &Route) -> Finding {
+    let bad =
+        |figure: String, advice: String| Finding::new(FigureVerdict::Bad, CHECK, figure, advice);
+    let name = &route.interface;
+    let figure = format!("{name}, {route}");
+    let is_default = |one: &Route| one.is_default() && one.interface == *name;
+    match network.interface(name) {
+        Some(Interface { is_up: false, .. }) => {
+            let advice = format!("`sudo ip link set {name} up`");
+            bad(format!("{figure}, switched off"), advice)
+        }
+        Some(Interface {
+            has_link: false, ..
+        }) => bad(
+            format!("{figure}, no link"),
+            "check the cable and the board's power".to_owned(),
+        ),
+        Some(Interface {
+            is_wireless: true, ..
+        }) => bad(
+            format!("{figure}, wireless"),
+            "use a cable: no period can be kept over radio".to_owned(),
+        ),
+        _ if network.routes.iter().any(is_default) => Finding::new(
+            FigureVerdict::Look,
+            CHECK,
+            format!("{figure}, shared with the rest of the network"),
+            "use a network card for the board alone: other traffic delays its packets",
+        ),
+        _ => Finding::good(CHECK, figure),
     }
 }
 
@@ -91,7 +95,6 @@ fn add(network: &Network, address: Ipv4Addr) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mesa_hal::transport::network::Route;
 
     fn network(is_up: bool, has_link: bool, is_wireless: bool, default: &str) -> Network {
         let route = |interface: &str, network, mask, gateway| Route {

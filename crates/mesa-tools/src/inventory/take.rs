@@ -11,7 +11,8 @@ use super::{
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
-    DataDirection, DataRecord, Discovery, DiscoveryOptions, ModeType, RemoteTable, discover_port,
+    DataDirection, DataRecord, Discovery, DiscoveryOptions, ModeRecord, ModeType, RemoteTable,
+    discover_port,
 };
 use mesa_hal::driver::silent_part;
 use mesa_hal::hostmot2::{HostMot2, IoPorts, PinDescriptor};
@@ -321,29 +322,18 @@ fn take_remote<B: RegisterBus + Clock>(
     problems.extend(found.read_error);
     let faults = if found.started.ptoc == 0 {
         // Remotes older than discovery do not have this location.
-        RemoteFaults::empty()
+        Ok(0)
     } else {
-        present_faults(&mut memory).map_or_else(
-            |error| {
-                problems.push(error.to_string());
-                RemoteFaults::empty()
-            },
-            RemoteFaults::from_bits_retain,
-        )
+        present_faults(&mut memory)
     };
+    let faults = faults.unwrap_or_else(|error| {
+        problems.push(error.to_string());
+        0
+    });
     let parameters = descriptor.parameters.iter();
     let parameters = parameters
         .map(|record| parameter(record, &mut memory))
         .collect();
-    let modes = descriptor.modes.iter().map(|mode| InventoryMode {
-        index: mode.index,
-        set_by: match mode.mode_type {
-            ModeType::Hardware => "hardware",
-            ModeType::Software => "software",
-            ModeType::Other(_) => "other",
-        },
-        name: mode.name.clone(),
-    });
     let process_data = descriptor.process_data.iter();
     let differences = table.map(|table| table.differences(&descriptor));
     InventoryRemote {
@@ -354,8 +344,8 @@ fn take_remote<B: RegisterBus + Clock>(
         rx_size: found.started.sizes.rx,
         tx_size: found.started.sizes.tx,
         built_in_table: found.started.ptoc == 0,
-        faults: words(faults),
-        modes: modes.collect(),
+        faults: words(RemoteFaults::from_bits_retain(faults)),
+        modes: descriptor.modes.iter().map(mode).collect(),
         process_data: process_data.map(|record| element(record, table)).collect(),
         parameters,
         differences: differences
@@ -365,6 +355,18 @@ fn take_remote<B: RegisterBus + Clock>(
             .collect(),
         problems,
         memory_accesses: found.accesses,
+    }
+}
+
+fn mode(record: &ModeRecord) -> InventoryMode {
+    InventoryMode {
+        index: record.index,
+        set_by: match record.mode_type {
+            ModeType::Hardware => "hardware",
+            ModeType::Software => "software",
+            ModeType::Other(_) => "other",
+        },
+        name: record.name.clone(),
     }
 }
 

@@ -126,6 +126,16 @@ impl Stepped {
         }
     }
 
+    fn write(&mut self, version: u8, register: u8, word: u32) {
+        let modes = if version > 0 { 0x7F } else { 0x3F };
+        match register {
+            0 => self.value_in.write(word),
+            1 => self.mode_in.write(word & modes),
+            2 => self.pwm.word.write(word),
+            _ => self.pdm.word.write(word),
+        }
+    }
+
     fn pins(&self) -> [bool; 2] {
         let negative = self.value >> 31 != 0;
         match self.mode >> 3 & 3 {
@@ -150,6 +160,17 @@ impl Numbers {
 
     fn of(&mut self, words: &[u32]) -> u32 {
         words[self.below(words.len() as u32) as usize]
+    }
+
+    /// A word for the value register, which may be the `present` one again.
+    fn value(&mut self, version: u8, present: u32) -> u32 {
+        match self.below(4) {
+            0 => self.below(0x200) << 16,
+            1 => 0x8000_0000 | self.below(0x1000) << 16,
+            2 => present,
+            _ if version > 0 => self.of(&[0x0FFE_F000, 0x0FFF_0000, 0x01FF_8000]),
+            _ => self.below(u32::MAX),
+        }
     }
 }
 
@@ -178,13 +199,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
             let register = numbers.of(&[0, 0, 0, 0, 0, 1, 1, 2, 3]) as u8;
             let register = first.take().unwrap_or(register);
             let word = match register {
-                0 => match numbers.below(4) {
-                    0 => numbers.below(0x200) << 16,
-                    1 => 0x8000_0000 | numbers.below(0x1000) << 16,
-                    2 => stepped.value_in.word,
-                    _ if version > 0 => numbers.of(&[0x0FFE_F000, 0x0FFF_0000, 0x01FF_8000]),
-                    _ => numbers.below(u32::MAX),
-                },
+                0 => numbers.value(version, stepped.value_in.word),
                 1 if version > 0 => width | numbers.below(16) << 3,
                 1 => numbers.below(128),
                 _ => numbers.of(&[0, 0x1000, 0x4000, 0x7000, 0x8000, 0xF000, 0xFFFF, 64425]),
@@ -194,14 +209,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
                 next[usize::from(register)] = now + 40;
                 said.push(format!("{now} {register}: {word:#010X}"));
                 pwm.write(now, register, 0, word);
-                match register {
-                    0 => stepped.value_in.write(word),
-                    1 => stepped
-                        .mode_in
-                        .write(word & if version > 0 { 0x7F } else { 0x3F }),
-                    2 => stepped.pwm.word.write(word),
-                    _ => stepped.pdm.word.write(word),
-                }
+                stepped.write(version, register, word);
             }
         }
         let pins = [PIN_OUT, PIN_DIRECTION].map(|pin| pwm.level(0, pin, now));
