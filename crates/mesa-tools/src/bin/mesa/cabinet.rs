@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
-use mesa_hal::transport::udp::{UdpBus, UdpError};
+use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
@@ -13,6 +13,7 @@ use mesa_tools::setup::{
 use serialport::SerialPort;
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{Found, Target};
 
@@ -70,9 +71,9 @@ impl SerialLine {
 
 /// Remotes in setup mode.
 pub enum OpenCabinet {
-    /// Those of a board. It goes before the machine that simulates it.
+    /// Those of a board.
     Board {
-        board: Box<Board<UdpBus>>,
+        board: Box<Board<Bus>>,
         found: Found,
     },
     /// The one on a serial port.

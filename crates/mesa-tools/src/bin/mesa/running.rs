@@ -7,21 +7,22 @@ use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
-use mesa_hal::transport::udp::{UdpBus, UdpError};
+use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, BoardState, Driver, Settings};
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::words;
 
 /// Starts everything on a board with all outputs off, and says on standard error what was found, what
 /// is missing, and what disagrees with its table.
-pub fn start(bus: UdpBus, settings: Settings) -> Result<Driver<UdpBus>, Failure> {
+pub fn start(bus: Bus, settings: Settings) -> Result<Driver<Bus>, Failure> {
     go(Board::identify(bus, settings)?)
 }
 
 /// The same on a board that is identified, and may be discovered.
-pub fn go(board: Board<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
+pub fn go(board: Board<Bus>) -> Result<Driver<Bus>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
@@ -33,7 +34,7 @@ pub fn trouble(state: BoardState) -> Option<BoardState> {
 }
 
 /// Fails if somebody else was found to drive the board while it ran: nothing that it showed is certain.
-pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
+pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
     match bus.statistics().others {
         0 => Ok(()),
         packets => {
@@ -45,7 +46,7 @@ pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
 
 /// How a run has ended. Somebody else who drives the board is the reason, and whatever could not be
 /// stopped because of him is told before it.
-pub fn check_end(ended: &Ended<UdpBus>) -> Result<(), Failure> {
+pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
     let alone = check_alone(ended.driver.bus());
     match (alone, ended.stopped.clone()) {
         (Err(other), Err(error)) => {
@@ -60,7 +61,7 @@ pub fn check_end(ended: &Ended<UdpBus>) -> Result<(), Failure> {
 }
 
 /// Fails if somebody else drives the board, or it does not run any more.
-pub fn check(driver: &Driver<UdpBus>) -> Result<(), Failure> {
+pub fn check(driver: &Driver<Bus>) -> Result<(), Failure> {
     check_alone(driver.bus())?;
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
 }
@@ -81,7 +82,7 @@ pub struct Keeper {
 
 impl Keeper {
     /// Call it in each cycle.
-    pub fn look_after(&mut self, driver: &mut Driver<UdpBus>) {
+    pub fn look_after(&mut self, driver: &mut Driver<Bus>) {
         self.failed = match driver.board_state() {
             BoardState::Running => Duration::ZERO,
             _ => self.failed + driver.period(),
@@ -107,7 +108,7 @@ pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<Strin
 }
 
 /// What a driver found on each channel, for people.
-fn found(driver: &Driver<UdpBus>) -> String {
+fn found(driver: &Driver<Bus>) -> String {
     let mut text = String::new();
     for port in driver.ports() {
         let layout = port.layout();
@@ -137,7 +138,7 @@ fn found(driver: &Driver<UdpBus>) -> String {
 }
 
 /// Whether nothing answers on a channel.
-fn is_silent(driver: &Driver<UdpBus>, id: RemoteId) -> bool {
+fn is_silent(driver: &Driver<Bus>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
     missing.any(|remark| remark.remote == Some(id) && remark.is_silent())
 }

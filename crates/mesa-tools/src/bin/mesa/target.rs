@@ -1,10 +1,8 @@
 //! Which board a command is for.
 
 use std::cell::OnceCell;
+use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use clap::Args;
@@ -13,12 +11,12 @@ use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
 use mesa_hal::transport::search::{self, Asked};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
-use mesa_hal_sim::{Mishaps, UdpFace};
 
 use crate::consent::Asks;
 use crate::context::Failure;
-use crate::output::complain;
+use crate::link::{BoardLink, Bus};
 use crate::sim::machine::{Machine, MachineOptions};
+use crate::simulated::{Passage, Simulated};
 
 /// How long a board may take to say again who it is.
 const AGAIN: Duration = Duration::from_millis(100);
@@ -67,43 +65,57 @@ pub struct Found {
     pub address: SocketAddrV4,
     /// Card and MAC address of what answered there first.
     who: OnceCell<(String, MacAddress)>,
-    // Ends when nobody talks to it any more.
-    _simulated: Option<Embedded>,
+    /// The machine that is there instead of a board.
+    simulated: Option<Simulated>,
 }
 
 impl Target {
-    /// Where the board is; starts the simulated machine if that is the board.
+    /// Where the board is; builds the simulated machine if that is the board.
     pub fn find(&self) -> Result<Found, Failure> {
-        if let Some(machine) = &self.sim {
-            let embedded = Embedded::start(machine)?;
-            return Ok(Found {
-                address: embedded.address,
-                who: OnceCell::new(),
-                _simulated: Some(embedded),
-            });
-        }
-        let address = match self.addr {
-            Some(address) => address,
-            None => from_environment()?,
+        let (address, simulated) = match (&self.sim, self.addr) {
+            (Some(options), _) => {
+                let machine = Machine::new(options)?;
+                let address = SocketAddrV4::new(Ipv4Addr::LOCALHOST, lbp16::PORT);
+                (address, Some(Simulated::new(machine.board)))
+            }
+            (None, Some(address)) => (address, None),
+            (None, None) => (from_environment()?, None),
         };
         Ok(Found {
             address,
             who: OnceCell::new(),
-            _simulated: None,
+            simulated,
         })
     }
 }
 
 impl Found {
+    /// Changes how the time of a simulated machine passes: virtual time unless this is called.
+    pub fn pass_time(self, passage: Passage) -> Self {
+        if let Some(simulated) = &self.simulated {
+            simulated.set_passage(passage);
+        }
+        self
+    }
+
+    /// A link to the board. Nothing is sent.
+    pub fn link(&self) -> io::Result<BoardLink> {
+        match &self.simulated {
+            Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
+            None => UdpLink::connect(self.address).map(BoardLink::Socket),
+        }
+    }
+
     /// The bus of the board. A board that another program drives is left alone.
-    pub fn open(&self) -> Result<UdpBus, Failure> {
+    pub fn open(&self) -> Result<Bus, Failure> {
         self.open_with(UdpConfig::default())
     }
 
     /// The same with these deadlines.
-    pub fn open_with(&self, config: UdpConfig) -> Result<UdpBus, Failure> {
+    pub fn open_with(&self, config: UdpConfig) -> Result<Bus, Failure> {
         let tries = config.setup_tries;
-        let bus = UdpBus::connect(self.address, config);
+        let link = self.link().map_err(UdpError::from);
+        let bus = link.and_then(|link| UdpBus::new(link, config));
         let mut bus = bus.map_err(|error| self.refuses(tries, error))?;
         let is = EthernetBoard::new(&mut bus).identity()?;
         self.check_same(is)?;
@@ -129,11 +141,10 @@ impl Found {
     /// something is done to it. Nothing is changed there.
     pub fn check_free(&self) -> Result<(), Failure> {
         let config = UdpConfig::default();
-        let free = UdpLink::connect(self.address)
-            .map_err(UdpError::from)
-            .and_then(|link| UdpBus::check_free(link, config));
+        let link = self.link().map_err(UdpError::from);
+        let free = link.and_then(|link| UdpBus::check_free(link, config));
         free.map_err(|error| self.refuses(config.setup_tries, error))?;
-        if self.who.get().is_none() {
+        if self.who.get().is_none() || self.simulated.is_some() {
             return Ok(());
         }
         // With no bus, which would clear what another one counts on.
@@ -181,48 +192,4 @@ pub fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
         .ok_or_else(|| {
             format!("`{text}` is no IPv4 address; give it as 10.10.10.10 or 10.10.10.10:27181")
         })
-}
-
-/// A simulated machine that runs in a thread, in real time, until it is dropped.
-#[derive(Debug)]
-struct Embedded {
-    address: SocketAddrV4,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-/// The longest time between two looks at whether it shall end.
-const TICK: Duration = Duration::from_millis(1);
-
-impl Embedded {
-    fn start(options: &MachineOptions) -> Result<Self, Failure> {
-        let mut machine = Machine::new(options)?;
-        let free = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0);
-        let mut face = UdpFace::bind(free, Mishaps::default())?;
-        let address = SocketAddrV4::new(Ipv4Addr::LOCALHOST, face.local_addr()?.port());
-        let stop = Arc::new(AtomicBool::new(false));
-        let ended = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            while !ended.load(Ordering::Relaxed) {
-                if let Err(error) = face.step(&mut machine.board, TICK) {
-                    complain(format_args!("mesa: the simulated machine ends: {error}"));
-                    return;
-                }
-            }
-        });
-        Ok(Self {
-            address,
-            stop,
-            thread: Some(thread),
-        })
-    }
-}
-
-impl Drop for Embedded {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
 }

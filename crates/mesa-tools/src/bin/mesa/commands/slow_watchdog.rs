@@ -3,10 +3,10 @@
 use clap::Args;
 use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
-use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Driver, Rounded};
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 
 /// Of a command that drives outputs of remotes.
@@ -20,7 +20,7 @@ pub struct SlowWatchdog {
 
 impl SlowWatchdog {
     /// Looks at what the remotes of these outputs keep. What to say of those that take long.
-    pub fn check(self, board: &Board<UdpBus>, groups: &[GroupId]) -> Result<String, Failure> {
+    pub fn check(self, board: &Board<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
         let driven = |remote: &FoundRemote| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
         let slow = remotes.filter_map(|(port, remote)| {
@@ -50,8 +50,8 @@ impl SlowWatchdog {
 
     /// Lets the watchdogs bite, with all outputs off: what a remote keeps may not be what it uses. All
     /// groups have to be re-armed then.
-    pub fn prove(self, driver: &mut Driver<UdpBus>, groups: &[GroupId]) -> Result<(), Failure> {
-        let slow = |driver: &Driver<UdpBus>| {
+    pub fn prove(self, driver: &mut Driver<Bus>, groups: &[GroupId]) -> Result<(), Failure> {
+        let slow = |driver: &Driver<Bus>| {
             let remotes = driver.ports().iter().flat_map(|port| {
                 let number = port.layout().instance;
                 port.remotes().map(move |remote| (number, remote))

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
-use mesa_hal::transport::udp::UdpBus;
 use mesa_tools::inventory::{self, Data, Found, Inventory};
 use serde::Serialize;
 
 use crate::context::Failure;
+use crate::link::Bus;
 
 /// Everything that was gathered.
 #[derive(Debug, Serialize)]
@@ -98,7 +98,7 @@ const DECIDERS: [Decider; 3] = [
 
 /// Reads what tells; nothing is kept by board or remotes. Without `remotes` these are left alone.
 pub fn gather(
-    bus: &mut UdpBus,
+    bus: &mut Bus,
     address: String,
     stop: &Stop,
     remotes: bool,
@@ -155,7 +155,7 @@ impl Report {
 }
 
 /// The inventory in software mode 0, and in those that decide something.
-fn inventories(bus: &mut UdpBus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
+fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
     let mut take = |modes: &BTreeMap<(u8, u8), u8>| {
         let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
         taken.map_err(Failure::refused)

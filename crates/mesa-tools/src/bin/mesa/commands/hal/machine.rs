@@ -8,11 +8,11 @@ use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sslbp::{Layout, MAX_CHANNELS};
-use mesa_hal::transport::udp::UdpBus;
 
 use super::super::named;
 use super::super::set::{Hazard, hazard};
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::pattern::Pattern;
 use crate::place;
 
@@ -82,7 +82,7 @@ pub struct Joint {
 impl Machine {
     /// Of a board that is discovered and not started: the driver's own pins, which LinuxCNC does not have,
     /// are not there yet.
-    pub fn of(board: &Board<UdpBus>, address: SocketAddrV4) -> Result<Self, Failure> {
+    pub fn of(board: &Board<Bus>, address: SocketAddrV4) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -145,7 +145,7 @@ impl Machine {
 
 /// A PWM module of version 1 dithers here. In LinuxCNC that is a parameter, which is off at first, and
 /// which no LinuxCNC lacks that takes such a module (2.9.2 and later; FIELD 3.3).
-fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
+fn dither(board: &Board<Bus>, prefix: &str) -> Vec<(String, String)> {
     let modules = board.firmware().modules_of(Gtag::PWM);
     let versions = modules.flat_map(|(_, it)| (0..it.instances).map(|_| it.version));
     (0..)
@@ -156,7 +156,7 @@ fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
 }
 
 /// The modes of all channels as LinuxCNC takes them, and the remotes in words.
-fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
+fn ports(board: &Board<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
     let instances = Layout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
@@ -181,7 +181,7 @@ fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), F
 }
 
 /// The first encoder with the first analog output, and so on.
-fn joints(board: &Board<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
+fn joints(board: &Board<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {
         let encoder = pin.name.strip_suffix(".position")?;

@@ -17,6 +17,7 @@ use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
 use crate::place;
 use crate::running;
+use crate::simulated::Passage;
 use crate::target::Target;
 
 /// Long, because nothing here is fast, and the thread is any thread. It feeds remotes, whose watchdogs
@@ -79,7 +80,7 @@ pub struct Set {
 
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find()?.pass_time(Passage::Paced);
         let mut board = Board::identify(found.open_with(unhurried())?, settings())?;
         // Everything is off, and no remote runs before the consent.
         board.discover()?;

@@ -11,7 +11,6 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
-use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, Check};
 
@@ -19,9 +18,11 @@ use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::pattern::Pattern;
+use crate::simulated::Passage;
 use crate::target::{Found, Target};
 use crate::{place, running};
 use machine::Machine;
@@ -105,7 +106,7 @@ impl Wiring {
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;
         }
-        let found = self.target.find()?;
+        let found = self.target.find()?.pass_time(Passage::Paced);
         let address = found.address.to_string();
         let mut board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
         // Everything is off, and no remote runs before the consent.
@@ -181,7 +182,7 @@ impl Wiring {
     }
 
     /// What there is to be checked.
-    fn terminals(&self, board: &Board<UdpBus>) -> (Check, Vec<Item>) {
+    fn terminals(&self, board: &Board<Bus>) -> (Check, Vec<Item>) {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);
