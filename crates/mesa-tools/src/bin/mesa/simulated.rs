@@ -16,6 +16,9 @@ const WIRE: Nanos = 20_000;
 /// Maximum lag of a paced machine that is made up for; what is more than that is dropped.
 const MAX_LAG: Nanos = 50_000_000;
 
+/// Longest pause of this program that passes for the machine as well, on the host's clock.
+const PAUSE: Nanos = 20_000_000;
+
 /// How the time of a simulated machine passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Passage {
@@ -26,7 +29,8 @@ pub enum Passage {
     /// Virtual time that does not run ahead of the host's clock, for a person who watches. On a busy
     /// host it lags, and no packet is late.
     Paced,
-    /// The host's clock: the lateness of this program is real.
+    /// The host's clock: the lateness of this program is real. Pauses of more than 20 ms are not
+    /// the machine's, whose remotes would take them for a broken cable.
     Host,
 }
 
@@ -44,6 +48,8 @@ struct World {
     host: HostClock,
     /// What the host's clock is ahead of a paced machine, and stays so.
     dropped: Nanos,
+    /// What the time of the host side is ahead of the board's, and stays so.
+    paused: Nanos,
 }
 
 impl Simulated {
@@ -55,6 +61,7 @@ impl Simulated {
             now: 0,
             host: HostClock::new(),
             dropped: 0,
+            paused: 0,
         })))
     }
 
@@ -89,7 +96,11 @@ impl World {
 
     fn now(&mut self) -> Nanos {
         if self.passage == Passage::Host {
-            self.now = self.now.max(self.host_time());
+            let now = self.now.max(self.host_time());
+            if now - self.now > PAUSE {
+                self.paused += now - self.now;
+            }
+            self.now = now;
         }
         self.now
     }
@@ -129,10 +140,11 @@ pub struct SimulatedLink {
 impl Link for SimulatedLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let mut world = lock(&self.world);
-        let arrives = world.now() + WIRE;
+        let arrives = world.now() - world.paused + WIRE;
         let mut reply = Vec::new();
         if let Some(leaves) = world.board.handle_packet(arrives, packet, &mut reply) {
-            self.replies.push_back((leaves + WIRE, reply));
+            let arrives = leaves + WIRE + world.paused;
+            self.replies.push_back((arrives, reply));
         }
         Ok(())
     }
