@@ -6,6 +6,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::Settings;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
@@ -20,6 +21,17 @@ use crate::simulated::{Passage, Simulated};
 
 /// How long a board may take to say again who it is.
 const AGAIN: Duration = Duration::from_millis(100);
+
+/// Shortest deadline of a reply from a program on this host, such as `mesa sim`: it answers when the
+/// host lets it run. A cable answers within the deadlines of a command.
+const ON_THIS_HOST: Duration = Duration::from_millis(500);
+
+/// Shortest time of the watchdog of a simulated board, no output of which is real: neither this program
+/// nor the board runs in time on a busy host.
+const WATCHDOG: Duration = Duration::from_secs(3);
+
+/// Cycles without a transfer after which inputs of a simulated board are not valid.
+const STALE_AFTER: u32 = 50;
 
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
@@ -111,8 +123,9 @@ impl Found {
         self.open_with(UdpConfig::default())
     }
 
-    /// The same with these deadlines.
+    /// The same with these deadlines, or longer ones where the board is a program on this host.
     pub fn open_with(&self, config: UdpConfig) -> Result<Bus, Failure> {
+        let config = self.patient(config);
         let tries = config.setup_tries;
         let link = self.link().map_err(UdpError::from);
         let bus = link.and_then(|link| UdpBus::new(link, config));
@@ -120,6 +133,28 @@ impl Found {
         let is = EthernetBoard::new(&mut bus).identity()?;
         self.check_same(is)?;
         Ok(bus)
+    }
+
+    /// True if the board is simulated, here or by another program on this host.
+    fn is_on_this_host(&self) -> bool {
+        self.address.ip().is_loopback()
+    }
+
+    fn patient(&self, mut config: UdpConfig) -> UdpConfig {
+        if self.is_on_this_host() {
+            config.setup_deadline = config.setup_deadline.max(ON_THIS_HOST);
+            config.cycle_deadline = config.cycle_deadline.max(ON_THIS_HOST);
+        }
+        config
+    }
+
+    /// The settings of a program that is no machine's, with more patience for a simulated board.
+    pub fn with_patience(&self, mut settings: Settings) -> Settings {
+        if self.is_on_this_host() {
+            settings.watchdog = settings.watchdog.map(|time| time.max(WATCHDOG));
+            settings.fault_policy.stale_after = STALE_AFTER;
+        }
+        settings
     }
 
     /// Boards come with the same address: what is done is done to the one that was looked at.
@@ -140,7 +175,7 @@ impl Found {
     /// Looks again whether another program drives the board, and whether it still is that one, before
     /// something is done to it. Nothing is changed there.
     pub fn check_free(&self) -> Result<(), Failure> {
-        let config = UdpConfig::default();
+        let config = self.patient(UdpConfig::default());
         let link = self.link().map_err(UdpError::from);
         let free = link.and_then(|link| UdpBus::check_free(link, config));
         free.map_err(|error| self.refuses(config.setup_tries, error))?;

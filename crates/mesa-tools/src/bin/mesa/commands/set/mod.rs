@@ -81,7 +81,8 @@ pub struct Set {
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?.pass_time(Passage::Paced);
-        let mut board = Board::identify(found.open_with(unhurried())?, settings())?;
+        let settings = found.with_patience(settings());
+        let mut board = Board::identify(found.open_with(unhurried())?, settings)?;
         // Everything is off, and no remote runs before the consent.
         board.discover()?;
         let pins = board.pins();

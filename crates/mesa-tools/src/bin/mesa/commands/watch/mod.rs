@@ -63,7 +63,7 @@ impl Watch {
             ..Settings::default()
         };
         self.modes.put(&mut settings);
-        let driver = running::start(found.open()?, settings)?;
+        let driver = running::start(found.open()?, found.with_patience(settings))?;
         let pins = Pins::new(driver.name(), driver.period(), self.pattern.clone());
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();

@@ -108,7 +108,8 @@ impl Wiring {
         }
         let found = self.target.find()?.pass_time(Passage::Paced);
         let address = found.address.to_string();
-        let mut board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
+        let settings = found.with_patience(self.settings());
+        let mut board = Board::identify(found.open_with(set::unhurried())?, settings)?;
         // Everything is off, and no remote runs before the consent.
         board.discover()?;
         let (check, items) = self.terminals(&board);
