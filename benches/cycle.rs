@@ -1,9 +1,10 @@
-//! The DOIT cycle: what `read` and `write` cost the host on a bus that costs nothing, with 1, 2, 8
-//! and 32 remotes, and when the remotes' frames begin after a `write`.
+//! The DOIT cycle: host time of `read` and `write` on a bus without cost, with 1, 2, 8 and 32
+//! remotes, and the delay from a `write` to the start of the remotes' frames.
 //!
-//! The cost must grow with the words of process data, and not faster: the ratio is printed. From
-//! the call of `write` to a frame it takes the host's share (`write ns`, measured), the way to the
-//! board (not here), and the gateware's (`DOIT to frame`, simulated after recordings of it).
+//! The cost must grow in proportion to the words of process data, and not faster: the ratio is
+//! printed. The delay from the call of `write` to a frame consists of the host's share (`write ns`,
+//! measured), the way to the board (not included), and the gateware's share (`DOIT to frame`,
+//! simulated after recordings of it).
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
@@ -29,7 +30,7 @@ fn cycle(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("read and write", count), |bencher| {
             bencher.iter(|| {
                 let report = driver.read();
-                // What has been read is taken only after a write.
+                // New data are taken from a read only after a write.
                 let _ = driver.write();
                 black_box(report.is_ok())
             });

@@ -1,4 +1,4 @@
-//! Discovery: register accesses for each remote, and what it costs the host.
+//! Discovery: register accesses for each remote, and the cost for the host.
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
@@ -9,16 +9,16 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use cycle_support::three_remotes;
 use mesa_hal::Settings;
-use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover_port};
+use mesa_hal::discovery::{Discovery, DiscoveryOptions, discover_port};
 use mesa_hal::driver::Driver;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
-use mesa_hal::sslbp::{Channel, Layout, Port};
+use mesa_hal::sslbp::{Channel, Port, PortLayout};
 use mesa_hal_sim::SimFpga;
 
 /// A port whose pins are set up.
 fn located(fpga: &mut SimFpga) -> Port {
     let firmware = HostMot2::identify(fpga).expect("HostMot2");
-    let layout = Layout::locate(&firmware, 0).expect("layout");
+    let layout = PortLayout::locate(&firmware, 0).expect("layout");
     let mut ports = IoPorts::locate(&firmware).expect("I/O ports");
     let pins = ports.use_module(&firmware, Gtag::SSERIAL, 0, |_| true);
     pins.expect("pins");
@@ -26,7 +26,7 @@ fn located(fpga: &mut SimFpga) -> Port {
     Port::new(layout)
 }
 
-fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[(Channel, u8)]) -> Vec<Discovered> {
+fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[(Channel, u8)]) -> Vec<Discovery> {
     port.on(fpga).reset().expect("reset");
     let found = discover_port(port, fpga, channels, &DiscoveryOptions::default());
     found.expect("discovery").into_iter().flatten().collect()

@@ -1,8 +1,8 @@
-//! What the Ethernet bus costs: building and taking apart packets, and a whole cycle on loopback.
+//! Cost of the Ethernet bus: building and parsing packets, and a whole cycle on loopback.
 //!
 //! The cycle is that of a 7I97 with three remotes. On loopback it is measured beside a bare
-//! exchange of packets of the same size through the same kind of socket, so that the ratio says
-//! what the bus adds; bytes and packets of a cycle are printed.
+//! exchange of packets of the same size through the same kind of socket, so that the ratio shows
+//! the cost of the bus; bytes and packets of a cycle are printed.
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
@@ -12,10 +12,11 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use mesa_hal::bus::AccessList;
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig, UdpList};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -43,13 +44,13 @@ const WRITES: [(u16, u16); 8] = [
 ];
 
 struct Cycle {
-    read: UdpList,
-    write: UdpList,
+    read: AccessList,
+    write: AccessList,
     words: [u32; 64],
 }
 
 impl Cycle {
-    fn new<L: Link>(bus: &mut UdpBus<L>) -> Self {
+    fn new<L: PacketLink>(bus: &mut UdpBus<L>) -> Self {
         let mut first = 0;
         let mut place = |list: &[(u16, u16)], access: fn(u16, u16, u16) -> Access| {
             let accesses = list.iter().map(|&(address, count)| {
@@ -72,7 +73,7 @@ impl Cycle {
         }
     }
 
-    fn run<L: Link>(&mut self, bus: &mut UdpBus<L>) -> bool {
+    fn run<L: PacketLink>(&mut self, bus: &mut UdpBus<L>) -> bool {
         let read = bus.run(&self.read, &mut self.words);
         let write = bus.run(&self.write, &mut self.words);
         read.is_ok() && write.is_ok()
@@ -83,7 +84,7 @@ impl Cycle {
 #[derive(Debug, Default)]
 struct Responder {
     scratch: [u8; 32],
-    /// Packets that came in, and that went out.
+    /// Packets received and sent.
     counts: [u16; 2],
     reply: Vec<u8>,
 }
@@ -114,7 +115,7 @@ impl Responder {
     }
 }
 
-/// A network that costs nothing: the responder, called directly.
+/// A network without cost: the responder, called directly.
 #[derive(Debug, Default)]
 struct Direct {
     responder: Responder,
@@ -122,7 +123,7 @@ struct Direct {
     now: u64,
 }
 
-impl Link for Direct {
+impl PacketLink for Direct {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let reply = self.responder.answer(packet);
         self.waiting.clear();
@@ -146,7 +147,8 @@ impl Link for Direct {
     }
 }
 
-/// The request of the reads, without the numbers of the bus: where each read is in the reply.
+/// The request of the reads, without the numbers of the bus; returns the position of each read in
+/// the reply.
 fn encode() -> [Range<usize>; READS.len()] {
     let mut request = RequestBuilder::default();
     READS.map(|(address, count)| {

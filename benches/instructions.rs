@@ -1,9 +1,9 @@
-//! How many instructions the driver takes for one cycle: `read` and `write`, on a bus that answers
-//! from memory, with six analog outputs that change in every cycle where there are any.
+//! Number of instructions of the driver for one cycle: `read` and `write`, on a bus that answers
+//! from memory, with six analog outputs, where present, that change in every cycle.
 //!
-//! The program runs itself under callgrind, which counts only inside [`counted_cycle`]. A line for each
-//! machine: `three` is a 7I92 with a 7I77 (field I/O and analog) and a 7I72, a number is that many
-//! field I/O cards. Counts do not depend on the machine or on what else runs there.
+//! The program runs itself under callgrind, which counts only inside [`counted_cycle`]. Prints a
+//! line for each machine: `three` is a 7I92 with a 7I77 (field I/O and analog) and a 7I72, a number
+//! is that many field I/O cards. Counts do not depend on the machine or on its load.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
@@ -19,7 +19,7 @@ use mesa_hal::driver::Driver;
 /// The argument with which the program runs cycles to be counted, before the name of a machine.
 const COUNTED: &str = "--cycles-of";
 const MACHINES: [&str; 4] = ["three", "1", "8", "32"];
-/// Cycles that are counted.
+/// Number of cycles that are counted.
 const CYCLES: u64 = 200;
 
 fn main() -> ExitCode {
@@ -47,7 +47,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Instructions of one cycle of a machine; what callgrind printed if there are none.
+/// Instructions of one cycle of a machine; the output of callgrind if it contains no count.
 fn count(machine: &str) -> Result<u64, String> {
     let itself = env::current_exe().map_err(|error| error.to_string())?;
     let output = Command::new("valgrind")
@@ -73,7 +73,7 @@ fn count(machine: &str) -> Result<u64, String> {
     }
 }
 
-/// With a comma before each group of three digits.
+/// Formats a number with a comma before each group of three digits.
 fn thousands(number: u64) -> String {
     if number < 1000 {
         return number.to_string();
@@ -81,7 +81,7 @@ fn thousands(number: u64) -> String {
     format!("{},{:03}", thousands(number / 1000), number % 1000)
 }
 
-/// Runs a machine for as many cycles as are counted.
+/// Runs a machine for the number of cycles that are counted.
 fn run(machine: &str) {
     let mut driver = match machine {
         "three" => frozen(three_remotes(), 3),
@@ -122,13 +122,13 @@ fn run(machine: &str) {
     }
 }
 
-/// What is counted.
+/// The function whose instructions are counted.
 #[inline(never)]
 fn counted_cycle(driver: &mut Driver<Frozen>) -> u32 {
     cycle(driver)
 }
 
-/// Gives the number of remotes with new, sound data.
+/// Runs a cycle; returns the number of remotes with new, valid data.
 fn cycle(driver: &mut Driver<Frozen>) -> u32 {
     let report = driver.read().expect("the bus always answers");
     assert!(report.is_good(), "{report:?}");

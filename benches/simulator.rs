@@ -1,4 +1,4 @@
-//! The simulator's own speed: how long a second of a 1 kHz machine with three remotes takes.
+//! The simulator's own speed: time for a second of a 1 kHz machine with three remotes.
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 

@@ -66,8 +66,9 @@
 //! re-arm](driver::faults), [several boards](driver::several_boards), threads and realtime set-up
 //! on Linux (`runner::linux`, feature `realtime`), [parameters of remotes](guides::parameters),
 //! [your own module](guides::own_module), [your own card](guides::own_card), [LinuxCNC and the
-//! simulated board](guides::linuxcnc). [A further page](driver::neighbours), without code,
-//! describes the effects of a failing remote on the others of its port.
+//! simulated board](guides::linuxcnc). Pages without code: [the cycle of a
+//! controller](guides::cycle), and the [effects of a failing remote](driver::neighbours) on the
+//! others of its port.
 //!
 //! # Terms
 //! | term | meaning |
@@ -77,14 +78,24 @@
 //! | port | one smart-serial module with its channels. Ports of I/O pins are always I/O ports |
 //! | channel | one serial line of a port, 0 to 7 |
 //! | remote | the device at the end of a channel. A card may contain several: a 7I77 contains two |
+//! | terminal | a screw terminal of a card, such as TB8 pin 3, to which a pin's signal belongs |
 //! | transfer | one exchange of process data between a port and its remotes; the command is DOIT |
 //! | process data | the inputs and outputs that a transfer moves, as the remote describes them |
+//! | pin | a value that every cycle moves: an input, an output, or both. Signals, not screws |
+//! | parameter | a value that configures pins, or the remote itself, and that is rarely changed |
 //! | group | pins that become valid, old and safe together: those of a remote, or of the board |
-//! | safe state | the state of outputs that are not driven: off, or 0 |
+//! | valid | an input is valid if the last read of its group, and its transfer, were good |
+//! | age | time since the start of the transfer, or of the read, that a value comes from |
+//! | safe state | the state of outputs that are not armed: off, 0, or their safe value |
 //! | armed | a group's outputs follow the application. After a fault they are safe until re-armed |
-//! | offline | a remote that takes no part in transfers: it failed too often, or reported a fault |
+//! | re-arm | to let the outputs of a group follow again after a fault: [`Driver::rearm`] |
+//! | offline | a remote without transfers: it failed, has a fault, or is optional and was absent |
+//! | missing | a configured remote that did not start, or is another one; so until the next start |
+//! | optional | a remote that may be absent at the start; it has pins, and starts once plugged in |
 //! | setting | a register that is written at set-up, when it changes, and after a reset |
 //! | evidence | registers read in every cycle, which show that the board still has its set-up |
+//! | bite | the expiry of a watchdog that was not fed in time: it switches the outputs off |
+//! | pace | the clock that times the cycle: the host's, or the board's ([`Pace::Board`]) |
 //!
 //! # The real-time contract
 //! [`Driver::read`] and [`Driver::write`] do one exchange each, which the bus bounds by a deadline.
@@ -131,6 +142,13 @@
 //! - `realtime`: a [`runner`] that stops on a signal and, on Linux, configures its thread in the
 //!   kernel: priority, locked memory, CPUs.
 //!
+//! # Compatibility
+//! Most types that the library returns are `#[non_exhaustive]`: a new field or case does not break
+//! an application. Inputs that an application builds, such as [`Settings`], [`RemoteConfig`] and
+//! tables of cards, are not, so that they can be written as literals. A new field there is a
+//! breaking change, which the version number announces; a literal that ends in
+//! `..Default::default()` compiles nevertheless.
+//!
 //! # Safety
 //! The boards move heavy machines. Never rely on software to disable a motor if a person would be
 //! exposed to a hazard should it start.
@@ -141,6 +159,7 @@
         clippy::unwrap_used,
         clippy::expect_used,
         clippy::panic,
+        clippy::unreachable,
         clippy::indexing_slicing
     )
 )]
@@ -171,7 +190,7 @@ pub mod transport;
 
 pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
-pub use driver::{Board, Driver, DriverError, Settings};
+pub use driver::{Board, Configured, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};

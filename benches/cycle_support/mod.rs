@@ -1,11 +1,13 @@
-//! Machines for the benches, and a bus that costs nothing.
+//! Machines for the benches, and a bus without cost.
 
 #![allow(dead_code, reason = "each bench uses a part of it")]
 
 use std::time::Duration;
 
 use mesa_hal::Settings;
-use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::bus::{
+    Access, AccessList, Clock, Direction, Hold, Instant, ListForm, RegisterBus, Reply,
+};
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::devices::FieldIo;
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
@@ -30,7 +32,7 @@ pub fn field_cards(count: usize) -> SimFpga {
     fpga
 }
 
-/// Stands between the FPGA and a remote, and knows when the last frame to it began.
+/// Wraps a remote, and records the start of the last frame to it.
 #[derive(Debug)]
 struct Probe {
     remote: Box<dyn RemoteEnd>,
@@ -60,8 +62,8 @@ impl RemoteEnd for Probe {
     }
 }
 
-/// What the gateware takes from the write of DOIT to the first bit of the frame to each of this
-/// many field I/O cards: the earliest and the latest of them, in nanoseconds of virtual time.
+/// Delay of the gateware from the write of DOIT to the first bit of the frame to each of this
+/// number of field I/O cards: the earliest and the latest, in nanoseconds of virtual time.
 pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
     let mut driver =
         Driver::start(field_cards(count), Settings::default()).expect("the machine is complete");
@@ -81,16 +83,16 @@ pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
     (first, frames.into_iter().max().unwrap_or_default())
 }
 
-/// A simulated board that, once frozen, answers every read with what it answered last: what is
-/// left is the cost of the driver.
+/// A simulated board that, once frozen, answers every read with its last answer, which leaves the
+/// cost of the driver.
 #[derive(Debug)]
 pub struct Frozen {
     sim: SimFpga,
     answers: Vec<Vec<u32>>,
     stands_still: bool,
-    /// Its time since it stands still, in nanoseconds: half a period for each exchange.
+    /// Time since it was frozen, in nanoseconds: half a period for each exchange.
     passed: u64,
-    /// Keeps the words of the last write, while it is there.
+    /// The words of the last write, if they are to be kept.
     pub written: Option<Vec<u32>>,
 }
 
@@ -108,21 +110,21 @@ impl Frozen {
 
 impl RegisterBus for Frozen {
     type Error = <SimFpga as RegisterBus>::Error;
-    type List = Answers;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.sim.exchange(accesses, words)
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<Answers, Self::Error> {
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
         self.answers.push(Vec::new());
-        Ok(Answers {
+        Ok(AccessList::encoded(Answers {
             accesses: accesses.into(),
             place: self.answers.len() - 1,
-        })
+        }))
     }
 
-    fn finish(&mut self, list: &Answers, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        let list: &Answers = list.form().expect("a list of this bus");
         let reads = list
             .accesses
             .first()
@@ -139,7 +141,7 @@ impl RegisterBus for Frozen {
             let answers = &self.answers[list.place];
             for access in &list.accesses {
                 let place = access.words();
-                // Nothing yet to a list of the shutdown.
+                // A list of the shutdown has no answer yet.
                 if let Some(answer) = answers.get(place.clone()) {
                     words[place].copy_from_slice(answer);
                 }
@@ -153,15 +155,15 @@ impl RegisterBus for Frozen {
     }
 }
 
-/// A list, and where its answer is kept.
+/// A list, and the place of its answer.
 #[derive(Debug)]
 pub struct Answers {
     accesses: Box<[Access]>,
     place: usize,
 }
 
-impl AsRef<[Access]> for Answers {
-    fn as_ref(&self) -> &[Access] {
+impl ListForm for Answers {
+    fn accesses(&self) -> &[Access] {
         &self.accesses
     }
 }
@@ -178,17 +180,17 @@ impl Clock for Frozen {
     }
 }
 
-/// A driver of field I/O cards in the middle of its cycles, whose bus costs nothing any more.
+/// A driver of field I/O cards in the middle of its cycles, whose bus no longer has a cost.
 pub fn frozen_driver(count: usize) -> Driver<Frozen> {
     frozen(field_cards(count), count)
 }
 
-/// Cycles after which nothing of the start is written any more: for the first ones the phase of the
-/// DPLL is set.
+/// Number of cycles after which all writes of the start are done: during the first ones the phase
+/// of the DPLL is set.
 const SETTLED: usize = 300;
 
-/// A driver of a board with `count` remotes in the middle of its cycles, whose bus costs nothing
-/// any more.
+/// A driver of a board with `count` remotes in the middle of its cycles, whose bus no longer has a
+/// cost.
 pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
     let bus = Frozen::new(board);
     let mut driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
@@ -204,7 +206,7 @@ pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
     driver
 }
 
-/// Registers of process data that a cycle moves.
+/// Number of registers of process data that a cycle transfers.
 pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
     let remotes = driver
         .ports()

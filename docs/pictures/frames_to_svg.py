@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Makes an animated SVG of terminal screens.
 
-frames_to_svg.py COLUMNS LINES SECONDS FRAME... > OUT.svg
+frames_to_svg.py COLUMNS LINES SECONDS STILL FRAME... > OUT.svg
 
 A FRAME is a file as `tmux capture-pane -e -p` prints it: text with SGR escapes. Each is shown for
-SECONDS, in a loop.
+SECONDS, in a loop. STILL is the number of the frame, from 1, that is shown without animation: by a
+viewer that does not animate, or for a reader who has switched animations off.
 """
 import re
 import sys
@@ -79,11 +80,12 @@ class Style:
 
 
 def frame(path, lines):
+    """The lines of a screen, each as SVG."""
     style, out = Style(), []
     with open(path, encoding="utf-8") as file:
         rows = file.read().split("\n")[:lines]
     for number, row in enumerate(rows):
-        column = 0
+        column, line = 0, []
         y = (number + 1) * HEIGHT - 4
         for part in re.split("(\x1b\\[[0-9;]*m)", row):
             if part.startswith("\x1b["):
@@ -94,39 +96,48 @@ def frame(path, lines):
             fore, back = style.colours()
             x, length = column * WIDTH, len(part) * WIDTH
             if back != GROUND:
-                out.append(
+                line.append(
                     f'<rect x="{x:.1f}" y="{number * HEIGHT}" width="{length:.1f}" '
                     f'height="{HEIGHT}" fill="{back}"/>'
                 )
-            if part.strip():
-                looks = f' fill="{fore}"'
-                looks += ' font-weight="bold"' if style.bold else ""
-                looks += ' opacity="0.6"' if style.dim else ""
-                out.append(
-                    f'<text x="{x:.1f}" y="{y}" textLength="{length:.1f}"{looks} '
-                    f'xml:space="preserve">{escape(part)}</text>'
+            looks = f' fill="{fore}"'
+            looks += ' font-weight="bold"' if style.bold else ""
+            looks += ' opacity="0.6"' if style.dim else ""
+            # Words with more than a space between them are placed one by one: a font of another
+            # width moves none of the columns.
+            for words in re.finditer(r"\S+(?: \S+)*", part):
+                x, length = (column + words.start()) * WIDTH, len(words[0]) * WIDTH
+                line.append(
+                    f'<text x="{x:.1f}" y="{y}" textLength="{length:.1f}"{looks}>{escape(words[0])}</text>'
                 )
             column += len(part)
-    return "\n".join(out)
+        out.append("\n".join(line))
+    return out + [""] * (lines - len(out))
 
 
 def main():
-    columns, lines, seconds = int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
-    paths = sys.argv[4:]
+    columns, lines, seconds, still = int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
+    frames = [frame(path, lines) for path in sys.argv[5:]]
     width, height = columns * WIDTH, lines * HEIGHT + 6
-    total, share = seconds * len(paths), 100 / len(paths)
+    total, share = seconds * len(frames), 100 / len(frames)
     print(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" '
-        f'font-family="ui-monospace, Menlo, Consolas, monospace" font-size="{SIZE}">'
+        f'font-family="monospace" font-size="{SIZE}">'
     )
+    # Negative delays: from the beginning on exactly one frame is shown. Without the animation the
+    # attributes hold, of which one is "visible".
     print(
-        "<style>.f{visibility:hidden;animation:show %.2fs step-end infinite}"
-        "@keyframes show{0%%{visibility:visible}%.4f%%{visibility:hidden}}</style>" % (total, share)
+        "<style>@media (prefers-reduced-motion:no-preference){.f{animation:show %.2fs step-end infinite}}"
+        "@keyframes show{0%%{visibility:visible}%.4f%%,100%%{visibility:hidden}}</style>" % (total, share)
     )
     print(f'<rect width="100%" height="100%" fill="{GROUND}" rx="6"/>')
-    for number, path in enumerate(paths):
-        delay = number * seconds
-        print(f'<g class="f" style="animation-delay:{delay:.2f}s">\n{frame(path, lines)}\n</g>')
+    same = [len(set(rows)) == 1 for rows in zip(*frames)]
+    print("\n".join(row for row, always in zip(frames[0], same) if always and row))
+    for number, rows in enumerate(frames):
+        seen = "visible" if number + 1 == still else "hidden"
+        delay = number * seconds - total
+        changing = "\n".join(row for row, always in zip(rows, same) if not always and row)
+        print(f'<g class="f" visibility="{seen}" style="animation-delay:{delay:.2f}s">\n{changing}\n</g>')
     print("</svg>")
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes docs/pictures/latency.svg, the picture of `mesa latency` in the README: how late cycles are on
+# Makes docs/pictures/latency.svg, the picture of `mesa latency` in docs/mesa.md: how late cycles are on
 # this host, on a simulated 7I97. Needs: chrt (util-linux) and the right to use SCHED_FIFO, if there is one.
 #
 #   docs/pictures/latency.sh
@@ -21,4 +21,4 @@ else
   echo 'without SCHED_FIFO: other programs disturb what is measured' >&2
 fi
 "${run[@]}" "$MESA" latency --sim 7i97 --seconds "${SECONDS_EACH:-30}" --pace both \
-  --plot docs/pictures/latency.svg
+  --plot docs/pictures/latency.svg --yes

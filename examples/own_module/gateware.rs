@@ -2,7 +2,7 @@
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    Firmware, ForeignModule, ModuleDescriptor, PinDescriptor, SimFpga, UNDRIVEN, machines,
+    ForeignModule, SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, UNDRIVEN, machines,
 };
 
 use crate::pulser::GTAG;
@@ -15,11 +15,11 @@ pub fn board() -> SimFpga {
     with_pulser(machines::firmware_7i92_7i77())
 }
 
-/// The FPGA of a firmware that has a pulse generator besides.
-pub fn with_pulser(mut firmware: Firmware) -> SimFpga {
-    let descriptor = ModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
+/// The FPGA of a firmware, with a pulse generator added.
+pub fn with_pulser(mut firmware: SimFirmware) -> SimFpga {
+    let descriptor = SimModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
     firmware.modules.push(descriptor);
-    firmware.pins[PIN] = PinDescriptor::new(GTAG.0, 0, 0x81);
+    firmware.pins[PIN] = SimPinDescriptor::new(GTAG.0, 0, 0x81);
     let clock_hz = u64::from(firmware.clock_low);
     let mut fpga = SimFpga::new(firmware);
     fpga.add_module(GTAG.0, Box::new(Gateware::new(clock_hz)));
@@ -34,7 +34,7 @@ pub struct Gateware {
     pub rate: u32,
     /// The width of a pulse in clocks.
     pub width: u32,
-    /// Pulses in 2^-32, and since when they are not counted.
+    /// Pulses in units of 2^-32, counted up to the time `since`.
     phase: u128,
     since: Nanos,
 }
@@ -50,7 +50,7 @@ impl Gateware {
         }
     }
 
-    /// Pulses so far.
+    /// Number of pulses so far.
     pub fn pulses(&self, now: Nanos) -> u32 {
         (self.phase(now) >> 32) as u32
     }

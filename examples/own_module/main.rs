@@ -1,10 +1,10 @@
-//! A module that this crate does not know, in the cycle of a driver: `pulser.rs` is all of it.
+//! A module that this crate does not know, in the cycle of a driver: all of it is in `pulser.rs`.
 //!
 //! ```sh
 //! cargo run --example own_module
 //! ```
 //!
-//! The board is a simulated one, whose gateware has the module; in between, the board is reset.
+//! The board is a simulated one whose gateware has the module; in between, the board is reset.
 
 mod gateware;
 mod pulser;
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     run(&mut driver, 10)?;
     println!("after a reset: {:?}", driver.board_state());
 
-    // What an operator does who has seen it.
+    // An operator does this after seeing the reset.
     while driver.rearm()?.waiting > 0 {
         run(&mut driver, 1)?;
     }

@@ -1,6 +1,6 @@
 //! A module that mesa-hal does not know: a pulse generator that counts its pulses.
 //!
-//! | register | what |
+//! | register | meaning |
 //! |---|---|
 //! | 0 | written: frequency in 2^-32 of the clock |
 //! | 1 | written: width of a pulse in clocks |
@@ -13,7 +13,7 @@ use mesa_hal::hal::{Input, Output, Param, PinStore};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 
-/// The number that the gateware has for it.
+/// The number of the module in the gateware.
 pub const GTAG: Gtag = Gtag(0x99);
 
 const WIDTH_US: u32 = 10;
@@ -21,15 +21,15 @@ const WIDTH_US: u32 = 10;
 /// The pulse generator: `hm2_7i92.0.pulser.frequency` and so on.
 #[derive(Debug)]
 pub struct Pulser {
-    /// Pulses a second; safe at 0.
+    /// Pulses per second; safe at 0.
     pub frequency: Output<f64>,
-    /// How long a pulse is, in microseconds.
+    /// Width of a pulse in microseconds.
     pub width_us: Param<u32>,
-    /// Pulses since the start, also over a reset of the board.
+    /// Pulses since the start, also across a reset of the board.
     pub count: Input<i32>,
     clock_hz: u32,
     total: i32,
-    /// The counter at the read before; `None` where it may have begun anew.
+    /// The counter at the previous read; `None` if it may have been reset since.
     last: Option<u32>,
     rate: WriteSlot,
     width: Setting,

@@ -26,7 +26,7 @@ SIGINT (Ctrl-C) and SIGTERM end it early: outputs off, ports stopped, summary pr
 
 Exits with 0 if all loops held, 1 if not, 2 for bad arguments, 130 after SIGINT, 143 after SIGTERM.";
 
-/// The port that boards listen at.
+/// The port at which boards listen.
 const PORT: u16 = 27181;
 
 #[derive(Clone, Copy, Debug)]

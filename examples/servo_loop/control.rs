@@ -15,7 +15,7 @@ use crate::drives::Drives;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
 
-/// Cycles without news of a position after which an axis stands.
+/// Number of cycles without a new position after which an axis stops.
 const DEBOUNCE: u64 = 3;
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
 const COUNTS_PER_UNIT: f64 = 1000.0;
@@ -25,9 +25,9 @@ const FULL_SCALE: f64 = 10.0;
 const GAIN: f64 = 40.0;
 /// The loops are judged after this time, when they have caught up.
 const SETTLED: f64 = 0.25;
-/// A field output keeps its level for so many cycles.
+/// Number of cycles for which a field output keeps its level.
 const STEP: u64 = 20;
-/// So many failed reads in a row say that the board is gone.
+/// Number of consecutive failed reads after which the board is considered lost.
 const GONE: u32 = 50;
 
 /// A position loop.
@@ -45,14 +45,14 @@ impl Axis {
     }
 }
 
-/// How the field I/O of a 7I77 did, after the start.
+/// Results of the field I/O of a 7I77, after the start.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FieldIo {
     /// Cycles that count.
     pub cycles: u64,
-    /// Of these, those in which every input was valid.
+    /// Counted cycles in which every input was valid.
     pub valid: u64,
-    /// Cycles since the last one in which they were.
+    /// Cycles since the last one with every input valid.
     pub since_valid: u64,
     /// Cycles in which outputs were wired back to inputs.
     pub loop_backs: u64,
@@ -62,21 +62,21 @@ pub struct FieldIo {
 /// The host's time in the cycles so far.
 #[derive(Clone, Copy, Debug)]
 struct HostTime {
-    /// When the first cycle began, on the host's clock and on that of the board, and what the bus had
-    /// taken until then.
+    /// Start of the first cycle on the clocks of the host and of the board, and the time spent in
+    /// the bus before it.
     begun: Instant,
     board: mesa_hal::bus::Instant,
     below: Duration,
-    /// For the progress bar.
+    /// Time spent on the progress bar.
     aside: Duration,
 }
 
 /// The host's time in a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spent {
-    /// In driver and loops.
+    /// Time in driver and loops.
     pub above: Duration,
-    /// In the bus, and in waiting for the next period.
+    /// Time in the bus, and in waiting for the next period.
     pub below: Duration,
 }
 
@@ -86,14 +86,14 @@ pub struct Control {
     pub drives: Drives,
     field: Option<I7i77Field>,
     outputs: Option<I7i72>,
-    /// What the field outputs were told lately, newest first.
+    /// The last commands to the field outputs, newest first.
     pattern: [u16; 3],
     pub field_io: FieldIo,
-    /// Cycles in which anything failed.
+    /// Cycles with a failure.
     pub bad_cycles: u64,
-    /// The least that was left of a period, where the board paces.
+    /// Smallest rest of a period, where the board paces.
     pub least_slack: Option<Duration>,
-    /// Why there was no use in going on.
+    /// The reason for ending the run early.
     pub failure: Option<Failure>,
     pub spent: Spent,
     host_time: Option<HostTime>,
@@ -105,7 +105,7 @@ impl Control {
         let mut control = Self {
             axes: [Axis::default(); AXES],
             drives: Drives::find(driver)?,
-            // A 7I97 needs no remotes; what is there is used.
+            // A 7I97 needs no remotes; those present are used.
             field: driver.attach((0, 0)).ok(),
             outputs: driver.attach((0, 2)).ok(),
             pattern: [0; 3],
@@ -141,7 +141,7 @@ impl Control {
             self.progress.finish_and_clear();
             return ControlFlow::Break(());
         }
-        // Lost packets are survived; that the board is gone is not.
+        // The run survives lost packets, but not the loss of the board.
         let is_read = match &cycle.read {
             Ok(report) => {
                 let least = self.least_slack.into_iter().chain(report.slack).min();
@@ -166,7 +166,8 @@ impl Control {
         ControlFlow::Continue(())
     }
 
-    /// Notes what the cycles before took; how long ago the first began, in seconds.
+    /// Records the time of the earlier cycles. Returns the time since the start of the first, in
+    /// seconds.
     fn measure<B: World>(&mut self, cycle: &Cycle<'_, Timed<B>>) -> f64 {
         let below = cycle.driver.bus().spent();
         let host = self.host_time.get_or_insert_with(|| HostTime {
@@ -190,7 +191,7 @@ impl Control {
         for (n, (axis, drive)) in self.axes.iter_mut().zip(self.drives.outputs).enumerate() {
             let (target, velocity) = trajectory(n, time);
             let position = axis.encoder.read(pins);
-            // A reply that is lost once does not stop the axes.
+            // A single lost reply does not stop the axes.
             let is_known = position.within(DEBOUNCE).is_some();
             all_known &= is_known;
             let error = target - position.value;
@@ -251,14 +252,14 @@ impl Control {
         }
     }
 
-    /// Whether there is a 7I77's field I/O.
+    /// True if the field I/O of a 7I77 is present.
     pub fn has_field(&self) -> bool {
         self.field.is_some()
     }
 }
 
-/// Where axis `n` is to be at `time`, and how fast: each swings at its own pace, and sets out
-/// without a jerk.
+/// Target position and velocity of axis `n` at `time`: each oscillates at its own frequency, and
+/// starts without a jerk.
 fn trajectory(n: usize, time: f64) -> (f64, f64) {
     let omega = core::f64::consts::TAU * (0.4 + 0.1 * n as f64);
     let amplitude = 6.0 - 0.5 * n as f64;
@@ -266,7 +267,7 @@ fn trajectory(n: usize, time: f64) -> (f64, f64) {
     (position, amplitude * omega * (omega * time).sin())
 }
 
-/// Hidden by itself where standard error is no terminal.
+/// Hidden by the library where standard error is not a terminal.
 fn progress_bar(cycles: u64) -> ProgressBar {
     let bar = ProgressBar::new(cycles);
     let template = "{bar:40} {pos}/{len} cycles, {per_sec}, {eta} left";

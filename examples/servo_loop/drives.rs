@@ -1,4 +1,4 @@
-//! What moves the axes: the analog outputs of a 7I97 itself, or those of a 7I77.
+//! Outputs that drive the axes: the analog outputs of a 7I97 itself, or those of a 7I77.
 
 use mesa_hal::boards::{I7i77Analog, I7i97};
 use mesa_hal::driver::Driver;
@@ -12,14 +12,15 @@ use crate::timed::Timed;
 #[derive(Debug)]
 pub struct Drives {
     pub outputs: [AnalogOut; AXES],
-    /// What they are, for people.
+    /// Their name, for the summary.
     pub name: &'static str,
-    /// The card whose analog outputs they are has field I/O as well.
+    /// True if the card with the analog outputs has field I/O as well.
     pub needs_field_io: bool,
 }
 
 impl Drives {
-    /// Those of the board itself if it has any, otherwise those of a 7I77 on channel 1.
+    /// The analog outputs of the board itself if it has any, otherwise those of a 7I77 on
+    /// channel 1.
     pub fn find<B: World>(driver: &Driver<Timed<B>>) -> Result<Self, Failure> {
         if let Ok(board) = driver.attach_board::<I7i97>() {
             return Ok(Self {

@@ -1,4 +1,4 @@
-//! What was found.
+//! List of the hardware found.
 
 use std::fmt::{self, Write};
 
@@ -7,10 +7,10 @@ use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
 
-/// The board, its remotes and what a cycle moves; with every pin if asked for.
+/// The board, its remotes and the registers of a cycle; with every pin if `every_pin`.
 pub fn list<B: RegisterBus + Clock>(driver: &Driver<B>, every_pin: bool) -> String {
     let mut text = String::new();
-    // A string takes everything.
+    // Writing to a string does not fail.
     let _ = write_all(&mut text, driver, every_pin);
     text
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
+use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimFpga, machines};
@@ -11,9 +11,9 @@ use crate::args::Args;
 
 pub const AXES: usize = 6;
 
-/// What the example needs of the world besides the board's registers.
+/// Requirements of the example beyond the board's registers.
 pub trait World: RegisterBus + Clock {
-    /// Wires each field output to the input of the same number. Whether somebody did.
+    /// Wires each field output to the input of the same number. Returns true if that was done.
     fn loop_back(&mut self) -> bool;
 }
 
@@ -23,18 +23,18 @@ impl World for UdpBus {
     }
 }
 
-/// The simulated machine, paced by the clock if asked for.
+/// The simulated machine, optionally paced by the clock.
 #[derive(Debug)]
 pub struct Simulated {
     fpga: SimFpga,
-    /// When virtual time and clock were the same.
+    /// The time at which virtual time and clock were equal.
     paced_since: Option<(Instant, u64)>,
 }
 
 /// A 7I92 with a 7I77, six motors, and a 7I72 on the expansion port.
 pub fn simulated(args: &Args) -> Result<Simulated, MotorError> {
     let mut fpga = machines::i7i92_with_cards();
-    // No two axes of a machine are alike.
+    // The axes of a real machine differ from each other.
     let motor = |axis: usize| {
         Motor::new(MotorConfig {
             time_constant: 0.004 + 0.001 * axis as f64,
@@ -66,19 +66,9 @@ impl World for Simulated {
 
 impl RegisterBus for Simulated {
     type Error = <SimFpga as RegisterBus>::Error;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.fpga.exchange(accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Six servo axes on a 7I77, with a 7I72 on its expansion port: the main job of the crate.
+//! Six servo axes on a 7I77, with a 7I72 on its expansion port: the main purpose of the crate.
 //!
 //! Without `--addr` the board is a simulated 7I92 with motors on virtual time; with it, a real (or
 //! simulated) Ethernet board: one with the same remotes, or a 7I97, which has analog outputs of its
@@ -23,7 +23,8 @@ use mesa_hal::runner::Runner;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use support::{Stop, complain, say};
 
-/// The longest wait for a transfer, which is measured that way: a cycle itself need not wait for it.
+/// Limit of the wait for a transfer. The wait only measures the transfer: a cycle itself need not
+/// wait.
 const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
 
 type Failure = Box<dyn std::error::Error>;
@@ -52,7 +53,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the loops: 0 if all of them held, 1 if not, and what a signal that came asks for.
+/// Runs the loops. Returns 0 if all of them held and 1 if not, or the exit code of a signal.
 fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
     match args.address {
         None => run_on(machine::simulated(args)?, args, stop),
@@ -74,7 +75,7 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
         .stop_on(stop.clone())
         .waiting_for_transfers(TRANSFER_LIMIT)
         .run(|cycle| control.cycle(cycle, args));
-    // Whatever ended it: the outputs are off by now, and then come the words.
+    // The outputs are off by now, whatever ended the run; the summary follows.
     let summary = result::Summary::of(&control, &ended, args);
     say(&summary.text);
     let stopped = ended.stopped.map_err(Failure::from);

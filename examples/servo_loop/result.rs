@@ -1,4 +1,4 @@
-//! What is said at the end.
+//! Summary of a run.
 
 use std::fmt::{self, Write};
 use std::time::Duration;
@@ -12,27 +12,27 @@ use crate::control::Control;
 use crate::machine::World;
 use crate::timed::Timed;
 
-/// A loop has held if it never was further away than this, in units of position.
+/// A loop has held if its error never exceeded this, in units of position.
 const HOLDS: f64 = 0.25;
 
-/// Inputs were there if they were valid in so many of the cycles: on a network that loses, delays and
-/// doubles some packets in a hundred, each of them costs two or three cycles of new inputs.
+/// Smallest share of cycles with valid inputs: on a network that loses, delays and duplicates a few
+/// percent of the packets, each such packet costs new inputs for two or three cycles.
 const FIELD_IO_HOLDS: f64 = 0.5;
-/// Inputs are still there if they were valid in the last so many cycles.
+/// The inputs count as present if they were valid in one of this number of last cycles.
 const RECENT: u64 = 100;
 
-/// What is said at the end.
+/// Summary of a run.
 pub struct Summary {
     pub text: String,
-    /// Whether all loops held, and the field I/O with them.
+    /// True if all loops held, and the field I/O with them.
     pub all_held: bool,
 }
 
 impl Summary {
-    /// Of what was run, whatever ended it.
+    /// The summary of a run, whatever ended it.
     pub fn of<B: World>(control: &Control, ended: &Ended<Timed<B>>, args: &Args) -> Self {
         let mut text = String::new();
-        // A string takes everything.
+        // Writing to a string does not fail.
         let all_held = write_all(&mut text, control, ended, args).unwrap_or(false);
         Self { text, all_held }
     }
@@ -70,7 +70,7 @@ fn write_all<B: World>(
     Ok(loops == Some(true) && field_io)
 }
 
-/// Whether all loops held; `None` if none ran long enough to say.
+/// True if all loops held; `None` if none ran long enough to be judged.
 fn write_axes(out: &mut String, control: &Control) -> Result<Option<bool>, fmt::Error> {
     writeln!(
         out,
@@ -151,7 +151,7 @@ fn write_remote(out: &mut String, remote: &RemoteStatus<'_>) -> fmt::Result {
     )
 }
 
-/// Whether the field I/O did what it has to.
+/// True if the field I/O worked as required.
 fn write_field_io(out: &mut String, control: &Control) -> Result<bool, fmt::Error> {
     let counted = control.field_io;
     if !control.has_field() {

@@ -1,10 +1,10 @@
-//! A bus around a bus that measures the host time spent below the driver.
+//! A bus wrapper that measures the host time spent below the driver.
 
 use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{
-    Access, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
 };
 
 #[derive(Debug)]
@@ -21,7 +21,7 @@ impl<B> Timed<B> {
         }
     }
 
-    /// Host time spent in the bus, and with it in the simulation, so far.
+    /// Host time spent in the bus so far, including the simulation.
     pub fn spent(&self) -> Duration {
         self.spent
     }
@@ -50,22 +50,24 @@ impl<B> DerefMut for Timed<B> {
 
 impl<B: RegisterBus> RegisterBus for Timed<B> {
     type Error = B::Error;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.bus.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.exchange(accesses, words))
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
         self.bus.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.start(list, words))
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
         self.measured(|bus| bus.finish(list, words))
     }
 

@@ -1,4 +1,4 @@
-//! What the examples share: they end well on a signal, and print to whoever still listens.
+//! Shared parts of the examples: ending on a signal, and printing to an output that may be closed.
 #![allow(
     dead_code,
     reason = "each example that includes this uses what it needs"
@@ -11,8 +11,8 @@ use std::{
 
 pub use mesa_hal::runner::Stop;
 
-/// Prints. A reader that has seen enough, such as `head`, is no error, and nobody stops driving a
-/// board because nobody reads what it says; anything else is said on standard error.
+/// Prints text. A closed pipe (`head`, for example) is not an error: the board is driven on without
+/// an output. Other errors are reported on standard error.
 pub fn say(text: impl Display) {
     let mut out = io::stdout().lock();
     match write!(out, "{text}").and_then(|()| out.flush()) {
@@ -23,7 +23,7 @@ pub fn say(text: impl Display) {
     }
 }
 
-/// Says on standard error, if it is still open, why something was not done.
+/// Prints an error message on standard error, if that is still open.
 pub fn complain(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
 }

@@ -225,11 +225,11 @@ impl<'a> Finder<'a> {
 }
 
 /// The remote on a channel: its description and the prefix of its pins.
-type Found<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
+type FoundDescription<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
 
 /// The parts of one card.
 pub struct CardFinder<'a> {
-    remotes: &'a dyn Fn(u8) -> Found<'a>,
+    remotes: &'a dyn Fn(u8) -> FoundDescription<'a>,
     /// The pins of the board's own functions.
     board: Finder<'a>,
     first: RemoteId,
@@ -275,7 +275,7 @@ impl CardTable {
     pub(crate) fn attach<'a, T: CardHandles>(
         (pins, board): (&'a Pins, &'a str),
         firmware: &HostMot2,
-        remotes: &'a dyn Fn(u8) -> Found<'a>,
+        remotes: &'a dyn Fn(u8) -> FoundDescription<'a>,
         first: RemoteId,
     ) -> Result<T, AttachError> {
         let encoders = T::TABLE.encoders_at(firmware, first);
@@ -298,7 +298,7 @@ impl RemoteTable {
     /// pins.
     pub(crate) fn attach<T: RemoteHandles>(
         pins: &Pins,
-        found: Found<'_>,
+        found: FoundDescription<'_>,
         remote: RemoteId,
     ) -> Result<T, AttachError> {
         let (descriptor, prefix) = found.ok_or(AttachError::NoRemote {

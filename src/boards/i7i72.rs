@@ -32,6 +32,7 @@ const ALL_24: &[u8] = &[
 
 /// The pins of a 7I72.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct I7i72 {
     /// OUTPUT0 to OUTPUT47.
     pub outputs: [DigitalOut; 48],

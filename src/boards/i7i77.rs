@@ -167,6 +167,7 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
 /// # }
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct I7i77 {
     /// Inputs and outputs, on the card's first channel.
     pub field: I7i77Field,
@@ -191,6 +192,7 @@ impl CardHandles for I7i77 {
 /// The pins of the field I/O. The outputs of a 7I77 connect the load to field power, those of a
 /// 7I77D to ground; the descriptions of the two kinds of card are identical.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct I7i77Field {
     /// INPUT0 to INPUT31.
     pub inputs: [DigitalIn; 32],
@@ -222,6 +224,7 @@ impl RemoteHandles for I7i77Field {
 
 /// The pins of the analog part.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct I7i77Analog {
     /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. AOUT0 to AOUT4 share one enable;
     /// [`AnalogOut::enable`] nevertheless applies to each of them individually.

@@ -18,6 +18,7 @@ pub const REMOTES: [&RemoteTable; 4] = [
 /// A remote that differs from the requested one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{actual}, and {expected} was expected: {hint}")]
+#[non_exhaustive]
 pub struct IdentityError {
     /// The actual remote.
     pub actual: String,

@@ -6,7 +6,7 @@ mod image;
 
 pub use mesa_wire::bus::*;
 
-pub(crate) use image::{Ask, Exchanged, Exchanges, Way};
 pub use image::{
     CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
 };
+pub(crate) use image::{CycleRegister, Exchanges, ReadRequest, WordDirection};

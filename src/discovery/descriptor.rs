@@ -88,6 +88,7 @@ pub(crate) fn hal_name(name: &str) -> String {
 ///
 /// Source: manual 7I77, "MODE DESCRIPTOR".
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ModeRecord {
     /// Address of the record in the remote's memory.
     pub record_address: u16,

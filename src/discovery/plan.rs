@@ -11,6 +11,7 @@ use alloc::vec::Vec;
 ///
 /// Source: manual 7I77, "PROCESS DATA ELEMENT PACKING AND UNPACKING"; FACTS 7.5.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PackingPlan {
     /// The elements, in PTOC order.
     pub elements: Vec<Element>,
@@ -22,6 +23,7 @@ pub struct PackingPlan {
 
 /// An element of process data and its places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Element {
     /// Index of its record in the descriptor's `process_data`; for a count in two parts, of the
     /// first one.

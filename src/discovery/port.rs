@@ -1,6 +1,6 @@
 //! Discovery of all remotes of a port.
 
-use super::{Discovered, DiscoveryOptions, ModeType, ProblemKind, Table, discover};
+use super::{Discovery, DiscoveryOptions, ModeType, ProblemKind, Table, discover};
 use crate::{
     bus::{Clock, RegisterBus},
     lbp::RemoteLink,
@@ -26,7 +26,7 @@ pub fn discover_port<B: RegisterBus + Clock>(
     bus: &mut B,
     channels: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
-) -> PortResult<Vec<Result<Discovered, StartFailure>>, B> {
+) -> PortResult<Vec<Result<Discovery, StartFailure>>, B> {
     port.on(bus).stop_all()?;
     let outcomes = port.on(bus).start(StartMode::Setup, channels)?.into_iter();
     Ok(outcomes
@@ -39,7 +39,7 @@ fn discover_remote<B: RegisterBus + Clock>(
     bus: &mut B,
     started: &StartedRemote,
     options: &DiscoveryOptions<'_>,
-) -> Discovered {
+) -> Discovery {
     let registers = port.layout().interface_registers;
     let channel = started.channel;
     let mut memory = PortLink { port, bus, channel };

@@ -11,6 +11,7 @@ use thiserror::Error;
 /// A defect in a remote's description of itself.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("{name} (unit number {unit_number:#010X}), {table} record at {record:#06X}: {kind}")]
+#[non_exhaustive]
 pub struct Problem {
     /// The remote's name.
     pub name: RemoteName,
@@ -34,6 +35,7 @@ impl Problem {
 
 /// A table of contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Table {
     /// PTOC: the process data of the software mode in which the remote was started.
     Process,

@@ -55,13 +55,13 @@ pub struct RemoteTable {
     pub elements: &'static [ElementTable],
     /// Addresses of its tables of contents, for each software mode in which they are known. A
     /// remote that is absent at start is checked against them when it is plugged in.
-    pub contents: &'static [Contents],
+    pub contents: &'static [TableAddresses],
 }
 
 /// Addresses of a remote's tables of contents in a software mode; they differ between firmware
 /// versions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Contents {
+pub struct TableAddresses {
     /// The software mode.
     pub mode: u8,
     /// Address of the PTOC.
@@ -75,7 +75,8 @@ pub struct Contents {
 /// The remote's description is used; the difference is for the user to check.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{element}: {what} {actual}, by the table {expected}")]
-pub struct Difference {
+#[non_exhaustive]
+pub struct TableDifference {
     /// The element.
     pub element: String,
     /// Property that differs: place (among the elements that are not pads), width, type or limits.
@@ -147,7 +148,7 @@ impl RemoteTable {
 
     /// Differences between a remote's description and this table, in the mode in which it was
     /// started.
-    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<Difference> {
+    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<TableDifference> {
         let is_pad = |data_type| data_type == DataType::Pad;
         let records = descriptor.process_data.iter();
         let records: Vec<_> = records.filter(|r| !is_pad(r.data_type)).collect();
@@ -156,7 +157,7 @@ impl RemoteTable {
         let mut found = Vec::new();
         let mut compare = |element: &str, what, [expected, actual]: [String; 2]| {
             if expected != actual {
-                found.push(Difference {
+                found.push(TableDifference {
                     element: element.into(),
                     what,
                     expected,

@@ -33,7 +33,8 @@ impl Default for DiscoveryOptions<'_> {
 
 /// Results of discovery of a remote, with the problems encountered.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Discovered {
+#[non_exhaustive]
+pub struct Discovery {
     /// Result of START. Sizes that are missing there for a 7I64 are taken from its table.
     pub started: StartedRemote,
     /// The description; after a problem, as much of it as was read.
@@ -48,7 +49,7 @@ pub struct Discovered {
     pub accesses: u32,
 }
 
-impl Discovered {
+impl Discovery {
     /// Adds a problem.
     pub(super) fn note(&mut self, table: Table, record: u16, kind: ProblemKind) {
         let gave_up = |kind: &ProblemKind| matches!(kind, ProblemKind::GaveUp { .. });
@@ -117,8 +118,8 @@ pub fn discover<M: RemoteLink>(
     started: &StartedRemote,
     registers: u8,
     options: &DiscoveryOptions<'_>,
-) -> Discovered {
-    let mut found = Discovered {
+) -> Discovery {
+    let mut found = Discovery {
         started: *started,
         descriptor: RemoteDescriptor {
             name: started.name,
@@ -146,7 +147,7 @@ pub fn discover<M: RemoteLink>(
     found
 }
 
-impl Discovered {
+impl Discovery {
     fn use_known(&mut self, tables: &[&RemoteTable], is_bare: bool) {
         let descriptor = &mut self.descriptor;
         let mut tables = tables.iter().filter(|table| !table.has_discovery);

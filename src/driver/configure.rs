@@ -3,24 +3,24 @@
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
 
-use super::beat::Beats;
+use super::arrival::ArrivalClock;
 use super::connection::Connection;
-use super::cycle::Cycle;
-use super::held::Held;
+use super::cycle::BoardCycle;
 use super::pace::Pacer;
 use super::remotes::PortStage;
+use super::safe_bus::SafeBus;
 use super::{
-    Driver, DriverError, FaultPolicy, Pace, Part, Parts, Remark, RemarkKind, Settings, Trace,
+    Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
 use crate::discovery::RemoteTable;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, Known};
+use crate::hostmot2::{FirmwareCheck, Gtag, HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
-use crate::modules::events::Sink;
+use crate::modules::events::EventSink;
 use crate::modules::gpio::Gpio;
 use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;
@@ -29,18 +29,29 @@ use crate::modules::pwm::Pwm;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{Module, RegisterError, Registrar, undriven};
 
-/// A board that is being configured: its firmware is known, and nothing is driven yet.
+/// An identified board: its firmware is known, and nothing is driven. Modules are added in this stage.
 ///
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
-pub struct Board<B: RegisterBus + Clock> {
-    pub(super) bus: Held<B>,
-    pub(super) plan: Plan,
-    pub(super) stages: Vec<PortStage>,
+pub struct Board<B: RegisterBus + Clock>(Assembly<B>);
+
+/// A board that is set up, with all outputs off, and whose remotes are known.
+///
+/// The remotes stay in setup mode until the [start](Self::start): in this stage their parameters are
+/// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter), and handles are
+/// [attached](Self::attach). Dropping it makes the board drive nothing.
+#[derive(Debug)]
+pub struct Configured<B: RegisterBus + Clock>(pub(super) Assembly<B>);
+
+/// The parts of a driver before its start.
+#[derive(Debug)]
+pub(super) struct Assembly<B: RegisterBus + Clock> {
+    pub bus: SafeBus<B>,
+    pub plan: Plan,
+    pub stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
-    description: Known<B::List>,
-    is_discovered: bool,
+    description: FirmwareCheck,
 }
 
 /// The plan of a driver, without the bus.
@@ -62,7 +73,7 @@ pub(super) struct Plan {
     /// The kinds of modules that the application drives.
     claimed: Vec<Gtag>,
     /// Sink of the driver's events.
-    pub events: Sink,
+    pub events: EventSink,
     /// Kinds of remotes: the application's own, then the built-in ones.
     pub tables: Vec<&'static RemoteTable>,
 }
@@ -77,7 +88,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Not for the cycle. Bounded.
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         let settings = checked(settings)?;
-        if settings.pace == Pace::Board && !B::CAN_HOLD {
+        if settings.pace == Pace::Board && !bus.can_hold() {
             let why = "this bus can not hold reads back";
             return Err(DriverError::NotPaced { why });
         }
@@ -85,12 +96,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         let (firmware, description) = identify_steady(&mut bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
-        let mut bus = Held::new(bus, &ports, &watchdog);
+        let mut bus = SafeBus::new(bus, &ports, &watchdog);
         let mut plan = Plan::new(firmware, ports, settings);
         let status = plan.status;
         let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
         let connection = plan.register(&mut *bus, status, Connection::register)?;
-        let mut board = Self {
+        let mut board = Assembly {
             bus,
             plan,
             stages: Vec::new(),
@@ -101,13 +112,105 @@ impl<B: RegisterBus + Clock> Board<B> {
             },
             connection,
             description,
-            is_discovered: false,
         };
         board.add_built_in()?;
         board.stages = board.plan.locate_ports()?;
-        Ok(board)
+        Ok(Self(board))
     }
 
+    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
+    ///
+    /// # Errors
+    /// [`DriverError::Register`]: the module cannot be used, with the reason.
+    pub fn add<M, I>(
+        &mut self,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
+    ) -> Result<(), DriverError<B::Error>>
+    where
+        M: Module,
+        I: IntoIterator<Item = M>,
+    {
+        self.0.add(register)
+    }
+
+    /// The description of the board's firmware.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.0.plan.firmware
+    }
+
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.0.plan.name
+    }
+
+    /// All pins and parameters so far.
+    pub fn pins(&self) -> &Pins {
+        &self.0.plan.pins
+    }
+
+    /// Sets the board up, with everything off, and discovers its remotes.
+    ///
+    /// # Errors
+    /// [`DriverError`]. Everything that was started is stopped again.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn discover(self) -> Result<Configured<B>, DriverError<B::Error>> {
+        let mut assembly = self.0;
+        match assembly.find_remotes() {
+            Ok(()) => Ok(Configured(assembly)),
+            Err(error) => Err(assembly.stopped(error)),
+        }
+    }
+
+    /// [Discovers](Self::discover) the remotes, and [starts](Configured::start).
+    ///
+    /// # Errors
+    /// [`DriverError`].
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+        self.discover()?.start()
+    }
+}
+
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// The description of the board's firmware.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.0.plan.firmware
+    }
+
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.0.plan.name
+    }
+
+    /// All pins and parameters.
+    pub fn pins(&self) -> &Pins {
+        &self.0.plan.pins
+    }
+
+    /// Starts the remotes and plans the cycle.
+    ///
+    /// The remotes then run, with all outputs off, until the first write. If the start fails,
+    /// everything that was started is stopped again.
+    ///
+    /// # Errors
+    /// [`DriverError`].
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+        let mut assembly = self.0;
+        match assembly.start_ports() {
+            Ok((exchanges, words)) => Ok(assembly.into_driver(exchanges, words)),
+            Err(error) => Err(assembly.stopped(error)),
+        }
+    }
+}
+
+impl<B: RegisterBus + Clock> Assembly<B> {
     fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
         self.add(Dpll::register)?;
         if self.plan.settings.pace == Pace::Board && self.parts.of::<Dpll>().next().is_none() {
@@ -121,12 +224,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.add(Leds::register)
     }
 
-    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
-    ///
-    /// # Errors
-    /// [`DriverError::Register`]: the module cannot be used, with the reason.
-    /// [`DriverError::AddedLate`] after [`discover`](Self::discover).
-    pub fn add<M, I>(
+    fn add<M, I>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
     ) -> Result<(), DriverError<B::Error>>
@@ -134,15 +232,12 @@ impl<B: RegisterBus + Clock> Board<B> {
         M: Module,
         I: IntoIterator<Item = M>,
     {
-        if self.is_discovered {
-            return Err(DriverError::AddedLate);
-        }
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
         let made = self.plan.register(&mut *self.bus, group, register)?;
         self.parts
             .modules
-            .extend(made.into_iter().map(|module| Part {
+            .extend(made.into_iter().map(|module| ModulePart {
                 module: Box::new(module),
                 group,
                 version: None,
@@ -150,40 +245,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(())
     }
 
-    /// The description of the board's firmware.
-    pub fn firmware(&self) -> &HostMot2 {
-        &self.plan.firmware
-    }
-
-    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
-    pub fn name(&self) -> &str {
-        &self.plan.name
-    }
-
-    /// All pins and parameters so far.
-    pub fn pins(&self) -> &Pins {
-        &self.plan.pins
-    }
-
-    /// Sets the board up, starts the remotes and plans the cycle.
-    ///
-    /// The remotes then run, with all outputs off, until the first write. If the start fails,
-    /// everything that was started is stopped again.
-    ///
-    /// # Errors
-    /// [`DriverError`].
-    ///
-    /// # Real time
-    /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(mut self) -> Result<Driver<B>, DriverError<B::Error>> {
-        self.discover()?;
-        match self.start_ports() {
-            Ok((exchanges, words)) => Ok(self.into_driver(exchanges, words)),
-            Err(error) => Err(self.stopped(error)),
-        }
-    }
-
-    fn start_ports(&mut self) -> Result<(Exchanges<B>, Words), DriverError<B::Error>> {
+    fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError<B::Error>> {
         let bus = &mut *self.bus;
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
@@ -199,29 +261,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(frozen)
     }
 
-    /// Sets the board up, with everything off, and discovers its remotes. They stay in setup mode
-    /// until the [start](Self::start): in this stage their parameters are
-    /// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter).
-    ///
-    /// Only the first call has an effect; [`start`](Self::start) calls it if the application has
-    /// not.
-    ///
-    /// # Errors
-    /// [`DriverError`]. Everything that was started is stopped again.
-    ///
-    /// # Real time
-    /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn discover(&mut self) -> Result<(), DriverError<B::Error>> {
-        if self.is_discovered {
-            return Ok(());
-        }
-        self.find_remotes().map_err(|error| self.stopped(error))
-    }
-
     fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
         // I/O pins come last, after all modules have taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
-        self.is_discovered = true;
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
@@ -285,7 +327,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         error
     }
 
-    fn into_driver(self, exchanges: Exchanges<B>, words: Words) -> Driver<B> {
+    fn into_driver(self, exchanges: Exchanges, words: Words) -> Driver<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
         let dpll = self.parts.of::<Dpll>().next();
@@ -299,12 +341,12 @@ impl<B: RegisterBus + Clock> Board<B> {
             firmware: plan.firmware,
             name: plan.name,
             exchanges,
-            cycle: Cycle::new(
+            cycle: BoardCycle::new(
                 (words, plan.pins, plan.group),
                 self.parts,
                 self.connection,
                 plan.events,
-                Beats::new(pace, period),
+                ArrivalClock::new(pace, period),
                 phase_error_us,
             ),
             description: self.description,
@@ -326,12 +368,11 @@ const STARTED: &str = "its remotes were started";
 /// Attempts to identify a board, or to set it up, when it is reset meanwhile.
 const TRIES: u32 = 3;
 
-/// A firmware, and the words that identify it.
-type Identified<B> = (HostMot2, Known<<B as RegisterBus>::List>);
-
-/// Identifies the firmware of the board, read twice with the same result: words read around a reset
+/// Identifies the firmware of the board, and the words that identify it, read twice with the same result: words read around a reset
 /// do not identify a firmware.
-fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverError<B::Error>> {
+fn identify_steady<B: RegisterBus>(
+    bus: &mut B,
+) -> Result<(HostMot2, FirmwareCheck), DriverError<B::Error>> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;
@@ -373,7 +414,7 @@ impl Plan {
             pins,
             io,
             image: ImagePlan::default(),
-            events: Sink::new(&name, settings.event_room),
+            events: EventSink::new(&name, settings.event_room),
             name,
             settings,
             firmware,

@@ -5,13 +5,13 @@
 
 use core::time::Duration;
 
-use super::beat::Beats;
+use super::arrival::ArrivalClock;
 use super::connection::Connection;
-use super::rows::Rows;
+use super::rows::EventRows;
 use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, Rearmed, SerialPort};
 use crate::bus::{BusErrorKind, Instant, Reply, Words};
 use crate::hal::{GroupId, Input, PinStore};
-use crate::modules::events::Sink;
+use crate::modules::events::EventSink;
 use crate::modules::{Module, ReadCycle, WriteCycle};
 use crate::tally::Tally;
 
@@ -20,22 +20,22 @@ use crate::tally::Tally;
 /// # Real time
 /// No function allocates, and each takes a bounded time.
 #[derive(Debug)]
-pub(super) struct Cycle {
+pub(super) struct BoardCycle {
     pub words: Words,
     pub pins: PinStore,
     /// The group of the board's own pins.
     pub group: GroupId,
     pub parts: Parts,
     pub statistics: DriverStatistics,
-    pub events: Sink,
+    pub events: EventSink,
     connection: Connection,
-    beats: Beats,
+    beats: ArrivalClock,
     /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
     state: BoardState,
     /// The state that was published last.
     shown: Option<BoardState>,
-    rows: Rows,
+    rows: EventRows,
     /// Consecutive failed reads and writes.
     read_failures: u32,
     write_failures: u32,
@@ -54,16 +54,16 @@ pub(super) struct Cycle {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "the board waits for it"]
 pub(super) enum Order {
-    /// The whole set-up, if the same firmware still answers. Then [`Cycle::put`].
+    /// The whole set-up, if the same firmware still answers. Then [`BoardCycle::put`].
     SetUp,
-    /// Settings that drive pins, between two checks of the evidence. Then [`Cycle::guarded`].
+    /// Settings that drive pins, between two checks of the evidence. Then [`BoardCycle::guarded`].
     Guarded,
-    /// All pins become inputs. Then [`Cycle::quiesced`].
+    /// All pins become inputs. Then [`BoardCycle::quiesced`].
     Quiesce {
         /// The board ran when the write began.
         has_run: bool,
     },
-    /// The writes of every cycle. Then [`Cycle::sent`] or [`Cycle::write_failed`].
+    /// The writes of every cycle. Then [`BoardCycle::sent`] or [`BoardCycle::write_failed`].
     Cycle {
         /// The next read includes the extra registers.
         extra: bool,
@@ -74,14 +74,14 @@ pub(super) enum Order {
     Nothing,
 }
 
-impl Cycle {
+impl BoardCycle {
     /// A board that has just been set up, with all outputs off.
     pub fn new(
         (words, pins, group): (Words, PinStore, GroupId),
         parts: Parts,
         connection: Connection,
-        events: Sink,
-        beats: Beats,
+        events: EventSink,
+        beats: ArrivalClock,
         phase_error_us: Option<Input<f64>>,
     ) -> Self {
         Self {
@@ -96,7 +96,7 @@ impl Cycle {
             phase_error_us,
             state: BoardState::Running,
             shown: None,
-            rows: Rows::default(),
+            rows: EventRows::default(),
             read_failures: 0,
             write_failures: 0,
             writes_since_read: 0,
@@ -156,7 +156,7 @@ impl Cycle {
 }
 
 /// A read.
-impl Cycle {
+impl BoardCycle {
     /// Begins a read; returns true if it has to include the extra registers.
     pub fn begin_read(&mut self) -> bool {
         self.statistics.reads.tally(1);
@@ -208,7 +208,7 @@ impl Cycle {
 
     /// Lets every module take its inputs from the valid image read at `at`.
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
-        let reply = self.words.take_news();
+        let reply = self.words.take_replies();
         let certain = reply.certain;
         self.words.confirm(certain);
         self.look_closely = !certain || (self.look_closely && !closely);
@@ -299,7 +299,7 @@ impl Cycle {
 }
 
 /// A write.
-impl Cycle {
+impl BoardCycle {
     /// Begins a write.
     pub fn write(&mut self, now: Instant) -> Order {
         self.statistics.writes.tally(1);
@@ -461,7 +461,7 @@ impl Cycle {
 }
 
 /// Safe states and recovery.
-impl Cycle {
+impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
     pub fn looked(&mut self, now: Instant) {

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::cycle::Order;
-use super::pace::Answer;
+use super::pace::ReadResult;
 use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
 
@@ -14,7 +14,7 @@ const MAX_POLLS: u32 = 100_000;
 
 /// The device that answers at the board's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Answering {
+pub(super) enum Responder {
     /// The board with the firmware that was set up.
     Same,
     /// No `HostMot2`, as during a reset.
@@ -49,7 +49,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let answer = self
             .pacer
             .read(&mut *self.bus, &self.exchanges, words, asked);
-        let Answer { extra, at, result } = answer;
+        let ReadResult { extra, at, result } = answer;
         let now = self.bus.now();
         if let Err(source) = result {
             let consecutive = self.cycle.read_failed(now, source.kind());
@@ -192,7 +192,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Detects if the board is the one that the driver was started with.
-    pub(super) fn who_answers(&mut self) -> Result<Answering, B::Error> {
+    pub(super) fn responder(&mut self) -> Result<Responder, B::Error> {
         // A read around a reset is no evidence of another firmware, so that is read twice.
         for _ in 0..2 {
             // An FPGA without its configuration could get it back in the middle of an exchange, and
@@ -200,13 +200,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
             self.exchanges.read_status(bus, words)?;
             if self.cycle.check().is_err() {
-                return Ok(Answering::Nobody);
+                return Ok(Responder::Nobody);
             }
             if self.description.is_still(&mut *self.bus, Effort::Once)? {
-                return Ok(Answering::Same);
+                return Ok(Responder::Same);
             }
         }
-        Ok(Answering::Other)
+        Ok(Responder::Other)
     }
 
     /// Returns false if another firmware answers.
@@ -214,10 +214,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let now = self.bus.now();
         // A reply that was requested before shows nothing of the board's present state.
         self.forget_started();
-        match self.who_answers()? {
-            Answering::Same => {}
-            Answering::Nobody => return Ok(true),
-            Answering::Other => return Ok(false),
+        match self.responder()? {
+            Responder::Same => {}
+            Responder::Nobody => return Ok(true),
+            Responder::Other => return Ok(false),
         }
         let Self {
             bus,

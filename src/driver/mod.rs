@@ -38,8 +38,8 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod arrival;
 mod attach;
-mod beat;
 mod configure;
 mod connection;
 mod cycle;
@@ -58,7 +58,6 @@ pub mod homing {}
 #[cfg(feature = "std")]
 #[doc = include_str!("../../docs/several_boards.md")]
 pub mod several_boards {}
-mod held;
 #[cfg(feature = "log")]
 mod messages;
 mod pace;
@@ -68,6 +67,7 @@ mod remark;
 mod remotes;
 mod report;
 mod rows;
+mod safe_bus;
 mod setup_line;
 mod stop;
 mod trace;
@@ -84,13 +84,13 @@ pub use crate::modules::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
-pub use configure::Board;
+pub use configure::{Board, Configured};
 pub use error::{CycleError, DriverError};
 pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
 pub use stop::{NotReached, StopError, Stopped};
-pub use trace::{Cause, Trace};
+pub use trace::{Trace, TraceCause};
 
 use alloc::{boxed::Box, string::String, vec::Vec};
 use core::any::Any;
@@ -98,12 +98,12 @@ use core::time::Duration;
 
 use crate::bus::{Clock, CycleLists, Exchanges, RegisterBus};
 use crate::hal::{GroupId, Pins};
-use crate::hostmot2::{HostMot2, Known};
+use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
 use crate::modules::watchdog::Watchdog;
-use cycle::Cycle;
-use held::Held;
+use cycle::BoardCycle;
 use pace::Pacer;
+use safe_bus::SafeBus;
 
 /// A board with all its parts, in the cycle.
 ///
@@ -112,13 +112,13 @@ use pace::Pacer;
 /// does the same, and only logs the result.
 #[derive(Debug)]
 pub struct Driver<B: RegisterBus + Clock> {
-    bus: Held<B>,
+    bus: SafeBus<B>,
     firmware: HostMot2,
     name: String,
-    exchanges: Exchanges<B>,
-    cycle: Cycle,
+    exchanges: Exchanges,
+    cycle: BoardCycle,
     /// The firmware's description of itself, as read when it was set up.
-    description: Known<B::List>,
+    description: FirmwareCheck,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
     trace: Option<Box<Trace>>,
@@ -131,12 +131,12 @@ pub struct Driver<B: RegisterBus + Clock> {
 struct Parts {
     watchdog: Watchdog,
     ports: Vec<SerialPort>,
-    modules: Vec<Part>,
+    modules: Vec<ModulePart>,
 }
 
 /// A module and the group of its pins.
 #[derive(Debug)]
-struct Part {
+struct ModulePart {
     module: Box<dyn Module>,
     group: GroupId,
     /// The version of the outputs that were put last.
@@ -329,7 +329,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// The lists of accesses of a cycle, for inspection.
-    pub fn lists(&self) -> CycleLists<'_, B::List> {
+    pub fn lists(&self) -> CycleLists<'_> {
         self.exchanges.lists()
     }
 

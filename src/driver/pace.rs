@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::Pace;
-use crate::bus::{Ask, Clock, Exchanges, Instant, RegisterBus, Words};
+use crate::bus::{Clock, Exchanges, Instant, ReadRequest, RegisterBus, Words};
 use crate::fraction::Fraction;
 
 /// Pacing of the cycle.
@@ -12,7 +12,7 @@ pub(super) struct Pacer {
     pub pace: Pace,
     pub period: Duration,
     /// The read that was requested ahead.
-    started: Option<Ask>,
+    started: Option<ReadRequest>,
     /// Begin of the last cycle.
     begun: Option<Instant>,
     /// Consecutive failed reads.
@@ -21,11 +21,11 @@ pub(super) struct Pacer {
 
 /// Number of failures after which reads are not held back any more: held requests would queue up in
 /// the board, with the writes between them, and outputs would be late by that many periods.
-const BEHIND: u32 = 2;
+const MAX_FAILURES: u32 = 2;
 
 /// Outcome of a read.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Answer<E> {
+pub(super) struct ReadResult<E> {
     /// The read included the extra registers.
     pub extra: bool,
     /// Time of arrival; the cycle may begin later.
@@ -47,7 +47,7 @@ impl Pacer {
     pub fn forget_started<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &mut Words,
     ) {
         if let Some(started) = self.started.take() {
@@ -60,10 +60,10 @@ impl Pacer {
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &mut Words,
         extra: bool,
-    ) -> Answer<B::Error> {
+    ) -> ReadResult<B::Error> {
         if self.started.is_none() && self.is_behind() {
             self.rest(bus, self.period);
         }
@@ -88,7 +88,7 @@ impl Pacer {
         };
         self.rest(bus, least);
         self.begun = Some(bus.now());
-        Answer { extra, at, result }
+        ReadResult { extra, at, result }
     }
 
     /// Waits until the previous cycle has taken `least`, where the board paces but does not wait:
@@ -104,7 +104,7 @@ impl Pacer {
     }
 
     fn is_behind(&self) -> bool {
-        self.pace == Pace::Board && self.failures >= BEHIND
+        self.pace == Pace::Board && self.failures >= MAX_FAILURES
     }
 
     /// Writes, and requests the next inputs with the write if the board paces. `quiet`: without
@@ -112,7 +112,7 @@ impl Pacer {
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &mut Exchanges<B>,
+        exchanges: &mut Exchanges,
         words: &mut Words,
         (extra, quiet): (bool, bool),
     ) -> Result<(), B::Error> {
@@ -129,16 +129,16 @@ impl Pacer {
     pub fn start_read<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         words: &Words,
         extra: bool,
     ) {
         self.started = exchanges.start_read(bus, words, self.ask(extra)).ok();
     }
 
-    fn ask(&self, extra: bool) -> Ask {
+    fn ask(&self, extra: bool) -> ReadRequest {
         let held = self.pace == Pace::Board && !self.is_behind();
-        Ask {
+        ReadRequest {
             held,
             extra,
             with_writes: false,

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::error::remote_watchdog;
-use super::{Board, Driver, DriverError, Remark, remark};
+use super::{Configured, Driver, DriverError, Remark, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
@@ -22,12 +22,12 @@ const TRIES: u32 = 3;
 
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
-struct Parameter<'a> {
+struct KeptParameter<'a> {
     remote: RemoteId,
     name: &'a str,
 }
 
-impl Parameter<'_> {
+impl KeptParameter<'_> {
     fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
         match source {
             ParameterError::Memory(error) => error.into(),
@@ -85,9 +85,8 @@ impl Parameter<'_> {
     }
 }
 
-impl<B: RegisterBus + Clock> Board<B> {
-    /// Reads a parameter of a remote. `name` is spelled as by the remote or as by LinuxCNC. Call
-    /// after [`discover`](Self::discover).
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// Reads a parameter of a remote. `name` is spelled as by the remote or as by LinuxCNC.
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
@@ -99,15 +98,14 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
     ) -> Result<ParameterValue, DriverError<B::Error>> {
         let remote = remote.into();
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let (mut memory, _, pins) = self.in_setup(remote)?;
         let read = parameter.record(pins)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
     }
 
     /// Writes a parameter that a remote stores, for example `NVWatchDogTimeout`, and reads it back.
-    /// `name` is spelled as by the remote or as by LinuxCNC. Call after
-    /// [`discover`](Self::discover): nothing is driven.
+    /// `name` is spelled as by the remote or as by LinuxCNC. Nothing is driven in this stage.
     ///
     /// A non-volatile parameter is written only if its value changes, and the remote uses it from
     /// its next power-up on.
@@ -123,9 +121,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
-        let (value, period) = (value.into(), self.plan.settings.period);
+        let (value, period) = (value.into(), self.0.plan.settings.period);
         let remote = remote.into();
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let (mut memory, store, pins) = self.in_setup(remote)?;
         let record = parameter.record(pins)?;
         let raw = parameter.check(record, value, period)?;
@@ -164,7 +162,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
         let (value, remote) = (value.into(), remote.into());
-        let parameter = Parameter { remote, name };
+        let parameter = KeptParameter { remote, name };
         let Some(status) = self.remote(remote) else {
             return Err(DriverError::no_remote(remote));
         };
@@ -202,7 +200,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn write_in_setup(
         &mut self,
-        parameter: Parameter<'_>,
+        parameter: KeptParameter<'_>,
         started: &StartedRemote,
         (record, value, raw): (&DataRecord, AnyValue, u64),
     ) -> Result<(), DriverError<B::Error>> {

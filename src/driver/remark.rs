@@ -5,7 +5,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use crate::boards::{IdentityError, i7i77};
-use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
+use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
 use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
@@ -78,7 +78,7 @@ pub enum RemarkKind {
         /// Title of the table.
         title: &'static str,
         /// The difference.
-        difference: Difference,
+        difference: TableDifference,
     },
     /// The analog part of a 7I77, with the field I/O on the next channel: on the card's connector
     /// the field I/O comes first (FACTS 8.1).
@@ -180,7 +180,7 @@ pub(super) fn is_same(
 
 /// All remarks about a remote with this built-in table, if any.
 pub(super) fn on(
-    discovered: &Discovered,
+    discovered: &Discovery,
     tables: &[&'static RemoteTable],
     table: Option<&RemoteTable>,
 ) -> Vec<RemarkKind> {

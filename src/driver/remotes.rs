@@ -4,20 +4,20 @@ use alloc::collections::BTreeMap;
 use alloc::string::ToString;
 use alloc::vec::Vec;
 
-use super::configure::Plan;
+use super::configure::{Assembly, Plan};
 use super::error::remote_watchdog;
 use super::remark;
-use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
+use super::{Configured, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
-use crate::discovery::{Discovered, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
+use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
 use crate::hostmot2::{PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, Layout, MAX_CHANNELS, Port, PortError, PortLink, PortPlace,
+    Channel, CsStatus, MAX_CHANNELS, Port, PortError, PortLayout, PortLink, PortPlace,
     ProcessDataSizes, StartMode, StartedRemote,
 };
 
@@ -54,10 +54,10 @@ impl PortStage {
 }
 
 /// Results of discovery.
-impl<B: RegisterBus + Clock> Board<B> {
+impl<B: RegisterBus + Clock> Configured<B> {
     /// The remotes that take part, with their addresses, port by port; absent optional ones included.
     pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &FoundRemote)> {
-        let stages = self.stages.iter();
+        let stages = self.0.stages.iter();
         stages.flat_map(|stage| {
             let number = stage.number();
             let remotes = stage.remotes.iter();
@@ -71,12 +71,12 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Remotes that were configured and do not take part, with the reason. They are searched for
     /// again at the next start; see [`Presence::Optional`].
     pub fn missing(&self) -> &[Remark] {
-        &self.plan.missing
+        &self.0.plan.missing
     }
 
     /// Remarks about the remotes that take part.
     pub fn remarks(&self) -> &[Remark] {
-        &self.plan.remarks
+        &self.0.plan.remarks
     }
 
     /// The memory and the pins of a remote in setup mode.
@@ -88,9 +88,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         &mut self,
         remote: RemoteId,
     ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
-        let Self {
+        let Assembly {
             bus, plan, stages, ..
-        } = self;
+        } = &mut self.0;
         let stage = stages.get_mut(usize::from(remote.port));
         let found = stage.and_then(|stage| {
             let is_it = |found: &&mut FoundRemote| {
@@ -111,7 +111,7 @@ impl<B: RegisterBus + Clock> Board<B> {
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
-        let places = Layout::ports(&self.firmware);
+        let places = PortLayout::ports(&self.firmware);
         let ports = places.len() as u8;
         let serial_ports = &self.settings.serial_ports;
         if let Some((&port, _)) = serial_ports.range(ports..).next() {
@@ -234,7 +234,7 @@ impl Plan {
     fn candidate(
         &mut self,
         stage: &PortStage,
-        discovered: Discovered,
+        discovered: Discovery,
     ) -> Result<FoundRemote, (Channel, RemarkKind)> {
         let descriptor = &discovered.descriptor;
         let channel = discovered.started.channel;

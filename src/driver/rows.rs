@@ -1,22 +1,22 @@
 //! Rows of events that may happen in every cycle.
 
 use crate::bus::Instant;
-use crate::modules::events::{Row, Sink};
+use crate::modules::events::{EventRow, EventSink};
 
 use super::Repeating;
 
 /// One row for each kind.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Rows {
-    pub failed_reads: Row,
-    pub failed_writes: Row,
-    pub lost_writes: Row,
-    pub missed_periods: Row,
-    pub others: Row,
+pub(super) struct EventRows {
+    pub failed_reads: EventRow,
+    pub failed_writes: EventRow,
+    pub lost_writes: EventRow,
+    pub missed_periods: EventRow,
+    pub others: EventRow,
 }
 
-impl Rows {
-    fn each(&mut self) -> [(&mut Row, Repeating); 5] {
+impl EventRows {
+    fn each(&mut self) -> [(&mut EventRow, Repeating); 5] {
         [
             (&mut self.failed_reads, Repeating::FailedReads),
             (&mut self.failed_writes, Repeating::FailedWrites),
@@ -28,14 +28,14 @@ impl Rows {
 
     /// Ends the rows without new events for long enough.
     #[inline]
-    pub fn look(&mut self, sink: &Sink, now: Instant) {
+    pub fn look(&mut self, sink: &EventSink, now: Instant) {
         for (row, what) in self.each() {
             row.look(sink, now, what);
         }
     }
 
     /// Ends all rows.
-    pub fn end(&mut self, sink: &Sink, now: Instant) {
+    pub fn end(&mut self, sink: &EventSink, now: Instant) {
         for (row, what) in self.each() {
             row.end(sink, now, what);
         }

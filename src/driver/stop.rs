@@ -5,7 +5,7 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::exchange::Answering;
+use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
@@ -16,7 +16,7 @@ const LAST_TRIES: u32 = 3;
 /// Time for a command in flight: a START waits 17 ms for a remote that does not answer (FACTS 5.7).
 const LAST_COMMAND: Duration = Duration::from_millis(20);
 /// Ends the waiting on a bus whose clock stands still.
-const MOST_CYCLES: u32 = 1000;
+const MAX_CYCLES: u32 = 1000;
 /// Time for the last transfer, which switches the remotes' outputs off.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
@@ -203,13 +203,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// must not be written to. A running board is the same one.
     fn answers_as_another(&mut self) -> bool {
         if !self.cycle.is_running() {
-            match self.who_answers() {
-                Ok(Answering::Other) => {
+            match self.responder() {
+                Ok(Responder::Other) => {
                     let now = self.bus.now();
                     self.cycle.is_other_firmware(now);
                 }
-                Ok(Answering::Nobody) => return true,
-                Ok(Answering::Same) | Err(_) => {}
+                Ok(Responder::Nobody) => return true,
+                Ok(Responder::Same) | Err(_) => {}
             }
         }
         self.cycle.state() == BoardState::OtherFirmware
@@ -251,7 +251,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.make_safe();
         // A failing wait fails again in the following read, which returns the error.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
-        for _ in 0..MOST_CYCLES {
+        for _ in 0..MAX_CYCLES {
             let _ = self.read()?;
             // A port that is not idle gets nothing; the board's own outputs go off at once.
             let mut ports = self.cycle.parts.ports.iter();

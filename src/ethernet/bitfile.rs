@@ -5,30 +5,30 @@ use alloc::string::{String, ToString};
 
 /// A bitfile whose header and configuration data have been checked.
 ///
-/// The header is a list of fields: `a` design name, `b` part, `c` date, `d` time, `e`
-/// configuration data (manual 7I97, "BITFILE FORMAT").
+/// The header is a list of fields: `a` design name, `b` part, `c` date, `d` time, `e` configuration
+/// data (manual 7I97, "BITFILE FORMAT").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bitfile<'a> {
     /// Name of the design, for example `TopEthernetHostMot2.ncd`.
     pub design: &'a str,
-    /// The part it is for, for example `6slx9tqg144`.
+    /// The FPGA that it is for, for example `6slx9tqg144`.
     pub part: &'a str,
-    /// Date of the build, as its author's tools wrote it.
+    /// Date of the build, as written by its author's tools.
     pub date: &'a str,
     /// Time of the build.
     pub time: &'a str,
-    /// What goes into the FPGA.
+    /// The data to load into the FPGA.
     pub configuration: &'a [u8],
 }
 
-/// Why a file is not taken for a bitfile, or not written.
+/// Reason why a file is not a valid bitfile, or must not be written to a board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BitfileError {
-    /// It does not begin like one.
+    /// The mark of a bitfile is missing.
     #[error("not a bitfile: it does not begin with the bitfile mark; give the .bit file itself")]
     NoMark,
-    /// Its header is damaged, or it is not whole.
+    /// The header is damaged, or the file is incomplete.
     #[error(
         "the bitfile is damaged at byte {at}: field '{}' {what}; copy it again, or get it again",
         char::from(*field)
@@ -36,31 +36,32 @@ pub enum BitfileError {
     Damaged {
         /// The field.
         field: u8,
-        /// Where the field begins.
+        /// Offset of the field.
         at: usize,
-        /// What is wrong with it.
+        /// The defect.
         what: &'static str,
     },
-    /// There is no synchronisation word: nothing that an FPGA would load.
+    /// The synchronisation word is missing: an FPGA would not load the data.
     #[error(
         "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration, get the file for this board"
     )]
     NoSync {
-        /// How far was searched.
+        /// Number of bytes searched.
         searched: usize,
     },
-    /// It is for another FPGA or another board, where it would not run, or drive what it must not.
+    /// The configuration is for another FPGA or another board, where it would not run, or would
+    /// drive pins that it must not.
     #[error(
         "the configuration is for a {found}, and this is a {expected}: it would not start or not \
          answer any more, or its pins would drive what they must not; get the file for this board"
     )]
     OtherBoard {
-        /// What it is for.
+        /// FPGA or board that it is for.
         found: String,
-        /// The board or FPGA it would go to.
+        /// The board or FPGA that it was to be written to.
         expected: &'static str,
     },
-    /// It is larger than its place in the flash memory.
+    /// The configuration is larger than its place in the flash memory.
     #[error(
         "the configuration has {bytes} bytes, its place in the flash memory {room}; \
          is it for a larger FPGA?"
@@ -68,7 +69,7 @@ pub enum BitfileError {
     TooLarge {
         /// Its size.
         bytes: usize,
-        /// The room for it.
+        /// Size of its place.
         room: usize,
     },
 }
@@ -97,10 +98,10 @@ impl<'a> Bitfile<'a> {
         Ok(this)
     }
 
-    /// Padding before the synchronisation word is shorter than this.
+    /// Upper limit of the padding before the synchronisation word.
     pub(super) const SYNC_WITHIN: usize = 256;
 
-    /// Whether a configuration begins in these bytes.
+    /// True if a configuration begins in these bytes.
     pub(super) fn has_sync(head: &[u8]) -> bool {
         head.windows(SYNC.len()).any(|window| window == SYNC)
     }
@@ -117,10 +118,10 @@ impl<'a> Bitfile<'a> {
     /// Checks that the file holds a configuration, is for a board and the FPGA on it, and fits into
     /// its place.
     ///
-    /// Several boards have the same FPGA, so the part does not tell one from the other. The design
-    /// name does, where it tells a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface
-    /// (Mesa's top levels: `TopPCIHostMot2.ncd`). A file whose design name tells neither
-    /// (`TopEthernet16HostMot2.ncd`) can not be told from that of another Ethernet board.
+    /// Several boards have the same FPGA, so the part does not distinguish them. The design name
+    /// does, where it names a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface (Mesa's
+    /// top levels: `TopPCIHostMot2.ncd`). A file whose design name contains neither
+    /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another Ethernet board.
     ///
     /// # Errors
     /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`] and [`BitfileError::TooLarge`].
@@ -146,7 +147,7 @@ impl<'a> Bitfile<'a> {
     }
 
     fn check_design(&self, expected: &'static str) -> Result<(), BitfileError> {
-        // The file's tools append more to it: `name.ncd;UserID=0xFFFFFFFF`.
+        // Xilinx's tools append more to the name: `name.ncd;UserID=0xFFFFFFFF`.
         let name = self.design.split(['.', ';']).next().unwrap_or("");
         let name = SPELLED
             .iter()
@@ -154,7 +155,7 @@ impl<'a> Bitfile<'a> {
                 name.replace(word, digit)
             });
         let named = |card: &&str| name.contains(card);
-        // Names of daughter cards may stand beside the board's own.
+        // Names of daughter cards may appear beside the board's own.
         let is_own = name.contains(&expected.to_ascii_lowercase());
         let other = HOST_CARDS.iter().find(|card| named(card));
         let interface = INTERFACES.iter().find(|(top, _)| named(top));
@@ -167,7 +168,7 @@ impl<'a> Bitfile<'a> {
     }
 }
 
-/// Mesa's boards with an FPGA, as far as their names have four characters, in lower case.
+/// Mesa's boards with an FPGA whose names have four characters, in lower case.
 const HOST_CARDS: [&str; 28] = [
     "3x20", "4i65", "4i68", "4i69", "4i74", "5i20", "5i21", "5i22", "5i23", "5i24", "5i25", "5i26",
     "6i24", "6i25", "7i43", "7i60", "7i80", "7i90", "7i92", "7i93", "7i94", "7i95", "7i96", "7i97",
@@ -184,7 +185,7 @@ const INTERFACES: [(&str, &str); 6] = [
     ("topusb", "USB"),
 ];
 
-/// Digits as the names of Mesa's projects spell them (`seveni92`).
+/// Digits as spelled in the names of Mesa's projects (`seveni92`).
 const SPELLED: [(&str, &str); 5] = [
     ("three", "3"),
     ("four", "4"),
@@ -193,14 +194,14 @@ const SPELLED: [(&str, &str); 5] = [
     ("seven", "7"),
 ];
 
-/// What of a file is not parsed yet.
+/// The part of a file that is not parsed yet.
 struct Fields<'a> {
     file: &'a [u8],
     rest: &'a [u8],
 }
 
 impl<'a> Fields<'a> {
-    /// Where the rest begins in the file.
+    /// Offset of the rest in the file.
     fn at(&self) -> usize {
         self.file.len().saturating_sub(self.rest.len())
     }
@@ -317,7 +318,7 @@ mod tests {
             ("7I97", "SEVENI97;UserID=0xFFFFFFFF"),
             ("7I92", "seveni92.ncd"),
             ("7I92", "7i92_7i77_7i76x2_5i25_pins.ncd"),
-            // What these tell fits both.
+            // Names that fit both boards.
             ("7I97", "TopEthernet16HostMot2.ncd;UserID=0xFFFFFFFF"),
             ("7I92", "TopEthernetHostMot2.ncd"),
             ("7I92", "pins_7i77_7i72.ncd"),

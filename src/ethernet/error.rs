@@ -1,29 +1,29 @@
-//! Why something could not be asked of a board, or done with it.
+//! Errors of queries and changes of a board.
 
 use alloc::string::String;
 
 use super::{Area, BitfileError};
 use crate::lbp16::{Lbp16Error, Space};
 
-/// What went wrong with a board, beside its registers.
+/// An error of a board, apart from its registers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EthernetError<E> {
     /// The board did not answer.
     #[error(transparent)]
     Bus(E),
-    /// The commands do not fit into a packet, or what answers is no board as it is known.
+    /// The commands do not fit into a packet, or the answer is not that of a known board.
     #[error(transparent)]
     Lbp16(#[from] Lbp16Error),
-    /// The firmware can not do this.
+    /// The firmware does not support the operation.
     #[error("this needs firmware version {needed}, the board has {found}; update its firmware")]
     Firmware {
-        /// The first version that can.
+        /// The first version that does.
         needed: u16,
         /// The version on the board.
         found: u16,
     },
-    /// What was written reads back differently.
+    /// A written word reads back differently.
     #[error(
         "address 0x{address:02X} of space {space} reads 0x{found:04X} after writing \
          0x{expected:04X}; try again; if it stays so, update the board's firmware"
@@ -33,12 +33,12 @@ pub enum EthernetError<E> {
         space: Space,
         /// Address of the word.
         address: u16,
-        /// What was written.
+        /// The word written.
         expected: u16,
-        /// What is there.
+        /// The word read back.
         found: u16,
     },
-    /// It goes on as before.
+    /// The board has not restarted.
     #[error(
         "the board has not restarted: it counted {before} packets before and {after} now; the command \
          was lost on its way: try again"
@@ -46,10 +46,10 @@ pub enum EthernetError<E> {
     NotRestarted {
         /// UDP packets before the command.
         before: u16,
-        /// Now.
+        /// UDP packets now.
         after: u16,
     },
-    /// There is no such register, or it can not be written.
+    /// The register does not exist, or cannot be written.
     #[error(
         "0x{address:04X} of space {space}: {reason}; the manual of the board has the registers of \
          each space"
@@ -57,51 +57,51 @@ pub enum EthernetError<E> {
     NoRegister {
         /// The space.
         space: Space,
-        /// Address of the first.
+        /// Address of the first register.
         address: u16,
-        /// Why not.
+        /// The reason.
         reason: &'static str,
     },
     /// The file is not for this board.
     #[error(transparent)]
     Bitfile(#[from] BitfileError),
-    /// Another board, or another flash chip, than the layout is for.
+    /// The board or its flash chip is not the one that the layout is for.
     #[error(
         "this is {found}, and the layout is that of {expected}; use that of the board that answers \
          (`FlashLayout::for_card`)"
     )]
     WrongBoard {
-        /// Name or flash id of what answers.
+        /// Name or flash id of the board that answers.
         found: String,
-        /// That of the layout.
+        /// Name or flash id of the layout.
         expected: String,
     },
-    /// There is no boot block, so the FPGA would load the fallback whatever is written.
+    /// The boot block is erased, so the FPGA would load the fallback whatever is written.
     #[error(
         "the boot block at 0x{address:06X} is erased: the FPGA would not load what is written; \
          write the boot block first"
     )]
     NoBootBlock {
-        /// Where it should be.
+        /// Expected address of the boot block.
         address: u32,
     },
-    /// There is no fallback, so that the user configuration is all that the FPGA can load.
+    /// No fallback is present, so that the user configuration is all that the FPGA can load.
     #[error(
         "there is no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
          JTAG programmer helps; write the fallback first, or, if there is no user configuration \
          either, allow this (`--without-fallback`, `Flash::without_fallback`)"
     )]
     NoFallback {
-        /// Where it should be.
+        /// Expected address of the fallback.
         address: u32,
     },
-    /// There is no user configuration, so that the fallback is all that the FPGA can load.
+    /// No user configuration is present, so that the fallback is all that the FPGA can load.
     #[error(
         "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
          JTAG programmer helps; write the user configuration first, reload the FPGA from it, then the fallback"
     )]
     NoUserConfiguration {
-        /// Where it should be.
+        /// Expected address of the user configuration.
         address: u32,
     },
     /// The area is not for configurations.
@@ -112,32 +112,32 @@ pub enum EthernetError<E> {
         /// The area.
         area: Area,
     },
-    /// The data do not fit into their area, or do not begin where a sector does, so that erasing it
-    /// would take what is before them.
+    /// The data do not fit into their area, or do not start at the beginning of a sector, so that
+    /// erasing the sector would destroy the bytes before them.
     #[error(
         "{bytes} bytes at 0x{address:06X} do not fit into {area}, which takes {expected}; check the \
          address and the area, and that they are for this board"
     )]
     OutsideArea {
-        /// Where they should begin.
+        /// Start address of the data.
         address: u32,
-        /// How many there are.
+        /// Number of bytes.
         bytes: usize,
         /// The area.
         area: Area,
-        /// What it takes.
+        /// Data that the area accepts.
         expected: String,
     },
-    /// A byte read back is not what it should be.
+    /// A byte read back is not as expected.
     #[error(
         "at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}; write again, and do not restart the board before it verifies"
     )]
     Differs {
-        /// Where.
+        /// Address of the byte.
         address: u32,
-        /// What should be there.
+        /// The expected byte.
         expected: u8,
-        /// What is there.
+        /// The byte read back.
         found: u8,
     },
 }

@@ -1,4 +1,4 @@
-//! The flash memory that holds the FPGA's configurations, and what may be written where.
+//! The flash memory that holds the FPGA's configurations, and the rules for writing it.
 
 use alloc::format;
 use core::fmt;
@@ -7,7 +7,7 @@ use core::time::Duration;
 
 mod backup;
 
-pub use backup::Difference;
+pub use backup::FlashDifference;
 
 use super::packets::QUICK;
 use super::{Bitfile, EthernetBoard, EthernetError, Lbp16Board};
@@ -22,7 +22,7 @@ const ERASE: Duration = Duration::from_secs(4);
 const WRITE: Duration = Duration::from_millis(100);
 /// Bytes of a sector, in the type of an address.
 const SECTOR_BYTES: u32 = SECTOR as u32;
-/// Bytes read by one command; the manual's examples do the same.
+/// Bytes read by one command, as in the manual's examples.
 const BLOCK: usize = 256;
 /// Bytes read by one packet.
 const PACKET: usize = 4 * BLOCK;
@@ -41,18 +41,18 @@ impl FlashLayout {
     }
 }
 
-/// What is to be written; naming it is the only way to.
+/// Area to be written; every write names one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Area {
-    /// The boot block: a mistake here needs a JTAG programmer to mend.
+    /// The boot block: an error here can only be repaired with a JTAG programmer.
     BootBlock,
-    /// The fallback configuration: the way back when the user configuration is damaged.
+    /// The fallback configuration: loaded when the user configuration is damaged.
     Fallback,
-    /// The user configuration: what new firmware is written to.
+    /// The user configuration: the place of new firmware.
     User,
     /// The last two sectors, which configurations never use.
     Application,
-    /// Everything, to restore a backup of the whole chip.
+    /// The whole chip, to restore a backup.
     Whole,
 }
 
@@ -68,14 +68,14 @@ impl fmt::Display for Area {
     }
 }
 
-/// What is being done, for a progress display.
+/// Current step, for a progress display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashStep {
     /// Sectors are being erased.
     Erase,
     /// Pages are being written.
     Write,
-    /// What was written is being read back.
+    /// The written data are being read back.
     Verify,
 }
 
@@ -88,11 +88,11 @@ pub struct Flash<'a, B> {
 }
 
 impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
-    /// The board's flash memory, after checking that the board and its chip are those that the
+    /// The board's flash memory, after a check that the board and its chip are those that the
     /// layout is for.
     ///
     /// # Errors
-    /// [`EthernetError::WrongBoard`], and those of [`identity`](Self::identity).
+    /// [`EthernetError::WrongBoard`], and errors of [`identity`](Self::identity).
     pub fn into_flash(
         mut self,
         layout: FlashLayout,
@@ -131,25 +131,27 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         })
     }
 
-    /// Where things are in it.
+    /// The layout of the memory.
     pub fn layout(&self) -> &FlashLayout {
         &self.layout
     }
 
-    /// Lets the user configuration be written while there is no fallback: for a chip that has neither,
-    /// and for a person who knows that only a JTAG programmer helps if that is cut off.
+    /// Allows writing the user configuration while there is no fallback: for a chip that has
+    /// neither, and with the user's consent, since only a JTAG programmer helps if the write is
+    /// interrupted.
     pub fn without_fallback(&mut self) {
         self.needs_fallback = false;
     }
 
-    /// Reads from anywhere.
+    /// Reads from any address.
     ///
     /// # Errors
-    /// [`EthernetError::OutsideArea`] beyond the chip's end, and those of the bus.
+    /// [`EthernetError::OutsideArea`] beyond the chip's end, and errors of the bus.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
         self.check(Area::Whole, address, bytes.len(), false)?;
         for (part, at) in bytes.chunks_mut(PACKET).zip((address..).step_by(PACKET)) {
-            // Addresses and sizes of the memory are multiples of 4; what is asked for need not be.
+            // Addresses and sizes of the memory are multiples of 4; those of the request need not
+            // be.
             let skip = at % 4;
             let wanted = part.len().saturating_add(skip as usize);
             let wanted = wanted.next_multiple_of(4);
@@ -174,16 +176,16 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
 
     /// Writes a configuration into the user or the fallback area, and verifies it.
     ///
-    /// The file is checked before anything is erased, also whether it is for this board
-    /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: each is refused
-    /// while there is no boot block, or the other does not [begin](Self::begins).
+    /// The file is checked before anything is erased, including that it is for this board
+    /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: writing either
+    /// is refused while there is no boot block, or the other does not [begin](Self::begins).
     ///
     /// Manual: 7I97, "FALLBACK".
     ///
     /// # Errors
     /// [`EthernetError::Bitfile`], [`EthernetError::NotForConfigurations`],
     /// [`EthernetError::NoBootBlock`], [`EthernetError::NoFallback`],
-    /// [`EthernetError::NoUserConfiguration`], and those of [`write`](Self::write).
+    /// [`EthernetError::NoUserConfiguration`], and errors of [`write`](Self::write).
     pub fn program(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -195,10 +197,10 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         self.write(area, range.start, bitfile.configuration, progress)
     }
 
-    /// What [`program`](Self::program) checks before it erases anything.
+    /// Performs the checks of [`program`](Self::program) that precede the erasing.
     ///
     /// # Errors
-    /// Those of `program`, and of the bus.
+    /// Errors of `program`, and of the bus.
     pub fn check_program(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -219,7 +221,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         self.need_other(area)
     }
 
-    /// What is about to be erased must not be all that the FPGA can start from.
+    /// Checks that the FPGA can still start when the area is erased.
     fn need_other(&mut self, area: Area) -> Result<(), EthernetError<B::Error>> {
         let FlashLayout { fallback, user, .. } = self.layout;
         match area {
@@ -235,12 +237,12 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         }
     }
 
-    /// Whether a configuration begins in an area: without one in the user or in the fallback area the
-    /// FPGA has nothing to load. That it begins is enough: [`write`](Self::write) writes its beginning
-    /// last.
+    /// True if a configuration begins in an area: without one in the user or in the fallback area
+    /// the FPGA has nothing to load. Its beginning is sufficient evidence: [`write`](Self::write)
+    /// writes the beginning last.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError<B::Error>> {
         let mut head = [0; Bitfile::SYNC_WITHIN];
         self.read(self.layout.addresses(area).start, &mut head)?;
@@ -250,7 +252,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     /// Compares an area with a configuration.
     ///
     /// # Errors
-    /// [`EthernetError::OutsideArea`], [`EthernetError::Differs`], and those of the bus.
+    /// [`EthernetError::OutsideArea`], [`EthernetError::Differs`], and errors of the bus.
     pub fn verify(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -262,16 +264,17 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         self.compare(start, bitfile.configuration, &mut progress)
     }
 
-    /// Erases what `data` needs, writes it, and verifies it. `address` begins a sector.
+    /// Erases the sectors that `data` needs, writes the data, and verifies them. `address` is the
+    /// start of a sector.
     ///
-    /// Sectors are erased as a whole, also behind the end of `data`. [`Area::Whole`] takes all of
-    /// the chip, and nothing less. The first page is written last: a configuration that was not
-    /// written to its end has no beginning, and the FPGA does not try to load it.
+    /// Sectors are erased as a whole, also behind the end of `data`. [`Area::Whole`] takes the data
+    /// of the whole chip, and nothing less. The first page is written last: a configuration that
+    /// was not written to its end has no beginning, and the FPGA does not try to load it.
     ///
-    /// `progress` gets how many bytes of the stage are done.
+    /// `progress` receives the number of bytes of the step that are done.
     ///
     /// # Errors
-    /// [`EthernetError::OutsideArea`], [`EthernetError::Differs`], and those of the bus.
+    /// [`EthernetError::OutsideArea`], [`EthernetError::Differs`], and errors of the bus.
     pub fn write(
         &mut self,
         area: Area,
@@ -283,7 +286,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         self.put(address, data, &mut progress)
     }
 
-    /// Erases, writes and verifies what is known to be allowed.
+    /// Erases, writes and verifies after all checks have passed.
     fn put(
         &mut self,
         address: u32,
@@ -324,18 +327,19 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     ) -> Result<(), EthernetError<B::Error>> {
         let mut echo = [0; 4];
         self.board.run(&mut echo, deadline, |request| {
-            // Cleared at the end of every packet, so it is part of each that writes.
+            // Cleared at the end of every packet, so it is part of each packet that writes.
             let enable = control::ENABLE_FLASH.to_le_bytes();
             request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
             request.write(Space::Flash, flash::ADDRESS, &address.to_le_bytes())?;
             request.command(command, register, data)?;
-            // Reading the address starts the write of a page, and waits for the end of anything.
+            // Reading the address starts the write of a page, and waits for the end of any
+            // operation.
             request.read(Space::Flash, flash::ADDRESS, 1)
         })
     }
 
-    /// Checks that the bytes are inside of the area, and if they are to be written, that no others
-    /// are erased with them.
+    /// Checks that the bytes are inside of the area and, for a write, that no others are erased
+    /// with them.
     fn check(
         &self,
         area: Area,

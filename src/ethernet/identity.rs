@@ -1,4 +1,4 @@
-//! Who a board is: one packet that writes nothing, and its answer.
+//! Identity of a board: one packet that writes nothing, and its answer.
 
 use alloc::borrow::ToOwned;
 use alloc::format;
@@ -33,18 +33,19 @@ impl serde::Serialize for MacAddress {
     }
 }
 
-/// Where a board takes its IP address from when it starts: its two address jumpers. `Display` says it in
-/// words, [`of_card`](Self::of_card) with the positions of the jumpers.
+/// Source of a board's IP address at its start, selected by its two address jumpers. `Display`
+/// describes it in words, [`of_card`](Self::of_card) with the positions of the jumpers.
 ///
-/// Source: manual 7I97, "IP ADDRESS SELECTION"; FACTS 9.6 for the 7I97T. Which bits of the word they
-/// are is mesaflash's reading, not confirmed by a manual.
+/// Source: manual 7I97, "IP ADDRESS SELECTION"; FACTS 9.6 for the 7I97T. The assignment of the
+/// word's bits to the jumpers is mesaflash's reading, not confirmed by a manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[non_exhaustive]
 pub enum AddressSource {
     /// Both down: 192.168.1.121.
     Fixed,
-    /// Down and up: the address in the EEPROM; boards come with 10.10.10.10.
+    /// Down and up: the address in the EEPROM; the factory setting is 10.10.10.10.
     Eeprom,
     /// Up and down: a BOOTP or DHCP server.
     BootP,
@@ -55,12 +56,12 @@ pub enum AddressSource {
 }
 
 impl AddressSource {
-    /// The address of a board whose jumpers say [`Fixed`](Self::Fixed).
+    /// The address of a board whose jumpers select [`Fixed`](Self::Fixed).
     pub const FIXED: Ipv4Addr = Ipv4Addr::new(192, 168, 1, 121);
-    /// The address that boards come with in their EEPROM.
+    /// The factory setting of the address in the EEPROM.
     pub const FACTORY_EEPROM: Ipv4Addr = Ipv4Addr::new(10, 10, 10, 10);
 
-    /// From the word of the jumpers of this card.
+    /// The source that the word of the jumpers selects on this card.
     pub fn from_jumpers(word: u16, card: &str) -> Self {
         match word & 3 {
             0 => Self::Fixed,
@@ -71,8 +72,9 @@ impl AddressSource {
         }
     }
 
-    /// In words, with the positions of the jumpers of this card. Of a card whose manual is not among the
-    /// sources here, the names of the jumpers are not known: first and second.
+    /// Describes the source in words, with the positions of the jumpers of this card. For a card
+    /// whose manual is not among the sources here, the names of the jumpers are not known: first
+    /// and second.
     pub fn of_card(self, card: &str) -> String {
         let [first, second] = match card {
             "7I97" => ["W16", "W17"],
@@ -101,13 +103,13 @@ impl fmt::Display for AddressSource {
     }
 }
 
-/// What a board says about itself.
+/// Identity and network settings of a board.
 ///
 /// Source: manual 7I97, "SPACE 7: LBP READ ONLY AREA" and "ETHERNET EEPROM LAYOUT".
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Identity {
-    /// The card's name without what pads it, for example `7I97`; `?` if it is no text.
+    /// The card's name without padding, for example `7I97`; `?` if it is not text.
     pub card: String,
     /// The MAC address in the EEPROM.
     pub mac: MacAddress,
@@ -117,9 +119,9 @@ pub struct Identity {
     pub firmware_version: u16,
     /// The jumpers, as the board reads them.
     pub jumpers: u16,
-    /// What they say of the IP address.
+    /// The source of the IP address, according to the jumpers.
     pub address_from: AddressSource,
-    /// The IP address in the EEPROM, which the board uses if its jumpers say so.
+    /// The IP address in the EEPROM, which the board uses if its jumpers select it.
     pub eeprom_ip: Ipv4Addr,
     /// The netmask in the EEPROM; firmware 16 and later have one.
     pub eeprom_netmask: Option<Ipv4Addr>,
@@ -132,8 +134,8 @@ impl Identity {
     /// The name of a 7I97T.
     const I7I97T: &str = "7I97T";
 
-    /// The board turned out to be a 7I97T by its firmware ([`Idrom::is_7i97t`]), whatever the card's
-    /// name is: its jumpers mean something else than those of a 7I97.
+    /// Records that the board is a 7I97T according to its firmware ([`Idrom::is_7i97t`]), whatever
+    /// the card's name is: its jumpers have other meanings than those of a 7I97.
     ///
     /// [`Idrom::is_7i97t`]: crate::hostmot2::Idrom::is_7i97t
     pub fn is_of_7i97t(&mut self) {
@@ -144,8 +146,8 @@ impl Identity {
     /// Bytes of the answer to the [`question`](Self::question).
     pub const ANSWER: usize = 2 * WORDS;
 
-    /// The packet that asks a board who it is. It writes nothing, so that it disturbs neither a board
-    /// that another program drives nor anything else that gets it.
+    /// The packet that requests the identity of a board. Writes nothing, so that it disturbs
+    /// neither a board that another program drives nor any other device that receives it.
     pub fn question() -> Vec<u8> {
         let mut request = RequestBuilder::default();
         let reads = [
@@ -165,10 +167,10 @@ impl Identity {
         request.bytes
     }
 
-    /// Who answers.
+    /// Parses the answer to the [`question`](Self::question).
     ///
     /// # Errors
-    /// [`Lbp16Error::Cookie`]: what answers is no LBP16 board.
+    /// [`Lbp16Error::Cookie`]: the answer is not that of an LBP16 board.
     pub fn parse(answer: &[u8; Self::ANSWER]) -> Result<Self, Lbp16Error> {
         let mut words = [0; WORDS];
         for (word, bytes) in words.iter_mut().zip(answer.as_chunks().0) {
@@ -206,10 +208,10 @@ impl Identity {
 }
 
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// Who it is, if it is an LBP16 board at all. Writes nothing.
+    /// The identity of the board, if it is an LBP16 board at all. Writes nothing.
     ///
     /// # Errors
-    /// [`Lbp16Error::Cookie`], and those of the bus.
+    /// [`Lbp16Error::Cookie`], and errors of the bus.
     pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
         let mut answer = [0; Identity::ANSWER];
         let question = Identity::question();

@@ -1,4 +1,4 @@
-//! What a board counted, what it shows, and its EEPROM.
+//! Counters, LEDs and EEPROM of a board.
 
 use core::{net::Ipv4Addr, time::Duration};
 
@@ -6,20 +6,21 @@ use super::{EthernetBoard, EthernetError, Lbp16Board};
 use crate::lbp16::registers::{control, eeprom, read_only};
 use crate::lbp16::{Command, ErrorRegister, InfoArea, Space};
 
-/// What a board counted since it was reset; 16 bits, they wrap around.
+/// Counters of a board since its last reset; 16 bits, wrapping around.
 ///
 /// Source: manual 7I97, "SPACE 6 LBP STATUS/CONTROL AREA".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Counters {
-    /// Which errors there were.
+    /// The errors that have occurred.
     #[cfg_attr(feature = "serde", serde(serialize_with = "error_names"))]
     pub errors: ErrorRegister,
     /// Commands that could not be parsed.
     pub parse_errors: u16,
-    /// Accesses to memory that is not there.
+    /// Accesses to memory that does not exist.
     pub memory_errors: u16,
-    /// Writes to what can not be written.
+    /// Writes to memory that cannot be written.
     pub write_errors: u16,
     /// Packets received, of any kind.
     pub received: u16,
@@ -35,7 +36,7 @@ pub struct Counters {
     pub sent_bad: u16,
 }
 
-/// The errors by their names.
+/// Serializes the errors by their names.
 #[cfg(feature = "serde")]
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
 fn error_names<S: serde::Serializer>(
@@ -45,23 +46,24 @@ fn error_names<S: serde::Serializer>(
     serializer.collect_seq(errors.iter_names().map(|(name, _)| name))
 }
 
-/// When the board received this packet and sent the one before, in microseconds of its own
-/// clock, which wraps around after 65.536 ms.
+/// Times at which the board received this packet and sent the previous one, in microseconds of its
+/// own clock, which wraps around after 65.536 ms.
 ///
 /// Source: manual 7I97, "MEMORY SPACE 7 LAYOUT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Timestamps {
-    /// The packet began to arrive.
+    /// Start of the reception.
     pub receive_start: u16,
-    /// It had arrived.
+    /// End of the reception.
     pub receive_done: u16,
-    /// The reply before this began to be sent.
+    /// Start of sending the previous reply.
     pub send_start: u16,
-    /// It had been sent.
+    /// End of sending the previous reply.
     pub send_done: u16,
 }
 
-/// What the user LEDs of a board show.
+/// Source of the user LEDs of a board.
 ///
 /// Source: manual 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode, and "ETHERNET EEPROM LAYOUT", DEBUG LED
 /// Mode: only the lowest bit counts.
@@ -69,18 +71,18 @@ pub struct Timestamps {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum LedMode {
-    /// What `HostMot2` says: the pins `led.CR01` to `led.CR04`.
+    /// `HostMot2`: the pins `led.CR01` to `led.CR04`.
     HostMot2 = 0,
-    /// A variable of the network side, usually the number of packets received. Boards come so.
+    /// A variable of the network side, usually the number of packets received. The factory setting.
     Debug = 1,
 }
 
-/// Which mode of the LEDs is meant.
+/// Selects one of the two settings of the LED mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LedTime {
-    /// The present one, until the board restarts.
+    /// The current mode, until the board restarts.
     Now,
-    /// That of the EEPROM, which each restart makes the present one.
+    /// The mode in the EEPROM, which becomes the current one at each restart.
     AtStart,
 }
 
@@ -93,23 +95,23 @@ impl LedTime {
     }
 }
 
-/// What the board says.
+/// Queries.
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// What a memory space says about itself.
+    /// The information area of a memory space.
     ///
     /// # Errors
-    /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie) if the firmware does not have it, and
-    /// those of the bus.
+    /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie) if the firmware does not have it,
+    /// and errors of the bus.
     pub fn space_info(&mut self, space: Space) -> Result<InfoArea, EthernetError<B::Error>> {
         let read = Command::read_info(space, InfoArea::WORDS as u8);
         let words = self.ask(|request| request.command(read, 0, &[]))?;
         Ok(InfoArea::parse(space, words)?)
     }
 
-    /// What it counted.
+    /// The counters.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn counters(&mut self) -> Result<Counters, EthernetError<B::Error>> {
         let [errors, counted @ ..]: [u16; 10] = self.words(Space::Control, control::ERROR)?;
         let [parse_errors, memory_errors, write_errors, packets @ ..] = counted;
@@ -135,10 +137,10 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         })
     }
 
-    /// Its clock at the last packets, to measure where time goes.
+    /// The board's clock at the last packets, to measure the parts of a round trip.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError<B::Error>> {
         let words = self.words(Space::ReadOnly, read_only::RECEIVE_START)?;
         let [receive_start, receive_done, send_start, send_done] = words;
@@ -150,10 +152,10 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         })
     }
 
-    /// What the user LEDs show.
+    /// The source of the user LEDs.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn led_mode(&mut self, time: LedTime) -> Result<LedMode, EthernetError<B::Error>> {
         let (space, address) = time.register();
         let [word] = self.words(space, address)?;
@@ -164,14 +166,14 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     }
 }
 
-/// What is set. What is written to the EEPROM is read back.
+/// Settings. Writes to the EEPROM are read back.
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// Sets the error register and the counters of errors to 0.
+    /// Sets the error register and the error counters to 0.
     ///
-    /// The counters of packets stay: they serve to tell packets apart.
+    /// The packet counters are kept: the bus uses them to account for packets.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
         let [_] = self.ask(|request| {
             // The register, and the counters of parse, memory and write errors behind it.
@@ -183,14 +185,14 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         Ok(())
     }
 
-    /// Gives the user LEDs to the FPGA or to the network side, and reads the mode back. Until they
-    /// are the FPGA's, the driver's LED pins show nothing.
+    /// Assigns the user LEDs to the FPGA or to the network side, and reads the mode back. The
+    /// driver's LED pins have no effect until the LEDs are assigned to the FPGA.
     ///
-    /// Writes only what changes, for the EEPROM wears out with writes, and keeps the other bits of
-    /// the register.
+    /// Writes only on a change, because the EEPROM wears out with writes, and keeps the other bits
+    /// of the register.
     ///
     /// # Errors
-    /// [`EthernetError::NotKept`], and those of the bus.
+    /// [`EthernetError::NotKept`], and errors of the bus.
     pub fn set_led_mode(
         &mut self,
         time: LedTime,
@@ -207,10 +209,10 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
 
     /// Sets the IP address in the EEPROM.
     ///
-    /// The board uses it from its next start on, if its jumpers say "fixed from EEPROM".
+    /// The board uses it from its next start on, if its jumpers select "fixed from EEPROM".
     ///
     /// # Errors
-    /// [`EthernetError::NotKept`], and those of the bus.
+    /// [`EthernetError::NotKept`], and errors of the bus.
     pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
         self.write_words(Space::Eeprom, eeprom::IP_ADDRESS, low_first(address), !0)
     }
@@ -218,20 +220,20 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// Sets the netmask in the EEPROM. Needs firmware 16 or later.
     ///
     /// # Errors
-    /// [`EthernetError::Firmware`], [`EthernetError::NotKept`], and those of the bus.
+    /// [`EthernetError::Firmware`], [`EthernetError::NotKept`], and errors of the bus.
     pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
         self.need_firmware(eeprom::NETMASK_FIRMWARE)?;
         self.write_words(Space::Eeprom, eeprom::NETMASK, low_first(netmask), !0)
     }
 
-    /// Restarts the board's protocol processor. It answers again after up to half a second, with
-    /// the address that its jumpers say.
+    /// Restarts the board's protocol processor. The board answers again after up to half a second,
+    /// at the address that its jumpers select.
     ///
-    /// Nothing answers this, so that a packet that is lost on the way is not noticed here: after
-    /// a restart, [`counters`](Self::counters) begin at 0.
+    /// The command is not answered, so that its loss is not detected here: after a restart,
+    /// [`counters`](Self::counters) start at 0.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn reset(&mut self) -> Result<(), EthernetError<B::Error>> {
         self.send_control(control::RESET, &[1])?;
         self.bus.wait(Duration::from_millis(500));
@@ -240,13 +242,13 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
 
     /// Makes the FPGA load its configuration from flash memory again. Needs firmware 15 or later.
     ///
-    /// All outputs go off meanwhile, and every register is lost. `user` is where the user
-    /// configuration begins in the flash memory, `fallback` where the other one does.
+    /// All outputs go off meanwhile, and every register is lost. `user` is the start of the user
+    /// configuration in the flash memory, `fallback` that of the fallback.
     ///
-    /// Nothing answers this either, see [`reset`](Self::reset).
+    /// The command is not answered either, see [`reset`](Self::reset).
     ///
     /// # Errors
-    /// [`EthernetError::Firmware`], and those of the bus.
+    /// [`EthernetError::Firmware`], and errors of the bus.
     pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError<B::Error>> {
         self.need_firmware(read_only::RELOAD_FIRMWARE)?;
         self.send_control(control::ICAP, &icap_reboot(user, fallback))?;
@@ -268,8 +270,8 @@ fn low_first(address: Ipv4Addr) -> [u16; 2] {
     [bits as u16, (bits >> 16) as u16]
 }
 
-/// What the configuration port of a Spartan-6 takes to load from another address of its flash
-/// memory (the IPROG sequence of its configuration guide).
+/// Words for the configuration port of a Spartan-6 that make it load from another address of its
+/// flash memory (the IPROG sequence of its configuration guide).
 fn icap_reboot(user: u32, fallback: u32) -> [u16; 14] {
     /// Command byte of the flash memory for a fast read.
     const FAST_READ: u16 = 0x0B00;
@@ -299,7 +301,8 @@ mod tests {
     use crate::lbp16::Operations;
     use alloc::vec::Vec;
 
-    /// A register of the mode whose other bits are the board's own and change, or that keeps nothing.
+    /// A mode register whose other bits are the board's own and change; `is_stuck`: it keeps no
+    /// write.
     #[derive(Debug)]
     struct Leds {
         word: u16,

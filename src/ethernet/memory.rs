@@ -1,4 +1,4 @@
-//! Registers of any space, by hand.
+//! Direct access to registers of any space.
 
 use alloc::{vec, vec::Vec};
 
@@ -7,22 +7,22 @@ use super::{EthernetBoard, EthernetError, Lbp16Board};
 use crate::lbp16::registers::{control, eeprom, timer};
 use crate::lbp16::{ElementSize, MAX_COUNT, Space, elements};
 
-/// Error counters of the board, which are read in front of an access and behind it.
+/// Error counters of the board, which are read before and after an access.
 const COUNTERS: u8 = 3;
-/// Their bytes.
+/// Their size in bytes.
 const COUNTED: usize = 2 * COUNTERS as usize;
 
-/// By hand.
+/// Direct access to registers.
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// Reads `count` neighbouring registers of a space, 1 or more, each of the space's
-    /// [own size](Space::element).
+    /// Reads `count` neighbouring registers of a space, 1 or more, each of the space's [own
+    /// size](Space::element).
     ///
-    /// Reading has effects in some places: the data port of the flash memory moves its address on,
-    /// and registers of the timer space wait.
+    /// Reading has side effects in some places: the data port of the flash memory increments its
+    /// address, and registers of the timer space wait.
     ///
     /// # Errors
-    /// [`EthernetError::NoRegister`] if they are not inside of the 64 KB that an address reaches, or
-    /// if the board counts an error meanwhile, and those of the bus.
+    /// [`EthernetError::NoRegister`] if the registers are not inside of the 64 KB that an address
+    /// covers, or if the board counts an error during the access, and errors of the bus.
     pub fn peek(
         &mut self,
         space: Space,
@@ -34,25 +34,25 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         let size = space.element().bytes() as u16;
         for done in (0..count).step_by(MAX_COUNT.into()) {
             let part = count.saturating_sub(done).min(MAX_COUNT.into()) as u8;
-            // Inside of the 64 KB, as was checked.
+            // Inside of the 64 KB, as checked above.
             let at = address.saturating_add(done.saturating_mul(size));
             values.extend(self.access(space, at, part, None)?);
         }
         Ok(values)
     }
 
-    /// Writes neighbouring registers of a space, 1 to 127, in one packet, and reads them back. Of
-    /// 16-bit registers the low half of each value counts.
+    /// Writes neighbouring registers of a space, 1 to 127, in one packet, and reads them back. For
+    /// 16-bit registers the low half of each value is used.
     ///
-    /// What is written to the EEPROM is enabled first. A packet whose reply is lost is sent again: for
-    /// what must not happen twice, and for `HostMot2`'s registers, there is
+    /// Writes to the EEPROM are enabled first. A packet whose reply is lost is sent again: for
+    /// writes that must not happen twice, and for `HostMot2`'s registers, use
     /// [`RegisterBus`](crate::bus::RegisterBus).
     ///
     /// # Errors
-    /// [`EthernetError::NoRegister`] as for [`peek`](Self::peek), and for what can not be written:
-    /// the spaces 5 and 7, the first 0x20 bytes of the EEPROM, the scratch registers of the timer
-    /// space, in which buses number their packets (FACTS 10.1), and the flash memory, which is
-    /// written through [`Flash`](super::Flash); and those of the bus.
+    /// [`EthernetError::NoRegister`] as for [`peek`](Self::peek), and for registers that cannot be
+    /// written: the spaces 5 and 7, the first 0x20 bytes of the EEPROM, the scratch registers of
+    /// the timer space, in which buses number their packets (FACTS 10.1), and the flash memory,
+    /// which is written through [`Flash`](super::Flash); and errors of the bus.
     pub fn poke(
         &mut self,
         space: Space,
@@ -64,7 +64,8 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         self.access(space, address, count, Some(values))
     }
 
-    /// Whether [`poke`](Self::poke) writes `count` registers from an address on, without writing any.
+    /// Checks that [`poke`](Self::poke) accepts `count` registers from an address on, without
+    /// writing any.
     ///
     /// # Errors
     /// [`EthernetError::NoRegister`], as for [`poke`](Self::poke).
@@ -94,7 +95,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         })
     }
 
-    /// One packet: the counters of errors, the write, the read, the counters again.
+    /// Runs one packet: the error counters, the write, the read, and the counters again.
     fn access(
         &mut self,
         space: Space,
@@ -121,7 +122,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         })?;
         let (before, rest) = reply.split_at_checked(COUNTED).unwrap_or_default();
         let (read, after) = rest.split_at_checked(len).unwrap_or_default();
-        // The counters themselves may be what is written.
+        // The write may have changed the counters themselves.
         if before != after && space != Space::Control {
             return Err(EthernetError::NoRegister {
                 space,
@@ -134,13 +135,13 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     }
 }
 
-/// The address behind so many registers.
+/// The address behind `count` registers.
 fn end(space: Space, address: u16, count: usize) -> usize {
     let bytes = count.saturating_mul(space.element().bytes());
     bytes.saturating_add(address.into())
 }
 
-/// Whether there can be so many registers from an address on.
+/// Checks that `count` registers can exist from an address on.
 fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetError<E>> {
     let size = space.element().bytes();
     let reason = if !usize::from(address).is_multiple_of(size) {

@@ -1,10 +1,10 @@
-//! Ethernet boards beside their registers: who they are, their EEPROM, their flash memory.
+//! Ethernet boards apart from their registers: identity, EEPROM and flash memory.
 //!
-//! A [`EthernetBoard`] is made from a bus that executes LBP16 packets ([`Lbp16Board`]), for example
-//! [`UdpBus`](crate::transport::udp::UdpBus). All of it is for set-up and maintenance; the cycle
-//! goes through [`RegisterBus`](crate::bus::RegisterBus).
+//! An [`EthernetBoard`] is made from a bus that executes LBP16 packets ([`Lbp16Board`]), for
+//! example [`UdpBus`](crate::transport::udp::UdpBus). All of it is for set-up and maintenance; the
+//! cycle uses [`RegisterBus`](crate::bus::RegisterBus).
 
-// A wrong sum would be a write to a wrong place.
+// A wrong sum would write to a wrong address.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod bitfile;
@@ -19,7 +19,7 @@ mod restart;
 pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Difference, Flash, FlashStep};
+pub use flash::{Area, Flash, FlashDifference, FlashStep};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

@@ -1,4 +1,4 @@
-//! What the rest of this module needs of a board: LBP16 packets with answers.
+//! Interface of the rest of this module to a board: LBP16 packets with answers.
 
 use core::time::Duration;
 
@@ -9,18 +9,18 @@ use crate::lbp16::{Command, Lbp16Error, RequestBuilder, Space};
 
 /// A board that executes LBP16 commands.
 ///
-/// For set-up only: a packet of which no reply came is sent again a bounded number of times, so
-/// it must do no harm twice. Nothing in this module does.
+/// For set-up only: a packet without a reply is sent again a bounded number of times, so executing
+/// it twice must be harmless. All packets of this module are.
 pub trait Lbp16Board: Clock {
-    /// What can go wrong on the way to it.
+    /// Errors of the transport.
     type Error;
 
-    /// Executes `commands` as one packet, and fills `reply` with what they read.
+    /// Executes `commands` as one packet, and fills `reply` with the data read.
     ///
     /// `deadline` is for each try.
     ///
     /// # Errors
-    /// No reply of this length came.
+    /// No reply of this length arrived.
     fn run_commands(
         &mut self,
         commands: &[u8],
@@ -31,20 +31,20 @@ pub trait Lbp16Board: Clock {
     /// Sends commands that the board will not answer, because it restarts.
     ///
     /// # Errors
-    /// They were not sent.
+    /// The commands were not sent.
     fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error>;
 }
 
-/// An Ethernet board beside its HostMot2 registers.
+/// An Ethernet board, apart from its HostMot2 registers.
 ///
-/// Everything here is for set-up: it takes milliseconds, and tries again when a packet is lost. Every
-/// error but [`EthernetError::Bus`] is of what the board answers, or of what it is asked for.
+/// All functions are for set-up: they take milliseconds, and repeat lost packets. Every error
+/// except [`EthernetError::Bus`] comes from the answer of the board, or from the arguments.
 #[derive(Debug)]
 pub struct EthernetBoard<'a, B> {
     pub(super) bus: &'a mut B,
 }
 
-/// How long anything but flash memory takes at most.
+/// Longest time of any operation except those on flash memory.
 pub(super) const QUICK: Duration = Duration::from_millis(50);
 
 impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
@@ -53,7 +53,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         Self { bus }
     }
 
-    /// Runs the packet that `build` makes; the reply fills `reply`.
+    /// Runs the packet that `build` makes; the answer fills `reply`.
     pub(super) fn run<T>(
         &mut self,
         reply: &mut [u8],
@@ -67,7 +67,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
             .map_err(EthernetError::Bus)
     }
 
-    /// The same for a packet that reads `N` words.
+    /// As [`run`](Self::run), for a packet that reads `N` words.
     pub(super) fn ask<const N: usize, T>(
         &mut self,
         build: impl FnOnce(&mut RequestBuilder) -> Result<T, Lbp16Error>,
@@ -96,7 +96,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     ) -> Result<(), EthernetError<B::Error>> {
         let found: [u16; N] = self.ask(|request| {
             if space == Space::Eeprom {
-                // Cleared at the end of every packet, so it stands in front of the write.
+                // Cleared at the end of every packet, so it precedes the write in the same packet.
                 let enable = control::ENABLE_EEPROM.to_le_bytes();
                 request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
             }
@@ -118,7 +118,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         Ok(())
     }
 
-    /// Writes one control register several times; the board does not answer.
+    /// Writes several values to one control register; the board does not answer.
     pub(super) fn send_control(
         &mut self,
         address: u16,

@@ -1,16 +1,16 @@
-//! Whether a board has restarted.
+//! Detection of a restart.
 
 use super::{Counters, EthernetBoard, EthernetError, Lbp16Board};
 
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// Whether the board has restarted since it counted `before`, by its count of packets, which
-    /// begins at 0 again. Returns what it has counted since.
+    /// Checks that the board has restarted since `before` was read, by its count of packets, which
+    /// starts again at 0. Returns the current counters.
     ///
     /// Call it again, a bounded number of times, while the board does not answer yet.
     ///
     /// # Errors
-    /// [`EthernetError::NotRestarted`] if it goes on counting: the packet with the command was lost.
-    /// Those of the bus while it does not answer.
+    /// [`EthernetError::NotRestarted`] if the count has grown: the packet with the command was
+    /// lost. Errors of the bus while the board does not answer.
     pub fn restarted(&mut self, before: &Counters) -> Result<Counters, EthernetError<B::Error>> {
         let after = self.counters()?;
         if after.received_udp > before.received_udp {

@@ -62,7 +62,7 @@ impl PinId {
 }
 
 /// Longest chain of enables that is followed: more than any output needs.
-const MOST_ENABLES: usize = 8;
+const MAX_ENABLES: usize = 8;
 
 #[cfg(feature = "std")]
 impl GroupId {
@@ -127,7 +127,7 @@ impl Pins {
     pub fn enables(&self, pin: PinId) -> impl Iterator<Item = PinId> + '_ {
         let next = |pin: &PinId| self.info_of(*pin)?.enabled_by;
         // Bounds a circular chain, which the maker of the pins may have built by mistake.
-        core::iter::successors(next(&pin), next).take(MOST_ENABLES)
+        core::iter::successors(next(&pin), next).take(MAX_ENABLES)
     }
 
     /// Reads a pin, a parameter, or the value to which the application has set an output.

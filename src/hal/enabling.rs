@@ -5,7 +5,7 @@ use super::rule::NONE;
 use super::{Output, Pins};
 
 /// Longest chain of enables that is followed: more than any output needs.
-const MOST_ENABLES: usize = 8;
+const MAX_ENABLES: usize = 8;
 
 /// Enable state of one pin, both as an output and as an enable of others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +75,7 @@ impl Pins {
             own(self, if on { round } else { 0 });
         }
         let mut next = Some(by).filter(|by| *by != output);
-        for _ in 0..MOST_ENABLES {
+        for _ in 0..MAX_ENABLES {
             let Some(enable) = next.and_then(|pin| self.enabling(pin)) else {
                 return;
             };
@@ -98,7 +98,7 @@ impl Pins {
     /// Changes an enable and the ones that it needs in turn.
     fn each_enable(&mut self, first: usize, change: impl Fn(&mut Enabling)) {
         let mut next = Some(first);
-        for _ in 0..MOST_ENABLES {
+        for _ in 0..MAX_ENABLES {
             let Some(rule) = next.and_then(|pin| self.rules.get_mut(pin)) else {
                 return;
             };

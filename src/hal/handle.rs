@@ -53,7 +53,7 @@ impl<K, T> Handle<K, T> {
 ///     pins.read(limit_switch).value
 /// }
 /// ```
-pub type Input<T> = Handle<kind::Input, T>;
+pub type Input<T> = Handle<kind::InputKind, T>;
 
 /// A pin that the application sets and the machine follows.
 ///
@@ -64,14 +64,14 @@ pub type Input<T> = Handle<kind::Input, T>;
 ///     pins.set(volts, true);
 /// }
 /// ```
-pub type Output<T> = Handle<kind::Output, T>;
+pub type Output<T> = Handle<kind::OutputKind, T>;
 
 /// A pin that both sides set, such as `index-enable`: the application switches it on, the machine
 /// switches it off when the index has come.
-pub type InOut<T> = Handle<kind::InOut, T>;
+pub type InOut<T> = Handle<kind::InOutKind, T>;
 
 /// A parameter: a setting of a pin, or of the remote itself.
-pub type Param<T> = Handle<kind::Param, T>;
+pub type Param<T> = Handle<kind::ParamKind, T>;
 
 impl<T> InOut<T> {
     /// The machine's half: a handle that reads or publishes the pin and does not set it.
@@ -87,38 +87,38 @@ impl<T> InOut<T> {
 
 /// Kinds of handles, and the operations that each permits.
 pub mod kind {
-    /// Kind of an [`Input`](super::Input).
+    /// Kind of an [`InputKind`](super::Input).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct Input;
+    pub struct InputKind;
 
-    /// Kind of an [`Output`](super::Output).
+    /// Kind of an [`OutputKind`](super::Output).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct Output;
+    pub struct OutputKind;
 
-    /// Kind of an [`InOut`](super::InOut).
+    /// Kind of an [`InOutKind`](super::InOut).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct InOut;
+    pub struct InOutKind;
 
-    /// Kind of a [`Param`](super::Param).
+    /// Kind of a [`ParamKind`](super::Param).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct Param;
+    pub struct ParamKind;
 
     /// Kinds that an application can read.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that can be read")]
     pub trait Readable: Copy {}
-    impl Readable for Input {}
-    impl Readable for InOut {}
+    impl Readable for InputKind {}
+    impl Readable for InOutKind {}
 
     /// Kinds that an application can set.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that an application can set")]
     pub trait Settable: Copy {}
-    impl Settable for Output {}
-    impl Settable for InOut {}
+    impl Settable for OutputKind {}
+    impl Settable for InOutKind {}
 
     /// Kinds to which a driver can give values.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that a driver can publish")]
     pub trait Publishable: Copy {}
-    impl Publishable for Input {}
-    impl Publishable for InOut {}
-    impl Publishable for Param {}
+    impl Publishable for InputKind {}
+    impl Publishable for InOutKind {}
+    impl Publishable for ParamKind {}
 }

@@ -5,7 +5,7 @@ use alloc::string::String;
 use super::{MAX_NAME, Pins};
 
 /// Largest number of names that are compared.
-const MOST_NAMES: usize = 10_000;
+const MAX_NAMES: usize = 10_000;
 
 /// Finds the existing name nearest to one that does not exist. The first choice is a name that ends
 /// in `wanted` after a point. Otherwise it is the name, or end of a name, that the fewest changed
@@ -16,7 +16,7 @@ pub(crate) fn nearest<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
     wanted: &str,
 ) -> Option<String> {
-    let names = names.take(MOST_NAMES);
+    let names = names.take(MAX_NAMES);
     if let Some(name) = names.clone().find(|name| is_end(name, wanted)) {
         return Some(name.into());
     }

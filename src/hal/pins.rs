@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::kind::{Readable, Settable};
-use super::rule::{Rule, Slot};
+use super::rule::{PinSlot, Rule};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
     Reading, Rejections, Role, Value,
@@ -51,7 +51,7 @@ use crate::bus::Instant;
 #[derive(Debug, Default)]
 pub struct Pins<End: ?Sized = [()]> {
     pub(super) id: u32,
-    pub(super) slots: Vec<Slot>,
+    pub(super) slots: Vec<PinSlot>,
     /// One for each slot.
     pub(super) rules: Vec<Rule>,
     pub(super) infos: Vec<PinInfo>,
@@ -59,7 +59,7 @@ pub struct Pins<End: ?Sized = [()]> {
     pub(super) by_name: BTreeMap<String, u32>,
     pub(super) groups: Vec<Group>,
     /// Parts of groups; a [`GroupId`] is an index into these.
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<GroupPart>,
     /// Incremented when a parameter changes.
     pub(super) settings: u64,
     /// Incremented when an output is newly enabled or held.
@@ -102,7 +102,7 @@ pub(super) struct Group {
 
 /// A part of a group: pins whose changes are detected together.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part {
+pub(super) struct GroupPart {
     pub group: u32,
     /// Incremented when the required values of its outputs may have changed.
     pub version: u64,
@@ -358,7 +358,7 @@ impl Pins {
     }
 
     /// The slot and the group of a pin; a pin of another store is counted.
-    pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
+    pub(super) fn slot(&self, key: Key) -> Option<(&PinSlot, &Group)> {
         let slot = self.index(key).and_then(|index| self.slots.get(index));
         let found = slot.and_then(|slot| Some((slot, self.groups.get(slot.group as usize)?)));
         if found.is_none() {
@@ -368,7 +368,7 @@ impl Pins {
     }
 
     /// The slot of a pin, mutable; a pin of another store is counted.
-    pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
+    pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut PinSlot> {
         let index = self.index(key);
         if index.is_none() {
             self.count_foreign();
@@ -380,7 +380,7 @@ impl Pins {
         Some(self.part(group)?.group as usize)
     }
 
-    pub(super) fn part(&self, group: GroupId) -> Option<&Part> {
+    pub(super) fn part(&self, group: GroupId) -> Option<&GroupPart> {
         self.parts.get(self.index(group.0)?)
     }
 
@@ -399,7 +399,7 @@ impl Pins {
 
     /// The value of a pin as the application sees it: for a held output its safe value.
     #[inline]
-    pub(super) fn shown(&self, index: usize, slot: &Slot) -> u64 {
+    pub(super) fn shown(&self, index: usize, slot: &PinSlot) -> u64 {
         if !slot.is_free
             && slot.role == Role::Output
             && self.is_held(index)

@@ -5,6 +5,7 @@ use core::time::Duration;
 /// Counts of values that were replaced instead of used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Rejections {
     /// Not a number, or infinite.
     pub not_finite: u64,
@@ -24,6 +25,7 @@ impl Rejections {
 
 /// Reason why a value was replaced instead of used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Rejection {
     /// NaN or infinite.
     NotFinite,
@@ -33,6 +35,7 @@ pub enum Rejection {
 
 /// Time since the last good transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub struct Age {
     /// In cycles: 0 if this read completed the transfer that the last write started.
     pub cycles: u64,
@@ -53,6 +56,7 @@ impl Age {
 /// Result of reading a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
+#[non_exhaustive]
 pub struct Reading<T> {
     /// The value: the last good one if `valid` is false, or the type's zero if there was none yet.
     pub value: T,

@@ -43,7 +43,7 @@ pub struct FullScale {
 /// The part of a pin that every cycle accesses, kept small because there are hundreds of them and a
 /// cycle finds them out of the cache. Values are kept as bits: see [`Value::to_bits`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Slot {
+pub(super) struct PinSlot {
     pub bits: u64,
     pub group: u32,
     /// Index of the part within the store.
@@ -86,7 +86,7 @@ pub(super) struct Rule {
 
 impl Rule {
     /// Applies the current values of the parameters. A limit never exceeds the pin's own limits.
-    pub fn apply<T: Value>(&mut self, slots: &[Slot], settings: u64) {
+    pub fn apply<T: Value>(&mut self, slots: &[PinSlot], settings: u64) {
         let param = |index: u32| Some(f64::from_bits(slots.get(index as usize)?.bits));
         let (min, max) = (T::from_bits(self.min), T::from_bits(self.max));
         let limit = |index: u32, otherwise: T| match param(index).map(T::from_f64) {
@@ -164,7 +164,7 @@ pub(super) fn make_slot<T: Value>(
     role: Role,
     spec: &Spec,
     initial: T,
-) -> Result<(Slot, Rule), PinError> {
+) -> Result<(PinSlot, Rule), PinError> {
     let group = pins.part(part).ok_or(PinError::ForeignHandle)?.group;
     let parameter = |key: Option<Key>| match key {
         None => Ok(NONE),
@@ -194,7 +194,7 @@ pub(super) fn make_slot<T: Value>(
         });
     }
     let safe = initial.to_bits();
-    let slot = Slot {
+    let slot = PinSlot {
         bits: safe,
         group,
         part: part.0.index,

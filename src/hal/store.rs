@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::kind::{Publishable, Settable};
-use super::pins::{Group, Part};
+use super::pins::{Group, GroupPart};
 use super::rule::NONE;
 use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
 use crate::bus::Instant;
@@ -100,7 +100,7 @@ impl PinStore {
     /// # Errors
     /// [`PinError::ForeignHandle`] for a group of another store.
     pub fn add_part(&mut self, group: GroupId) -> Result<GroupId, PinError> {
-        let Part { group, .. } = *self.part(group).ok_or(PinError::ForeignHandle)?;
+        let GroupPart { group, .. } = *self.part(group).ok_or(PinError::ForeignHandle)?;
         Ok(self.push_part(group))
     }
 
@@ -121,7 +121,7 @@ impl PinStore {
 
     fn push_part(&mut self, group: u32) -> GroupId {
         let part = self.key(self.parts.len() as u32);
-        self.parts.push(Part { group, version: 0 });
+        self.parts.push(GroupPart { group, version: 0 });
         GroupId(part)
     }
 }

@@ -6,7 +6,7 @@ use super::pin::list_of;
 use super::{
     Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor, TrailingEntry,
 };
-use crate::bus::{Access, BoardIdentity, Effort, RegisterBus};
+use crate::bus::{Access, AccessList, BoardIdentity, Effort, RegisterBus};
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
 use alloc::format;
@@ -77,8 +77,8 @@ impl HostMot2 {
     /// As [`identify`](Self::identify).
     pub(crate) fn describe<B: RegisterBus>(
         bus: &mut B,
-    ) -> Result<(Self, Description), IdentifyError<B::Error>> {
-        let mut description = Description::default();
+    ) -> Result<(Self, FirmwareWords), IdentifyError<B::Error>> {
+        let mut description = FirmwareWords::default();
         let mut words = [0; 4];
         description.read(bus, COOKIE_ADDRESS, &mut words)?;
         let start = idrom_address(words)?;
@@ -214,18 +214,18 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
 
 /// The words of a firmware's description of itself.
 #[derive(Debug, Default)]
-pub(crate) struct Description(Vec<(Vec<Access>, Box<[u32]>)>);
+pub(crate) struct FirmwareWords(Vec<(Vec<Access>, Box<[u32]>)>);
 
 /// Detects whether the same board with the same firmware still answers.
 #[derive(Debug)]
-pub(crate) struct Known<L> {
+pub(crate) struct FirmwareCheck {
     board: BoardIdentity,
-    parts: Vec<(L, Box<[u32]>)>,
+    parts: Vec<(AccessList, Box<[u32]>)>,
     /// Buffer as long as the longest part.
     now: Box<[u32]>,
 }
 
-impl<L: AsRef<[Access]>> Known<L> {
+impl FirmwareCheck {
     /// True if the board is the same one and its description still consists of the same words.
     ///
     /// # Errors
@@ -235,7 +235,7 @@ impl<L: AsRef<[Access]>> Known<L> {
     /// With [`Effort::Once`] five exchanges, without allocation.
     pub fn is_still<B>(&mut self, bus: &mut B, effort: Effort) -> Result<bool, B::Error>
     where
-        B: RegisterBus<List = L>,
+        B: RegisterBus,
     {
         if bus.board(effort)? != self.board {
             return Ok(false);
@@ -256,17 +256,17 @@ impl<L: AsRef<[Access]>> Known<L> {
     }
 }
 
-impl Description {
+impl FirmwareWords {
     /// Prepares reading the description again on this bus.
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
+    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<FirmwareCheck, B::Error> {
         let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();
         let parts = self.0.into_iter();
         let parts = parts.map(|(accesses, words)| Ok((bus.prepare(&accesses, None)?, words)));
-        Ok(Known {
+        Ok(FirmwareCheck {
             board,
             parts: parts.collect::<Result<_, _>>()?,
             now: vec![0; longest.unwrap_or_default()].into(),

@@ -16,6 +16,7 @@ pub(super) fn name(low: u32, high: u32) -> String {
 ///
 /// Source: FACTS 9.1.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Idrom {
     /// 3, or 2 in old firmware.
     pub idrom_type: u32,

@@ -10,6 +10,7 @@ use alloc::vec::Vec;
 ///
 /// Source: FACTS 13.3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct PortRegisters<T> {
     /// Written: the levels of plain outputs. Read: the levels of all pins.
     pub data: T,
@@ -25,6 +26,7 @@ pub struct PortRegisters<T> {
 
 /// An I/O port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct IoPort {
     /// Addresses of its registers.
     pub address: PortRegisters<u16>,
@@ -34,6 +36,7 @@ pub struct IoPort {
 
 /// A pin of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct PinPlace {
     /// Number of the port.
     pub port: u8,

@@ -17,7 +17,7 @@ mod trailing;
 pub use error::{HostMot2Error, IdentifyError};
 pub use gtag::Gtag;
 pub use identify::HostMot2;
-pub(crate) use identify::{COOKIE, COOKIE_ADDRESS, Known};
+pub(crate) use identify::{COOKIE, COOKIE_ADDRESS, FirmwareCheck};
 pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;

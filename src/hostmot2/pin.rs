@@ -12,6 +12,7 @@ use core::fmt::{self, Write};
 ///
 /// Source: FACTS 9.1, 13.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct PinDescriptor {
     /// Number of the pin within the module; bit 7 is set if the module drives it.
     pub secondary_pin: u8,

@@ -11,6 +11,7 @@ use core::fmt;
 ///
 /// Source: FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct TrailingEntry {
     /// Its slot in the table of module descriptors, counted from 0.
     pub slot: u8,

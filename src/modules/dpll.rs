@@ -12,6 +12,7 @@ use crate::tally::Tally;
 
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct DpllPins {
     /// Times at which the four timers rise, in microseconds from the read; negative is before it.
     pub timer_us: [Output<f64>; 4],

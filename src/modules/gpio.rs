@@ -14,6 +14,7 @@ pub use crate::hostmot2::GpioConfig;
 ///
 /// A pin that a module uses cannot be set, and has a level only if the module reads it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct GpioPins {
     /// The level, and its opposite; absent for a pin that a module drives.
     pub input: Option<DigitalIn>,
@@ -30,12 +31,12 @@ pub struct GpioPins {
 /// All I/O pins.
 #[derive(Debug)]
 pub struct Gpio {
-    ports: Vec<Port>,
+    ports: Vec<GpioPort>,
 }
 
 /// An I/O port.
 #[derive(Debug)]
-struct Port {
+struct GpioPort {
     pins: Vec<(PinPlace, GpioPins)>,
     /// The registers as the modules use them, before any setting of the application.
     setup: PortRegisters<u32>,
@@ -69,7 +70,7 @@ impl Gpio {
         }
         let ports = (0..).zip(r.io.ports.clone()).map(|(number, port)| {
             let of_port = pins.iter().filter(|(place, _)| place.port == number);
-            Port::new(r, port, of_port.copied().collect())
+            GpioPort::new(r, port, of_port.copied().collect())
         });
         Ok(Self {
             ports: ports.collect(),
@@ -133,7 +134,7 @@ impl GpioPins {
     }
 }
 
-impl Port {
+impl GpioPort {
     /// Registers a port. Open drain comes last, and is cleared with the directions, because a pin
     /// with open drain is driven whatever its direction is (FACTS 12.2).
     fn new(

@@ -14,6 +14,7 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The pins of one input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct InMuxInput {
     /// The filtered level.
     pub filtered: DigitalIn,
@@ -29,6 +30,7 @@ pub struct InMuxInput {
 /// until they have been scanned (raw), or scanned as often as their filter takes (filtered, and the
 /// MPG counts on them): 0.5 ms with the short filter, 26 ms with the long one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct InMuxPins {
     /// Scan rate of all inputs, in Hz.
     pub scan_rate: Param<u32>,

@@ -79,6 +79,7 @@ pub trait Module: Any + fmt::Debug + Send {
 
 /// Input of [`Module::read`].
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct ReadCycle<'a> {
     /// The words that were read.
     pub words: &'a Words,
@@ -119,7 +120,7 @@ pub struct WriteCycle<'a> {
 
 impl WriteCycle<'_> {
     /// Includes the [extra registers](crate::bus::ImagePlan::read_extra) in the next read.
-    pub fn ask_extra(&mut self) {
+    pub fn request_extra(&mut self) {
         self.wants_extra = true;
     }
 }

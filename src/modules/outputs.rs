@@ -28,6 +28,7 @@ pub struct Outputs {
 
 /// The pins of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct NumberedOutput {
     /// The number within the module, used by names and by the bits of the register. A firmware need
     /// not begin with 0.

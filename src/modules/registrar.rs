@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::events::Sink;
+use super::events::EventSink;
 use super::undriven::check;
 use super::{RegisterError, Settings};
 
@@ -51,7 +51,7 @@ pub struct Registrar<'a> {
     pub pins: &'a mut PinStore,
     pub(crate) io: &'a mut IoPorts,
     /// Sink of the driver's events.
-    pub(crate) events: &'a Sink,
+    pub(crate) events: &'a EventSink,
     /// The plan in which registers are registered.
     pub image: &'a mut ImagePlan,
     /// The kinds of modules that were requested, see [`module`](Self::module).

@@ -1,6 +1,6 @@
 //! The registrations of the built-in modules on the firmwares of FACTS 9.2 and 9.3.
 
-use super::events::Sink;
+use super::events::EventSink;
 use alloc::{string::ToString, vec::Vec};
 
 use super::dpll::Dpll;
@@ -14,8 +14,8 @@ use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
-use crate::sslbp::Layout;
-use mesa_hal_sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+use crate::sslbp::PortLayout;
+use mesa_hal_sim::{SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, gtag, machines};
 
 /// The environment that a module registers with.
 struct Bench {
@@ -29,7 +29,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(firmware: Firmware) -> Self {
+    fn new(firmware: SimFirmware) -> Self {
         let mut fpga = SimFpga::new(firmware);
         let firmware = HostMot2::identify(&mut fpga).unwrap();
         let mut pins = PinStore::default();
@@ -57,7 +57,7 @@ impl Bench {
             group: self.group,
             status: self.group,
             pins: &mut self.pins,
-            events: &Sink::new("", 1),
+            events: &EventSink::new("", 1),
             io: &mut self.io,
             image: &mut self.plan,
             claimed: &mut Vec::new(),
@@ -199,10 +199,10 @@ fn addresses_follow_the_descriptor_and_not_the_usual_place() {
 #[test]
 fn each_instance_of_outm_has_its_register() {
     let mut firmware = machines::firmware_7i97(1);
-    let out_m = ModuleDescriptor::new(gtag::OUT_M, 0, 1, 2, 0xB000, 1, 0x00, 1);
+    let out_m = SimModuleDescriptor::new(gtag::OUT_M, 0, 1, 2, 0xB000, 1, 0x00, 1);
     firmware.modules.push(out_m);
     for (instance, pin) in [(0, 40), (1, 41)] {
-        firmware.pins[pin] = PinDescriptor::new(gtag::OUT_M, instance, 0x81);
+        firmware.pins[pin] = SimPinDescriptor::new(gtag::OUT_M, instance, 0x81);
     }
     let mut bench = Bench::new(firmware);
     let outputs = bench.register(Outputs::register).unwrap();
@@ -252,9 +252,9 @@ fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
 /// Two modules of a kind in one firmware, and both kinds of encoders.
 fn doubled() -> Bench {
     let mut firmware = machines::firmware_7i97(1);
-    let plain = ModuleDescriptor::new(gtag::ENCODER, 3, 1, 2, 0x3000, 5, 0x00, 3);
-    let more_pwm = ModuleDescriptor::new(gtag::PWM, 0, 2, 2, 0x9000, 5, 0x00, 3);
-    let wide = ModuleDescriptor::new(gtag::SSERIAL_B, 0, 1, 1, 0xA000, 10, 0x10, 0x3FC);
+    let plain = SimModuleDescriptor::new(gtag::ENCODER, 3, 1, 2, 0x3000, 5, 0x00, 3);
+    let more_pwm = SimModuleDescriptor::new(gtag::PWM, 0, 2, 2, 0x9000, 5, 0x00, 3);
+    let wide = SimModuleDescriptor::new(gtag::SSERIAL_B, 0, 1, 1, 0xA000, 10, 0x10, 0x3FC);
     firmware.modules.extend([plain, more_pwm, wide]);
     for (pin, (kind, unit, number)) in [
         (gtag::ENCODER, 0, 1),
@@ -267,7 +267,7 @@ fn doubled() -> Bench {
     .into_iter()
     .enumerate()
     {
-        firmware.pins[40 + pin] = PinDescriptor::new(kind, unit, number);
+        firmware.pins[40 + pin] = SimPinDescriptor::new(kind, unit, number);
     }
     Bench::new(firmware)
 }
@@ -313,7 +313,7 @@ fn instances_of_two_modules_of_a_kind_are_numbered_through() {
     // Outputs of both: pins 42 and 43 are bits 8 and 9 of the third port.
     assert_eq!(bench.outputs()[2], 0b11 << 8);
     assert_eq!(undriven(&bench.firmware, &[]), []);
-    let ports = Layout::ports(&bench.firmware);
+    let ports = PortLayout::ports(&bench.firmware);
     let ports = ports
         .iter()
         .map(|port| (port.gtag, port.layout.instance, port.layout.command));
@@ -324,7 +324,7 @@ fn instances_of_two_modules_of_a_kind_are_numbered_through() {
 #[test]
 fn a_second_of_what_there_is_one_for_all_is_not_driven() {
     let mut firmware = machines::firmware_7i97(1);
-    let dpll = ModuleDescriptor::new(gtag::DPLL, 0, 1, 1, 0x7800, 7, 0x00, 0);
+    let dpll = SimModuleDescriptor::new(gtag::DPLL, 0, 1, 1, 0x7800, 7, 0x00, 0);
     firmware.modules.push(dpll);
     let mut bench = Bench::new(firmware);
     bench.register(Dpll::register).unwrap().unwrap();

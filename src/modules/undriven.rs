@@ -5,10 +5,11 @@ use core::fmt;
 
 use super::{dpll, encoder, in_mux, led, outputs, pwm};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
-use crate::sslbp::{Layout, MAX_CHANNELS, MAX_PORTS};
+use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
 
 /// A module of a firmware, or a part of one, that is not driven. Its pins are plain I/O.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Undriven {
     /// The kind of the module.
     pub gtag: Gtag,
@@ -98,7 +99,7 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
         Gtag::IN_MUX | Gtag::IN_M => in_mux::check(module),
         Gtag::SSR | Gtag::OUT_M => outputs::check(module),
         Gtag::LED => led::check(module),
-        Gtag::SSERIAL | Gtag::SSERIAL_B => Layout::new(module, 0, 1).map(drop),
+        Gtag::SSERIAL | Gtag::SSERIAL_B => PortLayout::new(module, 0, 1).map(drop),
         _ => return Err(UndrivenReason::Unsupported),
     };
     checked.map_err(UndrivenReason::Unknown)
@@ -163,7 +164,7 @@ fn undriven_serial(firmware: &HostMot2, module: &ModuleDescriptor, first: u8) ->
     }
     let mut list = Vec::new();
     let units = first..first.saturating_add(module.instances);
-    let ports: Vec<_> = Layout::ports(firmware)
+    let ports: Vec<_> = PortLayout::ports(firmware)
         .into_iter()
         .filter(|port| port.gtag == gtag && units.contains(&port.unit))
         .collect();

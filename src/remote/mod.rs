@@ -55,6 +55,7 @@ pub struct RemotePins {
 /// Error in the construction of a remote's pins.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{name}: {source}")]
+#[non_exhaustive]
 pub struct RemoteError {
     /// Start of the names of the element's pins, or the name of the parameter.
     pub name: String,

@@ -1,4 +1,4 @@
-//! What other threads ask of the thread of a cycle.
+//! Commands of other threads to the thread of a cycle.
 
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
@@ -15,17 +15,19 @@ use crate::hal::{
 };
 use crate::tally::Tally;
 
-/// The most commands that one cycle takes.
+/// Largest number of commands that one cycle takes.
 pub const COMMANDS_IN_A_CYCLE: u32 = 16;
 
 /// The largest queue.
 const LARGEST: usize = 1 << 16;
 
-/// Commands of other threads, for the thread of the cycle, which takes a bounded number in each.
+/// Commands of other threads for the thread of the cycle, which takes a bounded number in each
+/// cycle.
 ///
-/// A [`Runner`](super::Runner) has one when [`Runner::commands`](super::Runner::commands) was asked
-/// for, and takes commands after the read of a cycle, before the application's own work, which has the
-/// last word. Who has a loop of his own calls [`take`](Self::take) there.
+/// A [`Runner`](super::Runner) has a queue after a call of
+/// [`Runner::commands`](super::Runner::commands), and takes commands after the read of a cycle,
+/// before the application's own work, which has the last word. A program with its own loop calls
+/// [`take`](Self::take) there.
 ///
 /// ```
 /// use mesa_hal::{Driver, Settings, runner::CommandQueue};
@@ -47,50 +49,51 @@ const LARGEST: usize = 1 << 16;
 /// ```
 ///
 /// # Real time
-/// [`take`](Self::take) waits for nobody: senders wait for each other only. Nothing allocates but
-/// [`new`](Self::new).
+/// [`take`](Self::take) never blocks: senders wait for each other only. Only [`new`](Self::new)
+/// allocates.
 #[derive(Debug)]
 pub struct CommandQueue {
-    shared: Arc<Shared>,
-    /// How often faults have disarmed groups, when it was looked at last.
+    shared: Arc<CommandBuffer>,
+    /// Number of times that faults have disarmed groups, at the last look.
     faults: u64,
-    /// How often that was more than before: what re-arms counts only if it was sent after the last.
+    /// Number of looks at which that had grown: a re-arm command counts only if sent after the last
+    /// of these.
     epoch: u64,
 }
 
-/// Asks the thread of the cycle to do something; in any other thread.
+/// Sends commands from any other thread to the thread of the cycle.
 ///
 /// # Errors
-/// Each function: [`CommandError`]. Nothing is asked then.
+/// Each function: [`CommandError`]. No command is sent then.
 ///
 /// # Real time
-/// For other threads than that of the cycle: it may wait for another sender, not for the cycle. What
-/// was sent is done in the next cycle, or, where more than 16 commands wait, 16 in each.
+/// For other threads than that of the cycle: may wait for another sender, not for the cycle. A
+/// command is executed in the next cycle, or, where more than 16 commands wait, 16 in each.
 #[derive(Clone, Debug)]
 pub struct CommandSender {
-    shared: Arc<Shared>,
+    shared: Arc<CommandBuffer>,
 }
 
-/// Why a command was not sent.
+/// Reason why a command was not sent.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CommandError {
-    /// As many commands wait as the queue holds.
+    /// The queue is full.
     #[error(
         "{capacity} commands wait already, as many as the queue holds: does the cycle run? Each takes \
          up to {COMMANDS_IN_A_CYCLE}"
     )]
     Full {
-        /// As many as it holds.
+        /// Capacity of the queue.
         capacity: usize,
     },
-    /// The queue is gone.
+    /// The queue no longer exists.
     #[error("the cycle has ended: nobody takes commands any more")]
     Ended,
-    /// The pin can not be set to that.
+    /// The pin cannot be set to the value.
     #[error(transparent)]
     Pin(#[from] PinError),
-    /// There is no remote to restart.
+    /// The remote to restart does not exist.
     #[error("no remote takes part on {remote}")]
     NoRemote {
         /// The remote.
@@ -98,58 +101,59 @@ pub enum CommandError {
     },
 }
 
-/// What became of commands.
+/// Statistics of the commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub struct CommandStatistics {
-    /// Sent.
+    /// Commands sent.
     pub sent: u64,
-    /// Taken by the cycle.
+    /// Commands taken by the cycle.
     pub taken: u64,
-    /// Of those, commands that had no effect: an output whose group is not armed, a group that does not
-    /// run and can not be armed, and what was sent before the last fault but re-arms, or sets an output
-    /// that this fault made safe to something else.
+    /// Taken commands without effect: for an output whose group is not armed, for a group that does
+    /// not run and cannot be armed, and commands from before the last fault that re-arm, or that
+    /// set an output made safe by this fault to another value.
     pub refused: u64,
 }
 
 /// Words of a command.
 const WORDS: usize = 4;
 
-/// What the cycle is asked for.
+/// Commands to the cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Command {
-    /// After so many faults of its group.
+enum QueuedCommand {
+    /// The pin, its value, and the fault count of its group when the command was sent.
     Set(PinId, AnyValue, u64),
-    /// After so many epochs of faults.
+    /// The epoch when the command was sent.
     Rearm(u64),
     RearmGroup(GroupId, u64),
     Restart(RemoteId),
 }
 
-/// A ring: senders write behind a lock of their own, the cycle reads without one.
+/// A ring buffer: senders write behind a lock of their own, the cycle reads without one.
 #[derive(Debug)]
-struct Shared {
+struct CommandBuffer {
     slots: Box<[[AtomicU64; WORDS]]>,
-    /// Commands that were sent, and of them those that were taken.
+    /// Number of commands sent, and number of those taken.
     sent: AtomicU64,
     taken: AtomicU64,
     refused: AtomicU64,
-    /// The epoch that senders know of.
+    /// The epoch as published to senders.
     epoch: AtomicU64,
-    /// How often faults have disarmed each group, as far as senders know.
+    /// Number of times that faults have disarmed each group, as published to senders.
     faults: Box<[(GroupId, AtomicU64)]>,
     /// Held by senders only.
     sending: Mutex<()>,
     has_ended: AtomicBool,
     infos: Vec<PinInfo>,
-    /// Any pin, to tell whose pins they are.
+    /// Any pin, which identifies the driver that the pins belong to.
     pin: PinId,
     remotes: Vec<RemoteId>,
 }
 
 impl CommandQueue {
-    /// For a driver. It holds `capacity` commands: 1 to 65,536, or else the nearest of these.
+    /// A queue for a driver, with a `capacity` of 1 to 65,536 commands; other values are limited to
+    /// this range.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>, capacity: usize) -> Self {
         let slots = (0..capacity.clamp(1, LARGEST)).map(|_| <[AtomicU64; WORDS]>::default());
         let pins = driver.pins();
@@ -163,7 +167,7 @@ impl CommandQueue {
             (group, AtomicU64::new(faults))
         });
         Self {
-            shared: Arc::new(Shared {
+            shared: Arc::new(CommandBuffer {
                 slots: slots.collect(),
                 faults: groups.collect(),
                 sent: AtomicU64::new(0),
@@ -181,21 +185,22 @@ impl CommandQueue {
         }
     }
 
-    /// A sender for another thread. Allocates nothing.
+    /// A sender for another thread. Does not allocate.
     pub fn sender(&self) -> CommandSender {
         CommandSender {
             shared: Arc::clone(&self.shared),
         }
     }
 
-    /// Does what was asked for, between the read and the write of a cycle: at most 16 commands, and
-    /// none after one that re-arms everything. How many it were.
+    /// Executes waiting commands, between the read and the write of a cycle: at most 16, and none
+    /// after one that re-arms everything. Returns their number.
     ///
-    /// A re-arming that was sent before a fault is void after it, and counted as refused: it was meant
-    /// for a fault before. So is what sets an output whose group is not armed, which nobody would
-    /// follow, or one that a fault made safe since it was sent, whoever has re-armed it meanwhile; and
-    /// what was sent for another driver. Everything else is done whatever has failed: what switches an
-    /// output off (sets it to its safe value) must not be lost because something failed.
+    /// A re-arm command that was sent before a fault is void after it, and counted as refused: it
+    /// was meant for an earlier fault. The same holds for a command that sets an output whose group
+    /// is not armed, which would have no effect, or an output that a fault has made safe since,
+    /// even if the group has been re-armed meanwhile; and for commands sent for another driver. All
+    /// other commands are executed regardless of faults: a command that switches an output off
+    /// (sets it to its safe value) must not be lost because of a fault.
     ///
     /// # Real time
     /// Bounded, no allocation. Re-arming a board that has lost its set-up takes the time of
@@ -213,13 +218,15 @@ impl CommandQueue {
         {
             count.tally(1);
             let is_done = match command {
-                Command::Set(pin, value, faults) => set(driver.pins_mut(), (pin, value), faults),
-                Command::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
-                Command::RearmGroup(group, epoch) => {
+                QueuedCommand::Set(pin, value, faults) => {
+                    set(driver.pins_mut(), (pin, value), faults)
+                }
+                QueuedCommand::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
+                QueuedCommand::RearmGroup(group, epoch) => {
                     epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
                 }
-                Command::Restart(remote) => {
-                    // What this disarms was asked for, and is no fault.
+                QueuedCommand::Restart(remote) => {
+                    // The groups that this disarms were disarmed on request, not by a fault.
                     let before = faults(driver);
                     driver.restart(remote);
                     let more = faults(driver).wrapping_sub(before);
@@ -230,7 +237,7 @@ impl CommandQueue {
             if !is_done {
                 self.shared.refused.fetch_add(1, Ordering::Relaxed);
             }
-            if matches!(command, Command::Rearm(_)) {
+            if matches!(command, QueuedCommand::Rearm(_)) {
                 break;
             }
         }
@@ -238,9 +245,9 @@ impl CommandQueue {
         count
     }
 
-    /// Looks for faults since the last look: what re-arms is void if it was sent before now. A
-    /// [`Runner`](super::Runner) looks after its write, before others can see what the write has
-    /// found; [`take`](Self::take) looks by itself.
+    /// Checks for faults since the last look: if there were any, earlier re-arm commands are void.
+    /// A [`Runner`](super::Runner) looks after its write, before other threads can see the findings
+    /// of the write; [`take`](Self::take) looks by itself.
     pub(super) fn look<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         let faults = faults(driver);
         if core::mem::replace(&mut self.faults, faults) != faults {
@@ -255,8 +262,8 @@ impl CommandQueue {
     }
 }
 
-/// Sets a pin or a setting, if that has an effect. `faults`: how often faults had disarmed its group when
-/// it was sent.
+/// Sets a pin or a setting, if that has an effect. `faults` is the fault count of the pin's group
+/// when the command was sent.
 fn set(pins: &mut Pins, (pin, value): (PinId, AnyValue), faults: u64) -> bool {
     let is_output = pins
         .info_of(pin)
@@ -268,14 +275,14 @@ fn set(pins: &mut Pins, (pin, value): (PinId, AnyValue), faults: u64) -> bool {
     is_meant && pins.set_any(pin, value).is_ok()
 }
 
-/// How often faults have disarmed groups of pins.
+/// Number of times that faults have disarmed groups of pins.
 fn faults<B: RegisterBus + Clock>(driver: &Driver<B>) -> u64 {
     let pins = driver.pins();
     let states = pins.groups().filter_map(|group| pins.group_state(group));
     states.fold(0, |sum, state| sum.wrapping_add(state.faults))
 }
 
-/// Senders learn that nobody takes anything any more.
+/// Notifies senders that commands are no longer taken.
 impl Drop for CommandQueue {
     fn drop(&mut self) {
         self.shared.has_ended.store(true, Ordering::Release);
@@ -283,8 +290,9 @@ impl Drop for CommandQueue {
 }
 
 impl CommandSender {
-    /// Sets an output, or a pin that both sides set. A value out of range is limited and counted, as
-    /// always. The cycle refuses an output whose group is not armed then, and counts that.
+    /// Sets an output, or a pin that both sides set. A value out of range is limited and counted,
+    /// as always. The cycle refuses and counts a command for an output whose group is not armed at
+    /// that time.
     pub fn set<K: Settable, T: Value>(
         &self,
         pin: Handle<K, T>,
@@ -308,12 +316,12 @@ impl CommandSender {
         let mut faults = shared.faults.iter();
         let faults = faults.find(|(group, _)| *group == info.group);
         let faults = faults.map_or(0, |(_, faults)| faults.load(Ordering::Acquire));
-        self.send(Command::Set(pin, value, faults))
+        self.send(QueuedCommand::Set(pin, value, faults))
     }
 
     /// Re-arms everything: [`Driver::rearm`].
     pub fn rearm(&self) -> Result<(), CommandError> {
-        self.send(Command::Rearm(self.epoch()))
+        self.send(QueuedCommand::Rearm(self.epoch()))
     }
 
     /// Re-arms one group: [`Pins::rearm`](crate::hal::Pins::rearm).
@@ -321,7 +329,7 @@ impl CommandSender {
         if !PinId::from_word(group.to_word()).is_beside(self.shared.pin) {
             return Err(PinError::ForeignHandle.into());
         }
-        self.send(Command::RearmGroup(group, self.epoch()))
+        self.send(QueuedCommand::RearmGroup(group, self.epoch()))
     }
 
     /// Restarts a remote: [`Driver::restart`].
@@ -330,13 +338,13 @@ impl CommandSender {
         if !self.shared.remotes.contains(&remote) {
             return Err(CommandError::NoRemote { remote });
         }
-        self.send(Command::Restart(remote))
+        self.send(QueuedCommand::Restart(remote))
     }
 
-    /// What became of the commands of all senders so far.
+    /// Statistics of the commands of all senders so far.
     pub fn statistics(&self) -> CommandStatistics {
         let shared = &*self.shared;
-        // In this order, so that never more are taken than sent.
+        // Loaded in this order, so that the number taken never exceeds the number sent.
         let refused = shared.refused.load(Ordering::Acquire);
         let taken = shared.taken.load(Ordering::Acquire);
         CommandStatistics {
@@ -350,9 +358,9 @@ impl CommandSender {
         self.shared.epoch.load(Ordering::Acquire)
     }
 
-    fn send(&self, command: Command) -> Result<(), CommandError> {
+    fn send(&self, command: QueuedCommand) -> Result<(), CommandError> {
         let shared = &*self.shared;
-        // What it guards is whole at every moment.
+        // The guarded state is consistent at every point, so that a poisoned lock can be used.
         let _one_at_a_time = shared
             .sending
             .lock()
@@ -370,27 +378,27 @@ impl CommandSender {
         for (slot, word) in slot.iter().zip(command.to_words()) {
             slot.store(word, Ordering::Relaxed);
         }
-        // After it the words are the cycle's, ...
+        // Hands the words over to the cycle.
         shared.sent.store(sent.wrapping_add(1), Ordering::Release);
         Ok(())
     }
 }
 
-impl Shared {
+impl CommandBuffer {
     /// Takes a command. Called in one thread only.
-    fn next(&self) -> Option<Command> {
+    fn next(&self) -> Option<QueuedCommand> {
         let taken = self.taken.load(Ordering::Relaxed);
         if taken == self.sent.load(Ordering::Acquire) {
             return None;
         }
         let words = self.slot(taken)?.each_ref();
         let words = words.map(|word| word.load(Ordering::Relaxed));
-        // ... and after this the senders' again.
+        // Returns the words to the senders.
         self.taken.store(taken.wrapping_add(1), Ordering::Release);
-        Some(Command::from_words(words))
+        Some(QueuedCommand::from_words(words))
     }
 
-    /// Takes all that wait and does none of it. Called in the thread that takes.
+    /// Takes all waiting commands without executing any. Called in the thread that takes.
     fn refuse_all(&self) {
         let sent = self.sent.load(Ordering::Acquire);
         let waiting = sent.saturating_sub(self.taken.load(Ordering::Relaxed));
@@ -413,7 +421,7 @@ const TYPES: [HalType; 6] = [
     HalType::U64,
 ];
 
-impl Command {
+impl QueuedCommand {
     fn to_words(self) -> [u64; WORDS] {
         match self {
             Self::Rearm(epoch) => [0, 0, epoch, 0],

@@ -1,4 +1,4 @@
-//! How often times of each length came.
+//! Histogram of times.
 
 use alloc::boxed::Box;
 use core::time::Duration;
@@ -8,13 +8,13 @@ use crate::tally::Tally;
 /// Buckets of each doubling of the time: a bucket is 1/32 of its times wide, about 3 %.
 const STEPS: usize = 1 << STEP_BITS;
 const STEP_BITS: u32 = 5;
-/// Doublings after the first [`STEPS`] nanoseconds: times up to 2^38 ns, 275 s, are told apart.
+/// Doublings after the first [`STEPS`] nanoseconds: times up to 2^38 ns, 275 s, are distinguished.
 const DOUBLINGS: usize = 33;
 const BUCKETS: usize = STEPS * (DOUBLINGS + 1);
 
-/// How often times of each length came: from 1 ns to 4 minutes, in buckets that are about 3 % wide.
+/// Histogram of times from 1 ns to 4 minutes, in buckets that are about 3 % wide.
 ///
-/// The shortest and the longest are exact.
+/// The shortest and the longest time are exact.
 #[derive(Clone, Debug)]
 pub struct Histogram {
     buckets: Box<[u64; BUCKETS]>,
@@ -23,28 +23,29 @@ pub struct Histogram {
     range: Option<(Duration, Duration)>,
 }
 
-/// What a histogram comes to.
+/// Summary of a histogram.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Distribution {
-    /// Times that were counted; if none was, all others are zero.
+    /// Number of times recorded; if zero, all other fields are zero.
     pub count: u64,
-    /// The shortest.
+    /// The shortest time.
     pub min: Duration,
-    /// What half of them did not exceed.
+    /// The median: half of the times did not exceed it.
     pub median: Duration,
-    /// What 99 of 100 did not exceed.
+    /// Limit that 99 of 100 times did not exceed.
     pub p99: Duration,
-    /// What 9,999 of 10,000 did not exceed.
+    /// Limit that 9,999 of 10,000 times did not exceed.
     pub p99_99: Duration,
-    /// The longest.
+    /// The longest time.
     pub max: Duration,
-    /// Their mean.
+    /// The mean.
     pub mean: Duration,
 }
 
 impl Histogram {
-    /// An empty one. Allocates; nothing else does.
+    /// An empty histogram. The only function that allocates.
     pub fn new() -> Self {
         Self {
             buckets: Box::new([0; BUCKETS]),
@@ -54,7 +55,7 @@ impl Histogram {
         }
     }
 
-    /// Counts one time.
+    /// Records one time.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -68,17 +69,18 @@ impl Histogram {
         }
     }
 
-    /// How many were counted.
+    /// Number of times recorded.
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// The longest; zero if none was counted.
+    /// The longest time; zero if none was recorded.
     pub fn max(&self) -> Duration {
         self.range.map_or(Duration::ZERO, |(_, max)| max)
     }
 
-    /// What `share` of them, 0.0 to 1.0, did not exceed: at most 3 % more, never more than the longest.
+    /// The limit that `share` of the times, 0.0 to 1.0, did not exceed: at most 3 % too high, never
+    /// above the longest time.
     pub fn quantile(&self, share: f64) -> Option<Duration> {
         let (min, max) = self.range?;
         let wanted = libm::ceil(self.count as f64 * share.clamp(0.0, 1.0)) as u64;
@@ -90,7 +92,7 @@ impl Histogram {
         Some(bucket.map_or(max, |bucket| edge(bucket.saturating_add(1)).clamp(min, max)))
     }
 
-    /// What all of it comes to.
+    /// Summary of all times.
     pub fn distribution(&self) -> Distribution {
         let Some((min, max)) = self.range else {
             return Distribution::default();
@@ -112,8 +114,9 @@ impl Histogram {
         }
     }
 
-    /// How many were longer than `time`. Those in the bucket of `time` are counted with them, if any
-    /// of them can be: never too few, and only such too many as are less than 3 % shorter.
+    /// Number of times longer than `time`. The bucket of `time` is included if any of its times can
+    /// be longer: the result is never too low, and a time counted in excess is less than 3 %
+    /// shorter.
     pub fn longer_than(&self, time: Duration) -> u64 {
         if self.max() <= time {
             return 0;
@@ -128,8 +131,8 @@ impl Histogram {
         self.buckets.iter().skip(first).sum()
     }
 
-    /// How many there were from each of these times to before the next, and from the last on;
-    /// those before the first are counted with it. Exact to the width of a bucket.
+    /// Number of times from each of these edges up to the next, and from the last on; times before
+    /// the first edge are included in the first number. Exact to the width of a bucket.
     pub fn between(&self, edges: &[Duration]) -> impl Iterator<Item = u64> {
         let ends = edges.iter().skip(1).map(|edge| bucket_of(*edge));
         let mut begin = 0;
@@ -147,7 +150,7 @@ impl Default for Histogram {
     }
 }
 
-/// The first [`STEPS`] buckets are a nanosecond wide; then each doubling has as many.
+/// The first [`STEPS`] buckets are a nanosecond wide; then each doubling has the same number.
 fn bucket_of(time: Duration) -> usize {
     let nanos = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
     let doublings = nanos.checked_ilog2().unwrap_or(0).saturating_sub(STEP_BITS);
@@ -159,7 +162,7 @@ fn bucket_of(time: Duration) -> usize {
     bucket.min(BUCKETS - 1)
 }
 
-/// Where a bucket begins.
+/// The lower edge of a bucket.
 fn edge(bucket: usize) -> Duration {
     let doublings = (bucket / STEPS).saturating_sub(1);
     let step = bucket.wrapping_sub(doublings.wrapping_mul(STEPS));

@@ -1,4 +1,4 @@
-//! How late cycles are, what they need of their period, and which rate that allows.
+//! Latency of cycles, the part of the period that they use, and the rates that this allows.
 
 use core::fmt::{self, Display};
 use core::time::Duration;
@@ -27,7 +27,7 @@ use crate::tally::Tally;
 /// });
 /// ended.stopped?;
 /// assert_eq!(latency.used().count(), 1000);
-/// assert_eq!(latency.verdict(1000).judgement, Judgement::Yes);
+/// assert_eq!(latency.verdict(1000).judgement, RateJudgement::Yes);
 /// # Ok(())
 /// # }
 /// ```
@@ -40,58 +40,58 @@ pub struct Latency {
     round_trip: Histogram,
     used: Histogram,
     failed: u64,
-    /// The cycle that has begun and whose end is not known yet, at the host's pace.
-    begun: Option<Begun>,
-    /// When the last inputs came, at the board's pace.
+    /// The cycle that has started and whose end is not known yet, at the host's pace.
+    begun: Option<CycleStart>,
+    /// Arrival of the last inputs, at the board's pace.
     arrived: Option<Instant>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Begun {
+struct CycleStart {
     late: Duration,
     round_trip: Option<Duration>,
 }
 
-/// Whether a rate can be kept.
+/// Judgement of a rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Judgement {
-    /// All cycles would have been over in time.
+pub enum RateJudgement {
+    /// All cycles would have ended in time.
     Yes,
-    /// All but one of 10,000, or fewer.
+    /// At most one of 10,000 cycles would not have ended in time.
     Almost,
-    /// No.
+    /// The rate cannot be kept.
     No,
 }
 
-/// Whether a rate can be kept, and why. `Display` is one line, without the rate.
+/// Judgement of a rate, with the reason. `Display` is one line, without the rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Verdict {
+pub struct RateVerdict {
     /// Cycles per second.
     pub rate: u32,
-    /// Whether it can be kept.
-    pub judgement: Judgement,
-    /// Cycles that were measured.
+    /// The judgement.
+    pub judgement: RateJudgement,
+    /// Number of cycles measured.
     pub cycles: u64,
-    /// Of these, those that would not have been over in time.
+    /// Cycles that would not have ended in time.
     pub late: u64,
-    /// Reads that brought nothing.
+    /// Reads that failed.
     pub failed: u64,
-    /// The most that a cycle has needed, with the transfers to the remotes.
+    /// Longest time that a cycle needed, including the transfers to the remotes.
     pub needs: Duration,
-    /// What of that the transfers to the remotes need.
+    /// Part of that time for the transfers to the remotes.
     pub transfer: Duration,
-    /// Half of the cycles have needed no more.
+    /// Time that half of the cycles did not exceed.
     pub usually: Duration,
 }
 
-/// One cycle of so many may be late where a rate can almost be kept.
-const ALMOST: u64 = 10_000;
+/// A rate is almost kept if at most one cycle of this number is late.
+const CYCLES_PER_LATE: u64 = 10_000;
 
 impl Latency {
-    /// Nothing measured yet. Allocates; nothing else does.
+    /// An empty measurement. The only function that allocates.
     pub fn of<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
         let ports = driver.ports().iter();
         let transfers = ports.map(|port| port.expected_time.usual);
@@ -108,9 +108,9 @@ impl Latency {
         }
     }
 
-    /// Takes what a cycle tells; call it in each, first of all.
+    /// Records a cycle; call it in each, before anything else.
     ///
-    /// The first tells nothing, and each of the others of the one before.
+    /// The first call records nothing, and each of the others the previous cycle.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -123,7 +123,7 @@ impl Latency {
 
     fn at_the_hosts_pace<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
         let round_trip = cycle.pins().now().since(cycle.begun);
-        let begun = Begun {
+        let begun = CycleStart {
             late: cycle.late,
             round_trip: cycle.read.is_ok().then_some(round_trip),
         };
@@ -156,43 +156,42 @@ impl Latency {
         }
     }
 
-    /// Who paced.
+    /// The pace of the measured cycles.
     pub const fn pace(&self) -> Pace {
         self.pace
     }
 
-    /// How late cycles have begun. At the host's pace: later than planned. At the board's: more than a
-    /// period after the inputs before.
+    /// Lateness of the cycles. At the host's pace: delay of the start after the planned time. At
+    /// the board's: time since the previous inputs, less the period.
     pub const fn late(&self) -> &Histogram {
         &self.late
     }
 
-    /// From the request for inputs to these, at the host's pace.
+    /// Time from the request for inputs to their arrival, at the host's pace.
     pub const fn round_trip(&self) -> &Histogram {
         &self.round_trip
     }
 
-    /// What cycles have needed of their period. At the host's pace: how long after its planned begin
-    /// each was over, its write sent. At the board's: the period, without what the board has waited
-    /// for its end.
+    /// Part of the period that the cycles used. At the host's pace: from the planned start to the
+    /// end, when the write was sent. At the board's: the period, less the time that the board
+    /// waited for its end.
     pub const fn used(&self) -> &Histogram {
         &self.used
     }
 
-    /// Reads that brought nothing.
+    /// Reads that failed.
     pub const fn failed(&self) -> u64 {
         self.failed
     }
 
-    /// The longest time that the transfers between a port and its remotes take, which begin with the
-    /// write and must be over at the next read.
+    /// Longest time of the transfers between a port and its remotes, which begin with the write and
+    /// must be complete at the next read.
     pub const fn transfer(&self) -> Duration {
         self.transfer
     }
 
-    /// Whether as many cycles per second can be kept as `rate` says, by what was measured at whatever
-    /// rate.
-    pub fn verdict(&self, rate: u32) -> Verdict {
+    /// Judges whether `rate` cycles per second can be kept, from measurements at any rate.
+    pub fn verdict(&self, rate: u32) -> RateVerdict {
         let period = period_of(rate);
         let cycles = self.used.count();
         let late = match period.checked_sub(self.transfer) {
@@ -200,13 +199,13 @@ impl Latency {
             None => cycles,
         };
         let judgement = match late.saturating_add(self.failed) {
-            _ if cycles == 0 => Judgement::No,
-            0 => Judgement::Yes,
-            bad if bad.saturating_mul(ALMOST) <= cycles => Judgement::Almost,
-            _ => Judgement::No,
+            _ if cycles == 0 => RateJudgement::No,
+            0 => RateJudgement::Yes,
+            bad if bad.saturating_mul(CYCLES_PER_LATE) <= cycles => RateJudgement::Almost,
+            _ => RateJudgement::No,
         };
         let usually = self.used.quantile(0.5).unwrap_or_default();
-        Verdict {
+        RateVerdict {
             rate,
             judgement,
             cycles,
@@ -219,7 +218,7 @@ impl Latency {
     }
 }
 
-impl Display for Judgement {
+impl Display for RateJudgement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Yes => "yes",
@@ -229,13 +228,13 @@ impl Display for Judgement {
     }
 }
 
-/// The period of `rate` cycles in a second.
+/// The period of `rate` cycles per second.
 fn period_of(rate: u32) -> Duration {
     let second = Duration::from_secs(1);
     second.checked_div(rate).unwrap_or(second)
 }
 
-impl Display for Verdict {
+impl Display for RateVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let micros = |time: Duration| time.as_nanos().div_ceil(1000);
         let period = period_of(self.rate);
@@ -285,7 +284,7 @@ mod tests {
         Duration::from_micros(micros)
     }
 
-    /// Whose cycles have needed that.
+    /// A measurement of cycles that used these times, in us.
     fn measured(times: impl IntoIterator<Item = u64>) -> Latency {
         let board = machines::i7i97(1);
         let driver = Driver::start(board, Settings::default()).expect("it starts");
@@ -297,14 +296,14 @@ mod tests {
         latency
     }
 
-    fn judgements(latency: &Latency) -> Vec<Judgement> {
+    fn judgements(latency: &Latency) -> Vec<RateJudgement> {
         let rates = [1000, 2000, 4000];
         rates.map(|rate| latency.verdict(rate).judgement).into()
     }
 
     #[test]
     fn a_rate_is_kept_if_the_longest_cycle_and_the_transfers_fit() {
-        use Judgement::{No, Yes};
+        use RateJudgement::{No, Yes};
         for (longest, kept) in [
             (150, [Yes, Yes, Yes]),
             (151, [Yes, Yes, No]),
@@ -318,7 +317,7 @@ mod tests {
 
     #[test]
     fn one_late_cycle_in_ten_thousand_is_almost() {
-        use Judgement::{Almost, No};
+        use RateJudgement::{Almost, No};
         let times = |count: usize| core::iter::repeat_n(50, count - 1).chain([5000]);
         assert_eq!(judgements(&measured(times(10_000))), [Almost; 3]);
         assert_eq!(judgements(&measured(times(9_999))), [No; 3]);
@@ -339,7 +338,7 @@ mod tests {
         says(&slow, 4000, "half of all cycles need more than");
         slow.failed = 2;
         says(&slow, 1000, "2 reads failed");
-        assert_eq!(slow.verdict(1000).judgement, Judgement::No);
+        assert_eq!(slow.verdict(1000).judgement, RateJudgement::No);
         slow.transfer = micros(260);
         says(
             &slow,
@@ -347,7 +346,7 @@ mod tests {
             "the transfers to the remotes alone take 260 us",
         );
         says(&measured([]), 1000, "no cycle was measured");
-        assert_eq!(measured([]).verdict(1000).judgement, Judgement::No);
+        assert_eq!(measured([]).verdict(1000).judgement, RateJudgement::No);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The thread of a cycle: its pace, its end, and what it needs of the operating system.
+//! The thread of a cycle: its timing, its end, and its settings in the operating system.
 //!
 //! A [`Runner`] calls the application once in each period, between a read and a write:
 //!
@@ -37,7 +37,7 @@
 //!     commands.set(lamp, true).expect("the queue is empty");
 //!     while !snapshots.has_ended() {
 //!         if let Ok(seen) = snapshots.read() {
-//!             // Of a cycle that hangs or has ended nothing is valid.
+//!             // If the cycle hangs or has ended, no value is valid.
 //!             println!("cycle {}: lamp {:?}", seen.cycle(), seen.read(lamp).ok());
 //!         }
 //!         std::thread::sleep(std::time::Duration::from_millis(20));
@@ -56,11 +56,12 @@
 //! ```
 //!
 //! # Real time
-//! The runner itself does not allocate, log, or panic, and waits only for the next period. What it is
-//! worth depends on the thread: with the feature `realtime` one that is scheduled before all others,
-//! with its memory locked, on a CPU of its own (`Realtime`; the page `runner::linux` says what else).
+//! The runner itself does not allocate, log or panic, and waits only for the next period. Its
+//! timing is as good as that of its thread: the feature `realtime` provides priority over all other
+//! threads, locked memory and a CPU of its own (`Realtime`; the page `runner::linux` describes
+//! further settings).
 
-// The cycle runs it.
+// Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod commands;
@@ -83,7 +84,7 @@ pub use commands::{
     COMMANDS_IN_A_CYCLE, CommandError, CommandQueue, CommandSender, CommandStatistics,
 };
 pub use histogram::{Distribution, Histogram};
-pub use latency::{Judgement, Latency, Verdict};
+pub use latency::{Latency, RateJudgement, RateVerdict};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
 pub use scope::{
@@ -103,13 +104,14 @@ use crate::tally::Tally;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
-/// On a simulated board without a network between (`mesa_hal_sim::machines`) time passes only
-/// with accesses to its registers, and the runner's waiting: whatever the application takes, no cycle
-/// is late there, no period is skipped and no watchdog bites. To try overruns, take one behind a socket
-/// (`mesa sim`, or `mesa_hal_sim::UdpFace`), which runs in the time of this computer.
+/// On a simulated board without a network in between (`mesa_hal_sim::machines`), time passes only
+/// with accesses to its registers and with the runner's waiting: however long the application
+/// takes, no cycle is late there, no period is skipped and no watchdog bites. To test overruns, use
+/// a board behind a socket (`mesa sim`, or `mesa_hal_sim::UdpFace`), which runs in the time of this
+/// computer.
 ///
-/// Dropping it stops the driver as dropping the driver does: what could not be stopped is only logged,
-/// where [`Ended`] says it.
+/// Dropping the runner stops the driver as dropping the driver does: outputs and ports that could
+/// not be stopped are only logged, whereas [`Ended`] returns them.
 #[derive(Debug)]
 pub struct Runner<B: RegisterBus + Clock> {
     driver: Driver<B>,
@@ -117,32 +119,34 @@ pub struct Runner<B: RegisterBus + Clock> {
     snapshot: Option<SnapshotWriter>,
     commands: Option<CommandQueue>,
     is_sleeping: bool,
-    /// How long transfers are waited for.
+    /// Limit of the wait for transfers.
     transfers: Option<Duration>,
     #[cfg(feature = "realtime")]
     stop: Option<Stop>,
 }
 
-/// One cycle, after its read: what an application does its own work on.
+/// One cycle, after its read, for the application's own work.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Cycle<'a, B: RegisterBus + Clock> {
-    /// Cycles before this one.
+    /// Number of cycles before this one.
     pub number: u64,
-    /// What the read brought, or why it brought nothing: inputs are not valid then.
+    /// Report of the read, or the reason why it failed: inputs are not valid then.
     pub read: Result<CycleReport, CycleError<B::Error>>,
-    /// Why the write of the cycle before failed, if it did.
+    /// Error of the previous cycle's write, if it failed.
     pub write: Result<(), CycleError<B::Error>>,
-    /// When it began, before its read.
+    /// Start of the cycle, before its read.
     pub begun: Instant,
-    /// How much later than planned it began. Zero where the [board paces](Pace::Board).
+    /// Delay of the start after the planned time. Zero where the [board paces](Pace::Board).
     pub late: Duration,
-    /// What the cycle before took, from the begin of its read to the end of its write; zero in the
-    /// first. Where the [board paces](Pace::Board), with the wait for its clock: what was left of the
-    /// period is in [`CycleReport::slack`].
+    /// Duration of the previous cycle, from the start of its read to the end of its write; zero in
+    /// the first. Where the [board paces](Pace::Board), it includes the wait for the board's clock:
+    /// the unused part of the period is in [`CycleReport::slack`].
     pub took: Duration,
-    /// What was counted in the cycles before.
+    /// Statistics of the previous cycles.
     pub statistics: RunStatistics,
-    /// The driver, to re-arm it or to look at it. The runner reads, writes, and ends it.
+    /// The driver, to re-arm or to inspect it. Reading, writing and stopping it is left to the
+    /// runner.
     pub driver: &'a mut Driver<B>,
 }
 
@@ -158,57 +162,57 @@ impl<B: RegisterBus + Clock> Cycle<'_, B> {
     }
 }
 
-/// What a runner counts. Times are those of the bus's clock: on an embedded simulator the application
-/// takes none ([`Runner`]).
+/// Statistics of a runner. Times are those of the bus's clock: on an embedded simulator the
+/// application takes none ([`Runner`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub struct RunStatistics {
     /// Cycles that were run.
     pub cycles: u64,
-    /// Reads that brought nothing.
+    /// Reads that failed.
     pub failed_reads: u64,
     /// Writes that failed.
     pub failed_writes: u64,
-    /// Periods without a cycle, because the one before took too long or the thread was not run. Only
-    /// where the [host paces](Pace::Host); else see
+    /// Periods without a cycle, because the previous one took too long or the thread was not
+    /// scheduled. Only where the [host paces](Pace::Host); otherwise see
     /// [`DriverStatistics::missed_periods`](crate::driver::DriverStatistics::missed_periods).
     pub skipped_periods: u64,
-    /// How much later than planned a cycle began at most; zero where the [board paces](Pace::Board).
+    /// Longest delay of a start after the planned time; zero where the [board paces](Pace::Board).
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub latest: Duration,
-    /// What a cycle took at most, from the begin of its read to the end of its write; with the wait for
-    /// its clock where the [board paces](Pace::Board).
+    /// Longest duration of a cycle, from the start of its read to the end of its write; includes
+    /// the wait for the board's clock where the [board paces](Pace::Board).
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub longest: Duration,
-    /// How much later than planned the last cycle began.
+    /// Delay of the last cycle's start after the planned time.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub last_late: Duration,
-    /// What the last cycle took.
+    /// Duration of the last cycle.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub last_took: Duration,
 }
 
-/// A run that is over, and the driver stopped.
+/// Result of a run: it is over, and the driver is stopped.
 #[derive(Debug)]
 #[non_exhaustive]
 #[must_use = "outputs may not be off: see `stopped`"]
 pub struct Ended<B: RegisterBus + Clock> {
-    /// The driver, to be looked at: what it counted, its pins as they were last, its events, its
-    /// trace. It gives the bus back.
+    /// The stopped driver, for inspection: its statistics, the last values of its pins, its events,
+    /// its trace. Can be turned back into the bus.
     pub driver: Stopped<B>,
-    /// All outputs are safe and all ports stopped; or what was not, and the remotes that may have an
-    /// output on still: see [`Driver::stop`].
+    /// `Ok` if all outputs are safe and all ports stopped; otherwise those that are not, and the
+    /// remotes whose outputs may still be on: see [`Driver::stop`].
     pub stopped: Result<(), StopError<B::Error>>,
-    /// What the runner counted.
+    /// Statistics of the runner.
     pub statistics: RunStatistics,
-    /// The signal that ended it; `None`: the application did.
+    /// The signal that ended the run; `None` if the application ended it.
     #[cfg(feature = "realtime")]
     pub signal: Option<Signal>,
 }
 
 impl<B: RegisterBus + Clock> Runner<B> {
-    /// Of a driver that was started. Its settings say the period, and who paces.
+    /// A runner of a started driver, whose settings contain the period and the pace.
     pub fn new(driver: Driver<B>) -> Self {
         Self {
             driver,
@@ -222,8 +226,8 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
     }
 
-    /// Shows all pins, states and statistics to other threads after the write of each cycle, and when
-    /// the driver was stopped. Who does not ask for it pays nothing.
+    /// Publishes all pins, states and statistics to other threads after the write of each cycle,
+    /// and after the driver was stopped. Costs nothing unless requested.
     ///
     /// # Real time
     /// Set-up: allocates. For the cycle see [`SnapshotWriter`].
@@ -233,8 +237,9 @@ impl<B: RegisterBus + Clock> Runner<B> {
         self.snapshot.insert(writer).reader()
     }
 
-    /// Takes commands of other threads in each cycle, after the read and before the application's own
-    /// work. The queue holds `capacity` of them, 1 to 65,536; asked for again, it stays as it is.
+    /// Takes commands of other threads in each cycle, after the read and before the application's
+    /// own work. The queue holds `capacity` commands, 1 to 65,536; a second call returns another
+    /// sender to the same queue.
     ///
     /// # Real time
     /// Set-up: allocates. For the cycle see [`CommandQueue`].
@@ -244,27 +249,29 @@ impl<B: RegisterBus + Clock> Runner<B> {
         self.commands.insert(queue).sender()
     }
 
-    /// Waits without using the CPU: cycles begin later by what the kernel needs to wake a thread.
+    /// Waits without using the CPU: cycles start later by the time that the kernel needs to wake a
+    /// thread.
     ///
-    /// Otherwise it is the bus that [waits](Clock::wait), and the host's clock looks again and again in
-    /// the last 20 us. A thread with realtime priority, which is woken in time, pays up to that much
-    /// CPU in each cycle for it; one without is woken later than that, and pays nothing.
+    /// Without it, the bus [waits](Clock::wait), and the host's clock is polled in the last 20 us.
+    /// A thread with realtime priority, which is woken in time, spends up to that much CPU time in
+    /// each cycle for it; a thread without is woken later than that, and spends none.
     #[must_use]
     pub fn sleeping(mut self) -> Self {
         self.is_sleeping = true;
         self
     }
 
-    /// Waits after each write until the transfers that it started are complete, at most for `limit`,
-    /// which measures them: see [`Driver::wait_transfers`]. Not where the [board paces](Pace::Board).
-    /// What fails there is left to the next read, and no part of what a cycle takes.
+    /// Waits after each write until the transfers that it started are complete, at most for
+    /// `limit`, to measure their time: see [`Driver::wait_transfers`]. Not for a cycle that the
+    /// [board paces](Pace::Board). Errors of the wait are left to the next read, and the wait is
+    /// not part of a cycle's duration.
     #[must_use]
     pub fn waiting_for_transfers(mut self, limit: Duration) -> Self {
         self.transfers = Some(limit);
         self
     }
 
-    /// Ends when a signal has come.
+    /// Ends the run when a signal has arrived.
     #[cfg(feature = "realtime")]
     #[must_use]
     pub fn stop_on(mut self, stop: Stop) -> Self {
@@ -272,15 +279,15 @@ impl<B: RegisterBus + Clock> Runner<B> {
         self
     }
 
-    /// Runs cycles in the calling thread: read, `work`, write, and the wait for the next period, until
-    /// `work` breaks or a signal comes; then stops the driver.
+    /// Runs cycles in the calling thread: read, `work`, write, and the wait for the next period,
+    /// until `work` breaks or a signal arrives; then stops the driver.
     ///
-    /// The first cycle begins at once. At the host's pace each of the others begins a whole number of
-    /// periods after it, however long those before took: a late one does not delay the next, and a
-    /// period that is over is skipped and counted.
+    /// The first cycle starts immediately. At the host's pace each further cycle starts a whole
+    /// number of periods after it, however long the earlier ones took: a late cycle does not delay
+    /// the next, and a period that is over is skipped and counted.
     ///
-    /// A read or a write that fails ends nothing: the driver makes everything safe when too many do,
-    /// and `work` decides.
+    /// A failed read or write does not end the run: the driver makes all outputs safe after too
+    /// many failures, and `work` decides.
     pub fn run(mut self, mut work: impl FnMut(&mut Cycle<'_, B>) -> ControlFlow<()>) -> Ended<B> {
         let period = self.driver.period();
         let mut planned = self.driver.bus_mut().now();
@@ -327,20 +334,21 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 ended = self.driver.bus_mut().now();
             }
             if let Some(commands) = &mut self.commands {
-                // What readers see from here on is known to who sends commands.
+                // Faults that readers can see from here on must be known to senders of commands.
                 commands.look(&self.driver);
             }
             if let Some(snapshot) = &mut self.snapshot {
-                // It is of this driver, which is what it could refuse.
+                // The writer was made for this driver, so that it cannot refuse it.
                 let _ = snapshot.publish_run(&self.driver, &self.statistics);
             }
             planned = self.next(planned, ended, period);
         }
-        // Nothing is taken any more.
+        // Senders get an error from here on.
         drop(self.commands.take());
         let (driver, stopped) = self.driver.stop();
         if let Some(mut snapshot) = self.snapshot.take() {
-            // The last one shows what the stop has left; then readers learn that it was the last.
+            // The last snapshot shows the state after the stop; then readers are notified of the
+            // end.
             let _ = snapshot.publish_run(&driver, &self.statistics);
         }
         Ended {
@@ -352,7 +360,8 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
     }
 
-    /// Returns when it is, or was, that time: the board's own clock is not waited for here.
+    /// Waits until the planned time if it is in the future; returns the current time. The board's
+    /// own clock is not waited for here.
     fn wait_until(&mut self, planned: Instant) -> Instant {
         let bus = self.driver.bus_mut();
         let now = bus.now();
@@ -376,7 +385,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
         (statistics.last_late, statistics.last_took) = (late, took);
     }
 
-    /// When the next cycle begins.
+    /// The planned start of the next cycle.
     fn next(&mut self, planned: Instant, now: Instant, period: Duration) -> Instant {
         if self.driver.pace() == Pace::Board {
             return now;

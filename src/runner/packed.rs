@@ -1,4 +1,4 @@
-//! What a snapshot holds, as 64-bit words.
+//! The contents of a snapshot as 64-bit words.
 
 use core::time::Duration;
 
@@ -9,31 +9,31 @@ use crate::hal::{Age, GroupState};
 use crate::sslbp::RemoteFaults;
 use crate::tally::Tally;
 
-/// Where words go.
-pub(super) trait Sink {
+/// Destination of words.
+pub(super) trait WordSink {
     fn put(&mut self, word: u64);
 }
 
-/// How many there are.
-impl Sink for usize {
+/// Counts the words.
+impl WordSink for usize {
     fn put(&mut self, _: u64) {
         self.tally(1);
     }
 }
 
-/// Something that is a fixed number of words.
+/// A value that is a fixed number of words.
 ///
 /// # Real time
 /// Constant time, no allocation, no panic.
 pub(super) trait Packed {
-    fn pack(&self, to: &mut impl Sink);
+    fn pack(&self, to: &mut impl WordSink);
 
-    /// Of words that [`pack`](Self::pack) made.
+    /// Restores a value from the words of [`pack`](Self::pack).
     fn unpack(from: &mut impl Iterator<Item = u64>) -> Self;
 }
 
 impl Packed for u64 {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(*self);
     }
 
@@ -43,7 +43,7 @@ impl Packed for u64 {
 }
 
 impl Packed for Instant {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(self.as_nanos());
     }
 
@@ -52,9 +52,9 @@ impl Packed for Instant {
     }
 }
 
-/// In nanoseconds; the longest is for ever.
+/// In nanoseconds; the largest number stands for [`Duration::MAX`].
 impl Packed for Duration {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(u64::try_from(self.as_nanos()).unwrap_or(u64::MAX));
     }
 
@@ -69,7 +69,7 @@ impl Packed for Duration {
 macro_rules! packed {
     ($type:ident { $($field:ident),* $(,)? }) => {
         impl Packed for $type {
-            fn pack(&self, to: &mut impl Sink) {
+            fn pack(&self, to: &mut impl WordSink) {
                 $(self.$field.pack(to);)*
             }
 
@@ -105,7 +105,7 @@ packed!(DriverStatistics {
 });
 
 impl Packed for BusStatistics {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         for count in self.counts() {
             to.put(count);
         }
@@ -119,7 +119,7 @@ impl Packed for BusStatistics {
 packed!(Age { cycles, time });
 
 impl Packed for GroupState {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(u64::from(self.valid) | u64::from(self.armed) << 1);
         self.age.pack(to);
         to.put(self.faults);
@@ -137,7 +137,7 @@ impl Packed for GroupState {
 }
 
 impl Packed for BoardState {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(match self {
             Self::Running => 0,
             Self::WatchdogBitten => 1,
@@ -159,7 +159,7 @@ impl Packed for BoardState {
 }
 
 impl Packed for RemoteFaults {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         to.put(self.bits().into());
     }
 
@@ -169,7 +169,7 @@ impl Packed for RemoteFaults {
 }
 
 impl Packed for RemoteState {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         let (kind, reason, next) = match *self {
             Self::Running => (0, None, None),
             Self::Offline {
@@ -197,9 +197,9 @@ impl Packed for RemoteState {
     }
 }
 
-/// Its numbers, in two words; none has one that no reason has.
+/// The numbers of the reason, in two words; `None` has a number that no reason has.
 impl Packed for Option<OfflineReason> {
-    fn pack(&self, to: &mut impl Sink) {
+    fn pack(&self, to: &mut impl WordSink) {
         let (number, one, other) = self.map_or((u8::MAX, 0, 0), OfflineReason::to_words);
         to.put(number.into());
         to.put(u64::from(one) << 32 | u64::from(other));
@@ -217,7 +217,7 @@ mod tests {
     use super::*;
     use crate::modules::serial::every_reason;
 
-    impl Sink for Vec<u64> {
+    impl WordSink for Vec<u64> {
         fn put(&mut self, word: u64) {
             self.push(word);
         }

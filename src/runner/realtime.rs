@@ -10,27 +10,28 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-/// What the thread of a cycle asks of Linux; each on its own, nothing by default.
+/// Settings of Linux for the thread of a cycle; independent of each other, none by default.
 ///
-/// What is refused is an error with the reason, never silence: a cycle without its rights misses
+/// A refused setting is an error with the reason, never ignored: a cycle without its rights misses
 /// periods under load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Realtime {
-    /// The priority of `SCHED_FIFO`, 1 to 99: the thread runs before all that have less. Interrupt
-    /// threads of a kernel with `PREEMPT_RT` have 50; a cycle over Ethernet must stay below that of
-    /// its network card.
+    /// The priority of `SCHED_FIFO`, 1 to 99: the thread runs before all those with lower priority.
+    /// Interrupt threads of a kernel with `PREEMPT_RT` have 50; a cycle over Ethernet must stay
+    /// below that of its network card.
     pub priority: Option<u8>,
-    /// All memory of the process stays in RAM, also what it asks for later: no page is waited for.
+    /// Keeps all memory of the process in RAM, including later allocations: the cycle never waits
+    /// for a page.
     ///
-    /// Refused where only so many bytes may be locked, even if what the process has now fits: what it
-    /// asked for later would be refused then, which ends most programs.
+    /// Refused where the number of lockable bytes is limited, even if the current memory fits:
+    /// later allocations would fail then, which ends most programs.
     pub lock_memory: bool,
-    /// The CPUs that the thread may run on, by number; empty: any. One that the kernel keeps free of
-    /// others (`isolcpus`) is best.
+    /// The CPUs that the thread may run on, by number; empty: any. Best is one that the kernel
+    /// keeps free of other threads (`isolcpus`).
     pub cpus: Vec<usize>,
 }
 
-/// What Linux refuses to the thread of a cycle.
+/// A setting that Linux refuses to the thread of a cycle.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RealtimeError {
@@ -40,55 +41,55 @@ pub enum RealtimeError {
          /etc/security/limits.d and log in again, or give the program CAP_SYS_NICE"
     )]
     Priority {
-        /// What was asked for.
+        /// The requested priority.
         priority: u8,
-        /// Why not.
+        /// The reason.
         source: io::Error,
     },
-    /// It is no priority.
+    /// The number is not a priority.
     #[error("priority {priority}: SCHED_FIFO has priorities from 1 to 99")]
     NoPriority {
-        /// What was asked for.
+        /// The requested priority.
         priority: u8,
     },
-    /// The memory.
+    /// The locking of memory.
     #[error(
         "locking the memory: {source}; give the user `memlock unlimited` in /etc/security/limits.d \
          and log in again, or give the program CAP_IPC_LOCK"
     )]
     Memory {
-        /// Why not.
+        /// The reason.
         source: io::Error,
     },
-    /// Only so much memory may be locked.
+    /// The size of lockable memory is limited.
     #[error(
         "locking the memory: no more than {} KiB may be locked (ulimit -l), and what the program asks \
          for beyond that would be refused while it runs; give the user `memlock unlimited` in \
          /etc/security/limits.d and log in again, or give the program CAP_IPC_LOCK", bytes >> 10
     )]
     MemoryLimit {
-        /// How much.
+        /// The limit in bytes.
         bytes: u64,
     },
-    /// Several things, each with its reason.
+    /// Several settings, each with its reason.
     #[error("{}", Lines(.0))]
     Several(Vec<RealtimeError>),
     /// The CPUs.
     #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
     Cpus {
-        /// What was asked for.
+        /// The requested CPUs.
         cpus: Vec<usize>,
-        /// Why not.
+        /// The reason.
         source: io::Error,
     },
 }
 
 impl Realtime {
-    /// Asks for all of it, for the calling thread; locked memory is that of the whole process.
+    /// Applies all settings to the calling thread; locked memory is that of the whole process.
     ///
     /// # Errors
-    /// [`RealtimeError`]: what is refused, [`Several`](RealtimeError::Several) where that is more than one
-    /// thing. What is granted stays.
+    /// [`RealtimeError`]: the refused setting, [`Several`](RealtimeError::Several) for more than
+    /// one. Granted settings stay in effect.
     ///
     /// # Real time
     /// Before the cycle.
@@ -127,7 +128,7 @@ impl Realtime {
             set.set(cpu);
         }
         sched_setaffinity(None, &set).map_err(|error| refused(error.into()))?;
-        // It takes those that there are.
+        // The kernel silently drops CPUs that do not exist.
         let granted = sched_getaffinity(None).map_err(|error| refused(error.into()))?;
         match self.cpus.iter().find(|&&cpu| !granted.is_set(cpu)) {
             Some(cpu) => Err(refused(io::Error::other(std::format!(
@@ -185,7 +186,7 @@ fn set_priority(priority: u8) -> Result<(), RealtimeError> {
 mod tests {
     use super::*;
 
-    /// In a thread of its own: what is granted stays with the thread.
+    /// Runs `work` in a thread of its own, because granted settings stay with the thread.
     fn in_a_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
         std::thread::scope(|scope| scope.spawn(work).join().expect("no panic"))
     }
@@ -254,7 +255,7 @@ mod tests {
         });
     }
 
-    /// The limit is that of the whole process, which no other test asks for more; the capability is
+    /// The limit is that of the whole process, and no other test locks memory; the capability is
     /// that of the thread.
     #[test]
     fn memory_of_which_only_a_part_may_be_locked_is_not_locked_at_all() {

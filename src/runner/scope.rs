@@ -1,4 +1,4 @@
-//! Records cycles around a trigger.
+//! Recording of cycles around a trigger.
 
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -7,16 +7,16 @@ use crate::bus::Instant;
 use crate::hal::{AnyValue, HalType, PinId, Pins};
 use crate::tally::Tally;
 
-/// The most pins of a [`Scope`].
+/// Largest number of pins of a [`Scope`].
 pub const MAX_SCOPE_PINS: usize = 16;
-/// The most cycles of a [`Scope`].
+/// Largest number of cycles of a [`Scope`].
 pub const MAX_SCOPE_CYCLES: usize = 100_000;
 
-/// Words of a cycle before its values: its number, its time, and which values are valid.
+/// Words of a cycle before its values: its number, its time, and a bit for each valid value.
 const HEAD: usize = 3;
 
-/// Records pins in some cycles before and after a trigger, as an oscilloscope does. It is fed in the
-/// thread of the cycle, and read afterwards.
+/// Records pins in a number of cycles before and after a trigger, as an oscilloscope does. Fed in
+/// the thread of the cycle, and read afterwards.
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -47,17 +47,17 @@ const HEAD: usize = 3;
 ///
 /// # Real time
 /// [`sample`](Self::sample) takes constant time for each pin and does not allocate.
-/// [`new`](Self::new) does: 8 bytes for each value, and 24 for each cycle.
+/// [`new`](Self::new) allocates: 8 bytes for each value, and 24 for each cycle.
 #[derive(Clone, Debug)]
 pub struct Scope {
     pins: Vec<(PinId, HalType)>,
     trigger: Trigger,
-    /// Cycles before the trigger, and all.
+    /// Cycles before the trigger, and all cycles.
     before: usize,
     cycles: usize,
     /// A ring of `cycles` rows.
     words: Vec<u64>,
-    /// Rows that were written so far.
+    /// Number of rows written so far.
     written: usize,
     /// The value of the trigger's pin in the last cycle.
     last: Option<f64>,
@@ -65,47 +65,48 @@ pub struct Scope {
     triggered: Option<usize>,
 }
 
-/// When a recording begins.
+/// Trigger condition of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trigger {
-    /// The pin that is looked at; a bit is 0 or 1.
+    /// The watched pin; a bit is 0 or 1.
     pub pin: PinId,
-    /// The level that it crosses.
+    /// The level that its value crosses.
     pub level: f64,
-    /// In which direction.
+    /// The direction of the crossing.
     pub edge: Edge,
 }
 
 /// The direction in which a level is crossed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
-    /// From below it to it or above.
+    /// From below the level to the level or above.
     Rising,
-    /// From above it to it or below.
+    /// From above the level to the level or below.
     Falling,
 }
 
-/// What a scope does.
+/// State of a scope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ScopeState {
-    /// The cycles before the trigger are not complete: it would not be taken yet.
+    /// The cycles before the trigger are not complete: a trigger is still ignored.
     Filling,
-    /// It waits for its trigger.
+    /// Waiting for the trigger.
     Waiting,
-    /// The trigger came.
+    /// The trigger has occurred.
     Triggered,
     /// All cycles are recorded.
     Done,
 }
 
-/// Why there can be no such scope.
+/// Reason why a scope cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ScopeError {
     /// Too few or too many pins.
     #[error("{count} pins: 1 to {MAX_SCOPE_PINS} can be recorded at once")]
     Pins {
-        /// How many there were.
+        /// Number of pins.
         count: usize,
     },
     /// Too few or too many cycles.
@@ -116,22 +117,22 @@ pub enum ScopeError {
     Cycles {
         /// Cycles before the trigger.
         before: usize,
-        /// All.
+        /// All cycles.
         cycles: usize,
     },
-    /// A pin is one of another driver.
+    /// A pin belongs to another driver.
     #[error("a pin belongs to another driver's pins, or to none; ask this driver for it by name")]
     ForeignPin,
 }
 
-/// One cycle of a recording.
+/// A recorded cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ScopeRow<'a> {
-    /// Cycles since the trigger; less than 0 before it.
+    /// Cycles since the trigger; negative before it.
     pub offset: i64,
     /// The number of the cycle.
     pub cycle: u64,
-    /// When it began.
+    /// Start of the cycle.
     pub time: Instant,
     pins: &'a [(PinId, HalType)],
     valid: u64,
@@ -139,7 +140,7 @@ pub struct ScopeRow<'a> {
 }
 
 impl Scope {
-    /// For these pins, `before` of `cycles` cycles before the trigger.
+    /// A scope for the pins `recorded`, with `before` of `cycles` cycles before the trigger.
     ///
     /// # Errors
     /// [`ScopeError`].
@@ -171,8 +172,8 @@ impl Scope {
         })
     }
 
-    /// Takes a cycle: after its read, or after the application's own work, whose outputs are those of
-    /// this cycle then.
+    /// Records a cycle: call it after the read, or after the application's own work, so that its
+    /// outputs are those of this cycle.
     ///
     /// # Real time
     /// Constant time for each pin, no allocation.
@@ -201,7 +202,7 @@ impl Scope {
         self.state()
     }
 
-    /// The words of a row, of which the oldest is overwritten by the newest.
+    /// The words of a row; the newest row overwrites the oldest.
     fn row(&self, number: usize) -> Range<usize> {
         let size = HEAD.saturating_add(self.pins.len());
         let place = number.checked_rem(self.cycles).unwrap_or(0);
@@ -213,7 +214,7 @@ impl Scope {
         self.written.saturating_sub(row)
     }
 
-    /// What it does.
+    /// The state.
     pub fn state(&self) -> ScopeState {
         match self.triggered {
             Some(row) if self.rows_from(row) >= self.cycles.saturating_sub(self.before) => {
@@ -225,7 +226,8 @@ impl Scope {
         }
     }
 
-    /// What was recorded: all of it when it is [done](ScopeState::Done), nothing before the trigger.
+    /// The recorded cycles: all of them when it is [done](ScopeState::Done), none before the
+    /// trigger.
     pub fn rows(&self) -> impl Iterator<Item = ScopeRow<'_>> + '_ {
         let trigger = self.written.saturating_add(self.before);
         let trigger = self.triggered.unwrap_or(trigger);
@@ -244,8 +246,8 @@ impl Scope {
         })
     }
 
-    /// Whether the level was crossed, once the cycles before are complete. A value that is not valid
-    /// crosses nothing.
+    /// Detects a crossing of the level, once the cycles before the trigger are complete. A value
+    /// that is not valid crosses nothing.
     fn look(&mut self, pins: &Pins) {
         let reading = pins.read_any(self.trigger.pin);
         let now = reading.ok().map(AnyValue::as_f64);
@@ -265,7 +267,7 @@ impl Scope {
 }
 
 impl ScopeRow<'_> {
-    /// The values in the order of the pins; `None` where one was not valid.
+    /// The values in the order of the pins; `None` for a value that was not valid.
     pub fn values(&self) -> impl Iterator<Item = Option<AnyValue>> + '_ {
         let values = self.pins.iter().zip(self.words).enumerate();
         values.map(|(number, (&(_, hal_type), &bits))| {
@@ -280,7 +282,7 @@ mod tests {
     use super::*;
     use crate::hal::{PinMaker, PinStore};
 
-    /// Feeds `volts` cycle by cycle, and gives what was recorded: offsets and values.
+    /// Feeds `volts` cycle by cycle; returns the recorded offsets and values.
     fn record(volts: &[f64], edge: Edge, range: (usize, usize)) -> Vec<(i64, f64)> {
         let mut store = PinStore::default();
         let group = store.add_group();
@@ -313,7 +315,7 @@ mod tests {
         assert_eq!(rising, [(-2, 0.2), (-1, 0.3), (0, 1.5), (1, 1.6), (2, 0.4)]);
         let falling = record(&volts, Edge::Falling, (1, 3));
         assert_eq!(falling, [(-1, 1.6), (0, 0.4), (1, 1.7)]);
-        // The first crossing comes too soon for what is to be before it.
+        // The first crossing comes before the cycles that must precede a trigger are complete.
         let late = record(&volts, Edge::Rising, (6, 8));
         assert_eq!((late[0], late[6]), ((-6, 0.1), (0, 1.7)));
         assert_eq!(record(&volts[..4], Edge::Rising, (1, 3)), []);

@@ -1,4 +1,4 @@
-//! What the thread of a cycle shows to other threads.
+//! Publication of a cycle's values to other threads.
 
 mod view;
 
@@ -13,25 +13,26 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
 use core::time::Duration;
 
 use super::RunStatistics;
-use super::packed::{Packed, Sink};
+use super::packed::{Packed, WordSink};
 use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::sslbp::RemoteName;
 use crate::tally::Tally;
 
-/// What was published so long ago is not valid any more; 3 periods, if these are longer.
-const FRESH: Duration = Duration::from_millis(100);
-const FRESH_PERIODS: u32 = 3;
+/// Published values are valid for this time; for 3 periods, if these are longer.
+const MAX_AGE: Duration = Duration::from_millis(100);
+const MAX_AGE_PERIODS: u32 = 3;
 
-/// How often a reader tries to get a whole set.
+/// Number of tries of a reader to get a consistent set.
 const TRIES: u32 = 100;
 
-/// Shows, once in each cycle, everything that a driver knows to other threads: for a GUI, a logger or
-/// a scope.
+/// Publishes all state of a driver to other threads, once in each cycle: for a GUI, a logger or a
+/// scope.
 ///
-/// A [`Runner`](super::Runner) has one when [`Runner::snapshot`](super::Runner::snapshot) was asked
-/// for; who has a loop of his own calls [`publish`](Self::publish) at the end of each cycle.
+/// A [`Runner`](super::Runner) has a writer after a call of
+/// [`Runner::snapshot`](super::Runner::snapshot); a program with its own loop calls
+/// [`publish`](Self::publish) at the end of each cycle.
 ///
 /// ```
 /// use mesa_hal::{Driver, Settings, runner::SnapshotWriter};
@@ -54,30 +55,30 @@ const TRIES: u32 = 100;
 /// ```
 ///
 /// # Real time
-/// [`publish`](Self::publish) stores one word for each pin and a few for each remote, and waits for
-/// nobody: readers neither lock nor delay it. It does not allocate. [`new`](Self::new) does.
+/// [`publish`](Self::publish) stores one word for each pin and a few for each remote, and never
+/// blocks: readers neither lock nor delay it. It does not allocate; [`new`](Self::new) does.
 #[derive(Debug)]
 pub struct SnapshotWriter {
-    shared: Arc<Shared>,
+    shared: Arc<SnapshotBuffer>,
     sequence: u64,
-    since: Since,
+    since: ChangeTimes,
 }
 
-/// Since when things are as they are.
+/// Times of the last changes of state.
 #[derive(Debug)]
-struct Since {
+struct ChangeTimes {
     board: (BoardState, Instant),
-    /// Whether it runs, by remote.
+    /// For each remote, true while it runs, and the time since.
     remotes: Vec<(bool, Instant)>,
 }
 
 /// Takes snapshots, in any thread.
 #[derive(Clone, Debug)]
 pub struct SnapshotReader {
-    shared: Arc<Shared>,
+    shared: Arc<SnapshotBuffer>,
 }
 
-/// Why there is no snapshot.
+/// Reason why there is no snapshot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SnapshotError {
@@ -90,48 +91,48 @@ pub enum SnapshotError {
          between two; try again later"
     )]
     Torn {
-        /// How often it was tried.
+        /// Number of tries.
         tries: u32,
     },
 }
 
-/// What writer and readers have in common.
+/// State shared by the writer and its readers.
 ///
-/// A sequence lock: the number is odd while words are written, and another one afterwards. A reader
-/// that finds the same even number before and after has a whole set.
+/// A sequence lock: the number is odd while words are written, and a new even one afterwards. A
+/// reader that finds the same even number before and after its copy has a consistent set.
 #[derive(Debug)]
-struct Shared {
+struct SnapshotBuffer {
     sequence: AtomicU64,
     words: Box<[AtomicU64]>,
-    /// When they were published, in nanoseconds on `clock`.
+    /// Time of publication, in nanoseconds on `clock`.
     published: AtomicU64,
     clock: HostClock,
-    /// The words are fresh for so long.
+    /// Time for which the words are fresh.
     fresh: Duration,
     has_ended: AtomicBool,
-    layout: Layout,
+    layout: SnapshotLayout,
 }
 
-/// What does not change, and where the words are that do.
+/// Constant data, and the positions of the words that change.
 #[derive(Debug)]
-struct Layout {
+struct SnapshotLayout {
     infos: Vec<PinInfo>,
-    /// Any pin, to tell whose pins they are.
+    /// Any pin, which identifies the driver that the pins belong to.
     pin: PinId,
     groups: Vec<GroupId>,
     /// The number of each pin's group.
     group_of: Vec<u32>,
     places: Vec<(RemoteId, RemoteName, GroupId)>,
-    /// The first words of ...
+    /// The first words of the groups, the remotes, the values and the flags.
     groups_at: usize,
     remotes_at: usize,
     values_at: usize,
     flags_at: usize,
 }
 
-struct Words<'a>(slice::Iter<'a, AtomicU64>);
+struct SnapshotWords<'a>(slice::Iter<'a, AtomicU64>);
 
-impl Sink for Words<'_> {
+impl WordSink for SnapshotWords<'_> {
     fn put(&mut self, value: u64) {
         if let Some(word) = self.0.next() {
             word.store(value, Ordering::Relaxed);
@@ -140,7 +141,7 @@ impl Sink for Words<'_> {
 }
 
 impl SnapshotWriter {
-    /// For a driver. Nothing is published yet.
+    /// A writer for a driver. Nothing is published yet.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
         let now = driver.pins().now();
         let remotes = driver.ports().iter().flat_map(|port| {
@@ -155,19 +156,19 @@ impl SnapshotWriter {
             })
         });
         let places: Vec<_> = remotes.collect();
-        let since = Since {
+        let since = ChangeTimes {
             board: (driver.board_state(), now),
             remotes: places.iter().map(|_| (true, now)).collect(),
         };
-        let (layout, words) = Layout::new(driver, places, &since);
+        let (layout, words) = SnapshotLayout::new(driver, places, &since);
         let words = (0..words).map(|_| AtomicU64::new(0)).collect();
         Self {
-            shared: Arc::new(Shared {
+            shared: Arc::new(SnapshotBuffer {
                 sequence: AtomicU64::new(0),
                 words,
                 published: AtomicU64::new(0),
                 clock: HostClock::new(),
-                fresh: FRESH.max(driver.period().saturating_mul(FRESH_PERIODS)),
+                fresh: MAX_AGE.max(driver.period().saturating_mul(MAX_AGE_PERIODS)),
                 has_ended: AtomicBool::new(false),
                 layout,
             }),
@@ -176,26 +177,27 @@ impl SnapshotWriter {
         }
     }
 
-    /// A reader for another thread. Allocates nothing.
+    /// A reader for another thread. Does not allocate.
     pub fn reader(&self) -> SnapshotReader {
         SnapshotReader {
             shared: Arc::clone(&self.shared),
         }
     }
 
-    /// Shows what is known after a cycle. The statistics of a run are those of a
-    /// [`Runner`](super::Runner) only, here all zero.
+    /// Publishes the state after a cycle. The statistics of a run, which only a
+    /// [`Runner`](super::Runner) has, are all zero here.
     ///
     /// # Errors
-    /// [`PinError::ForeignHandle`] if it was made for another driver; nothing is published then.
+    /// [`PinError::ForeignHandle`] if the writer was made for another driver; nothing is published
+    /// then.
     ///
     /// # Real time
-    /// In proportion to the number of pins; waits for nobody, no allocation.
+    /// In proportion to the number of pins; never blocks, no allocation.
     pub fn publish<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) -> Result<(), PinError> {
         self.publish_run(driver, &RunStatistics::default())
     }
 
-    /// The same with the statistics of a run.
+    /// As [`publish`](Self::publish), with the statistics of a run.
     ///
     /// # Errors
     /// As [`publish`](Self::publish).
@@ -211,7 +213,7 @@ impl SnapshotWriter {
             return Err(PinError::ForeignHandle);
         }
         self.since.look(driver);
-        let Shared {
+        let SnapshotBuffer {
             sequence,
             words,
             published,
@@ -219,9 +221,9 @@ impl SnapshotWriter {
         } = &*self.shared;
         let now = self.shared.now();
         sequence.store(self.sequence.wrapping_add(1), Ordering::Relaxed);
-        // Nobody sees a new word before the odd number.
+        // No new word becomes visible before the odd number.
         fence(Ordering::Release);
-        record(driver, run, &self.since, &mut Words(words.iter()));
+        record(driver, run, &self.since, &mut SnapshotWords(words.iter()));
         published.store(now, Ordering::Relaxed);
         self.sequence = self.sequence.wrapping_add(2);
         sequence.store(self.sequence, Ordering::Release);
@@ -229,21 +231,21 @@ impl SnapshotWriter {
     }
 }
 
-impl Shared {
+impl SnapshotBuffer {
     /// Nanoseconds on the clock of this host.
     fn now(&self) -> u64 {
         self.clock.read().as_nanos()
     }
 }
 
-/// Readers learn that nothing comes any more.
+/// Notifies readers that nothing more will be published.
 impl Drop for SnapshotWriter {
     fn drop(&mut self) {
         self.shared.has_ended.store(true, Ordering::Release);
     }
 }
 
-impl Since {
+impl ChangeTimes {
     fn look<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         let now = driver.pins().now();
         if self.board.0 != driver.board_state() {
@@ -263,12 +265,12 @@ fn remotes<B: RegisterBus + Clock>(driver: &Driver<B>) -> impl Iterator<Item = R
     ports.flat_map(SerialPort::remotes)
 }
 
-/// All words of a cycle, in the order of the [`Layout`].
+/// All words of a cycle, in the order of the [`SnapshotLayout`].
 fn record<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     run: &RunStatistics,
-    since: &Since,
-    to: &mut impl Sink,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
 ) {
     record_head(driver, run, since, to);
     record_groups(driver.pins(), to);
@@ -280,8 +282,8 @@ fn record<B: RegisterBus + Clock>(
 fn record_head<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     run: &RunStatistics,
-    since: &Since,
-    to: &mut impl Sink,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
 ) {
     driver.pins().cycle().pack(to);
     driver.pins().now().pack(to);
@@ -292,13 +294,17 @@ fn record_head<B: RegisterBus + Clock>(
     driver.bus().statistics().pack(to);
 }
 
-fn record_groups(pins: &Pins, to: &mut impl Sink) {
+fn record_groups(pins: &Pins, to: &mut impl WordSink) {
     for state in pins.groups().filter_map(|group| pins.group_state(group)) {
         state.pack(to);
     }
 }
 
-fn record_remotes<B: RegisterBus + Clock>(driver: &Driver<B>, since: &Since, to: &mut impl Sink) {
+fn record_remotes<B: RegisterBus + Clock>(
+    driver: &Driver<B>,
+    since: &ChangeTimes,
+    to: &mut impl WordSink,
+) {
     for (remote, &(_, since)) in remotes(driver).zip(&since.remotes) {
         since.pack(to);
         remote.state.pack(to);
@@ -310,12 +316,12 @@ fn record_remotes<B: RegisterBus + Clock>(driver: &Driver<B>, since: &Since, to:
     }
 }
 
-fn record_values(pins: &Pins, to: &mut impl Sink) {
+fn record_values(pins: &Pins, to: &mut impl WordSink) {
     pins.kept().for_each(|(bits, _)| to.put(bits));
 }
 
 /// One bit for each pin: its last value was refused or withheld.
-fn record_flags(pins: &Pins, to: &mut impl Sink) {
+fn record_flags(pins: &Pins, to: &mut impl WordSink) {
     let (mut flags, mut count) = (0, 0);
     for (_, is_bad) in pins.kept() {
         flags |= u64::from(is_bad) << count;
@@ -328,12 +334,12 @@ fn record_flags(pins: &Pins, to: &mut impl Sink) {
     to.put(flags);
 }
 
-impl Layout {
-    /// And how many words there are.
+impl SnapshotLayout {
+    /// The layout, and the number of words.
     fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
         places: Vec<(RemoteId, RemoteName, GroupId)>,
-        since: &Since,
+        since: &ChangeTimes,
     ) -> (Self, usize) {
         let pins = driver.pins();
         let groups: Vec<_> = pins.groups().collect();
@@ -377,15 +383,15 @@ impl SnapshotReader {
         &self.shared.layout.infos
     }
 
-    /// What the cycle showed last. When the cycle has ended, or hangs, that is old: see
+    /// The values that the cycle published last. They are old if the cycle has ended, or hangs: see
     /// [`Snapshot::is_fresh`].
     ///
     /// # Errors
     /// [`SnapshotError`].
     ///
     /// # Real time
-    /// For other threads than that of the cycle: allocates, tries at most 100 times, and gives its
-    /// CPU away between two.
+    /// For other threads than that of the cycle: allocates, tries at most 100 times, and yields its
+    /// CPU between two tries.
     pub fn read(&self) -> Result<Snapshot, SnapshotError> {
         let mut snapshot = Snapshot {
             shared: Arc::clone(&self.shared),
@@ -397,8 +403,8 @@ impl SnapshotReader {
         Ok(snapshot)
     }
 
-    /// The same into one that was read before, without allocation. After an error its values are of
-    /// no cycle.
+    /// As [`read`](Self::read), into an earlier snapshot, without allocation. After an error the
+    /// values of the snapshot belong to no cycle.
     ///
     /// # Errors
     /// [`SnapshotError`].
@@ -414,7 +420,7 @@ impl SnapshotReader {
                 return Err(SnapshotError::NotYet);
             }
             if before.is_multiple_of(2) {
-                // An end that is seen was before what is read now.
+                // If the end is visible here, the words read below are the last ones.
                 snapshot.has_ended = self.has_ended();
                 for (copy, word) in snapshot.words.iter_mut().zip(&shared.words) {
                     *copy = word.load(Ordering::Relaxed);
@@ -433,7 +439,7 @@ impl SnapshotReader {
         Err(SnapshotError::Torn { tries: TRIES })
     }
 
-    /// Whether the writer is gone: what was shown last was the last.
+    /// True if the writer no longer exists: the last published values are final.
     pub fn has_ended(&self) -> bool {
         self.shared.has_ended.load(Ordering::Acquire)
     }

@@ -6,16 +6,17 @@ use std::process::ExitCode;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// Whether a signal asked the program to end. What drives a board looks at it in every cycle.
+/// Flag that a signal has asked the program to end. A program that drives a board checks it in
+/// every cycle.
 ///
 /// # Real time
-/// Looking at it is one load.
+/// A check is one load.
 #[derive(Clone, Debug)]
 pub struct Stop(Arc<AtomicUsize>);
 
 impl Stop {
-    /// From now on SIGINT (Ctrl-C), SIGTERM and SIGHUP (a terminal or a connection that is closed) do
-    /// not end the program, but are noted here.
+    /// Makes SIGINT (Ctrl-C), SIGTERM and SIGHUP (a closed terminal or connection) set this flag
+    /// instead of ending the program.
     ///
     /// # Errors
     /// The operating system refuses a handler.
@@ -27,7 +28,7 @@ impl Stop {
         Ok(Self(noted))
     }
 
-    /// The signal that came, if one did.
+    /// The signal that arrived, if any.
     pub fn signal(&self) -> Option<Signal> {
         match self.0.load(Ordering::Relaxed) {
             0 => None,
@@ -41,7 +42,7 @@ impl Stop {
 pub struct Signal(i32);
 
 impl Signal {
-    /// What shells expect of a program that a signal has ended: 128 and its number.
+    /// The exit code that shells expect of a program ended by a signal: 128 plus its number.
     pub fn exit_code(self) -> ExitCode {
         ExitCode::from(128_u8.wrapping_add(self.0 as u8))
     }

@@ -1,4 +1,4 @@
-//! The runner on simulated boards, in virtual time.
+//! Tests of the runner on simulated boards, in virtual time.
 
 use core::ops::ControlFlow;
 use core::time::Duration;
@@ -13,7 +13,7 @@ fn runner() -> Runner<SimFpga> {
     Runner::new(Driver::start(board, Settings::default()).expect("it starts"))
 }
 
-/// The times at which cycles begin, while `work` makes some of them longer.
+/// The start times of cycles, while `work` makes some of them longer.
 fn begins(
     cycles: u64,
     mut work: impl FnMut(u64) -> Duration,
@@ -34,7 +34,7 @@ fn begins(
     (begins, ended.statistics)
 }
 
-/// The period in which each of them begins; a read takes less than half of one.
+/// The period in which each cycle starts; a read takes less than half of one.
 fn periods(begins: &[Instant]) -> Vec<u64> {
     let first = begins[0];
     let micros = begins

@@ -44,7 +44,7 @@ pub struct DoitTime {
 
 /// Data of one channel's exchange in a DOIT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Exchange {
+pub struct ChannelExchange {
     /// The channel.
     pub channel: Channel,
     /// Number of bytes sent and received.
@@ -55,7 +55,7 @@ pub struct Exchange {
     pub latency: Duration,
 }
 
-impl Exchange {
+impl ChannelExchange {
     /// An exchange at 2.5 Mbaud, with a remote that answers as fast as well-behaved remotes do.
     pub const fn usual(channel: Channel, sizes: ProcessDataSizes) -> Self {
         Self {
@@ -78,7 +78,7 @@ impl DoitTime {
     pub fn expected(
         channels: u8,
         clock_hz: u32,
-        exchanges: impl IntoIterator<Item = Exchange>,
+        exchanges: impl IntoIterator<Item = ChannelExchange>,
     ) -> Self {
         let mut walk = Walk {
             channels: channels.min(MAX_CHANNELS).into(),
@@ -164,7 +164,7 @@ struct Station {
 }
 
 impl Station {
-    fn new(exchange: &Exchange, clock_hz: u32) -> Self {
+    fn new(exchange: &ChannelExchange, clock_hz: u32) -> Self {
         let clock = u64::from(clock_hz);
         let bits = |bits: u64| (bits * clock).div_ceil(u64::from(exchange.baud_rate.max(1)));
         let latency = exchange.latency.min(LONGEST_LATENCY).as_nanos() as u64;
@@ -255,7 +255,7 @@ mod tests {
         DoitTime::expected(
             8,
             100_000_000,
-            exchanges.map(|channel| Exchange::usual(channel, sizes)),
+            exchanges.map(|channel| ChannelExchange::usual(channel, sizes)),
         )
     }
 
@@ -290,7 +290,11 @@ mod tests {
     fn a_slower_processor_makes_what_it_does_longer_and_not_the_line() {
         let sizes = ProcessDataSizes { rx: 5, tx: 2 };
         let [fast, slow] = [99_000_000, 33_000_000].map(|clock_hz| {
-            DoitTime::expected(3, clock_hz, [Exchange::usual(Channel::ALL[0], sizes)])
+            DoitTime::expected(
+                3,
+                clock_hz,
+                [ChannelExchange::usual(Channel::ALL[0], sizes)],
+            )
         });
         // Ten characters of 4 us, and the remote.
         let line = Duration::from_micros(50);
@@ -324,7 +328,7 @@ mod tests {
             let sizes = ProcessDataSizes { rx, tx };
             let latency = Duration::from_nanos(latency.into());
             let exchanges = Channel::ALL.into_iter().take(n);
-            let exchanges = exchanges.map(|channel| Exchange {
+            let exchanges = exchanges.map(|channel| ChannelExchange {
                 channel,
                 sizes,
                 baud_rate,

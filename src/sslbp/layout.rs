@@ -27,14 +27,14 @@ pub struct PortPlace {
     /// Its number among the instances of its kind of module, as used in pin descriptors.
     pub unit: u8,
     /// Its registers, with its number on the board.
-    pub layout: Layout,
+    pub layout: PortLayout,
 }
 
 /// The register addresses of one port.
 ///
 /// Source: FACTS 2.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Layout {
+pub struct PortLayout {
     /// Number of the port, 0 to 3: within its module, or within the board if that has several
     /// serial modules.
     pub instance: u8,
@@ -48,7 +48,7 @@ pub struct Layout {
     register_stride: u16,
 }
 
-impl Layout {
+impl PortLayout {
     /// The ports of an identified board that can be driven, at most 4: those of all serial modules
     /// that have pins, numbered consecutively in the order of the descriptors. At most the first 8
     /// channels of a port are used.
@@ -257,7 +257,7 @@ pub(super) mod tests {
     /// FACTS 2.1.
     #[test]
     fn addresses_are_those_of_the_facts() {
-        let layout = Layout::new(&MODULE, 0, 8).unwrap();
+        let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         assert_eq!(layout.command, 0x5A00);
         assert_eq!(layout.data(), 0x5B00);
         let registers = layout.channel(Channel::ALL[3]).unwrap();
@@ -266,14 +266,14 @@ pub(super) mod tests {
         assert!(registers.interfaces_for(5).eq([0x5D0C, 0x5E0C]));
         assert_eq!(registers.interfaces_for(0).next(), None);
         assert_eq!(layout.interface_registers, 3);
-        let second = Layout::new(&MODULE, 1, 8).unwrap();
+        let second = PortLayout::new(&MODULE, 1, 8).unwrap();
         assert_eq!(second.command, 0x5A40);
         assert_eq!(second.channel(Channel::ALL[7]).unwrap().cs, 0x5C5C);
     }
 
     #[test]
     fn the_wide_layout_has_seven_interface_registers() {
-        let layout = Layout::new(&WIDE, 3, 2).unwrap();
+        let layout = PortLayout::new(&WIDE, 3, 2).unwrap();
         assert_eq!(layout.interface_registers, 7);
         let registers = layout.channel(Channel::ALL[1]).unwrap();
         assert_eq!(
@@ -285,17 +285,17 @@ pub(super) mod tests {
 
     #[test]
     fn what_is_not_there_is_not_addressed() {
-        let layout = Layout::new(&MODULE, 0, 3).unwrap();
+        let layout = PortLayout::new(&MODULE, 0, 3).unwrap();
         assert_eq!(layout.channel(Channel::ALL[3]), None);
         assert!(matches!(
-            Layout::new(&MODULE, 4, 8),
+            PortLayout::new(&MODULE, 4, 8),
             Err(HostMot2Error::NoRegister { instance: 4, .. })
         ));
         assert!(matches!(
-            Layout::new(&MODULE, 0, 0),
+            PortLayout::new(&MODULE, 0, 0),
             Err(HostMot2Error::NoPins { unit: 0, .. })
         ));
-        let error = Layout::new(&MODULE, 0, 9).unwrap_err().to_string();
+        let error = PortLayout::new(&MODULE, 0, 9).unwrap_err().to_string();
         assert!(error.contains("9 channels on port 0"), "{error}");
     }
 
@@ -305,13 +305,13 @@ pub(super) mod tests {
             gtag: Gtag::MUXED_ENCODER,
             ..MODULE
         };
-        let error = Layout::new(&encoder, 0, 8).unwrap_err().to_string();
+        let error = PortLayout::new(&encoder, 0, 8).unwrap_err().to_string();
         assert!(error.contains("has no serial ports"), "{error}");
         let mixed = ModuleDescriptor {
             gtag: Gtag::SSERIAL_B,
             ..MODULE
         };
-        let error = Layout::new(&mixed, 0, 8).unwrap_err().to_string();
+        let error = PortLayout::new(&mixed, 0, 8).unwrap_err().to_string();
         assert!(error.contains("mask 0x3C, known is 10"), "{error}");
         assert!(error.contains("mask 0x3FC"), "{error}");
     }
@@ -328,7 +328,7 @@ pub(super) mod tests {
         ) {
             let kind = if wide { WIDE } else { MODULE };
             let module = ModuleDescriptor { base, register_stride, instance_stride, ..kind };
-            if let Ok(layout) = Layout::new(&module, instance, channels) {
+            if let Ok(layout) = PortLayout::new(&module, instance, channels) {
                 let mut seen = std::collections::BTreeSet::from([layout.command]);
                 prop_assert!(seen.insert(layout.data()));
                 for channel in layout.mask().iter() {

@@ -15,13 +15,16 @@ mod status;
 
 pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteFaults};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
-pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange};
+pub use doit_time::{ChannelExchange, DEFAULT_BAUD_RATE, DoitTime};
 pub use error::PortError;
-pub use layout::{ChannelRegisters, Layout, MAX_INTERFACE_REGISTERS, PortPlace};
+pub use layout::{ChannelRegisters, MAX_INTERFACE_REGISTERS, PortLayout, PortPlace};
 pub use machine::{
-    Complete, Event, Failure, FailureCounts, Link, Machine, Observed, PortState, Verdict,
+    ChannelLink, CompletedOperation, Failure, FailureCounts, PortEvent, PortImage, PortMachine,
+    PortState, TransferResult,
 };
-pub use operation::{COMMAND_IGNORED, Operation, PortAccess, StartMode, Times, software_mode_word};
+pub use operation::{
+    COMMAND_IGNORED, OperationTimes, PortAccess, PortOperation, StartMode, software_mode_word,
+};
 pub use parameters::{ChannelVariable, PortParameters};
 pub use port::{Port, PortLink, PortResult, SetupPort};
 pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};

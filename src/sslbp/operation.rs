@@ -33,7 +33,7 @@ pub enum StartMode {
 /// Only the commands that the manuals define can be made: other bits beside DOIT run the transfer
 /// but leave COMMAND busy permanently (FACTS 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Operation {
+pub enum PortOperation {
     /// Stops all channels and initialises everything, baud rates included: 0800.
     ///
     /// Not allowed while COMMAND is not 0, because it would then stay there permanently. Manual:
@@ -72,7 +72,8 @@ pub enum Operation {
 
 /// Durations of an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Times {
+#[non_exhaustive]
+pub struct OperationTimes {
     /// Until COMMAND is 0, without errors.
     pub usual: Duration,
     /// Limit after which COMMAND is considered stuck.
@@ -84,13 +85,13 @@ pub struct Times {
 /// Firmware time of one access, which takes 39 us in all for a byte (FACTS 6.2).
 const FIRMWARE: Duration = Duration::from_micros(7);
 
-impl Operation {
+impl PortOperation {
     /// Durations of the operation. A port with a clock of 33 MHz takes three times as long as the
     /// recorded ones.
     ///
     /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; `tests/protocol/sslbp_stepped.rs` checks the
     /// longest times against all recordings.
-    pub fn times(&self) -> Times {
+    pub fn times(&self) -> OperationTimes {
         let (usual, longest, settle) = match self {
             // The registers are wiped 1 to 6 us after COMMAND is 0.
             Self::StopAll => (125, 5_000, 50),
@@ -112,7 +113,7 @@ impl Operation {
             Self::Release => (500, 5_000, 0),
             Self::Foreign => (0, 120_000, 0),
         };
-        Times {
+        OperationTimes {
             usual: Duration::from_micros(usual),
             longest: Duration::from_micros(longest),
             settle: Duration::from_micros(settle),
@@ -162,7 +163,7 @@ fn local(request: u32, address: u16) -> u32 {
     COMMAND_IGNORED
 }
 
-impl fmt::Display for Operation {
+impl fmt::Display for PortOperation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::StopAll => f.write_str("STOPALL"),
@@ -256,7 +257,7 @@ mod tests {
     /// scratch 66, 4000 and 0001) and t18 (baud rate, 9A).
     #[test]
     fn the_words_are_those_of_the_manual_and_of_the_transcripts() {
-        use Operation as O;
+        use PortOperation as O;
         let words = [
             (O::StopAll, 0x800),
             (O::Stop(mask(0x02)), 0x802),
@@ -278,17 +279,17 @@ mod tests {
 
     #[test]
     fn stopping_no_channel_is_not_stopping_all() {
-        let nothing = Operation::Stop(ChannelMask::NONE);
+        let nothing = PortOperation::Stop(ChannelMask::NONE);
         assert_eq!(nothing.command(), COMMAND_IGNORED);
     }
 
     #[test]
     fn an_operation_says_what_it_does() {
-        let doit = Operation::Transfer(mask(5)).to_string();
+        let doit = PortOperation::Transfer(mask(5)).to_string();
         assert_eq!(doit, "DOIT of channels 0,2 (1005)");
-        assert_eq!(Operation::StopAll.to_string(), "STOPALL (0800)");
-        assert_eq!(Operation::Free.to_string(), "the way out (08FF)");
-        let read = Operation::ReadLocal(3).to_string();
+        assert_eq!(PortOperation::StopAll.to_string(), "STOPALL (0800)");
+        assert_eq!(PortOperation::Free.to_string(), "the way out (08FF)");
+        let read = PortOperation::ReadLocal(3).to_string();
         assert_eq!(read, "local read at 0x003 (2003)");
     }
 

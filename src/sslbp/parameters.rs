@@ -51,6 +51,7 @@ impl PortParameters {
 ///
 /// FACTS 2.4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum ChannelVariable {
     /// Errors since the last stop, one byte each: CRC, cookie, overrun, timeout, extra character,
     /// break, remote fault. Each counter stops at its limit.

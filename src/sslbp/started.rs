@@ -169,6 +169,7 @@ impl fmt::Display for StartedRemote {
 /// A channel that START could not start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("channel {channel} did not start: {reason} (CS {:08X})", .cs.0)]
+#[non_exhaustive]
 pub struct StartFailure {
     /// The channel.
     pub channel: Channel,
@@ -261,8 +262,8 @@ impl StartFailureReason {
     pub(super) fn of(found: &StartedRemote, limit: ProcessDataSizes) -> Self {
         let StartedRemote { cs, sizes, .. } = *found;
         let (local, remote) = (cs.local_faults(), cs.remote_faults());
-        let told = (found.unit_number, found.name.0, found.ptoc, found.gtoc);
-        let is_identified = told != (0, [0; 4], 0, 0);
+        let registers = (found.unit_number, found.name.0, found.ptoc, found.gtoc);
+        let is_identified = registers != (0, [0; 4], 0, 0);
         match cs.state() {
             _ if local.contains(LocalFaults::SERIAL_BREAK) => Self::LineLow,
             ComState::CheckFaults => {
@@ -306,9 +307,9 @@ mod tests {
 
     const LIMIT: ProcessDataSizes = ProcessDataSizes::largest(3);
 
-    fn reason(cs: u32, told: [u32; 3], rx: u8, tx: u8) -> StartFailureReason {
+    fn reason(cs: u32, registers: [u32; 3], rx: u8, tx: u8) -> StartFailureReason {
         let (sizes, cs) = (ProcessDataSizes { rx, tx }, CsStatus(cs));
-        let found = StartedRemote::new((Channel::ALL[1], 5), told, sizes, cs);
+        let found = StartedRemote::new((Channel::ALL[1], 5), registers, sizes, cs);
         StartFailureReason::of(&found, LIMIT)
     }
 

@@ -92,6 +92,7 @@ impl fmt::Display for LinkStatus {
 ///
 /// Source: FACTS 4.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum ComState {
     /// Stopped.
     Stopped,

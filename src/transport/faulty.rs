@@ -1,57 +1,57 @@
-//! A bus around a bus that fails on purpose.
+//! A bus wrapper that injects faults.
 
 use core::time::Duration;
 
 use thiserror::Error;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Fault,
-    Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Fault, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
 /// Injects faults into a bus: at given exchanges, or at random from a seed.
 ///
-/// What a fault does follows from its kind, see [`Fault`]: the exchange is not executed at all, or
-/// it is executed and its reply is thrown away. In both cases no word of the caller's buffer
-/// changes, as [`RegisterBus::exchange`] promises.
+/// The effect of a fault follows from its kind, see [`Fault`]: either the exchange is not executed
+/// at all, or it is executed and its reply is discarded. In both cases no word of the caller's
+/// buffer changes, as [`RegisterBus::exchange`] promises.
 ///
 /// Exchanges are numbered from 0 on, prepared or not.
 ///
 /// # Real time
-/// Does not allocate, but for the first exchanges with a buffer of more than 4096 words.
+/// Does not allocate, except for the first exchanges with a buffer of more than 4096 words.
 #[derive(Debug)]
 pub struct Faulty<B> {
-    /// The bus inside.
+    /// The inner bus.
     pub inner: B,
     plan: Vec<(u64, Fault)>,
     random: Vec<(Fault, f64)>,
     generator: SplitMix,
     exchange: u64,
-    /// What becomes of the list that was started.
-    started: Drawn,
-    /// Writes that were dropped since the last reply.
+    /// Number and fault of the list that was started.
+    started: NumberedFault,
+    /// Writes dropped since the last reply.
     unnoticed: u32,
     counted: BusStatistics,
     scratch: Vec<u32>,
 }
 
-/// The number of an exchange, and what becomes of it.
-type Drawn = (u64, Option<Fault>);
+/// The number of an exchange, and the fault drawn for it.
+type NumberedFault = (u64, Option<Fault>);
 
-/// An error that was injected, or one of the bus inside.
+/// An injected error, or an error of the inner bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum FaultyError<E: core::error::Error + 'static> {
-    /// Injected.
+    /// An injected error.
     #[error("exchange {exchange}: {kind:?}, injected by the test set-up")]
     Injected {
-        /// Which kind was asked for.
+        /// The injected kind.
         kind: BusErrorKind,
         /// Number of the exchange, from 0 on.
         exchange: u64,
     },
-    /// A true one.
+    /// An error of the inner bus.
     #[error(transparent)]
     Inner(#[from] E),
 }
@@ -69,7 +69,7 @@ impl<E: BusError> BusError for FaultyError<E> {
 const SCRATCH_WORDS: usize = 4096;
 
 impl<B> Faulty<B> {
-    /// A bus that does not fail yet. The same seed makes the same faults.
+    /// A bus without faults so far. The same seed makes the same faults.
     pub fn new(inner: B, seed: u64) -> Self {
         Self {
             inner,
@@ -96,20 +96,20 @@ impl<B> Faulty<B> {
         self.random.push((fault, probability));
     }
 
-    /// No more faults from here on.
+    /// Removes all planned and random faults.
     pub fn heal(&mut self) {
         self.plan.clear();
         self.random.clear();
     }
 
-    /// Number of exchanges so far, and of the next one.
+    /// Number of exchanges so far; also the number of the next one.
     pub fn exchanges(&self) -> u64 {
         self.exchange
     }
 
-    /// What happens to this exchange. Draws the same number of random numbers whatever the plan,
-    /// so that a planned fault does not change the random ones.
-    fn draw(&mut self) -> Drawn {
+    /// Draws the fault of the next exchange. Consumes the same number of random numbers whatever
+    /// the plan, so that a planned fault does not change the random ones.
+    fn draw(&mut self) -> NumberedFault {
         let number = self.exchange;
         self.exchange.tally(1);
         let planned = self.plan.iter().find(|(at, _)| *at == number);
@@ -124,11 +124,11 @@ impl<B> Faulty<B> {
 }
 
 impl<B: RegisterBus> Faulty<B> {
-    /// Has the bus inside do an exchange, with the fault that was drawn for it. `unheard`: what it
-    /// returns when it was dropped silently.
+    /// Runs an exchange on the inner bus with the fault that was drawn for it. `unheard` is the
+    /// result of an exchange that was dropped silently.
     fn execute<T>(
         &mut self,
-        (exchange, fault): Drawn,
+        (exchange, fault): NumberedFault,
         accesses: &[Access],
         words: &mut [u32],
         unheard: T,
@@ -162,23 +162,23 @@ impl<B: RegisterBus> Faulty<B> {
         FaultyError::Injected { kind, exchange }
     }
 
-    /// What a reply of the bus inside tells, and what was dropped before it got there.
+    /// Adds the silently dropped writes to a reply of the inner bus.
     fn tell(&mut self, reply: Reply) -> Reply {
         let lost = core::mem::take(&mut self.unnoticed);
         self.counted.lost_writes.tally(lost.into());
         self.counted.doubts.tally((lost > 0).into());
-        Reply {
-            certain: reply.certain && lost == 0,
-            lost_writes: reply.lost_writes.saturating_add(lost),
-            ..reply
-        }
+        reply
+            .with_certain(reply.certain && lost == 0)
+            .with_lost_writes(reply.lost_writes.saturating_add(lost))
     }
 }
 
 impl<B: RegisterBus> RegisterBus for Faulty<B> {
     type Error = FaultyError<B::Error>;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         let drawn = self.draw();
@@ -187,11 +187,15 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, Self::Error> {
+    fn prepare(
+        &mut self,
+        accesses: &[Access],
+        hold: Option<Hold>,
+    ) -> Result<AccessList, Self::Error> {
         Ok(self.inner.prepare(accesses, hold)?)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), Self::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), Self::Error> {
         self.started = self.draw();
         match self.started.1 {
             Some(Fault::NotExecuted(_)) => Ok(()),
@@ -200,10 +204,10 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         }
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         let drawn = core::mem::take(&mut self.started);
         let accesses = list.as_ref();
-        let reply = self.execute(drawn, accesses, words, Reply::UNHEARD, |bus, words| {
+        let reply = self.execute(drawn, accesses, words, Reply::UNKNOWN, |bus, words| {
             bus.finish(list, words)
         })?;
         Ok(if reads(accesses) {
@@ -224,11 +228,11 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         self.inner.set_cycle(period, deadline);
     }
 
-    /// Those of the bus inside, and the injected faults.
     fn board(&mut self, effort: Effort) -> Result<BoardIdentity, Self::Error> {
         Ok(self.inner.board(effort)?)
     }
 
+    /// The statistics of the inner bus, with the injected faults added.
     fn statistics(&self) -> BusStatistics {
         let (mut all, counted) = (self.inner.statistics(), &self.counted);
         all.exchanges.tally(counted.exchanges);
@@ -261,12 +265,12 @@ fn reads(accesses: &[Access]) -> bool {
     directions.any(|direction| direction == Direction::Read)
 }
 
-/// The SplitMix64 generator: a few lines, and the same numbers everywhere.
+/// The SplitMix64 generator: short, and with the same numbers on every platform.
 #[derive(Clone, Copy, Debug)]
 struct SplitMix(u64);
 
 impl SplitMix {
-    /// 0 up to, and without, 1.
+    /// A number from 0 up to, but excluding, 1.
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;

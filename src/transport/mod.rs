@@ -1,7 +1,7 @@
-//! Buses: LBP16 over UDP, recording and fault-injecting wrappers. Beside them: where boards are, and
-//! the way to them.
+//! Buses: LBP16 over UDP, and wrappers that record accesses or inject faults. Also the search for
+//! boards and the route to an address.
 
-// The cycle runs it.
+// Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod faulty;
@@ -14,4 +14,4 @@ pub mod udp;
 
 pub use crate::bus::Fault;
 pub use faulty::{Faulty, FaultyError};
-pub use recording::{Entry, Event, Recording};
+pub use recording::{RecordedEntry, RecordedEvent, Recording};

@@ -1,4 +1,4 @@
-//! The way that packets of this computer take to an address, as Linux tells.
+//! The route that packets of this computer take to an address, from the files of Linux.
 
 use core::cmp::Reverse;
 use core::fmt;
@@ -10,12 +10,12 @@ use std::path::Path;
 /// The network interfaces of this computer and its routes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Network {
-    /// In the order of their names.
+    /// Sorted by name.
     pub interfaces: Vec<Interface>,
-    /// As the kernel lists them.
+    /// In the order of the kernel's list.
     pub routes: Vec<Route>,
-    /// The computer's own addresses, each with its mask: all bits, but for loopbacks. Source:
-    /// `/proc/net/fib_trie`.
+    /// The computer's own addresses, each with its mask: all bits set, except for loopbacks.
+    /// Source: `/proc/net/fib_trie`.
     pub own: Vec<(Ipv4Addr, Ipv4Addr)>,
 }
 
@@ -23,61 +23,61 @@ pub struct Network {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct Interface {
-    /// Its name: `eth0`.
+    /// Its name, e.g. `eth0`.
     pub name: String,
-    /// It carries Ethernet frames; a loopback does not.
+    /// Carries Ethernet frames; a loopback does not.
     pub is_ethernet: bool,
-    /// There is a device behind it, and no program or kernel module alone.
+    /// Backed by a device, not only by a program or kernel module.
     pub is_device: bool,
-    /// It has an antenna.
+    /// A wireless interface.
     pub is_wireless: bool,
-    /// It is switched on.
+    /// Switched on.
     pub is_up: bool,
-    /// Its cable leads to something that is switched on.
+    /// The cable leads to a device that is switched on.
     pub has_link: bool,
 }
 
 /// A route of the main table. Source: `/proc/net/route`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Route {
-    /// The interface that it leads through; `*` for one that discards what is sent there.
+    /// The outgoing interface; `*` for a route that discards packets.
     pub interface: String,
-    /// The network that it leads to.
+    /// The destination network.
     pub network: Ipv4Addr,
     /// Its netmask.
     pub mask: Ipv4Addr,
-    /// Who forwards the packets; unspecified where nobody has to.
+    /// The router that forwards the packets; unspecified where none is needed.
     pub gateway: Ipv4Addr,
-    /// Of two equal routes, that with the smaller number is taken.
+    /// Of two equal routes, the one with the smaller metric is taken.
     pub metric: u32,
 }
 
 /// The way to an address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way<'a> {
-    /// It is this computer.
+pub enum NetworkPath<'a> {
+    /// The address is this computer's own.
     Here,
-    /// Through an interface that is in the same network: the only way that boards are meant for.
+    /// Through an interface in the same network: the only way that boards are meant for.
     Direct(&'a Route),
     /// Through a gateway.
     Gateway(&'a Route),
-    /// What is sent there is discarded: the route is of type `unreachable`, `prohibit`, `blackhole` or
-    /// `throw`.
+    /// Packets to this address are discarded: the route is of type `unreachable`, `prohibit`,
+    /// `blackhole` or `throw`.
     Discarded(&'a Route),
-    /// There is none.
+    /// No route exists.
     None,
 }
 
 impl Network {
-    /// That of this computer, now.
+    /// The current network of this computer.
     ///
     /// # Errors
-    /// `/proc/net/route` or `/sys/class/net` can not be read: this is not Linux.
+    /// `/proc/net/route` or `/sys/class/net` cannot be read: not a Linux system.
     pub fn here() -> io::Result<Self> {
         Self::below(Path::new("/"))
     }
 
-    /// That of a computer whose files are below a directory.
+    /// The network of a computer whose files are below the directory `root`.
     ///
     /// # Errors
     /// As [`here`](Self::here).
@@ -96,29 +96,30 @@ impl Network {
         })
     }
 
-    /// The interface of that name.
+    /// The interface with this name.
     pub fn interface(&self, name: &str) -> Option<&Interface> {
         self.interfaces.iter().find(|one| one.name == name)
     }
 
-    /// The way to an address: the narrowest route counts, of equal ones that with the lowest metric.
-    pub fn way_to(&self, address: Ipv4Addr) -> Way<'_> {
+    /// The way to an address: the narrowest route is taken, and of equal ones the one with the
+    /// lowest metric.
+    pub fn way_to(&self, address: Ipv4Addr) -> NetworkPath<'_> {
         let mut own = self.own.iter();
         if address.is_loopback() || own.any(|(own, mask)| address & mask == *own) {
-            return Way::Here;
+            return NetworkPath::Here;
         }
         let routes = self.routes.iter().filter(|route| route.leads_to(address));
         let best = routes.max_by_key(|route| (route.mask.to_bits(), Reverse(route.metric)));
         match best {
-            None => Way::None,
-            Some(route) if route.discards() => Way::Discarded(route),
-            Some(route) if route.gateway.is_unspecified() => Way::Direct(route),
-            Some(route) => Way::Gateway(route),
+            None => NetworkPath::None,
+            Some(route) if route.discards() => NetworkPath::Discarded(route),
+            Some(route) if route.gateway.is_unspecified() => NetworkPath::Direct(route),
+            Some(route) => NetworkPath::Gateway(route),
         }
     }
 
-    /// The interface that a board is most likely plugged into, or would be: a wired one, rather with
-    /// a link, rather without the way to the rest of the world.
+    /// The interface that a board is, or would be, most likely plugged into: a wired one,
+    /// preferably with a link and without the default route.
     pub fn likely(&self) -> Option<&Interface> {
         let wired = self.interfaces.iter().filter(|one| one.is_ethernet);
         wired.max_by_key(|one| {
@@ -158,14 +159,14 @@ impl Interface {
             is_device: directory.join("device").exists(),
             is_wireless: directory.join("wireless").exists(),
             is_up: number("flags").is_some_and(|flags| flags & UP != 0),
-            // Can not be read while it is down.
+            // Cannot be read while the interface is down.
             has_link: number("carrier") == Some(1),
         })
     }
 }
 
 impl Route {
-    /// The routes of a text like `/proc/net/route`, without what can not be read.
+    /// The routes of a text like `/proc/net/route`, without the lines that cannot be parsed.
     pub fn parse(text: &str) -> Vec<Self> {
         text.lines().skip(1).filter_map(Self::parse_line).collect()
     }
@@ -173,7 +174,7 @@ impl Route {
     fn parse_line(line: &str) -> Option<Self> {
         let mut words = line.split_whitespace();
         let interface = words.next()?.to_owned();
-        // As the host's memory has them.
+        // In the byte order of the host's memory.
         let address = |word: &str| {
             let bits = u32::from_str_radix(word, 16).ok()?;
             Some(Ipv4Addr::from(bits.to_ne_bytes()))
@@ -192,31 +193,31 @@ impl Route {
         })
     }
 
-    /// Whether it leads to an address.
+    /// True if the route covers `address`.
     pub fn leads_to(&self, address: Ipv4Addr) -> bool {
         address & self.mask == self.network
     }
 
-    /// Whether what is sent there is discarded.
+    /// True if the route discards its packets.
     pub fn discards(&self) -> bool {
         self.interface == "*"
     }
 
-    /// Whether it leads to everything.
+    /// True if the route covers every address.
     pub fn is_default(&self) -> bool {
         self.mask.is_unspecified()
     }
 }
 
-/// The network that it leads to: `10.10.10.0/24`.
+/// The destination network: `10.10.10.0/24`.
 impl fmt::Display for Route {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}", self.network, self.mask.to_bits().count_ones())
     }
 }
 
-/// The addresses of type LOCAL of a text like `/proc/net/fib_trie`, without what can not be read. It
-/// has all of them twice.
+/// The addresses of type LOCAL of a text like `/proc/net/fib_trie`, without the lines that cannot
+/// be parsed. The file lists each of them twice.
 fn own(text: &str) -> Vec<(Ipv4Addr, Ipv4Addr)> {
     let mut all = Vec::new();
     let mut leaf = None;
@@ -253,9 +254,9 @@ eth2\t000A0A0A\t00000000\t0001\t0\t0\t20\t00FFFFFF\t0\t0\t0
 nonsense
 ";
 
-    /// The last four of the routes are those of `ip route add throw 10.96.0.0/16`, `prohibit
-    /// 10.97.0.1`, `unreachable 10.98.0.0/24` and `blackhole 10.99.0.0/24`, as Linux 6 shows them; this
-    /// is a part of what it shows of the addresses.
+    /// Excerpt of `/proc/net/fib_trie`. The last four of the routes above are those of `ip route
+    /// add throw 10.96.0.0/16`, `prohibit 10.97.0.1`, `unreachable 10.98.0.0/24` and `blackhole
+    /// 10.99.0.0/24`, as Linux 6 shows them.
     const ADDRESSES: &str = "\
 Main:
   +-- 0.0.0.0/0 3 0 5
@@ -320,26 +321,33 @@ Local:
         let network = network();
         assert_eq!(network.routes.len(), 8);
         let way = |a, b, c, d| network.way_to(Ipv4Addr::new(a, b, c, d));
-        assert_eq!(way(127, 1, 2, 3), Way::Here);
-        let Way::Gateway(route) = way(192, 168, 1, 121) else {
+        assert_eq!(way(127, 1, 2, 3), NetworkPath::Here);
+        let NetworkPath::Gateway(route) = way(192, 168, 1, 121) else {
             panic!("through the gateway");
         };
         assert_eq!(route.gateway, Ipv4Addr::new(192, 0, 2, 1));
-        assert!(matches!(way(192, 0, 2, 9), Way::Direct(route) if route.interface == "eth0"));
-        assert!(matches!(way(10, 10, 10, 10), Way::Direct(route) if route.interface == "eth2"));
+        assert!(
+            matches!(way(192, 0, 2, 9), NetworkPath::Direct(route) if route.interface == "eth0")
+        );
+        assert!(
+            matches!(way(10, 10, 10, 10), NetworkPath::Direct(route) if route.interface == "eth2")
+        );
         for discarded in [
             way(10, 96, 200, 1),
             way(10, 97, 0, 1),
             way(10, 98, 0, 9),
             way(10, 99, 0, 9),
         ] {
-            assert!(matches!(discarded, Way::Discarded(_)), "{discarded:?}");
+            assert!(
+                matches!(discarded, NetworkPath::Discarded(_)),
+                "{discarded:?}"
+            );
         }
-        assert!(matches!(way(10, 97, 0, 2), Way::Gateway(_)));
-        assert_eq!(way(192, 0, 2, 2), Way::Here);
+        assert!(matches!(way(10, 97, 0, 2), NetworkPath::Gateway(_)));
+        assert_eq!(way(192, 0, 2, 2), NetworkPath::Here);
         assert_eq!(
             Network::default().way_to(Ipv4Addr::new(10, 0, 0, 1)),
-            Way::None
+            NetworkPath::None
         );
     }
 

@@ -1,4 +1,4 @@
-//! A bus around a bus that keeps a log of what was accessed.
+//! A bus wrapper that logs accesses.
 
 use core::fmt;
 use core::time::Duration;
@@ -6,66 +6,68 @@ use std::collections::VecDeque;
 use std::io;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
-/// Keeps the last accesses of a bus: when, where, and which value.
+/// Keeps the last accesses of a bus, each with its time, register and value.
 ///
-/// What it writes are the host lines of the gateware transcripts: time in us, direction, address,
-/// value. The log has a fixed size; when it is full the oldest entries go, and are counted.
+/// The written log has the format of the host lines in the gateware transcripts: time in us,
+/// direction, address, value. The log has a fixed size; when it is full, the oldest entries are
+/// dropped and counted.
 ///
 /// # Real time
-/// Adds the cost of one log entry for each word and of one look at the clock. Allocates only when
-/// it is made.
+/// Adds the cost of one log entry for each word and of one clock reading. Allocates only when it is
+/// created.
 #[derive(Debug)]
 pub struct Recording<B> {
-    /// The bus inside.
+    /// The inner bus.
     pub inner: B,
     /// The log, oldest entry first.
-    pub entries: VecDeque<Entry>,
+    pub entries: VecDeque<RecordedEntry>,
     capacity: usize,
-    /// How many entries had to go for newer ones.
+    /// Number of entries that were dropped for newer ones.
     pub dropped: u64,
 }
 
-/// One line of the log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// When the exchange was over.
-    pub at: Instant,
-    /// The register; of an exchange that failed the first.
-    pub address: u16,
-    /// What happened.
-    pub event: Event,
-}
-
-/// What the log keeps.
+/// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Event {
-    /// The register was read, and had this word.
+pub struct RecordedEntry {
+    /// Time at which the exchange ended.
+    pub at: Instant,
+    /// The register; the first one for an exchange that failed.
+    pub address: u16,
+    /// The event.
+    pub event: RecordedEvent,
+}
+
+/// Events in the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RecordedEvent {
+    /// The register was read and had this word.
     Read(u32),
-    /// This word was written to the register.
+    /// The word was written to the register.
     Written(u32),
-    /// The exchange failed. Whether its writes were executed is not known.
+    /// The exchange failed. It is not known whether its writes were executed.
     Failed {
-        /// What happened.
+        /// The kind of the error.
         kind: BusErrorKind,
         /// Number of accesses of the exchange.
         accesses: usize,
     },
 }
 
-impl fmt::Display for Entry {
+impl fmt::Display for RecordedEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (nanos, address) = (self.at.as_nanos(), self.address);
         write!(f, "{}.{:02} host ", nanos / 1_000, nanos % 1_000 / 10)?;
         match self.event {
-            Event::Read(word) => write!(f, "read {address:#06X} {word:#010X}"),
-            Event::Written(word) => write!(f, "write {address:#06X} {word:#010X}"),
-            Event::Failed { kind, accesses } => {
+            RecordedEvent::Read(word) => write!(f, "read {address:#06X} {word:#010X}"),
+            RecordedEvent::Written(word) => write!(f, "write {address:#06X} {word:#010X}"),
+            RecordedEvent::Failed { kind, accesses } => {
                 write!(f, "failed {address:#06X} ; {kind:?}, accesses={accesses}")
             }
         }
@@ -73,7 +75,7 @@ impl fmt::Display for Entry {
 }
 
 impl<B> Recording<B> {
-    /// Records the last `capacity` words that go over `inner`.
+    /// Records the last `capacity` words that are transferred over `inner`.
     pub fn new(inner: B, capacity: usize) -> Self {
         Self {
             inner,
@@ -96,17 +98,17 @@ impl<B> Recording<B> {
         Ok(())
     }
 
-    fn push(&mut self, at: Instant, address: u16, event: Event) {
+    fn push(&mut self, at: Instant, address: u16, event: RecordedEvent) {
         let is_full = self.entries.len() >= self.capacity;
         self.dropped.tally(is_full.into());
         if !is_full || self.entries.pop_front().is_some() {
-            self.entries.push_back(Entry { at, address, event });
+            self.entries.push_back(RecordedEntry { at, address, event });
         }
     }
 }
 
 impl<B: RegisterBus + Clock> Recording<B> {
-    /// Logs an exchange that has the given `result`, and passes that on.
+    /// Logs an exchange that has the given `result`, and returns that result.
     fn record<T>(
         &mut self,
         accesses: &[Access],
@@ -115,7 +117,7 @@ impl<B: RegisterBus + Clock> Recording<B> {
     ) -> Result<T, B::Error> {
         let at = self.inner.now();
         if let Err(error) = &result {
-            let event = Event::Failed {
+            let event = RecordedEvent::Failed {
                 kind: error.kind(),
                 accesses: accesses.len(),
             };
@@ -124,8 +126,8 @@ impl<B: RegisterBus + Clock> Recording<B> {
         }
         for access in accesses {
             let event = match access.direction {
-                Direction::Read => Event::Read,
-                Direction::Write => Event::Written,
+                Direction::Read => RecordedEvent::Read,
+                Direction::Write => RecordedEvent::Written,
             };
             let addresses = (access.address..=u16::MAX).step_by(4);
             let values = words.get(access.words()).unwrap_or_default();
@@ -137,27 +139,29 @@ impl<B: RegisterBus + Clock> Recording<B> {
     }
 }
 
-/// The clock gives the log its times.
+/// The inner bus's clock provides the time stamps of the log.
 impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
     type Error = B::Error;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         let result = self.inner.exchange(accesses, words);
         self.record(accesses, words, result)
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
         self.inner.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
         let result = self.inner.start(list, words);
         result.or_else(|error| self.record(list.as_ref(), words, Err(error)))
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
         let result = self.inner.finish(list, words);
         self.record(list.as_ref(), words, result)
     }

@@ -1,4 +1,4 @@
-//! Asks many addresses at the same time whether a board is there.
+//! Search for boards at many addresses in parallel.
 
 use core::time::Duration;
 use std::io::{self, ErrorKind};
@@ -10,59 +10,59 @@ use rustix::event::{PollFd, PollFlags};
 use super::udp::poll_for;
 use crate::ethernet::Identity;
 
-/// How many addresses are asked at the same time.
-pub const AT_ONCE: usize = 128;
+/// Number of addresses that are asked at the same time.
+pub const MAX_PARALLEL: usize = 128;
 
-/// How often each is asked: the first packet may be lost while its neighbour's MAC address is
-/// found out.
+/// Requests to each address: the first packet may be lost while the MAC address behind it is
+/// resolved.
 const TRIES: u32 = 2;
 
-/// What became of asking an address.
+/// The result of asking one address.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Asked {
+pub struct AddressResult {
     /// The address.
     pub address: SocketAddrV4,
-    /// The board there, or what there is instead.
+    /// The board there, or the reason why none was found.
     pub found: Result<Identity, Silence>,
 }
 
-/// Why no board is known to be at an address.
+/// Reason why no board was found at an address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum Silence {
-    /// Nothing came back in time.
+    /// No reply within the time.
     #[error("no answer")]
     Nothing,
-    /// A host is there, and nobody listens at the port.
+    /// A host exists there, but no program listens at the port.
     #[error("a host is there, and nobody listens at this port")]
     Refused,
-    /// Something came back that no board sends.
+    /// A reply arrived that no board sends.
     #[error("something else than a board answers")]
     Foreign,
-    /// This computer lets no packets out to this address. LinuxCNC's driver makes it so for the
-    /// interface of its board, with the chain `hm2-eth-rules-output` of the firewall.
+    /// The firewall of this computer blocks packets to the address. LinuxCNC's driver sets this up
+    /// for the interface of its board, with the chain `hm2-eth-rules-output`.
     #[error("this computer lets no packets out to this address")]
     Blocked,
-    /// The operating system can not send there.
+    /// The operating system cannot send there.
     #[error("the operating system can not send there: {0}")]
     Unreachable(ErrorKind),
 }
 
-/// Asks each address whether a board is there, twice within `patience`, [`AT_ONCE`] of them at a
-/// time, in their order. Writes nothing to the boards.
+/// Asks each address whether a board is there, twice within `patience`, [`MAX_PARALLEL`] of them at
+/// a time, in their order. Writes nothing to the boards.
 ///
-/// It takes `patience` for each [`AT_ONCE`] addresses, or less where all have answered.
+/// Takes `patience` for each [`MAX_PARALLEL`] addresses, or less where all have answered.
 ///
 /// # Errors
-/// The operating system gives no sockets.
-pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Asked>> {
+/// The operating system provides no sockets.
+pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<AddressResult>> {
     let question = Identity::question();
     let patience = patience.checked_div(TRIES).unwrap_or_default();
     let mut all = Vec::with_capacity(addresses.len());
-    for batch in addresses.chunks(AT_ONCE) {
+    for batch in addresses.chunks(MAX_PARALLEL) {
         let mut asking = batch
             .iter()
-            .map(|&address| Asking::new(address))
+            .map(|&address| AddressRequest::new(address))
             .collect::<io::Result<Vec<_>>>()?;
         for _ in 0..TRIES {
             for one in &mut asking {
@@ -70,23 +70,23 @@ pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Ask
             }
             receive(&mut asking, patience)?;
         }
-        all.extend(asking.into_iter().map(Asking::result));
+        all.extend(asking.into_iter().map(AddressRequest::result));
     }
     Ok(all)
 }
 
 /// An address that is being asked.
-struct Asking {
+struct AddressRequest {
     address: SocketAddrV4,
     socket: UdpSocket,
     found: Option<Result<Identity, Silence>>,
 }
 
-impl Asking {
+impl AddressRequest {
     fn new(address: SocketAddrV4) -> io::Result<Self> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
         socket.set_nonblocking(true)?;
-        // Connected: the kernel keeps other senders away, and reports a refusal.
+        // Connected: the kernel drops packets of other senders and reports a refusal.
         let found = socket.connect(address).err().map(failed);
         Ok(Self {
             address,
@@ -96,15 +96,15 @@ impl Asking {
     }
 
     fn send(&mut self, question: &[u8]) {
-        // Who refuses a second time gets no third question, and the first answer counts.
+        // An address with a result is not asked again: the first answer counts.
         if self.found.is_none() {
             self.found = self.socket.send(question).err().and_then(lasting);
         }
     }
 
-    /// Takes what has come.
+    /// Receives one datagram and records the result.
     fn receive(&mut self) {
-        // One more than an answer, so that a longer datagram shows.
+        // One byte more than an answer, so that a longer datagram is detected.
         let mut buffer = [0; Identity::ANSWER + 1];
         match self.socket.recv(&mut buffer) {
             Ok(length) => {
@@ -116,15 +116,15 @@ impl Asking {
         }
     }
 
-    fn result(self) -> Asked {
-        Asked {
+    fn result(self) -> AddressResult {
+        AddressResult {
             address: self.address,
             found: self.found.unwrap_or(Err(Silence::Nothing)),
         }
     }
 }
 
-/// Why nothing can be sent or received, unless that may pass.
+/// The result of an address after a socket error; `None` if the error may pass.
 fn lasting(error: io::Error) -> Option<Result<Identity, Silence>> {
     match error.kind() {
         ErrorKind::WouldBlock | ErrorKind::Interrupted => None,
@@ -141,8 +141,8 @@ fn failed(error: io::Error) -> Result<Identity, Silence> {
     })
 }
 
-/// Receives until all have answered or `patience` is over.
-fn receive(asking: &mut [Asking], patience: Duration) -> io::Result<()> {
+/// Receives until all have answered or `patience` has elapsed.
+fn receive(asking: &mut [AddressRequest], patience: Duration) -> io::Result<()> {
     let start = Instant::now();
     loop {
         let left = patience.saturating_sub(start.elapsed());
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn more_addresses_than_are_asked_at_once_come_back_in_their_order() {
-        let port = 9; // nobody listens there
+        let port = 9; // no program listens there
         let hosts = (1..=200).map(|n| SocketAddrV4::new(Ipv4Addr::new(127, 92, 0, n), port));
         let hosts: Vec<_> = hosts.collect();
         let asked = ask(&hosts, PATIENCE).unwrap();

@@ -1,4 +1,4 @@
-//! The buses around buses, on a bus of words in memory.
+//! Tests of the bus wrappers, on a bus of words in memory.
 
 mod faulty;
 mod recording;
@@ -7,16 +7,16 @@ use core::time::Duration;
 use std::collections::BTreeMap;
 
 use crate::bus::{
-    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Instant, RegisterBus, Reply,
 };
 
-/// Registers keep what is written; each exchange takes a microsecond.
+/// Registers keep their values; each exchange takes a microsecond.
 #[derive(Debug, Default)]
 struct Memory {
     words: BTreeMap<u16, u32>,
     exchanges: usize,
     fail_next: bool,
-    /// Lists that were started.
+    /// Number of lists that were started.
     started: usize,
     now: u64,
 }
@@ -33,8 +33,10 @@ impl BusError for MemoryError {
 
 impl RegisterBus for Memory {
     type Error = MemoryError;
-    type List = AccessList;
-    const CAN_HOLD: bool = true;
+
+    fn can_hold(&self) -> bool {
+        true
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), MemoryError> {
         self.exchanges += 1;
@@ -56,16 +58,9 @@ impl RegisterBus for Memory {
         Ok(())
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, MemoryError> {
-        Ok(accesses.into())
-    }
-
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
-        self.exchange(list, words)?;
-        Ok(Reply {
-            slack: Some(Duration::from_micros(5)),
-            ..Reply::CERTAIN
-        })
+        self.exchange(list.as_ref(), words)?;
+        Ok(Reply::CERTAIN.with_slack(Some(Duration::from_micros(5))))
     }
 
     fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), MemoryError> {

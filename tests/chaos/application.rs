@@ -1,4 +1,4 @@
-//! The application: it reads, compares what it reads with the truth, and commands something new.
+//! The application: reads, compares the values read with the truth, and commands new outputs.
 
 mod board;
 mod encoders;
@@ -31,22 +31,22 @@ pub struct Application {
     gpio_inputs: Vec<Input<bool>>,
     isolated: Vec<(Input<bool>, Input<bool>)>,
     encoders: Vec<Encoder>,
-    /// Of each port.
+    /// The output of each port that switches it on.
     runs: Vec<Output<bool>>,
     queue: Option<Queue>,
     sets_nan: bool,
     plan: Plan,
-    /// What latches the encoders, where something is to.
+    /// The outputs of the timer that latches the encoders, where one is used.
     timer: Option<(Output<i32>, Output<f64>)>,
-    /// Nobody changes how an encoder counts.
+    /// The counting mode of the encoders is never changed.
     is_fast: bool,
     faults: u64,
-    /// For what was added later, so that the rest stays as it was.
+    /// A separate random stream for later additions, so that earlier plans stay unchanged.
     side: Chance,
 }
 
-/// How long after it has changed an isolated input shows it at the latest: five scans of 50 us, one
-/// that has begun, and the multiplexer's delay.
+/// Longest delay until an isolated input shows a change: five scans of 50 us, one that has begun,
+/// and the multiplexer's delay.
 const FILTER: u64 = 500 * MICRO;
 
 impl Application {
@@ -78,7 +78,7 @@ impl Application {
         } else {
             0..0
         };
-        // A late duplicate of a set-up lets the inputs be scanned anew, which nothing tells.
+        // A late duplicate of a set-up restarts the scanning of the inputs, which nothing reports.
         let scanned = if plan.is_homing { 0..0 } else { own };
         let isolated = scanned.map(|n| {
             let stem = format!("{name}.inmux.00");
@@ -121,8 +121,8 @@ impl Application {
         self.encoders.iter_mut().for_each(Encoder::was_read);
     }
 
-    /// Compares all valid inputs with the truth. What the board itself shows was read in the
-    /// `took` before, and its encoders were latched up to `before` that.
+    /// Compares all valid inputs with the truth. The board's own values were read within the last
+    /// `took`, and its encoders were latched up to `before` earlier than that.
     pub fn check_inputs<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
@@ -225,7 +225,7 @@ impl Application {
             }
             for (n, (raw, filtered)) in self.isolated.iter().enumerate() {
                 for (pin, slack) in [(raw, FILTER / 2), (filtered, FILTER)] {
-                    // Not before it was scanned since the set-up.
+                    // Not valid before it was scanned since the set-up.
                     let Some(shown) = pins.read(*pin).ok() else {
                         continue;
                     };
@@ -248,7 +248,8 @@ impl Application {
         self.encoders.iter_mut().for_each(Encoder::forget_index);
     }
 
-    /// Commands something else, where armed, and tells the oracle what holds from the next write on.
+    /// Commands new values, where armed, and reports to the oracle the outputs from the next write
+    /// on.
     pub fn command<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
@@ -260,7 +261,7 @@ impl Application {
         }
         if let Some((number, time)) = self.timer.take() {
             driver.pins_mut().set(number, 1);
-            // Further from the read than the DPLL is off when it is in step.
+            // Further before the read than the error of a locked DPLL.
             let quarter = self.plan.period as f64 / 4_000.0;
             driver.pins_mut().set(time, -quarter);
         }
@@ -269,7 +270,7 @@ impl Application {
         let directly = |remote: &&mut Remote| self.queue.is_none() || !is_queued(remote.card);
         if set_anew {
             for remote in self.remotes.iter_mut().filter(directly) {
-                // What is set while it is not armed is forgotten.
+                // Values set while a remote is not armed are forgotten.
                 let side = (self.plan.more.tunes_one_in > 0).then_some(&mut self.side);
                 let level = remote.command(driver.pins_mut(), chance, side, self.sets_nan);
                 if remote.is_armed {
@@ -297,7 +298,7 @@ impl Application {
                 self.board.set = set;
             }
         } else if tunes && self.plan.spares_the_board() {
-            // A setting that was lost comes a cycle later than what is written in every cycle.
+            // A setting that was lost arrives a cycle later than the words written in every cycle.
             self.board.tune(driver.pins_mut(), &mut self.side);
         }
         if !is_armed {
@@ -305,7 +306,7 @@ impl Application {
         }
     }
 
-    /// Tells the oracle what the write that follows carries.
+    /// Reports to the oracle the contents of the write that follows.
     pub fn announce<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,
@@ -319,7 +320,7 @@ impl Application {
         oracle.command_board(now, &self.board.scaled(), is_armed(driver, driver.group()));
     }
 
-    /// After a call that may have disarmed: what was set is forgotten.
+    /// Call after a function that may have disarmed: the values set are forgotten.
     pub fn notice<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         for remote in &mut self.remotes {
             remote.notice(is_armed(driver, remote.group));
@@ -369,13 +370,13 @@ impl Application {
         }
     }
 
-    /// The first pin of which a snapshot shows something else than the cycle has.
+    /// The first pin whose value in a snapshot differs from that of the cycle.
     pub fn shows_another<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) -> Option<String> {
         let queue = self.queue.as_mut()?;
         queue.shows_another(driver)
     }
 
-    /// Asks some encoders for their indexes.
+    /// Requests the indexes of some encoders.
     pub fn ask_for_index<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
@@ -394,7 +395,7 @@ impl Application {
         }
     }
 
-    /// Everything armed and valid, and why not.
+    /// `Ok` if everything is armed and valid; otherwise the reason.
     pub fn all_is_well<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Result<(), String> {
         if driver.board_state() != BoardState::Running {
             return Err(format!("the board is {:?}", driver.board_state()));
@@ -420,7 +421,7 @@ impl Application {
         Ok(())
     }
 
-    /// Restarts what is not running, without waiting for its turn.
+    /// Restarts all remotes that are not running, without waiting for their turn.
     pub fn restart_all<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
         for remote in &self.remotes {
             if remote.state(driver) != Some(RemoteState::Running) {
@@ -430,7 +431,7 @@ impl Application {
         self.notice(driver);
     }
 
-    /// Restarts one remote, whatever it does.
+    /// Restarts one remote, whatever its state.
     pub fn restart_one<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>, which: usize) {
         if let Some(remote) = self.remotes.get(which) {
             driver.restart(remote.id());
@@ -454,17 +455,17 @@ impl Application {
         Some(remote.number)
     }
 
-    /// What the board must drive when everything follows.
+    /// Expected outputs of the board when all commands have been followed.
     pub fn expected_board(&self) -> super::journal::Parts {
         self.board.expected()
     }
 
-    /// Whether the board's LED is to be lit; `None` if it has none.
+    /// Expected state of the board's LED; `None` if it has none.
     pub fn expected_led(&self) -> Option<bool> {
         self.board.expected_led()
     }
 
-    /// The first setting that takes what is no number.
+    /// The first setting that accepts a value that is not a number.
     pub fn takes_nonsense<B: RegisterBus + Clock>(&self, driver: &mut Driver<B>) -> Option<String> {
         let pins = driver.pins_mut();
         let mut remotes = self.remotes.iter();

@@ -1,4 +1,4 @@
-//! What is true: every change of an output, every fault and every restart, at its time.
+//! The truth: every change of an output, every fault and every restart, at its time.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -8,7 +8,7 @@ use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 use super::plan::Card;
 
-/// What stands at outputs that are switched together.
+/// State of outputs that are switched together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Level {
     pub bits: u64,
@@ -38,7 +38,7 @@ impl Level {
     }
 }
 
-/// What the board itself drives, by the parts that are written one after the other.
+/// The board's own outputs, by the parts that are written one after the other.
 pub const PORTS: usize = 6;
 pub const ENABLES: usize = PORTS;
 pub const SSR: usize = PORTS + 1;
@@ -48,7 +48,7 @@ pub const PARTS: usize = VOLTS + 6;
 /// The GPIO of each port, the drive enables, the isolated outputs, and each voltage.
 pub type Parts = [Level; PARTS];
 
-/// What the application commands the board's own outputs.
+/// Commands of the application for the board's own outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BoardCommand {
     pub gpio: [u32; PORTS],
@@ -56,7 +56,7 @@ pub struct BoardCommand {
     pub enables: u32,
     pub ssr: u32,
     pub millivolts: [i32; 6],
-    /// Nothing depends on it.
+    /// No other output depends on it.
     pub led: bool,
 }
 
@@ -84,7 +84,7 @@ pub enum What {
     Remote(usize, Level),
     /// The fault byte of a remote.
     Faults(usize, u8),
-    /// A part of what the board drives.
+    /// A part of the board's own outputs.
     Part(usize, Level),
     Bite,
     Reset,
@@ -100,7 +100,8 @@ pub struct Event {
     pub what: What,
 }
 
-/// Events in the order of their times, almost: each remote notices the time when it is looked at.
+/// Events almost in the order of their times: each remote advances its time only when it is
+/// inspected.
 #[derive(Clone, Debug, Default)]
 pub struct Journal(Arc<Mutex<Vec<Event>>>);
 
@@ -114,12 +115,12 @@ impl Journal {
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<Event>> {
-        // A scenario that has panicked with it still has a story.
+        // The story of a scenario that has panicked while holding the lock is still needed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Which pins of the board the application drives.
+/// The pins of the board that the application drives.
 #[derive(Clone, Copy, Debug)]
 pub struct Outputs {
     pub port_width: usize,
@@ -127,7 +128,7 @@ pub struct Outputs {
     pub gpio: [u32; PORTS],
 }
 
-/// What the board drives now.
+/// The current outputs of the board.
 pub fn parts(fpga: &SimFpga, outputs: &Outputs) -> Parts {
     let mut parts = [Level::OFF; PARTS];
     for (port, mask) in outputs.gpio.iter().enumerate() {
@@ -150,7 +151,7 @@ pub fn parts(fpga: &SimFpga, outputs: &Outputs) -> Parts {
     parts
 }
 
-/// Stands before a remote and notes what becomes of its outputs.
+/// Wraps a remote and records the changes of its outputs.
 #[derive(Debug)]
 pub struct Recorder {
     remote: Box<dyn RemoteEnd>,
@@ -159,7 +160,7 @@ pub struct Recorder {
     journal: Journal,
     seen: Level,
     faults: u8,
-    /// Whether the host has ever sent it anything.
+    /// True once the host has sent it anything.
     pub spoken_to: bool,
 }
 
@@ -176,7 +177,7 @@ impl Recorder {
         }
     }
 
-    /// Notes what has changed.
+    /// Records changes.
     pub fn look(&mut self, at: Nanos) {
         let Some(device) = find(&*self.remote) else {
             return;
@@ -203,7 +204,7 @@ impl Recorder {
             (now != self.seen).then_some(What::Remote(self.number, now)),
         ];
         self.seen = now;
-        // With a START outputs go off first, and then faults are gone.
+        // At a START outputs go off first, and then faults are cleared.
         let [first, then] = if faults == 0 {
             let [faults, outputs] = notes;
             [outputs, faults]

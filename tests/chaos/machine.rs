@@ -4,20 +4,20 @@ use mesa_hal_sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{
-    AxisWiring, DriveSource, Firmware, Motor, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga,
-    gtag, machines,
+    AxisWiring, DriveSource, Motor, MotorConfig, OUTPUT_PIN, SimFirmware, SimFpga,
+    SimPinDescriptor, gtag, machines,
 };
 
 use super::journal::{Journal, Outputs, PORTS, Recorder};
 use super::plan::{Board, Card, Plan};
 
-/// A machine that the plan asks for, and which of its pins are for the application.
+/// The machine of a plan, and those of its pins that the application uses.
 pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     let firmware = firmware(plan);
     let gpio = Gpio::of(&firmware);
     let clocks = [firmware.clock_low, firmware.clock_high].map(nominal);
     let mut fpga = SimFpga::new(quickened(firmware, plan.extras.ppm));
-    // What the firmware says of its clocks.
+    // The clocks according to the firmware.
     for (address, hz) in [CLOCK_LOW, CLOCK_HIGH].into_iter().zip(clocks) {
         fpga.override_rom(address, hz);
     }
@@ -43,30 +43,30 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     (fpga, gpio)
 }
 
-/// The words of the IDROM that say how fast the clocks are (FACTS 2.2).
+/// The words of the IDROM that contain the clock frequencies (FACTS 2.2).
 pub const CLOCK_LOW: u16 = 0x0428;
 const CLOCK_HIGH: u16 = 0x042C;
 
-/// What a firmware says of a clock that is a little faster or slower: whole tenths of a MHz.
+/// The nominal frequency of a clock that is slightly faster or slower: whole tenths of a MHz.
 pub fn nominal(clock: u32) -> u32 {
     (clock + 50_000) / 100_000 * 100_000
 }
 
-/// A firmware whose oscillator is faster by so many parts of a million.
-fn quickened(mut firmware: Firmware, ppm: i64) -> Firmware {
+/// A firmware whose oscillator is faster by `ppm` parts per million.
+fn quickened(mut firmware: SimFirmware, ppm: i64) -> SimFirmware {
     for clock in [&mut firmware.clock_low, &mut firmware.clock_high] {
         *clock = (i64::from(*clock) + i64::from(*clock) * ppm / 1_000_000) as u32;
     }
     firmware
 }
 
-/// Motors that there are encoders for.
+/// Number of motors that have encoders.
 fn axes(plan: &Plan, fpga: &mut SimFpga) -> usize {
     let encoders = fpga.encoders().map_or(0, |bank| bank.encoders());
     plan.extras.axes.min(encoders)
 }
 
-/// A card at the end of a cable; `unit` makes it another one of its kind.
+/// A card at the end of a cable; `unit` distinguishes cards of the same kind.
 pub fn end(
     card: Card,
     (number, unit): (usize, usize),
@@ -103,12 +103,12 @@ fn description(card: Card) -> Description {
     description.expect("known to the simulator")
 }
 
-/// The unit number of the card that belongs to a remote's number.
+/// The unit number of the card of remote `number`.
 pub fn unit_number(card: Card, number: usize) -> u32 {
     description(card).unit + number as u32
 }
 
-fn firmware(plan: &Plan) -> Firmware {
+fn firmware(plan: &Plan) -> SimFirmware {
     let mut firmware = plain_firmware(plan);
     if plan.extras.dithers
         && let Some(pwm) = firmware.module_mut(gtag::PWM)
@@ -118,7 +118,7 @@ fn firmware(plan: &Plan) -> Firmware {
     firmware
 }
 
-fn plain_firmware(plan: &Plan) -> Firmware {
+fn plain_firmware(plan: &Plan) -> SimFirmware {
     let channels: Vec<u8> = plan.ports.iter().map(|cards| cards.len() as u8).collect();
     match (plan.board, &channels[..]) {
         (Board::I7i92, [1..=3]) => machines::firmware_7i92_7i77(),
@@ -134,21 +134,23 @@ fn plain_firmware(plan: &Plan) -> Firmware {
 }
 
 /// A firmware with more serial ports, on more pins.
-fn with_ports(mut firmware: Firmware, more: &[u8]) -> Firmware {
+fn with_ports(mut firmware: SimFirmware, more: &[u8]) -> SimFirmware {
     for (unit, count) in (1..).zip(more) {
         for channel in 0..*count {
             firmware
                 .pins
-                .push(PinDescriptor::new(gtag::SSERIAL, unit, 1 + channel));
+                .push(SimPinDescriptor::new(gtag::SSERIAL, unit, 1 + channel));
             let transmit = OUTPUT_PIN | (1 + channel);
             firmware
                 .pins
-                .push(PinDescriptor::new(gtag::SSERIAL, unit, transmit));
+                .push(SimPinDescriptor::new(gtag::SSERIAL, unit, transmit));
         }
     }
     let width = firmware.port_width as usize;
     let ports = firmware.pins.len().div_ceil(width);
-    firmware.pins.resize(ports * width, PinDescriptor::gpio());
+    firmware
+        .pins
+        .resize(ports * width, SimPinDescriptor::gpio());
     firmware.ports = ports as u32;
     for module in &mut firmware.modules {
         match module.gtag {
@@ -169,7 +171,7 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    fn of(firmware: &Firmware) -> Self {
+    fn of(firmware: &SimFirmware) -> Self {
         let pins = firmware.pins.iter().enumerate();
         let free: Vec<_> = pins
             .filter(|(_, pin)| pin.secondary == 0)

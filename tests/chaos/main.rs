@@ -1,10 +1,10 @@
-//! The chaos machine: everything that can go wrong, at every moment, against an oracle that knows
-//! the simulator's truth.
+//! The chaos machine: arbitrary faults at arbitrary times, checked by an oracle that has access to
+//! the simulator's true state.
 //!
-//! A scenario follows from its seed: a machine, a way to it, an application with its habits, and
-//! one to three faults. What must hold is `docs/faults.md`. `CHAOS_SCENARIOS` says how many,
-//! `CHAOS_SEED` the first seed; what fails is printed with its seed and its story, and
-//! `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` does exactly the same again.
+//! A scenario follows from its seed: a machine, a bus to it, an application with its habits, and
+//! one to three faults. The promises to be kept are in `docs/faults.md`. `CHAOS_SCENARIOS` is the
+//! number of scenarios, `CHAOS_SEED` the first seed; a failure is printed with its seed and its
+//! story, and `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` repeats it exactly.
 
 mod application;
 #[path = "../common/mod.rs"]
@@ -25,9 +25,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use plan::Plan;
 use report::Report;
 
-/// Without `CHAOS_SCENARIOS`: what `cargo test` has the time for.
+/// Number of scenarios without `CHAOS_SCENARIOS`, limited by the time of `cargo test`.
 const FEW: u64 = 400;
-/// From so many on, every kind of fault has to occur.
+/// Number of scenarios from which on every kind of fault has to occur.
 const MANY: u64 = 5_000;
 const THREADS: usize = 2;
 
@@ -68,8 +68,8 @@ fn number(name: &str, otherwise: u64) -> u64 {
     text.map_or(otherwise, |text| text.trim().parse().expect("a number"))
 }
 
-/// What `cargo test` asks of every test program: a list, or tests whose names have something in
-/// them. This is one test, called `chaos`.
+/// Interprets the arguments that `cargo test` passes to every test program: a list, or filters of
+/// test names. This program is one test, called `chaos`.
 fn is_asked_for() -> bool {
     let mut filters = Vec::new();
     let mut arguments = std::env::args().skip(1);

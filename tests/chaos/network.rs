@@ -1,15 +1,13 @@
-//! The two ways from the host to the simulated board: an embedded bus, and Ethernet. Both can be
-//! left behind by a process that was killed.
+//! The two buses from the host to the simulated board: embedded, and Ethernet. Both can be
+//! abandoned by a process that was killed.
 
 use std::cell::{Cell, RefCell};
 use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::bus::{
-    Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
-};
-use mesa_hal::transport::udp::{Link, UdpBus};
+use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
+use mesa_hal::transport::udp::{PacketLink, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 
@@ -18,7 +16,7 @@ use super::plan::Stranger;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, is_request};
 
-/// The simulated board, which outlives every process that talks to it.
+/// The simulated board, which outlives every process that uses it.
 #[derive(Clone, Debug)]
 pub enum Sim {
     Embedded(Rc<RefCell<SimFpga>>),
@@ -33,7 +31,7 @@ impl Sim {
         }
     }
 
-    /// Whether the FPGA has no configuration just now.
+    /// True while the FPGA has no configuration.
     pub fn is_in_reset(&self) -> bool {
         match self {
             Self::Embedded(fpga) => fpga.borrow().is_in_reset(),
@@ -41,7 +39,7 @@ impl Sim {
         }
     }
 
-    /// Whether the board's first LED is lit.
+    /// True while the board's first LED is lit.
     pub fn is_lit(&self) -> bool {
         match self {
             Self::Embedded(fpga) => fpga.borrow().leds().is_lit(0),
@@ -66,8 +64,8 @@ impl Sim {
 }
 
 impl Sim {
-    /// Another firmware, or another board with the same firmware, is at the same place from now on; or
-    /// the machine's own again.
+    /// Replaces the firmware, or the board by another one with the same firmware; with `own`,
+    /// restores the machine's own.
     pub fn exchange(&self, stranger: Stranger, own: bool) {
         match (stranger, self) {
             (Stranger::Firmware, Self::Embedded(fpga)) => {
@@ -83,16 +81,16 @@ impl Sim {
     }
 }
 
-/// The words of an IDROM say that its clock is another one.
+/// The IDROM contains another clock frequency.
 fn other_firmware(fpga: &mut SimFpga, own: bool) {
     let clock = nominal(fpga.firmware().clock_low);
     fpga.override_rom(CLOCK_LOW, if own { clock } else { clock / 2 });
     fpga.reload();
 }
 
-/// What a host does about a bus that fails.
+/// Control of the bus faults of a host.
 pub trait Host: RegisterBus + Clock + Sized {
-    /// Lets exchanges fail from now on, the first of them after `skip`.
+    /// Makes exchanges fail from now on, the first of them after `skip`.
     fn fail(&mut self, kind: FaultKind, skip: u64, count: u64);
     fn heal(&mut self);
 }
@@ -123,13 +121,15 @@ impl Host for UdpBus<ChaosLink> {
     }
 }
 
-/// A process's way to its board. After it was killed, nothing that its remains do gets there.
+/// The link of a process to its board. After the process was killed, nothing that its remains send
+/// arrives.
 #[derive(Clone, Debug, Default)]
 pub struct Life {
     dead: Rc<Cell<bool>>,
     /// The time that the remains see.
     ghost: Rc<Cell<u64>>,
-    /// For so long the host stands still in its next exchange: before the board has it, or after.
+    /// Time for which the host stops in its next exchange, and true if before the board receives
+    /// it.
     pause: Rc<Cell<(u64, bool)>>,
 }
 
@@ -139,12 +139,12 @@ impl Life {
         self.ghost.set(now);
     }
 
-    /// The host stands still in the middle of its next exchange.
+    /// Stops the host in the middle of its next exchange.
     pub fn pause(&self, time: u64, before: bool) {
         self.pause.set((time, before));
     }
 
-    /// How long it stands still now, before the board has the exchange or after.
+    /// Time for which the host stops now, before the board receives the exchange or after.
     fn take_pause(&self, before: bool) -> u64 {
         match self.pause.get() {
             (time, is_before) if is_before == before => {
@@ -173,7 +173,6 @@ pub struct Direct {
 
 impl RegisterBus for Direct {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         if self.life.is_over() {
@@ -186,15 +185,6 @@ impl RegisterBus for Direct {
         let until = SimFpga::now(&fpga) + self.life.take_pause(false);
         fpga.advance_to(until);
         done
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {
@@ -221,13 +211,13 @@ impl Clock for Direct {
     }
 }
 
-/// A fault of the network while it lasts.
+/// A fault of the network, with its time span.
 #[derive(Clone, Copy, Debug)]
 pub struct Bad {
     pub kind: FaultKind,
     pub from: u64,
     pub until: u64,
-    /// It strikes one packet of so many.
+    /// Affects one packet of this number.
     pub one_in: u64,
     /// The longest delay.
     pub delay: u64,
@@ -259,8 +249,8 @@ impl Network {
         self.weather.borrow_mut().faults.push(fault);
     }
 
-    /// Another board of the kind, with the same firmware, and the remotes at its connectors; or the own
-    /// one again.
+    /// Replaces the board by another one of the same kind, with the same firmware and the same
+    /// remotes at its connectors; with `own`, restores the machine's own.
     fn other_board(&mut self, own: bool) {
         let board = &mut self.link.board;
         let mut config = BoardConfig::new("");
@@ -279,7 +269,7 @@ impl Network {
     }
 }
 
-/// What the network does to packets.
+/// Effects of the network on packets.
 #[derive(Debug)]
 struct Weather {
     faults: Vec<Bad>,
@@ -287,7 +277,7 @@ struct Weather {
 }
 
 impl Weather {
-    /// What becomes of a packet: the delays with which it arrives.
+    /// The fate of a packet: the delays with which it arrives.
     fn fate(&mut self, now: u64, to_board: bool) -> Vec<u64> {
         let Self { faults, chance } = self;
         let mut first = Some(WIRE);
@@ -319,7 +309,7 @@ pub struct ChaosLink {
     pub life: Life,
 }
 
-impl Link for ChaosLink {
+impl PacketLink for ChaosLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.life.is_over() {
             return Err(io::ErrorKind::HostUnreachable.into());
@@ -328,7 +318,7 @@ impl Link for ChaosLink {
         let until = link.time() + self.life.take_pause(true);
         link.run(until, false);
         let done = link.send(packet);
-        // A read waits for its reply then.
+        // A read waits for its reply at this point.
         if !is_request(packet) {
             let until = link.time() + self.life.take_pause(false);
             link.run(until, false);

@@ -1,32 +1,33 @@
-//! What the fault contract promises of outputs, checked against what the simulator drives.
+//! The promises of the fault contract for outputs, checked against the simulator's true outputs.
 
 use std::collections::VecDeque;
 
 use super::journal::{BoardCommand, ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
 use super::plan::{MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
 
-/// What is promised: see `docs/faults.md`.
+/// The promises: see `docs/faults.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Promise {
     /// The value of a valid input was true within its age.
     Inputs,
-    /// A cycle that only the network, the bus or the host misses leaves inputs valid, with their age.
+    /// A cycle that only the network, the bus or the host misses leaves inputs valid, with their
+    /// age.
     Missed,
-    /// What stands at a terminal was commanded, and that not long ago.
+    /// The state of a terminal was commanded, and not long ago.
     Commanded,
     /// Nothing is on after a fault until it is re-armed.
     Safe,
-    /// An index that is reported has come.
+    /// A reported index has occurred.
     Index,
     /// Faults are detected in their time.
     Detected,
-    /// The others stay.
+    /// Other remotes are not affected.
     Neighbours,
-    /// Afterwards it can be re-armed, and outputs follow.
+    /// Afterwards the machine can be re-armed, and outputs follow.
     ComesBack,
     /// Events, statistics and reasons are true, and complete.
     Told,
-    /// A machine that is whole is built, and no call panics.
+    /// A complete machine can be built, and no call panics.
     Works,
 }
 
@@ -50,27 +51,29 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
     })
 }
 
-/// A remote switches off after its watchdog's time, 50 ms as it is delivered; the rest is for the
-/// cycles around it.
+/// A remote switches off after its watchdog's time, by default 50 ms; the rest is for the cycles
+/// around it.
 fn off_after(plan: &Plan) -> u64 {
-    // One that is written in the middle is in use from the next power-up on.
+    // A time written during operation is in use from the next power-up on.
     let written = u32::from(plan.extras.deeds_one_in > 0) * WRITTEN_WATCHDOG;
     if plan.is_without_watchdog() {
         return NEVER;
     }
     (plan.extras.remote_watchdog.max(written.into()) + 10) * MILLI
 }
-/// Nothing switches a remote off whose watchdog is off.
+/// Nothing switches off a remote whose watchdog is off.
 const NEVER: u64 = 1_000_000 * MILLI;
-/// The same for the board's own outputs.
+/// The same limit for the board's own outputs.
 const OFF_AFTER: u64 = 60 * MILLI;
-/// A packet that drives pins ends by letting a board bite that was reset: it is executed within this.
+/// A packet that drives pins ends with a command that makes a board bite that was reset: it is
+/// executed within this time.
 pub const PACKET: u64 = 20 * MICRO;
-/// On an embedded bus the set-up is one exchange: so long is the part of it that a reset can take.
+/// On an embedded bus the set-up is one exchange: length of the part of it that a reset can take
+/// away.
 const SET_UP: u64 = 200 * MICRO;
-/// Over-temperature and over-current: the outputs concerned switch off at once.
+/// Over-temperature and over-current: the affected outputs switch off immediately.
 const TRIPS: u8 = 0x0C;
-/// Older ones are of no interest.
+/// Older commands are dropped.
 const KEPT: u64 = 500 * MILLI;
 
 #[derive(Clone, Copy, Debug)]
@@ -85,27 +88,32 @@ struct Command {
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 struct Track {
     name: String,
-    /// Bits may be missing: pins are inputs just then, or outputs have tripped by themselves.
+    /// Bits may be missing: pins are inputs at this time, or outputs have tripped by themselves.
     has_gaps: bool,
     is_faulty: bool,
-    /// What is shown is a part of what was shown before.
+    /// The current state is a subset of the previous one.
     has_fewer: bool,
     commands: VecDeque<Command>,
     shown: Level,
     since: u64,
-    /// When a replaced command has to be gone.
+    /// Time after which a replaced command must no longer be visible.
     limit: u64,
-    /// The first fault since it was re-armed, and when all has to be off because of it.
+    /// Time of the first fault since the last re-arming, and the time by which everything must be
+    /// off.
     fault: Option<(u64, u64, &'static str)>,
-    /// Of one that is coming: START has cleared its faults, those too that nobody has seen.
+    /// For `is_coming`: START has cleared its faults, including those that nothing has reported.
     is_started: bool,
-    /// Until then a packet from before the fault may come that drives pins while it is executed.
+    /// Until this time a packet from before the fault may arrive, which drives pins while it is
+    /// executed.
     packet_until: u64,
-    /// How long that may be on: until the packet ends, or of a board that has bitten until it is seen.
+    /// Longest time that its outputs may be on: until the packet ends or, if the board has bitten,
+    /// until the bite is detected.
     packet_lasts: u64,
-    /// It is the end of a set-up without its beginning, which nobody commanded.
+    /// The packet is the end of a set-up without its beginning, with outputs that were not
+    /// commanded.
     packet_sets_up: bool,
-    /// Of a remote: it was re-armed with a board that gets its set-up back, and is armed when it runs.
+    /// For a remote: re-armed together with a board that is being set up again, and armed when it
+    /// runs.
     is_coming: bool,
 }
 
@@ -161,7 +169,7 @@ impl Track {
 
     fn set(&mut self, at: u64, level: Level) {
         if level != self.shown {
-            // Before the remote says why, some have gone off.
+            // Some outputs have gone off before the remote reports the reason.
             let fewer = level.bits & !self.shown.bits == 0;
             self.has_fewer = fewer && level.millivolts == self.shown.millivolts;
             self.shown = level;
@@ -175,7 +183,7 @@ impl Track {
         })
     }
 
-    /// What is shown up to now may be shown.
+    /// Checks that the current state is permitted up to now.
     fn check(&self, now: u64) -> Checked {
         if !self.shown.is_on() {
             return Ok(());
@@ -210,8 +218,8 @@ impl Track {
         let replaced = self.commands.iter().skip(1).map(|next| next.at);
         let replaced = replaced.chain([u64::MAX]);
         let pairs: Vec<_> = self.commands.iter().zip(replaced).collect();
-        // A remote that got a fault while nobody talked to it keeps what it has, and its watchdog is
-        // fed by the first frame that tells of it.
+        // A remote that got a fault while it was not addressed keeps its outputs, and its watchdog
+        // is fed by the first frame that reports the fault.
         let limit = if self.is_faulty { 2 } else { 1 } * self.limit;
         let mut pairs = pairs
             .into_iter()
@@ -252,21 +260,21 @@ impl Track {
     }
 }
 
-/// Knows what may be on.
+/// Model of the outputs that may be on.
 #[derive(Debug)]
 pub struct Oracle {
     remotes: Vec<Track>,
     board: Vec<Track>,
     lateness: u64,
-    /// What was sent before a bite or a reset may come so much later.
+    /// Longest delay of a packet that was sent before a bite or a reset.
     in_flight: u64,
     is_setting_up: bool,
     period: u64,
     off_after: u64,
-    /// For so long a host may stand still between a write and the look that follows it: then the
-    /// watchdog bites again.
+    /// Longest pause of a host between a write and the look that follows it: then the watchdog
+    /// bites again.
     stalls: u64,
-    /// For so long after a fault a host that stood still sends what it had to before.
+    /// Time after a fault until which a stopped host may still send earlier packets.
     late_by: u64,
 }
 
@@ -291,7 +299,7 @@ impl Oracle {
         } else {
             0
         };
-        // A card that was swapped in is the last: nothing is ever commanded of it.
+        // A card that was swapped in is the last: it is never commanded.
         let stranger = Track::new("the other card".to_owned(), false, 0);
         Self {
             remotes: (0..plan.remotes()).map(remote).chain([stranger]).collect(),
@@ -320,23 +328,23 @@ impl Oracle {
         }
     }
 
-    /// The process is gone: nothing is commanded any more.
+    /// The process has ended: nothing is commanded any more.
     pub fn nobody_commands(&mut self, at: u64) {
         for track in self.remotes.iter_mut().chain(&mut self.board) {
             track.command(at, Level::OFF, false);
         }
     }
 
-    /// The board gets its set-up back with a re-arming. What its outage does to remotes, whose own
-    /// watchdogs bite sooner or later, is over with it.
+    /// The board is set up again by a re-arming. The effects of its outage on remotes, whose own
+    /// watchdogs bite sooner or later, end with it.
     pub fn remotes_come(&mut self) {
         for track in &mut self.remotes {
             (track.is_coming, track.is_started) = (true, false);
         }
     }
 
-    /// The board has its set-up again, and nobody has re-armed. A remote that got a fault meanwhile is
-    /// talked to until it has told of that, which feeds its watchdog.
+    /// The board is set up again without a re-arming. A remote that got a fault meanwhile is
+    /// addressed until it has reported the fault, which feeds its watchdog.
     pub fn remotes_are_asked(&mut self, now: u64) {
         let until = now + self.off_after + 45 * self.period + self.lateness;
         for track in self.remotes.iter_mut().filter(|track| track.is_faulty) {
@@ -346,7 +354,7 @@ impl Oracle {
         }
     }
 
-    /// The set-up is written from now on, or was: all of it is one packet, which a reset can cut.
+    /// Start or end of writing the set-up: all of it is one packet, which a reset can cut.
     pub fn set_up(&mut self, is_written: bool) {
         self.is_setting_up = is_written;
     }
@@ -362,13 +370,13 @@ impl Oracle {
         }
     }
 
-    /// Takes what happened. `alone`: no more than one thing has gone wrong.
+    /// Processes an event. `alone`: at most one fault has occurred.
     pub fn event(&mut self, event: &Event, alone: bool) -> Checked {
         let at = event.at;
         match event.what {
             What::Remote(remote, level) => self.remotes[remote].show(at, level),
             What::Part(part, level) if part >= VOLTS && !self.board[ENABLES].shown.is_on() => {
-                // A drive that is not enabled does not see what passes within an exchange.
+                // A drive that is not enabled ignores changes within an exchange.
                 self.board[part].set(at, level);
                 Ok(())
             }
@@ -391,7 +399,7 @@ impl Oracle {
                 };
                 // A long reset takes the middle of a set-up, and lets the end of it through.
                 let in_reset = if self.is_setting_up { SET_UP } else { 0 };
-                // So does a host that has not looked since: what it sent comes after the set-up.
+                // So does a host that has not read since: its packets arrive after the set-up.
                 let is_any = self.is_setting_up || self.late_by > 0;
                 let count = if is_any { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
@@ -417,8 +425,8 @@ impl Oracle {
             What::Faults(remote, faults) => {
                 self.remotes[remote].has_gaps |= faults & TRIPS != 0;
                 self.remotes[remote].is_faulty = true;
-                // From the reply that told it; with other faults the replies may be lost, until
-                // the remote goes offline.
+                // Counted from the reply that reported the fault; with other faults the replies may
+                // be lost, until the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;
                 let is_of_board =
                     self.remotes[remote].is_coming && !self.remotes[remote].is_started;
@@ -432,7 +440,7 @@ impl Oracle {
         }
     }
 
-    /// What stands there now may stand there.
+    /// Checks that the current state is permitted.
     pub fn check(&self, now: u64) -> Checked {
         self.remotes
             .iter()
@@ -440,12 +448,12 @@ impl Oracle {
             .try_for_each(|track| track.check(now))
     }
 
-    /// The board drives nothing: it is not the one that was started with.
+    /// Checks that a board other than the one at the start drives nothing.
     pub fn check_stranger(&self, now: u64) -> Checked {
         self.check_board_off(now, "of a stranger")
     }
 
-    /// Nothing is on.
+    /// Checks that nothing is on.
     pub fn check_all_off(&self, now: u64, why: &str) -> Checked {
         self.remotes
             .iter()
@@ -453,24 +461,24 @@ impl Oracle {
         self.check_board_off(now, why)
     }
 
-    /// The board drives nothing.
+    /// Checks that the board drives nothing.
     pub fn check_board_off(&self, now: u64, why: &str) -> Checked {
         self.board
             .iter()
             .try_for_each(|track| track.check_off(now, why))
     }
 
-    /// How long a remote may take to switch off that nothing reaches.
+    /// Longest time that an unreachable remote may take to switch off.
     pub fn off_after(&self) -> u64 {
         self.off_after
     }
 
-    /// Whether a remote has an output on.
+    /// True if a remote has an output on.
     pub fn is_on(&self, remote: usize) -> bool {
         self.remotes[remote].shown.is_on()
     }
 
-    /// Whether a remote shows its command of now.
+    /// True if a remote shows its current command.
     pub fn follows(&self, remote: usize) -> bool {
         let track = &self.remotes[remote];
         let command = track

@@ -1,4 +1,4 @@
-//! What a scenario is made of. Everything follows from its seed.
+//! The contents of a scenario. Everything follows from its seed.
 
 mod extras;
 mod more;
@@ -9,7 +9,7 @@ pub use more::{LOCKED_AFTER, More};
 use mesa_hal::boards::{i7i72, i7i77};
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::Pace;
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use crate::common::chance::Chance;
 
@@ -28,7 +28,7 @@ pub enum Card {
 }
 
 impl Card {
-    /// What the library knows of it.
+    /// The library's table of the card.
     pub const fn table(self) -> &'static RemoteTable {
         match self {
             Self::Field => &i7i77::FIELD,
@@ -44,16 +44,16 @@ pub enum Board {
     I7i97,
 }
 
-/// When in the life of a machine something happens.
+/// Phase in the life of a machine in which an event occurs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Moment {
-    /// Before the first remote was spoken to.
+    /// Before the first packet to a remote.
     Start,
     /// While the remotes are found and started.
     Discovery,
     /// All is well.
     Running,
-    /// Something happened before, and not all is well again.
+    /// An earlier event is not fully recovered from.
     Recovery,
 }
 
@@ -67,31 +67,31 @@ pub struct Planned {
     pub kind: FaultKind,
     /// While the driver is built, and not in the cycle.
     pub in_build: bool,
-    /// After the beginning of the one or the other.
+    /// Time after the beginning of the build or of the cycle.
     pub after: u64,
     pub lasts: u64,
     /// Number of the remote.
     pub target: usize,
-    /// Decides the details.
+    /// Determines the details.
     pub dice: u64,
 }
 
-/// What the application is like.
+/// Behaviour of the application.
 #[derive(Clone, Copy, Debug)]
 pub struct Habits {
-    /// Re-arms every so many cycles, needed or not; 0: only when something is not armed.
+    /// Re-arms at this interval of cycles, needed or not; 0: only when something is not armed.
     pub rearm_every: u64,
-    /// When something is not armed, it re-arms in one of so many cycles; 0: not before the end.
+    /// When something is not armed, re-arms in one of this number of cycles; 0: not before the end.
     pub rearm_when_safe: u64,
-    /// Leaves its outputs as they are in one of so many cycles.
+    /// Leaves its outputs unchanged in one of this number of cycles.
     pub idle_one_in: u64,
-    /// Changes a setting in one of so many cycles; 0: never.
+    /// Changes a setting in one of this number of cycles; 0: never.
     pub settings_one_in: u64,
-    /// Asks for an index in one of so many cycles.
+    /// Requests an index in one of this number of cycles.
     pub index_one_in: u64,
-    /// Restarts remotes that are offline by itself at the end.
+    /// Restarts offline remotes by itself at the end.
     pub restarts: bool,
-    /// How it leaves: 0 shutdown, 1 drop, else killed.
+    /// End of the process: 0 shutdown, 1 drop, otherwise killed.
     pub leaves: u64,
 }
 
@@ -106,13 +106,13 @@ pub struct Plan {
     pub watchdog: u64,
     pub faults: Vec<Planned>,
     pub habits: Habits,
-    /// How long the machine runs before all faults end.
+    /// Time that the machine runs before all faults end.
     pub run: u64,
-    /// It homes all the time, on a network that delays and duplicates by several periods.
+    /// Homes all the time, on a network that delays and duplicates by several periods.
     pub is_homing: bool,
-    /// One remote is absent for a minute, and attempts are as rare as they are by default.
+    /// One remote is absent for a minute, and restart attempts are as rare as by default.
     pub is_minute: bool,
-    /// Counts of the motors in a second.
+    /// Counts of the motors per second.
     pub speed: f64,
     /// The software mode of field I/O; after a loss of power it is 0.
     pub field_mode: u8,
@@ -185,7 +185,7 @@ impl Plan {
             ..self.habits
         };
         let lasts = self.run;
-        // Mostly when no packet of the set-up is in flight any more: counts are not sure before.
+        // Mostly when no packet of the set-up is in flight any more: counts are uncertain before.
         let later = chance.of(&[0, 110, 110, 110]) * self.period;
         self.run += later;
         self.faults = vec![Planned {
@@ -226,11 +226,11 @@ impl Plan {
         self.ports.iter().map(Vec::len).sum()
     }
 
-    /// The remote that all faults are of, if they are faults of one remote or its wire, and the
-    /// application and no other program disturbs the others.
+    /// The remote of all faults, if they are faults of one remote or its wire, and neither the
+    /// application nor another program disturbs the others.
     pub fn victim(&self) -> Option<usize> {
         let of_remotes =
-            |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+            |fault: &Planned| matches!(fault.kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         let [first, ..] = &self.faults[..] else {
             return None;
         };
@@ -245,9 +245,9 @@ impl Plan {
         all.then_some(first.target)
     }
 
-    /// Some of what passes a wire is lost or wrong, so that a START goes on for longer.
+    /// Some bytes on a wire are lost or wrong, so that a START takes longer.
     pub fn has_bad_wire(&self) -> bool {
-        let is_bad = |fault: &Planned| fault.kind.place() == Place::Wire;
+        let is_bad = |fault: &Planned| fault.kind.place() == FaultPlace::Wire;
         self.faults.iter().any(is_bad)
     }
 
@@ -268,7 +268,7 @@ impl Plan {
         self.ports[port][channel]
     }
 
-    /// How much later than sent a write may be executed.
+    /// Longest delay between sending and executing a write.
     pub fn lateness(&self) -> u64 {
         let periods = match (self.is_network, self.is_homing) {
             (true, true) => 4,
@@ -279,11 +279,11 @@ impl Plan {
     }
 }
 
-/// A minute is long: there is one in so many scenarios.
+/// A minute is long: one in this number of scenarios.
 const MINUTE_EVERY: u64 = 1_000;
 const MINUTE_SEED: u64 = 77;
 
-/// Seeds that follow each other make plans that do not.
+/// Makes unrelated plans of consecutive seeds.
 pub fn scrambled(seed: u64) -> u64 {
     let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -291,7 +291,7 @@ pub fn scrambled(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Mostly a few remotes on one port, as machines are; sometimes many on several.
+/// Mostly a few remotes on one port, as on real machines; sometimes many on several.
 fn ports(chance: &mut Chance, board: Board) -> Vec<Vec<Card>> {
     const MACHINE: [Card; 3] = [Card::Field, Card::Analog, Card::Outputs];
     const MIX: [Card; 4] = [Card::Field, Card::Outputs, Card::Analog, Card::Outputs];
@@ -316,8 +316,8 @@ fn faults(
         .iter()
         .copied()
         .filter(|kind| match kind.place() {
-            Place::Network => is_network,
-            Place::Bus => !is_network,
+            FaultPlace::Network => is_network,
+            FaultPlace::Bus => !is_network,
             _ => true,
         })
         .collect();
@@ -326,7 +326,7 @@ fn faults(
     let mut faults: Vec<Planned> = Vec::new();
     for n in 0..count {
         let kind = chance.of(&possible);
-        let in_build = n == 0 && kind.place() != Place::Host && chance.one_in(4);
+        let in_build = n == 0 && kind.place() != FaultPlace::Host && chance.one_in(4);
         let lasts = match chance.below(4) {
             0 => MICRO * (1 + chance.below(2_000)),
             1 => MILLI * (1 + chance.below(60)),
@@ -339,7 +339,7 @@ fn faults(
                 let most = if is_network { 100 } else { 20 };
                 chance.of(&[300 * MICRO, 3 * MILLI, most * MILLI])
             }
-            // While the one before is still there, or has just ended.
+            // While the previous fault is still present, or has just ended.
             (false, Some(before)) if !before.in_build && chance.one_in(2) => {
                 let from = before.after + if chance.one_in(2) { before.lasts } else { 0 };
                 return_within(from, run) + MILLI * 30

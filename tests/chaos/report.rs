@@ -1,4 +1,4 @@
-//! What became of the scenarios.
+//! Results of the scenarios.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,7 +10,7 @@ use super::plan::{MICRO, Moment, Plan};
 use super::scenario;
 use super::stage::Stage;
 
-/// So many failures of each promise are told in full.
+/// Number of failures of each promise that are printed in full.
 const STORIES: usize = 2;
 
 #[derive(Debug, Default)]
@@ -56,7 +56,8 @@ impl Report {
         }
     }
 
-    /// Prints everything; whether all is well. `is_full`: every kind of fault has to have occurred.
+    /// Prints everything; returns true if all is well. `is_full`: every kind of fault must have
+    /// occurred.
     pub fn print(&self, is_full: bool) -> bool {
         println!(
             "\n{:24} {:>9} {:>9} {:>9} {:>9}",

@@ -30,10 +30,10 @@ use lock::Lock;
 use told::{Others, Told};
 use validity::Validity;
 
-/// A machine that is well again is so after this time.
+/// A machine must have recovered within this time.
 const COMES_BACK_IN: u64 = 3_000 * MILLI;
 
-/// Runs a plan. What happened is on the stage.
+/// Runs a plan. Its events are on the stage.
 pub fn run(plan: &Plan, stage: &Stage) -> Checked {
     let journal = Journal::default();
     let (mut fpga, gpio) = machine(plan, &journal);
@@ -116,22 +116,23 @@ struct Scenario {
     journal: Journal,
     oracle: Oracle,
     gpio: Gpio,
-    /// Faults that the application itself brings about, or lets its bus have.
+    /// Faults that the application itself causes, or injects into its bus.
     host: Vec<(u64, Planned)>,
-    /// The board was found bitten or reset: since when, and how many good reads may miss it.
+    /// The board was found bitten or reset: the time, the number of good reads that may miss it,
+    /// and the name of the event.
     watch: Option<(u64, u32, &'static str)>,
-    /// How long the last good read took.
+    /// Duration of the last good read.
     took: u64,
-    /// The set-up is written, as far as the simulator knows: since the driver began to build, or to
+    /// The set-up is written according to the simulator: since the driver began to build, or to
     /// restore the board, a register was written, and then a pin was driven.
     is_written: bool,
     is_open: bool,
-    /// When a pin was driven first after none was.
+    /// Time at which the first pin was driven after none was.
     opened: u64,
-    /// A remote has told of a fault: its number, since when, its faults before, and how many good
-    /// reads may miss it.
+    /// A remote has reported a fault: its number, the time, its earlier faults, and the number of
+    /// good reads that may miss it.
     told: Option<(usize, u64, u64, u32)>,
-    /// All was armed once.
+    /// Everything has been armed once.
     is_armed: bool,
     /// Cycles of remotes without faults of their own, and those without new data.
     cycles: u64,
@@ -140,21 +141,23 @@ struct Scenario {
     what_is_told: Told,
     /// The next write is followed by a wait for its transfers.
     waits: bool,
-    /// When something else is there instead of the board, and whether it is.
+    /// Time at which the board is replaced, and true while it is.
     stranger: (u64, bool),
-    /// For what was added later, so that the rest stays as it was.
+    /// A separate random stream for later additions, so that earlier plans stay unchanged.
     side: Chance,
     others: Others,
     lock: Lock,
-    /// From then on reads are late, each by something else.
+    /// Reads are late from this time on, each by a different delay.
     jitters_from: u64,
-    /// How long before a read the encoders may have been latched.
+    /// Longest time before a read at which the encoders may have been latched.
     sampled_before: u64,
-    /// What made everything safe was cleared by pin, and the set-up follows with a next write.
+    /// The safe state was cleared by pin, and the set-up follows with one of the next writes.
     is_clearing: bool,
-    /// Watchdogs were tried while something was wrong: one that did not answer counts as off since.
+    /// Watchdogs were tested while a fault was present: one that did not answer counts as off
+    /// since.
     proved_in_trouble: bool,
-    /// It was, and nothing was re-armed since: the next re-arming is for the remotes that come with it.
+    /// The board came back by pin, and nothing was re-armed since: the next re-arming is for the
+    /// remotes that come with it.
     came_by_pin: bool,
     /// Cycles since each port was switched off.
     off: Vec<u64>,
@@ -204,7 +207,7 @@ impl Scenario {
         self.others_are_told()?;
         self.heal(&mut process.driver);
         if process.application.remotes() < self.plan.remotes() {
-            // Some were not there when the driver was built.
+            // Some remotes were absent when the driver was built.
             self.leave(process, 0)?;
             process = self.start(&connect)?;
         }
@@ -246,11 +249,12 @@ impl Scenario {
         self.stands_now(driver, application)
     }
 
-    /// What happens to the machine before it is read.
+    /// Events of the machine before it is read.
     fn before_read<B: Host>(&mut self, driver: &mut Driver<B>, is_wild: bool) {
         let now = self.sim.now();
         self.bus_faults(driver, now);
-        // What depends on a write that it may have followed is not taken while it stays.
+        // Data that depend on a write that may have preceded the read are not taken while the other
+        // program stays.
         if is_wild || !self.plan.more.master_stays {
             self.other_master();
         }
@@ -263,7 +267,7 @@ impl Scenario {
         }
     }
 
-    /// Looks at what a read has brought, and sets what is written next.
+    /// Evaluates a read, and sets the outputs of the next write.
     fn after_read<B: Host>(
         &mut self,
         (driver, application, life): (&mut Driver<B>, &mut Application, &Life),
@@ -273,7 +277,7 @@ impl Scenario {
         let good = report.is_some();
         self.what_is_told.read(good);
         self.hears_others(report.map_or(0, |report| report.others))?;
-        // The age of what the board itself shows counts from the end of the read that brought it,
+        // The age of the board's own values counts from the end of the read that returned them,
         // which is not this one if this one failed.
         if good {
             self.took = match self.plan.pace {
@@ -302,7 +306,7 @@ impl Scenario {
         Ok(())
     }
 
-    /// What the machine drives now is right.
+    /// Checks the current outputs of the machine.
     fn stands_now<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
         let runs = driver.board_state() == BoardState::Running;
         // Until the bus works, the set-up is tried with each write.
@@ -323,7 +327,7 @@ impl Scenario {
         Ok(())
     }
 
-    /// What the application does besides.
+    /// Further actions of the application.
     fn habits<B: Host>(
         &mut self,
         driver: &mut Driver<B>,
@@ -397,7 +401,8 @@ impl Scenario {
                 ..
             } = process;
             well += 1;
-            // Valid inputs may be as old as the application lets them be: nothing has to have followed.
+            // Valid inputs may be as old as the application permits: the outputs need not have
+            // followed.
             let is_well = application.all_is_well(driver);
             if let Err(why) = is_well.and_then(|()| application.all_have_news(driver)) {
                 well = 0;
@@ -455,7 +460,7 @@ impl Scenario {
             },
         )?;
         let led = application.expected_led();
-        // The other program sets it as well.
+        // The other program sets the LED as well.
         let led = led.filter(|_| !self.plan.extras.second_master);
         ensure(
             led.is_none_or(|led| led == self.sim.is_lit()),

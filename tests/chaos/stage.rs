@@ -12,10 +12,10 @@ use mesa_hal_sim::wire::Nanos;
 
 use super::plan::{Moment, Plan, Planned};
 
-/// A value and since when it holds.
+/// A value and the time since which it holds.
 pub type History<T> = Vec<(Nanos, T)>;
 
-/// Whether `holds` was true of the value at some moment from `from` to `to`.
+/// True if `holds` was true of the value at any time from `from` to `to`.
 pub fn was<T: Copy>(
     history: &History<T>,
     from: u64,
@@ -35,22 +35,22 @@ pub fn was<T: Copy>(
     false
 }
 
-/// What the inputs were like, and when.
+/// The true inputs with their times.
 #[derive(Debug, Default)]
 pub struct Truth {
-    /// Of each remote that has some.
+    /// Of each remote that has field inputs.
     pub fields: Vec<History<u32>>,
     /// Counts of their two MPGs, where they have some.
     pub mpgs: Vec<History<[u8; 2]>>,
     /// GPIO, by place in [`Gpio::inputs`].
     pub gpio: History<u64>,
     pub isolated: History<u32>,
-    /// Counts of each motor, and counts in a second.
+    /// Counts of each motor, and counts per second.
     pub motors: Vec<History<(f64, f64)>>,
 }
 
 impl Truth {
-    /// The least and the greatest speed of a motor in a time.
+    /// The least and the greatest speed of a motor in a time span.
     pub fn speeds(&self, axis: usize, from: u64, to: u64) -> (f64, f64) {
         let (mut least, mut most) = (f64::MAX, f64::MIN);
         for &(since, (_, speed)) in self.motors[axis].iter().rev() {
@@ -64,7 +64,7 @@ impl Truth {
         (least, most)
     }
 
-    /// The least and the greatest position of a motor in a time.
+    /// The least and the greatest position of a motor in a time span.
     pub fn turned(&self, axis: usize, from: u64, to: u64) -> (f64, f64) {
         let (mut least, mut most) = (f64::MAX, f64::MIN);
         let mut until = to;
@@ -90,9 +90,9 @@ impl Truth {
 enum Act {
     Change,
     Begin(usize),
-    /// A late reply once more.
+    /// A repeated late reply.
     Again(usize),
-    /// The other card is plugged in; what decides which one.
+    /// The other card is plugged in; the number selects the card.
     Swap(usize, u64),
     End(usize),
 }
@@ -108,17 +108,17 @@ pub struct Begun {
 struct Agenda {
     acts: BTreeMap<(Nanos, usize), Act>,
     number: usize,
-    /// All that were ever asked for; [`Act`]s name them by their place.
+    /// All faults ever scheduled; an [`Act`] refers to one by its index.
     planned: Vec<Planned>,
     begun: Vec<Option<Begun>>,
-    /// Is all well, says the application; `None` while the driver is built.
+    /// True if the application reports that all is well; `None` while the driver is built.
     all_is_well: Option<bool>,
     happened: Vec<(FaultKind, Moment)>,
     story: Vec<(Nanos, String)>,
     truth: Truth,
 }
 
-/// What the world, the director in it and the application share.
+/// State shared by the world, the director in it and the application.
 #[derive(Clone, Debug)]
 pub struct Stage(Arc<Mutex<Agenda>>);
 
@@ -142,7 +142,7 @@ impl Stage {
     }
 
     fn lock(&self) -> MutexGuard<'_, Agenda> {
-        // A scenario that has panicked with it still has a story.
+        // The story of a scenario that has panicked while holding the lock is still needed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -150,7 +150,7 @@ impl Stage {
         look(&self.lock().truth)
     }
 
-    /// Lets a fault begin at `at`.
+    /// Schedules a fault to begin at `at`.
     pub fn schedule(&self, planned: Planned, at: Nanos) {
         let mut agenda = self.lock();
         let place = agenda.planned.len();
@@ -160,7 +160,7 @@ impl Stage {
         agenda.push(at + planned.lasts, Act::End(place));
     }
 
-    /// Ends all faults at `now`, those that have not begun included.
+    /// Ends all faults at `now`, including those that have not begun.
     pub fn end_all(&self, now: Nanos) {
         let mut agenda = self.lock();
         agenda.acts.retain(|_, act| matches!(act, Act::Change));
@@ -173,7 +173,7 @@ impl Stage {
         }
     }
 
-    /// While `None`, the driver is built.
+    /// `None` while the driver is built.
     pub fn set_well(&self, all_is_well: Option<bool>) {
         self.lock().all_is_well = all_is_well;
     }
@@ -186,7 +186,7 @@ impl Stage {
         self.lock().happened.clone()
     }
 
-    /// Notes a fault that somebody else brings about.
+    /// Records a fault that is caused elsewhere.
     pub fn note_fault(&self, kind: FaultKind, moment: Moment) {
         self.lock().happened.push((kind, moment));
     }

@@ -1,18 +1,17 @@
-//! The fake bus: registers that a test makes up, or a test between the host and a simulated FPGA.
+//! Fake buses: registers provided by a test, or a test between the host and a simulated FPGA.
 
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
 use mesa_hal::bus::{
-    Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
-    RegisterBus, Reply,
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Instant, RegisterBus,
 };
 use mesa_hal_sim::{SimError, SimFpga};
 
-/// What a word takes, in nanoseconds.
+/// Time for a word, in nanoseconds.
 const ACCESS: u64 = 100;
 
-/// What stands behind a [`FakeBus`].
+/// The registers behind a [`FakeBus`].
 pub trait Registers {
     fn read(&mut self, address: u16, now: u64) -> u32;
     fn write(&mut self, address: u16, word: u32, now: u64);
@@ -23,10 +22,10 @@ pub trait Registers {
 pub struct FakeBus<R> {
     pub registers: R,
     pub now: u64,
-    /// The clock says 0 for ever.
+    /// The clock always returns 0.
     pub is_stopped: bool,
     pub exchanges: usize,
-    /// Words that were read or written.
+    /// Number of words read or written.
     pub accesses: usize,
 }
 
@@ -69,7 +68,6 @@ impl BusError for NeverFails {
 
 impl<R: Registers> RegisterBus for FakeBus<R> {
     type Error = NeverFails;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
         self.exchanges += 1;
@@ -86,15 +84,6 @@ impl<R: Registers> RegisterBus for FakeBus<R> {
         }
         Ok(())
     }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
-    }
 }
 
 impl<R> Clock for FakeBus<R> {
@@ -107,7 +96,7 @@ impl<R> Clock for FakeBus<R> {
     }
 }
 
-/// What happens to an exchange on its way to a simulated FPGA.
+/// Modifies exchanges on their way to a simulated FPGA.
 pub trait Between {
     fn exchange(
         &mut self,
@@ -117,7 +106,7 @@ pub trait Between {
     ) -> Result<(), SimError>;
 }
 
-/// A simulated FPGA with something in between.
+/// A simulated FPGA behind a [`Between`].
 #[derive(Debug)]
 pub struct Around<T> {
     pub fpga: SimFpga,
@@ -126,19 +115,9 @@ pub struct Around<T> {
 
 impl<T: Between> RegisterBus for Around<T> {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         self.between.exchange(&mut self.fpga, accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {

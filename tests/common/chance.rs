@@ -1,11 +1,11 @@
-//! A small generator, so that a seed says everything about a run.
+//! A small random generator, so that a seed determines a whole run.
 
-/// The state; the first is the seed.
+/// The state; its first value is the seed.
 #[derive(Debug)]
 pub struct Chance(pub u64);
 
 impl Chance {
-    /// 31 bits.
+    /// 31 random bits.
     fn next(&mut self) -> u64 {
         // Knuth's multiplier; the high half is good enough here.
         self.0 = self
@@ -15,22 +15,22 @@ impl Chance {
         self.0 >> 33
     }
 
-    /// 0 up to, and without, `end`.
+    /// A number from 0 up to, but excluding, `end`.
     pub fn below(&mut self, end: u64) -> u64 {
         self.next() % end
     }
 
-    /// Any register's word.
+    /// A random word of a register.
     pub fn word(&mut self) -> u32 {
         (self.next() << 16 ^ self.next()) as u32
     }
 
-    /// Whether something happens that does once in `n` times.
+    /// True once in `n` times on average.
     pub fn one_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }
 
-    /// One of them.
+    /// A random element of `all`.
     pub fn of<T: Copy>(&mut self, all: &[T]) -> T {
         all[self.below(all.len() as u64) as usize]
     }

@@ -1,4 +1,4 @@
-//! Descriptors of the devices, as their manuals tell them, written out for the tests.
+//! Descriptors of the devices according to their manuals, written out for the tests.
 
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor};
 use mesa_hal::sslbp::RemoteName;

@@ -4,15 +4,14 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find;
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga};
 
 /// Time on the wire in each direction.
 pub const WIRE: u64 = 20_000;
 
-/// What the network does to each packet at its time; returns with what delays it arrives, once for
-/// each.
+/// The network's effect on each packet at its time: returns a delay for each arrival of the packet.
 pub type Fate = Box<dyn FnMut(u64, &[u8]) -> Vec<u64>>;
 
 /// A bus to a simulated board behind a good network.
@@ -34,12 +33,13 @@ pub fn good() -> Fate {
     Box::new(|_, _| vec![WIRE])
 }
 
-/// Requests that are answered begin with their number (`82D11C00`); writes of the cycle do not.
+/// True if a packet begins with a request number (`82D11C00`): such packets are answered, writes of
+/// the cycle are not.
 pub fn is_request(packet: &[u8]) -> bool {
     packet.starts_with(&[0x82, 0xD1, 0x1C, 0x00])
 }
 
-/// Whether a packet writes registers of the FPGA: LBP16 commands with bit 15 set, of space 0.
+/// True if a packet writes registers of the FPGA: LBP16 commands with bit 15 set, of space 0.
 fn writes(packet: &[u8]) -> bool {
     let mut rest = packet;
     while let [low, high, tail @ ..] = rest {
@@ -63,39 +63,40 @@ pub fn volts(bus: &mut UdpBus<SimLink>) -> f64 {
     device.world().analog_output(0).expect("an analog output")
 }
 
-/// What became of one packet of the host.
+/// The history of one packet of the host.
 #[derive(Clone, Debug, Default)]
 pub struct Sent {
     pub at: u64,
-    /// When the board executed it: the time it was done.
+    /// Times at which the board executed it.
     pub executed: Vec<u64>,
-    /// For each reply that came to the host: when, and which execution it is from.
+    /// For each reply that arrived at the host: its time, and the execution that caused it.
     pub replies: Vec<(u64, u64)>,
     pub is_request: bool,
-    /// It writes registers of the FPGA.
+    /// The packet writes registers of the FPGA.
     pub is_write: bool,
     pub bytes: usize,
 }
 
-/// A packet in flight: its number in the journal, the execution it is the reply of, its bytes.
+/// A packet in flight: its number in the journal, the execution that it replies to, its bytes.
 type Packet = (usize, u64, Vec<u8>);
 type Packets = BTreeMap<(u64, u64), Packet>;
 
-/// A link to a simulated board. Every packet arrives once, after [`WIRE`], unless told otherwise.
+/// A link to a simulated board. Every packet arrives once, after [`WIRE`], unless configured
+/// otherwise.
 pub struct SimLink {
     pub board: SimBoard<SimFpga>,
     pub to_board: Fate,
     pub to_host: Fate,
-    /// The host has no way to the board.
+    /// The host has no route to the board.
     pub is_unreachable: bool,
-    /// Everything that was sent, and what became of it.
+    /// All packets sent, with their history.
     pub journal: Vec<Sent>,
-    /// When the whole board loses its configuration, and for how long.
+    /// Times at which the whole board loses its configuration, and the durations.
     pub resets: Vec<(u64, u64)>,
-    /// Until then the board has no configuration.
+    /// The board has no configuration until this time.
     silent_until: u64,
     now: u64,
-    /// What the host's clock has missed while it stood still.
+    /// Time that the host's clock has missed while the host was stopped.
     missed: u64,
     sent: u64,
     requests: Packets,
@@ -132,24 +133,24 @@ impl SimLink {
         self.now
     }
 
-    /// Whether the board has no configuration just now.
+    /// True while the board has no configuration.
     pub fn is_silent(&self) -> bool {
         self.now < self.silent_until
     }
 
-    /// The host stands still and its clock with it, as a virtual machine that is stopped.
+    /// Stops the host and its clock, as a suspended virtual machine.
     pub fn stop_host(&mut self, nanos: u64) {
         self.run(self.now + nanos, false);
         self.missed += nanos;
     }
 
-    /// A new process has a new socket: what is on its way to the old one goes nowhere.
+    /// A new process has a new socket: packets on their way to the old one are lost.
     pub fn new_socket(&mut self) {
         self.waiting.clear();
         self.replies.clear();
     }
 
-    /// Everything up to `until`; the packets that have arrived at the host wait there.
+    /// Runs all events up to `until`; packets that have arrived at the host wait there.
     pub fn run(&mut self, until: u64, stop_at_reply: bool) {
         while !stop_at_reply || self.waiting.is_empty() {
             let first =
@@ -219,7 +220,7 @@ impl std::fmt::Debug for SimLink {
     }
 }
 
-impl Link for SimLink {
+impl PacketLink for SimLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.is_unreachable {
             return Err(io::ErrorKind::HostUnreachable.into());

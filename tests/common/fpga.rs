@@ -1,9 +1,9 @@
-//! What a test does to a simulated FPGA by hand, before any driver has.
+//! Manual set-up of a simulated FPGA, without a driver.
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal_sim::SimFpga;
 
-/// Direction and alternate source of every pin that a module drives.
+/// Sets direction and alternate source of every pin that a module drives.
 pub fn set_up_pins(fpga: &mut SimFpga) {
     let width = fpga.firmware().port_width as usize;
     let mut words = vec![0u32; fpga.firmware().ports as usize];

@@ -1,5 +1,5 @@
-//! A simulated board with its driver on virtual time. Every remote is at the end of a cable that can
-//! fail.
+//! A simulated board with its driver on virtual time. Every remote is at the end of a cable that
+//! can fail.
 
 use std::time::Duration;
 
@@ -28,14 +28,14 @@ pub fn fpga() -> SimFpga {
     machines::i7i92_with_cards()
 }
 
-/// The same with another end on the channel of the field I/O.
+/// The same FPGA with another remote on the channel of the field I/O.
 pub fn fpga_with_field(field: Box<dyn RemoteEnd>) -> SimFpga {
     let mut fpga = fpga();
     fpga.plug(0, FIELD, Some(Box::new(Cable::new(field, 0))));
     fpga
 }
 
-/// What is on a channel.
+/// The device on a channel.
 pub fn device(fpga: &SimFpga, channel: usize) -> &dyn SimDevice {
     find(fpga.remote(0, channel).expect("remote")).expect("device")
 }
@@ -45,7 +45,7 @@ pub trait World: RegisterBus + Clock {
     fn fpga(&mut self) -> &mut SimFpga;
 }
 
-/// A bus whose FPGA can be looked at without asking the bus.
+/// A bus whose FPGA can be inspected without an access to the bus.
 pub trait Embedded: World {
     fn look(&self) -> &SimFpga;
 }
@@ -80,7 +80,7 @@ impl World for UdpBus<SimLink> {
     }
 }
 
-/// Starts a driver whose settings differ from the default by a change.
+/// Starts a driver with the default settings, modified by `change`.
 pub fn start<B: RegisterBus + Clock>(
     bus: B,
     change: impl FnOnce(&mut Settings),
@@ -90,7 +90,7 @@ pub fn start<B: RegisterBus + Clock>(
     Driver::start(bus, settings)
 }
 
-/// What an application holds of a board.
+/// The handles of an application for a board.
 pub trait Cards {
     fn of<B: World>(driver: &Driver<B>) -> Self;
 }
@@ -112,7 +112,7 @@ impl Remotes {
         pins.set(self.analog.analogena.pin, true);
     }
 
-    /// Switches all outputs on, those that are analog at 5 V.
+    /// Switches all outputs on, analog outputs at 5 V.
     pub fn set_all(&self, pins: &mut Pins) {
         for output in self.field.outputs {
             pins.set(output.pin, true);
@@ -138,7 +138,7 @@ impl Cards for Remotes {
     }
 }
 
-/// Nothing: a test that looks at pins by their names.
+/// No handles: for a test that finds pins by their names.
 impl Cards for () {
     fn of<B: World>(_: &Driver<B>) -> Self {}
 }
@@ -161,7 +161,7 @@ pub struct Machine<B: World = SimFpga, C = Remotes> {
     pub driver: Driver<B>,
     pub cards: C,
     pub period: Duration,
-    /// With the board's, cycles follow each other without a pause.
+    /// At the board's pace, cycles follow each other without a pause.
     pub pace: Pace,
 }
 
@@ -198,7 +198,7 @@ impl<B: World, C: Cards> Machine<B, C> {
 }
 
 impl<B: World, C> Machine<B, C> {
-    /// One period: read, write, and the rest of the time.
+    /// Runs one period: read, write, and the rest of the time.
     pub fn cycle(&mut self) -> CycleReport {
         let report = self.driver.read().expect("the bus does not fail");
         self.finish();
@@ -211,14 +211,14 @@ impl<B: World, C> Machine<B, C> {
         self.rest();
     }
 
-    /// Up to the next period, so that periods do not grow by what accesses cost.
+    /// Waits for the next period, so that periods do not grow by the time of accesses.
     pub fn rest(&mut self) {
         if self.pace == Pace::Host {
             self.pass(self.period);
         }
     }
 
-    /// Up to the next multiple of `time`.
+    /// Waits for the next multiple of `time`.
     pub fn pass(&mut self, time: Duration) {
         let bus = self.driver.bus_mut();
         let time = time.as_nanos() as u64;
@@ -226,7 +226,7 @@ impl<B: World, C> Machine<B, C> {
         bus.wait(Duration::from_nanos(rest));
     }
 
-    /// The application does nothing for some milliseconds.
+    /// Lets some milliseconds pass without a cycle.
     pub fn sleep(&mut self, millis: u64) {
         self.pass_nanos(millis * 1_000_000);
     }
@@ -259,7 +259,7 @@ impl<B: World, C> Machine<B, C> {
         set.expect("a value that it takes");
     }
 
-    /// Turns a motor by hand, in units a second.
+    /// Turns a motor by hand, in units per second.
     pub fn turn(&mut self, axis: usize, velocity: f64) {
         let motor = self.fpga().motor(axis).expect("an axis");
         motor.turn_by_hand(Some(velocity));
@@ -275,7 +275,7 @@ impl<B: World, C> Machine<B, C> {
         }
     }
 
-    /// Cycles until `done`; how many it took.
+    /// Runs cycles until `done`; returns their number.
     pub fn until(&mut self, limit: usize, mut done: impl FnMut(&mut Self) -> bool) -> usize {
         for n in 0..limit {
             if done(self) {
@@ -286,7 +286,7 @@ impl<B: World, C> Machine<B, C> {
         panic!("not within {limit} cycles: {:#?}", self.status(FIELD).state);
     }
 
-    /// Re-arms in each cycle until nothing waits.
+    /// Re-arms in each cycle until nothing is waiting.
     pub fn rearm_all(&mut self, limit: usize) {
         let is_done = |machine: &mut Self| {
             let rearmed = machine.driver.rearm();
@@ -345,4 +345,4 @@ impl<B: Embedded, C> Machine<B, C> {
     }
 }
 
-pub type FieldRemote = mesa_hal_sim::remote::Remote<Device<FieldIo>>;
+pub type FieldRemote = mesa_hal_sim::remote::SimRemote<Device<FieldIo>>;

@@ -1,4 +1,4 @@
-//! What tests, and the benches, share: machines, buses, networks on virtual time, recordings.
+//! Shared parts of tests and benches: machines, buses, networks on virtual time, recordings.
 #![allow(
     dead_code,
     unreachable_pub,

@@ -1,10 +1,10 @@
-//! Something that happens to a simulated board once, at its time.
+//! A single event of a simulated board at a given time.
 
 use core::fmt;
 
-use mesa_hal_sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga};
 
-/// Does something to the board once, at a time in nanoseconds.
+/// Acts on the board once, at a time in nanoseconds.
 pub struct Once<F> {
     at: Option<u64>,
     act: F,
@@ -32,5 +32,5 @@ impl<F: FnMut(&mut SimFpga) + Send> Director for Once<F> {
         (self.act)(fpga);
     }
 
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+    fn drives(&mut self, _: &SimFpga, _: ChangeCause) {}
 }

@@ -1,11 +1,11 @@
-//! A fake bus that replays the host's side of a gateware transcript at register level: what the driver
-//! writes must be what was written there, and it reads what was read there.
+//! A fake bus that replays the host's side of a gateware transcript at register level: the writes
+//! of the driver must equal the recorded ones, and its reads return the recorded values.
 //!
 //! Local reads and stops of single channels that are not in the transcript are answered from a
-//! small table, because the driver asks for more than the recording did.
+//! small table, because the driver reads more than the recording host did.
 
 use mesa_hal::hostmot2::{Gtag, ModuleDescriptor};
-use mesa_hal::sslbp::{Channel, ChannelMask, Layout};
+use mesa_hal::sslbp::{Channel, ChannelMask, PortLayout};
 use mesa_hal_sim::sslbp::Register;
 use mesa_hal_sim::wire::Nanos;
 use std::collections::{BTreeMap, HashMap};
@@ -32,7 +32,7 @@ pub fn recording(name: &str) -> Transcript {
     Transcript::own("transcripts", name)
 }
 
-/// The memory of a remote as a recording sets it up.
+/// The memory of a remote as set up in a recording.
 pub fn memory_of(recording: &Transcript, remote: u8) -> BTreeMap<u16, u8> {
     let mut memory = BTreeMap::new();
     for setting in settings_of(recording, remote) {
@@ -60,15 +60,15 @@ pub fn settings_of(recording: &Transcript, remote: u8) -> impl Iterator<Item = &
         })
 }
 
-/// From one write of COMMAND to the next.
+/// The section from one write of COMMAND to the next.
 #[derive(Clone, Debug, Default)]
 pub struct Segment {
     pub command: u32,
-    /// What was written before COMMAND.
+    /// Writes before COMMAND.
     pub writes: Vec<(Register, u32)>,
     /// Time until COMMAND read 0.
     pub cleared: Option<Nanos>,
-    /// What was read, with the time since COMMAND was written.
+    /// Values read, with the time since COMMAND was written.
     pub values: HashMap<Register, Vec<(Nanos, u32)>>,
 }
 
@@ -137,13 +137,13 @@ pub fn size_replies(recording: &Transcript) -> Vec<(u8, u8)> {
 
 pub type Replay = FakeBus<Recorded>;
 
-/// The registers of a port as they were recorded.
+/// The recorded registers of a port.
 #[derive(Debug)]
 pub struct Recorded {
     segments: Vec<Segment>,
     next: usize,
     now: u64,
-    /// When the command that runs was written.
+    /// Time at which the running command was written.
     begin: u64,
     busy: u32,
     cleared: Option<Nanos>,
@@ -151,7 +151,7 @@ pub struct Recorded {
     held: HashMap<Register, u32>,
     written: HashMap<Register, u32>,
     pub local: BTreeMap<u16, u8>,
-    /// Everything that was written to COMMAND, and whether it was busy then.
+    /// All writes to COMMAND, and whether it was busy at the time.
     pub commands: Vec<(u32, bool)>,
 }
 
@@ -166,7 +166,7 @@ impl Replay {
         bus
     }
 
-    /// Leaves out segments that the test does not play.
+    /// Removes segments that the test does not play.
     pub fn without(mut self, mut leave_out: impl FnMut(&Segment) -> bool) -> Self {
         self.segments.retain(|segment| !leave_out(segment));
         self
@@ -194,7 +194,7 @@ impl Recorded {
         }
     }
 
-    /// Another program has written the command of the next segment before.
+    /// Starts as if another program had already written the command of the next segment.
     pub fn begin_inside(&mut self) {
         let segment = self.segments[self.next].clone();
         self.next += 1;
@@ -204,14 +204,14 @@ impl Recorded {
         self.current = Some(segment);
     }
 
-    /// RXSize and TXSize that the port keeps for a channel.
+    /// Sets RXSize and TXSize that the port keeps for a channel.
     pub fn set_sizes(&mut self, channel: u8, rx: u8, tx: u8) {
         let start = 0x70 + 0x32 * u16::from(channel);
         self.local.insert(start + 0x2E, rx);
         self.local.insert(start + 0x2F, tx);
     }
 
-    /// What the next command will be, and what it reads.
+    /// The next command, and the values that it reads.
     pub fn upcoming(&self) -> Option<&Segment> {
         self.segments.get(self.next)
     }
@@ -225,7 +225,7 @@ impl Recorded {
     }
 
     fn decode(address: u16) -> Register {
-        let layout = Layout::new(&MODULE, 0, 8).unwrap();
+        let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         if address == layout.command {
             return Register::Command;
         }
@@ -282,7 +282,7 @@ impl Recorded {
         self.written.clear();
     }
 
-    /// Ends the segment that runs: its last values stay.
+    /// Ends the running segment: its last values are kept.
     fn keep_current(&mut self) {
         let Some(segment) = self.current.take() else {
             return;
@@ -326,8 +326,8 @@ impl Recorded {
         self.current = Some(segment);
     }
 
-    /// Not every recording reads CS after the first DOIT: a channel without a DATA bit has left its
-    /// chatter for process data (FACTS 4.6).
+    /// Adds the CS values of a DOIT. Not every recording reads CS after the first DOIT: a channel
+    /// without a DATA bit has changed from chatter to process data (FACTS 4.6).
     fn fill_in_transferred(&self, segment: &mut Segment) {
         let failed = segment.last(Register::Data).unwrap_or(0);
         let good = ChannelMask::from_bits((segment.command & !failed) as u8);
@@ -378,7 +378,8 @@ impl Recorded {
     }
 }
 
-/// Not every recording reads CS after START: a channel without a DATA bit has started.
+/// Adds the CS values of a START. Not every recording reads CS after START: a channel without a
+/// DATA bit has started.
 fn fill_in_started(segment: &mut Segment) {
     let ready = match segment.command >> 8 {
         0x09 => 0x003A_0000,

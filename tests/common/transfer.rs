@@ -1,13 +1,13 @@
-//! One DOIT of process data, with the machine of a port stepped as the cycle steps it.
+//! One DOIT of process data, with the machine of a port stepped as in the cycle.
 
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::sslbp::{
-    Channel, ChannelMask, CsStatus, Event, Layout, MAX_INTERFACE_REGISTERS, Observed, Operation,
-    PerChannel, Port, StartFailure, StartedRemote, Verdict,
+    Channel, ChannelMask, CsStatus, MAX_INTERFACE_REGISTERS, PerChannel, Port, PortEvent,
+    PortImage, PortLayout, PortOperation, StartFailure, StartedRemote, TransferResult,
 };
 use std::time::Duration;
 
-/// The interface registers of each channel; those that the layout does not have are not used.
+/// The interface registers of each channel; those that the layout does not have are unused.
 pub type PortWords = PerChannel<[u32; MAX_INTERFACE_REGISTERS as usize]>;
 
 /// Output process data: the first words of these channels.
@@ -19,7 +19,7 @@ pub fn port_words<const N: usize>(words: [(Channel, &[u32]); N]) -> PortWords {
     all
 }
 
-/// All registers of a port, as one exchange brings them.
+/// All registers of a port, read in one exchange.
 #[derive(Default)]
 pub struct Registers {
     command: u32,
@@ -29,7 +29,7 @@ pub struct Registers {
 }
 
 impl Registers {
-    pub fn read<B: RegisterBus>(bus: &mut B, layout: Layout) -> Self {
+    pub fn read<B: RegisterBus>(bus: &mut B, layout: PortLayout) -> Self {
         let mut addresses = vec![layout.command, layout.data()];
         for channel in layout.mask().iter() {
             let registers = layout.channel(channel).unwrap();
@@ -59,7 +59,7 @@ impl Registers {
     }
 }
 
-impl Observed for Registers {
+impl PortImage for Registers {
     fn command(&self) -> u32 {
         self.command
     }
@@ -72,7 +72,7 @@ impl Observed for Registers {
         self.cs[channel]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         let [first, second, third, ..] = self.interface[channel];
         [first, second, third]
     }
@@ -84,7 +84,7 @@ pub fn started(outcomes: &[Result<StartedRemote, StartFailure>]) -> ChannelMask 
     remotes.map(|remote| remote.channel).collect()
 }
 
-/// What a DOIT brought.
+/// Result of a DOIT.
 pub struct Transfer {
     /// The channels without a good reply: their words are the last good ones, not new.
     pub failed: ChannelMask,
@@ -112,15 +112,16 @@ pub fn doit<B: RegisterBus + Clock>(
             bus.write(address, word).unwrap();
         }
     }
-    let command = machine.begin(Operation::Transfer(mask));
+    let command = machine.begin(PortOperation::Transfer(mask));
     bus.write(layout.command, command).unwrap();
     machine.written(bus.now(), true);
     for _ in 0..100 {
         bus.wait(Duration::from_micros(50));
         let registers = Registers::read(bus, layout);
-        if let Event::Complete(_) = machine.observe(bus.now(), &registers, true) {
-            let has_failed =
-                |channel: &Channel| matches!(machine.link(*channel).verdict, Verdict::Failed(_));
+        if let PortEvent::Complete(_) = machine.observe(bus.now(), &registers, true) {
+            let has_failed = |channel: &Channel| {
+                matches!(machine.link(*channel).verdict, TransferResult::Failed(_))
+            };
             return Transfer {
                 failed: mask.iter().filter(has_failed).collect(),
                 cs: PerChannel(registers.cs.0.map(CsStatus)),

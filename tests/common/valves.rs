@@ -7,7 +7,7 @@ use mesa_hal_sim::devices::Plain;
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 
-/// A valve block, as its maker's manual tells.
+/// The table of a valve block, according to its maker's manual.
 pub const VALVES: RemoteTable = RemoteTable::new(
     "valve block",
     *b"VLV4",
@@ -25,7 +25,7 @@ pub const VALVES: RemoteTable = RemoteTable::new(
     ],
 );
 
-/// The block itself, with more inputs in a later firmware.
+/// The block itself, with the additional inputs of a later firmware.
 pub fn valve_block(more: &str) -> Box<dyn RemoteEnd> {
     let text = format!(
         "remote VLV4\nunit 0x00000055\nhardware 0 standard\nmode 0 standard\n\

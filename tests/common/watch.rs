@@ -1,40 +1,41 @@
-//! A director that resets a simulated FPGA at a time and notes what it drives, whoever writes.
+//! A director that resets a simulated FPGA at a given time and records which outputs it drives,
+//! regardless of the writer.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mesa_hal_sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, SimFpga};
 
 /// Pins of a 7I97 that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
 const LOW_ENABLES: [usize; 3] = [5, 7, 8];
 
-/// The director's part; a clone looks at the same.
+/// The director; all clones share their state.
 #[derive(Clone, Debug, Default)]
 pub struct Watch(Arc<Mutex<Seen>>);
 
-/// What the director has to do and what it has seen.
+/// Tasks and records of the director.
 #[derive(Debug, Default)]
 pub struct Seen {
-    /// When the FPGA is reset.
+    /// Time at which the FPGA is reset.
     pub reset_at: Option<u64>,
-    /// Whether it notes: always, or since the board has lost its set-up.
+    /// True while recording: always, or since the board has lost its set-up.
     pub is_noting: bool,
     /// Pins that were driven.
     pub driven: Vec<String>,
-    /// What was switched on.
+    /// Outputs that were switched on.
     pub switched_on: Vec<String>,
-    /// Drives that saw something else than 0 V and an open switch.
+    /// Drives whose input was not 0 V with an open switch.
     pub volts: Vec<(usize, f64, bool)>,
 }
 
 impl Watch {
-    /// Notes from now on.
+    /// Records from now on.
     pub fn now(fpga: &mut SimFpga) -> Self {
         let watch = Self::since_a_loss(fpga);
         watch.seen().is_noting = true;
         watch
     }
 
-    /// Notes from the first reset or bite on.
+    /// Records from the first reset or bite on.
     pub fn since_a_loss(fpga: &mut SimFpga) -> Self {
         let watch = Self::default();
         fpga.set_director(Box::new(watch.clone()));
@@ -58,9 +59,9 @@ impl Director for Watch {
         fpga.reload();
     }
 
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
         let mut seen = self.seen();
-        seen.is_noting |= cause == Cause::Bite;
+        seen.is_noting |= cause == ChangeCause::Bite;
         if !seen.is_noting {
             return;
         }

@@ -1,20 +1,20 @@
-//! Discovery of the simulated devices over the wire, against the manual's step list done to the
-//! letter: byte by byte, by a program that shares nothing with the driver's.
+//! Discovery of the simulated devices over the wire, compared with an exact implementation of the
+//! manual's step list: byte by byte, by code that is independent of the driver's.
 
 use crate::common::fpga::set_up_pins;
 use crate::common::transfer::{doit, port_words};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DataType, Discovered, DiscoveryOptions, ProblemKind, RemoteDescriptor,
+    DataDirection, DataType, Discovery, DiscoveryOptions, ProblemKind, RemoteDescriptor,
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, ProcessDataSizes,
+    AccessSize, Channel, LocalLocation, NonvolatileMemory, Port, PortLayout, ProcessDataSizes,
     RemoteAccess, StartMode,
 };
 use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
-use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::remote::SimRemote;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{SimFpga, machines};
 
@@ -32,13 +32,13 @@ fn machine() -> (SimFpga, Port) {
     }
     set_up_pins(&mut fpga);
     let hostmot2 = HostMot2::identify(&mut fpga).unwrap();
-    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    let mut port = Port::new(PortLayout::locate(&hostmot2, 0).unwrap());
     port.on(&mut fpga).reset().unwrap();
     (fpga, port)
 }
 
-/// What is on the first channels.
-fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
+/// The remotes on the first channels.
+fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovery> {
     let starts: Vec<(Channel, u8)> = Channel::ALL
         .into_iter()
         .zip(modes)
@@ -52,7 +52,7 @@ fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discover
     found.into_iter().map(Result::unwrap).collect()
 }
 
-fn found(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
+fn found(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovery> {
     let found = discovered(port, fpga, modes);
     for found in &found {
         assert_eq!(found.problems, [], "{}", found.started);
@@ -140,8 +140,8 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
     }
 }
 
-/// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
-/// built-in table has them.
+/// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are at
+/// the places of the built-in table.
 #[test]
 fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let (mut fpga, mut port) = machine();
@@ -165,7 +165,7 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let outputs = port_words([(channel, &[0x00C0_FFEE])]);
     let transfer = doit(&mut port, &mut fpga, channel.mask(), &outputs);
     assert_eq!(transfer.inputs[channel][..3], [0x0080_0001, 0xFFFF_0000, 0]);
-    let device: &Remote<Device<Plain>> = fpga.device(0, 3).unwrap();
+    let device: &SimRemote<Device<Plain>> = fpga.device(0, 3).unwrap();
     let world = device.application().world();
     assert_eq!(world.raw("Output"), Some(&[0xEE, 0xFF, 0xC0][..]));
 }
@@ -354,7 +354,7 @@ fn data_address(line: &str) -> String {
     }
 }
 
-/// The fault is 40 in the fault byte; a setup START does not look at it.
+/// The fault is 40 in the fault byte; a setup START does not check it.
 #[test]
 fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
     let (mut fpga, mut port) = machine();

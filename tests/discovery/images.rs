@@ -5,7 +5,7 @@ mod damage;
 use crate::common::image::{Image, NoReply};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DataType, Discovered, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
+    DataDirection, DataType, Discovery, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
     RemoteTable, Table, discover,
 };
 use mesa_hal::sslbp::RemoteName;
@@ -25,7 +25,7 @@ fn started(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> StartedRemote {
     }
 }
 
-fn run(image: &mut Image, started: &StartedRemote) -> Discovered {
+fn run(image: &mut Image, started: &StartedRemote) -> Discovery {
     let options = DiscoveryOptions {
         tables: &REMOTES,
         ..DiscoveryOptions::default()
@@ -33,12 +33,12 @@ fn run(image: &mut Image, started: &StartedRemote) -> Discovered {
     discover(image, started, 3, &options)
 }
 
-fn kinds(found: &Discovered) -> Vec<ProblemKind> {
+fn kinds(found: &Discovery) -> Vec<ProblemKind> {
     let problems = found.problems.iter();
     problems.map(|problem| problem.kind.clone()).collect()
 }
 
-/// The four software modes of the recorded 7I77: tables, sizes, bytes that they span.
+/// The four software modes of the recorded 7I77: tables and sizes.
 const MODES: [(u16, u16, u8, u8); 4] = [
     (0x49A, 0x4A4, 5, 2),
     (0x5C0, 0x5D2, 9, 2),
@@ -101,7 +101,7 @@ fn the_recorded_7i77_is_found_as_it_is() {
     assert_eq!(found.descriptor.parameters.len(), 3);
 }
 
-/// Each access is a round trip, so they are counted: one for each eight bytes that matter.
+/// Each access is a round trip, so accesses are counted: one for each eight bytes that matter.
 #[test]
 fn discovery_costs_one_access_for_eight_bytes() {
     for (mode, (ptoc, gtoc, rx, tx)) in MODES.into_iter().enumerate() {
@@ -109,7 +109,7 @@ fn discovery_costs_one_access_for_eight_bytes() {
         let found = run(&mut image, &started(ptoc, gtoc, rx, tx));
         assert_eq!(found.problems, [], "mode {mode}");
         assert_eq!(found.accesses, image.accesses);
-        // From the first record to the end of the GTOC, all records are neighbours.
+        // From the first record to the end of the GTOC, all records are adjacent.
         let first = found.descriptor.process_data[0].record_address;
         let span = u32::from(gtoc + 8 - first);
         println!(
@@ -124,7 +124,7 @@ fn discovery_costs_one_access_for_eight_bytes() {
 #[test]
 fn what_the_gtoc_repeats_is_no_parameter() {
     let mut image = Image::recorded("t03_setup_one", 0);
-    // Output, Input, both modes, a mode of another index, and the three parameters
+    // Output, Input, both modes, a mode of another index, and the three parameters.
     let gtoc = [0x400, 0x416, 0x42B, 0x438, 0x55C, 0x445, 0x45F, 0x47F, 0];
     image.put_words(0x2000, &gtoc);
     let found = run(&mut image, &started(0x49A, 0x2000, 5, 2));
@@ -164,7 +164,7 @@ fn a_7i64_is_recognised_by_its_name() {
     assert_eq!(kinds(&other), [sizes]);
     let unknown = run(&mut image, &started(0, 0, 5, 2));
     assert_eq!(kinds(&unknown), [ProblemKind::NoTables]);
-    // Its table is known, but it must not do without its own.
+    // Its table is known, but it must not run without its own.
     let unit_number = 0x1200_0001;
     let known = StartedRemote {
         unit_number,
@@ -173,7 +173,7 @@ fn a_7i64_is_recognised_by_its_name() {
     assert_eq!(kinds(&run(&mut image, &known)), [ProblemKind::NoTables]);
 }
 
-/// A table can not stand for what START did not tell: nothing of it would be transferred.
+/// A table cannot replace sizes that START did not report: no data would be transferred.
 #[test]
 fn a_remote_without_tables_that_tells_no_sizes_is_refused_whatever_is_known_of_it() {
     const DRIVE: RemoteTable = RemoteTable {
@@ -233,7 +233,7 @@ fn good() -> Vec<u8> {
     data(8, 2, 0x00, [0.0, 10.0], "Good")
 }
 
-/// The damaged record has its own error, which says where; the good one behind it is found.
+/// The damaged record has its own error, which contains the place; the good one behind it is found.
 fn only_problem(record: Vec<u8>) -> ProblemKind {
     let (mut image, remote) = with_records(&[record, good()], 3, 0);
     let found = run(&mut image, &remote);
@@ -267,7 +267,7 @@ fn any_image() -> impl Strategy<Value = Image> {
     )
         .prop_map(|(bytes, base, gap)| {
             let mut image = Image::default();
-            // repeated over the whole address space
+            // Repeated over the whole address space.
             if !bytes.is_empty() {
                 for address in 0..=u16::MAX {
                     let n = usize::from(address.wrapping_add(base)) % bytes.len();

@@ -1,4 +1,4 @@
-//! What a remote says about itself: tables in memory, and the simulated devices over the wire.
+//! Discovery of a remote: tables in memory, and the simulated devices over the wire.
 
 #[path = "../common/mod.rs"]
 mod common;

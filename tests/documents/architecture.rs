@@ -1,4 +1,4 @@
-//! `ARCHITECTURE.md` names files, types and functions that are there.
+//! Files, types and functions that `ARCHITECTURE.md` names exist.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// What stands between backticks on the page.
+/// Texts between backticks on the page.
 fn quoted() -> impl Iterator<Item = &'static str> {
     PAGE.split('`').skip(1).step_by(2)
 }
@@ -39,7 +39,7 @@ fn each_path_is_there() {
     }
 }
 
-/// Of a function, its type is defined and it is; of a variant or a field, the same.
+/// A name with a path exists if both its type and its function, variant or field are defined.
 #[test]
 fn each_name_is_defined() {
     let mut texts = Vec::new();

@@ -1,11 +1,11 @@
-//! Every source that the code and the documents cite can be followed: facts to `docs/gateware.md`,
-//! sections of manuals to the list there, recordings to their files.
+//! Every source cited in the code and the documents can be found: facts in `docs/gateware.md`,
+//! sections of manuals in the list there, recordings as files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::{fs, path::Path};
 
 const GATEWARE: &str = include_str!("../../docs/gateware.md");
-/// Where sources are cited.
+/// Folders and files with citations.
 const PLACES: [&str; 9] = [
     "src",
     "crates",
@@ -18,7 +18,7 @@ const PLACES: [&str; 9] = [
     "ARCHITECTURE.md",
 ];
 const MANUALS: [&str; 4] = ["7I72", "7I77", "7I77D", "7I97"];
-/// Names of recordings begin so, and go on with two digits or three.
+/// Names of recordings begin with one of these, followed by two or three digits.
 const FAMILIES: [&str; 14] = [
     "t", "u", "v", "r", "wd", "io", "enc", "qc", "pwm", "dpll", "im", "in", "ssr", "led",
 ];
@@ -70,7 +70,7 @@ fn every_fact_that_is_cited_is_on_the_page_and_every_fact_is_cited_or_background
     assert!(cited.len() > 70, "{} facts", cited.len());
 }
 
-/// What follows each `FACTS`: its numbers, ranges in full; `None` if it is not a number.
+/// The numbers after each `FACTS`, ranges in full; `None` if it is not a number.
 fn numbers_after_facts(text: &str) -> impl Iterator<Item = Option<Vec<String>>> {
     text.split("FACTS").skip(1).map(|after| {
         let mut rest = after.strip_prefix(' ')?;
@@ -139,8 +139,8 @@ fn every_section_of_a_manual_that_is_cited_is_in_the_list_and_the_list_has_no_ot
     assert_eq!(cited, listed);
 }
 
-/// The sections in `Manual: 7I77, "STOP ALL", "DOIT"`, for each manual that is named there. Texts in
-/// quotes that are not in capitals are words of the manual.
+/// The sections in `Manual: 7I77, "STOP ALL", "DOIT"`, for each manual that is named there. Quoted
+/// texts that are not in capitals are words of the manual.
 fn sections(text: &str) -> Vec<(&'static str, String)> {
     let mut found = Vec::new();
     for after in text.split("anual").skip(1) {
@@ -206,7 +206,7 @@ fn every_recording_that_is_cited_is_there() {
     assert!(cited.len() > 50, "{} recordings", cited.len());
 }
 
-/// Whether a word has the form of a recording's name: `t03`, `t07a`, `u08`, `enc04d_rates`.
+/// True if a word has the form of a recording's name: `t03`, `t07a`, `u08`, `enc04d_rates`.
 fn is_recording(word: &str) -> bool {
     let (name, _) = word.split_once('_').unwrap_or((word, ""));
     let name = name.trim_end_matches(|c: char| c.is_ascii_lowercase());

@@ -1,10 +1,10 @@
-//! Who uses the library pays for nothing that the command `mesa` needs, and what the simulator does is
-//! its own.
+//! The library does not depend on anything that only the command `mesa` needs, and the simulator is
+//! independent of the driver.
 
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// All packages that the library with its default features is built of.
+/// All packages of the library with its default features.
 const PACKAGES: [&str; 17] = [
     "bitflags",
     "crc",
@@ -31,8 +31,8 @@ fn default_features_need_these_packages_and_no_others() {
     assert_eq!(packages(&text), BTreeSet::from(PACKAGES), "{text}");
 }
 
-/// It shares wire formats, register addresses and the bus with the driver, so that the two can not agree
-/// on the same mistake. That holds for its tests, too.
+/// The simulator shares wire formats, register addresses and the bus with the driver, and nothing
+/// else, so that the two cannot have the same error. The same holds for its tests.
 #[test]
 fn the_simulator_knows_nothing_of_the_driver() {
     let text = tree("mesa-hal-sim", "all");
@@ -44,7 +44,7 @@ fn the_simulator_knows_nothing_of_the_driver() {
     assert_eq!(own, [&"mesa-hal-sim", &"mesa-wire"], "{text}");
 }
 
-/// All packages that a package of this workspace is built of, one on each line.
+/// All packages that a package of this workspace depends on, one on each line.
 fn tree(package: &str, edges: &str) -> String {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--prefix", "none", "--offline", "--format", "{p}"])

@@ -1,21 +1,21 @@
-//! A layer knows only those below it (`src/lib.rs`, "Who needs what").
+//! A layer depends only on those below it, in the order given in `src/lib.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The layers of `mesa-wire`: each stands alone.
+/// The layers of `mesa-wire`, which are independent of each other.
 const WIRE: [&str; 3] = ["bus", "lbp", "lbp16"];
 
-/// The layers from the lowest up, and which of them each may name; with `..` behind it, a layer and all
-/// that it may name itself. Wire formats are those of `mesa-wire`.
+/// The layers from the lowest up, each with those that it may name; `..` adds all that the named
+/// layer may name itself. Wire formats are those of `mesa-wire`.
 const LAYERS: [(&str, &[&str]); 11] = [
     ("bus", &[]),
     ("hal", &["bus"]),
     ("hostmot2", &["bus", "hal"]),
     ("sslbp", &["bus", "lbp", "hostmot2"]),
     ("discovery", &["bus", "lbp", "hal", "sslbp"]),
-    ("remote", &["lbp", "hal", "sslbp", "discovery"]),
+    ("remote", &["lbp", "hal", "hostmot2", "sslbp", "discovery"]),
     ("boards", &["hal", "hostmot2", "sslbp", "discovery"]),
     (
         "modules",
@@ -35,8 +35,8 @@ const LAYERS: [(&str, &[&str]); 11] = [
     ("transport", &["bus", "lbp16", "ethernet"]),
 ];
 
-/// No layers: the forms in which settings and events are kept, numbers for people, counters, and
-/// fractions of a time.
+/// Modules outside of the layers: the serialized forms of settings and events, rounded numbers,
+/// counters, and fractions of a time.
 const FORMS: [&str; 4] = ["serial_form", "Rounded", "tally", "fraction"];
 
 #[test]
@@ -60,7 +60,7 @@ fn a_layer_knows_only_those_below_it() {
     }
 }
 
-/// The sources of a layer name nothing of their package but these layers.
+/// Checks that the sources of a layer name no other parts of their package than these layers.
 fn names_only(layer: &Path, may_know: &BTreeSet<&str>) {
     let mut files = Vec::new();
     find_sources(layer, &mut files);
@@ -97,7 +97,7 @@ fn find_sources(folder: &Path, files: &mut Vec<PathBuf>) {
 
 /// The parts of the crate that a source names, in its code before its unit tests.
 fn known(text: &str) -> BTreeSet<String> {
-    // Tests that are in a file of their own are declared anywhere.
+    // The declaration of tests in a file of their own may be anywhere.
     let text = text.replace("#[cfg(test)]\nmod tests;", "");
     let lines = text
         .lines()

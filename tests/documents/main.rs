@@ -1,4 +1,4 @@
-//! What the documents say is so.
+//! The documents agree with the code and with each other.
 
 mod architecture;
 mod citations;
@@ -7,5 +7,6 @@ mod common;
 mod dependencies;
 mod faults;
 mod layers;
+mod links;
 mod neighbours;
 mod readme;

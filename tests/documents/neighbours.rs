@@ -1,19 +1,19 @@
-//! What the trouble of one remote costs the others of its port: the table of `docs/neighbours.md`,
-//! measured anew. Virtual time, so that every figure is the same on every machine.
+//! Cost of the trouble of one remote for the others of its port: the table of `docs/neighbours.md`,
+//! measured again. Virtual time, so that every figure is the same on every machine.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal_sim::remote::{Toward, WireFault};
 
 const MINUTE: u64 = 60_000;
 
-/// What happens to the field I/O of a 7I77 in each millisecond of a minute, after it was healthy
-/// for two seconds.
+/// Trouble of the field I/O of a 7I77: `step` acts in each millisecond of a minute, after two
+/// healthy seconds.
 struct Trouble {
     name: &'static str,
     step: fn(&mut Machine, u64),
 }
 
-/// What it cost the analog section on the same port.
+/// Cost for the analog section on the same port.
 #[derive(Debug)]
 struct Cost {
     attempts: u64,
@@ -21,7 +21,7 @@ struct Cost {
     /// Microseconds.
     longest_gap: u64,
     running: u64,
-    /// Milliseconds after the end of the trouble until its inputs are valid again.
+    /// Milliseconds from the end of the trouble until its inputs are valid again.
     back: u64,
 }
 
@@ -34,7 +34,7 @@ fn plugged(machine: &mut Machine, is_in: bool) {
     }
 }
 
-/// From the first millisecond on, so many replies of one have a bad CRC.
+/// From the first millisecond on, this share of the replies has a bad CRC.
 fn corrupted(machine: &mut Machine, ms: u64, part: f64) {
     if ms == 0 {
         let cable = machine.cable(FIELD);
@@ -190,7 +190,7 @@ fn the_table_of_what_neighbours_lose_is_what_is_measured() {
     for (trouble, cost) in TROUBLES.iter().zip(costs) {
         println!("{}: {cost:?}", trouble.name);
         assert!(cost.per_cent() < 0.6, "{}: {cost:?}", trouble.name);
-        // 17 ms as the gateware does it, and the cycles before and after.
+        // 17 ms, as long as the gateware takes, and the cycles before and after.
         assert!(cost.longest_gap < 20_000, "{}: {cost:?}", trouble.name);
         assert!(cost.back < 5_100, "{}: {cost:?}", trouble.name);
         table.push_str(&cost.row(trouble.name));
@@ -207,9 +207,9 @@ fn the_table_of_what_neighbours_lose_is_what_is_measured() {
     );
 }
 
-/// Names are the same, and figures too but for one in the last digit, or two tenths of a second
-/// until it is back: a change of some microseconds in the simulator moves the phase in which a remote
-/// comes and goes.
+/// True if the names are equal, and the figures too, except for one in the last digit, or two
+/// tenths of a second until the remote is back: a change of some microseconds in the simulator
+/// moves the phase in which a remote comes and goes.
 fn agrees(written: &str, measured: &str) -> bool {
     const TOLERANCES: [f64; 5] = [0.0, 0.0101, 0.0, 1.0, 0.201];
     let row = |line: &str| -> (String, Vec<f64>) {

@@ -1,12 +1,20 @@
-//! What the README says is so: its code drives the axis, and every sentence that claims something
-//! names, in `docs/promises.md`, a test that would fail if it were not so.
+//! The README's claims: its code drives the axis, and `docs/promises.md` names, for every sentence of the
+//! README and of the pages that continue it, a test that would fail if the sentence were not true.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
 use mesa_hal::Clock;
 
 const README: &str = include_str!("../../README.md");
+/// The pages of which every sentence is in `docs/promises.md`, in the order of its chapters.
+const PAGES: [(&str, &str); 3] = [
+    ("README.md", README),
+    ("docs/cycle.md", include_str!("../../docs/cycle.md")),
+    ("docs/mesa.md", include_str!("../../docs/mesa.md")),
+];
 const PROMISES: &str = include_str!("../../docs/promises.md");
+/// The second part of a chapter begins with this line.
+const CLAIMS_NOTHING: &str = "### Claims nothing";
 const TEN_LINES: &str = include_str!("ten_lines.in");
 
 #[test]
@@ -41,14 +49,25 @@ fn the_lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Err
 }
 
 #[test]
-fn every_sentence_of_the_readme_names_its_test_or_claims_nothing() {
-    let known: BTreeSet<String> = entries().map(|entry| entry.sentence).collect();
-    let said: BTreeSet<String> = sentences(README).into_iter().collect();
-    let missing: Vec<_> = said.difference(&known).collect();
-    assert!(missing.is_empty(), "not in docs/promises.md: {missing:#?}");
-    let gone: Vec<_> = known.difference(&said).collect();
-    assert!(gone.is_empty(), "not in README.md any more: {gone:#?}");
-    assert!(said.len() > 40, "{} sentences", said.len());
+fn every_sentence_of_the_pages_names_its_test_or_claims_nothing() {
+    let chapters: Vec<_> = PROMISES
+        .lines()
+        .filter_map(|line| line.strip_prefix("## "))
+        .collect();
+    assert_eq!(chapters, PAGES.map(|(page, _)| page));
+    for (page, text) in PAGES {
+        let entries = entries().filter(|entry| entry.page == page);
+        let known: BTreeSet<String> = entries.map(|entry| entry.sentence).collect();
+        let said: BTreeSet<String> = sentences(text).into_iter().collect();
+        let missing: Vec<_> = said.difference(&known).collect();
+        assert!(
+            missing.is_empty(),
+            "{page}: not in docs/promises.md: {missing:#?}"
+        );
+        let gone: Vec<_> = known.difference(&said).collect();
+        assert!(gone.is_empty(), "not in {page} any more: {gone:#?}");
+        assert!(said.len() > 20, "{page}: {} sentences", said.len());
+    }
 }
 
 #[test]
@@ -58,6 +77,7 @@ fn every_promise_names_tests_that_exist() {
         sentence,
         evidence,
         claims,
+        ..
     } in entries()
     {
         assert_eq!(!evidence.is_empty(), claims, "{sentence}: {evidence:?}");
@@ -69,42 +89,43 @@ fn every_promise_names_tests_that_exist() {
             );
         }
     }
-    assert!(promises > 30, "{promises} promises");
+    assert!(promises > 80, "{promises} promises");
 }
 
-/// A sentence in `docs/promises.md`, and what it names.
+/// A sentence in `docs/promises.md`, and the tests that it names.
 struct Entry {
+    page: &'static str,
     sentence: String,
     evidence: Vec<String>,
-    /// It stands among the promises.
+    /// False in the part of a chapter that claims nothing.
     claims: bool,
 }
 
-/// A line that begins with `> ` is a sentence; those with `- ` that follow it name its tests.
+/// A line that begins with `> ` is a sentence; those with `- ` that follow it name its tests. A heading
+/// names the page of the sentences below it.
 fn entries() -> impl Iterator<Item = Entry> {
-    let (promises, others) = PROMISES
-        .split_once("\n## What claims nothing")
-        .expect("both parts");
-    let part = |text: &'static str, claims| {
-        let mut list: Vec<Entry> = Vec::new();
-        for line in text.lines() {
-            if let Some(sentence) = line.strip_prefix("> ") {
-                let (sentence, evidence) = (sentence.to_owned(), Vec::new());
-                list.push(Entry {
-                    sentence,
-                    evidence,
-                    claims,
-                });
-            } else if let (Some(item), Some(entry)) = (line.strip_prefix("- "), list.last_mut()) {
-                entry.evidence.push(item.to_owned());
-            }
+    let mut list: Vec<Entry> = Vec::new();
+    let (mut page, mut claims) = ("", true);
+    for line in PROMISES.lines() {
+        if let Some(name) = line.strip_prefix("## ") {
+            (page, claims) = (name, true);
+        } else if line == CLAIMS_NOTHING {
+            claims = false;
+        } else if let Some(sentence) = line.strip_prefix("> ") {
+            list.push(Entry {
+                page,
+                sentence: sentence.to_owned(),
+                evidence: Vec::new(),
+                claims,
+            });
+        } else if let (Some(item), Some(entry)) = (line.strip_prefix("- "), list.last_mut()) {
+            entry.evidence.push(item.to_owned());
         }
-        list
-    };
-    part(promises, true).into_iter().chain(part(others, false))
+    }
+    list.into_iter()
 }
 
-/// Whether there is a test `path::name`, or a text in a file: `path "text"`.
+/// True if there is a test `path::name`, or a text in a file: `path "text"`.
 fn exists(item: &str) -> bool {
     let read = |path: &str| {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -136,7 +157,8 @@ fn sentences(page: &str) -> Vec<String> {
             blocks.push(String::new());
             continue;
         }
-        if is_code || line.starts_with('#') || line.starts_with("|---") {
+        let is_target = line.starts_with('[') && line.contains("]: ");
+        if is_code || is_target || line.starts_with('#') || line.starts_with("|---") {
             continue;
         }
         let begins = line.is_empty() || line.starts_with("- ") || line.starts_with('|');
@@ -161,6 +183,5 @@ fn sentences(page: &str) -> Vec<String> {
             let ends = block.replace(". ", ".\n").replace("? ", "?\n");
             ends.lines().map(str::to_owned).collect()
         })
-        .filter(|sentence| sentence != "| | |")
         .collect()
 }

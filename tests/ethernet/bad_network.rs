@@ -1,6 +1,6 @@
-//! The driver on an Ethernet board behind a bad network, on virtual time: packets of every kind
-//! that are lost, duplicate, late and reordered are each counted, and no pin ever shows what
-//! was not true at its time.
+//! The driver on an Ethernet board behind a bad network, on virtual time: lost, duplicate, late and
+//! reordered packets of every kind are each counted, and no pin ever shows a value that was not
+//! true at its time.
 
 mod truth;
 
@@ -23,8 +23,8 @@ use truth::Truth;
 
 type EthernetDriver = Driver<UdpBus<SimLink>>;
 
-/// What becomes of a packet: 2 % are lost, 2 % come late by up to `spread` and thereby behind later
-/// ones, 2 % come twice, at once or so much later.
+/// The fate of a packet: 2 % are lost, 2 % are delayed by up to `spread`, behind later ones, and 2
+/// % are duplicated, immediately or with that delay.
 fn fate(chance: &mut Chance, spread: u64) -> Vec<u64> {
     let late = WIRE + chance.below(spread);
     match chance.below(200) {
@@ -71,7 +71,7 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
         ..UdpConfig::default()
     };
     let bus = UdpBus::new(link, config).expect("the board answers");
-    // Set aside late: this test is about the network, not about remotes.
+    // Remotes go offline late: this test is about the network, not about remotes.
     let policy = FaultPolicy {
         fault_lim: 10_000,
         ..FaultPolicy::default()
@@ -108,7 +108,7 @@ fn set_inputs(driver: &mut EthernetDriver, pattern: u32) {
     }
 }
 
-/// The inputs as one number, and how many cycles ago they were like that; `None` if not valid.
+/// The inputs as one number, and their age in cycles; `None` if not valid.
 fn read_pattern(driver: &EthernetDriver, inputs: &[Input<bool>; 32]) -> Option<(u32, u32)> {
     let first = driver.pins().read(inputs[0]).age;
     let pattern = inputs
@@ -130,7 +130,7 @@ fn read_pattern(driver: &EthernetDriver, inputs: &[Input<bool>; 32]) -> Option<(
 /// The bit of an encoder's control register for the long filter.
 const FILTER: u32 = 1 << 11;
 
-/// After so many cycles the setting is changed, and until then the board must have it.
+/// Number of cycles after which the setting is changed; the board must have it before.
 const SETTING: u32 = 16;
 
 /// A setting of an encoder.
@@ -139,7 +139,7 @@ fn filter(driver: &EthernetDriver) -> Param<bool> {
     driver.pins().parameter(&name).expect("a parameter")
 }
 
-/// The board has the setting, whatever became of the first packet that held it.
+/// Checks that the board has the setting, whatever happened to its first packet.
 fn check_filter(driver: &mut EthernetDriver, filter: Param<bool>, seed: u64, cycle: u32) {
     let is_set = driver.pins().param(filter);
     let firmware = driver.firmware();
@@ -153,7 +153,7 @@ fn check_filter(driver: &mut EthernetDriver, filter: Param<bool>, seed: u64, cyc
     assert_eq!(has, is_set, "seed {seed}, cycle {cycle}: {control:#X}");
 }
 
-/// Runs the machine for some cycles; returns how many cycles had new inputs.
+/// Runs the machine for some cycles; returns the number of cycles with new inputs.
 fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
     let period = Duration::from_secs(1) / rate;
     let deadline = period * 3 / 5;
@@ -175,7 +175,7 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
             assert!(is_certain || said, "seed {seed}, cycle {n}: nothing said");
         }
         if let Some((pattern, age)) = read_pattern(&driver, &inputs) {
-            // A write that comes late has its inputs taken later than the driver can know.
+            // The inputs of a late write are taken later than the driver can know.
             assert!(
                 (n - 1 - age..n).contains(&pattern),
                 "seed {seed}, cycle {n}: {pattern} is older than {age} cycles"
@@ -200,7 +200,7 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
             driver.bus_mut().wait(left);
         }
     }
-    // What is still in flight comes, and is counted.
+    // Packets still in flight arrive, and are counted.
     driver.bus_mut().wait(period * 4);
     for _ in 0..3 {
         if driver.read().is_ok() {
@@ -319,7 +319,8 @@ fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
     };
     // Until no packet of the set-up is in flight.
     assert!(!run(&mut driver, 110, false).value);
-    // 32768 counts take 5.2 ms at 6.25 million a second: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    // 32768 counts take 5.2 ms at 6.25 million per second: manual 7I77, "MAXIMUM ENCODER COUNT
+    // RATE".
     let _ = run(&mut driver, 3, true);
     assert!(!run(&mut driver, 10, false).value);
     let _ = run(&mut driver, 6, true);
@@ -372,7 +373,7 @@ fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free(
         pins.set(analog.analogena.pin, true);
         driver.write().expect("a good network");
         if matches!(n, 100 | 150 | 250 | 300) {
-            // Another program's question (the packets that `UdpBus::new` sends first), at any time.
+            // Another program's query (the packets that `UdpBus::new` sends first), at any time.
             let question = [
                 0x82, 0xD1, 0x1C, 0x00, n as u8, 0x00, 0x00, 0x00, 0x44, 0x59, 0x0A, 0x00, 0x48,
                 0x51, 0x10, 0x00,
@@ -392,9 +393,10 @@ fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free(
     assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
 }
 
-/// A second of cycles beside somebody who sends so many packets before each: what was told.
+/// A second of cycles beside a program that sends this number of packets before each; returns the
+/// events.
 fn beside(driver: &mut EthernetDriver, packets: usize) -> Vec<EventKind> {
-    // The cookie, which anybody may read.
+    // The cookie, which any program may read.
     let question = [0x81, 0x42, 0x00, 0x01];
     let mut events = driver.events();
     let period = driver.period();

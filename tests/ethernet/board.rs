@@ -1,4 +1,4 @@
-//! An Ethernet board beside its registers: identity, EEPROM, flash memory, reset and reload.
+//! An Ethernet board apart from its registers: identity, EEPROM, flash memory, reset and reload.
 
 use std::net::Ipv4Addr;
 use std::time::Duration;
@@ -49,7 +49,8 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
     }
 }
 
-/// With a boot block and a fallback, as boards come: without them nothing is written to the user area.
+/// Flash memory with a boot block and a fallback, as delivered: without them nothing is written to
+/// the user area.
 fn as_it_comes(mut flash: Flash<'_, Bus>) -> Flash<'_, Bus> {
     let data = configuration(300);
     for area in [Area::BootBlock, Area::Fallback] {
@@ -93,7 +94,7 @@ fn addresses_in_the_eeprom_are_written_and_read_back() {
     assert_eq!(identity.eeprom_netmask, Some(netmask));
 }
 
-/// What a person sees while the driver sets one LED after the other: CR01 first.
+/// The visible LEDs while the driver sets one after the other: CR01 first.
 fn running_light(driver: &mut Driver<Bus>) -> Vec<[bool; 4]> {
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut seen = Vec::new();
@@ -248,7 +249,7 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
         matches!(error, EthernetError::Differs { address: a, .. } if a == address),
         "{error}"
     );
-    // Reading need not begin or end on a register's border.
+    // A read need not begin or end on a register boundary.
     let mut bytes = [0; 7];
     flash
         .read(FlashLayout::I7I97.user.0 + 15, &mut bytes)
@@ -324,7 +325,7 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
     );
 }
 
-/// A hint stands behind a semicolon, or is a question.
+/// A hint follows a semicolon, or is a question.
 #[test]
 fn every_error_says_what_to_do_next() {
     use mesa_hal::ethernet::BitfileError::{self, *};

@@ -1,5 +1,5 @@
-//! Bursts of lost packets of many lengths and phases: afterwards every input moves again, or is not
-//! valid.
+//! Bursts of lost packets of many lengths and phases: afterwards every input follows again, or is
+//! not valid.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -16,7 +16,7 @@ use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const MILLI: u64 = 1_000_000;
 
-/// From when to when packets to the board and to the host are lost.
+/// Time spans in which packets to the board and to the host are lost.
 type Burst = Rc<Cell<[(u64, u64); 2]>>;
 
 struct Rig {
@@ -89,7 +89,7 @@ impl Rig {
         self.driver.bus_mut().link().board.gateware_mut()
     }
 
-    /// Gives all inputs this level, and turns all encoders this way.
+    /// Sets all inputs to this level, and turns all encoders in this direction.
     fn set(&mut self, on: bool) {
         let gpio = self.gpio.clone();
         let fpga = self.fpga();
@@ -128,7 +128,7 @@ impl Rig {
             .collect()
     }
 
-    /// All inputs go to the one level and to the other; how many of them were valid.
+    /// Toggles all inputs and checks that they follow; returns the number of valid ones.
     fn all_move(&mut self, told: &str) -> usize {
         let mut valid = 0;
         for on in [true, false, true] {
@@ -170,7 +170,7 @@ impl Rig {
             if to_host { (from, until) } else { none },
         ];
         self.burst.set(burst);
-        // Everything has another level in the middle of it.
+        // All inputs change their level in the middle of the burst.
         self.set(chance.one_in(2));
         let cycles = (until - now).div_ceil(MILLI) as usize + 2;
         self.cycles(cycles);
@@ -181,7 +181,7 @@ impl Rig {
         if is_running && longest <= 2 {
             assert_eq!(valid, all, "{told}");
         }
-        // Whatever was lost: once re-armed, everything is there.
+        // Once re-armed, everything works, whatever was lost.
         let _ = self.driver.rearm().expect("the network is well");
         self.cycles(300);
         assert_eq!(self.all_move(&told), all, "{told}");

@@ -1,4 +1,5 @@
-//! Ethernet boards: the driver behind a bad network, and what a board is beside its registers.
+//! Ethernet boards: the driver behind a bad network, and the functions of a board apart from its
+//! registers.
 
 mod bad_network;
 mod board;

@@ -40,7 +40,7 @@ fn switch_on(machine: &mut OnNetwork) {
     pins.set(analog.analogena.pin, true);
 }
 
-/// Cycles that may fail.
+/// Runs cycles that may fail.
 fn cycles(machine: &mut OnNetwork, count: usize) {
     for _ in 0..count {
         let _ = machine.driver.read();

@@ -1,4 +1,4 @@
-//! Registers of every space, by hand.
+//! Direct access to registers of every space.
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};

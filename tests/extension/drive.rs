@@ -1,20 +1,20 @@
-//! A module from outside drives simulated motors: its own registers, its own analog outputs, its own
-//! enable pin, and a ramp that it makes by itself.
+//! An external module drives simulated motors: its own registers, its own analog outputs, its own
+//! enable pin, and a ramp that it generates by itself.
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    AxisWiring, DriveSignal, DriveSource, ForeignModule, IoPorts, ModuleDescriptor, Motor,
-    MotorConfig, PinDescriptor, PinSource, SimFpga, machines,
+    AxisWiring, DriveSignal, DriveSource, ForeignModule, Motor, MotorConfig, PinSource, SimFpga,
+    SimIoPorts, SimModuleDescriptor, SimPinDescriptor, machines,
 };
 
-/// The firmware's number for the module, and where its registers are.
+/// The firmware's number for the module, and the base address of its registers.
 const DAC: u8 = 0x9A;
 const BASE: u16 = 0xA000;
 /// Volts of an output in 1/1000; for each instance.
 const MILLIVOLTS: u16 = BASE;
 /// The time in us after which an output goes to 0 by itself; 0 is never.
 const TIMEOUT: u16 = BASE + 0x100;
-/// The I/O pin that enables the drives of all outputs, and its bits in port 1.
+/// The I/O pin that enables the drives of all outputs, and its bit in port 1.
 const ENABLE: usize = 20;
 const ENABLE_BIT: u32 = 1 << (ENABLE - 17);
 
@@ -61,7 +61,7 @@ impl ForeignModule for Dac {
         *self = Self::default();
     }
 
-    fn drive_signal(&self, now: Nanos, output: u8, io: &IoPorts) -> DriveSignal {
+    fn drive_signal(&self, now: Nanos, output: u8, io: &SimIoPorts) -> DriveSignal {
         DriveSignal {
             volts: self.volts(now, output.into()),
             enabled: match io.source(Some(ENABLE)) {
@@ -78,13 +78,13 @@ impl ForeignModule for Dac {
     }
 }
 
-/// A 7I92 whose gateware has the module, and a motor of 1000 counts/s for each volt on each of its
+/// A 7I92 whose gateware has the module, and a motor of 1000 counts/s per volt on each of its
 /// outputs, at encoders 0 and 1.
 fn machine() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
-    let descriptor = ModuleDescriptor::new(DAC, 0, 1, 2, BASE, 2, 0x00, 0x01);
+    let descriptor = SimModuleDescriptor::new(DAC, 0, 1, 2, BASE, 2, 0x00, 0x01);
     firmware.modules.push(descriptor);
-    firmware.pins[ENABLE] = PinDescriptor::new(DAC, 0, 0x81);
+    firmware.pins[ENABLE] = SimPinDescriptor::new(DAC, 0, 0x81);
     let mut fpga = SimFpga::new(firmware);
     fpga.add_module(DAC, Box::new(Dac::default()));
     for output in 0..2 {
@@ -100,7 +100,7 @@ fn machine() -> SimFpga {
 fn motor() -> Motor {
     let config = MotorConfig {
         counts_per_unit: 1000.0,
-        // One unit a second for each volt, at once.
+        // One unit per second for each volt, without delay.
         max_speed: 10.0,
         full_scale: 10.0,
         time_constant: 0.0,
@@ -151,7 +151,7 @@ fn each_output_of_a_module_from_outside_turns_its_own_motor() {
     let counted = fpga.encoders().expect("encoders").lines(0);
     wait(&mut fpga, 3 * MS / 2);
     assert_ne!(fpga.encoders().expect("encoders").lines(0), counted);
-    // What is written between two looks takes effect at once.
+    // A write between two looks takes effect immediately.
     fpga.write_register(MILLIVOLTS, 0);
     assert_near(moved(&mut fpga, 10 * MS), [0.0, -50.0]);
 }

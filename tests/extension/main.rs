@@ -88,7 +88,7 @@ struct Machine {
     pulses: Pulses,
 }
 
-/// What an application holds of the module.
+/// The application's handles of the module.
 #[derive(Clone, Copy)]
 struct Pulses {
     frequency: Output<f64>,
@@ -104,7 +104,7 @@ impl Machine {
     fn on(fpga: SimFpga) -> Self {
         let mut board = Board::identify(fpga, settings()).expect("a board");
         board.add(Pulser::register).expect("the module");
-        board.discover().expect("the card");
+        let board = board.discover().expect("the card");
         let valves = board.attach((0, 0)).expect("the card");
         let lamp = board.attach_board().expect("the board");
         let driver = board.start().expect("the machine is complete");
@@ -124,7 +124,7 @@ impl Machine {
 
     fn cycles(&mut self, count: u32) {
         for _ in 0..count {
-            // A read of a board that was reset gives no inputs, and says so in its report.
+            // A read of a board that was reset returns no inputs, and reports that.
             let _ = self.driver.read();
             self.driver.write().expect("the bus does not fail");
             self.driver.bus_mut().wait(PERIOD);
@@ -143,7 +143,7 @@ impl Machine {
         count.valid.then_some(count.value)
     }
 
-    /// Counts 5 pulses a millisecond on, after a count from the cycle before.
+    /// Checks that 5 pulses per millisecond are counted, after a count from the previous cycle.
     fn pulses_for_100_cycles(&mut self, before: i32) {
         let begin = SimFpga::now(self.driver.bus());
         self.cycles(100);
@@ -161,7 +161,7 @@ impl Machine {
         find(self.driver.bus().remote(0, 0).expect("plugged in")).expect("a device")
     }
 
-    /// What lamp, valve and the pin with the pulses are driven to.
+    /// The driven levels of lamp and valve, and true if the pin with the pulses is driven.
     fn driven(&self) -> (Option<bool>, Option<bool>, bool) {
         let fpga = self.driver.bus();
         let pulses = fpga.driven_level(PIN).is_some();
@@ -247,7 +247,7 @@ fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_c
 
 #[test]
 fn between_set_up_and_first_write_an_output_from_outside_has_its_safe_word() {
-    // Left by a program before.
+    // Left by an earlier program.
     let mut used = fpga();
     used.write_register(RATE, 0x0100_0000);
     let mut machine = Machine::on(used);
@@ -290,19 +290,17 @@ fn what_is_not_there_or_there_already_is_told() {
         .add(Pulser::register)
         .expect_err("its I/O pin is taken");
     println!("{twice}");
-    board.discover().expect("the card");
+    let board = board.discover().expect("the card");
     let absent = board
         .attach::<Valves>((0, 1))
         .expect_err("nothing is there");
     assert!(absent.to_string().contains("valve block"), "{absent}");
-    let late = board.add(Pulser::register);
-    let late = late.expect_err("after the discovery");
-    println!("{late}");
 
     let mut other = Board::identify(machines::i7i92_7i77(), Settings::default()).expect("a 7I92");
     other
         .add(Pulser::register)
         .expect("there is none, which is fine");
+    let other = other.discover().expect("no remotes");
     let error = other.attach_board::<Lamp>().err().expect("another board");
     assert!(error.to_string().contains("9X99"), "{error}");
     let driver = other.start().expect("a 7I92");
@@ -315,7 +313,7 @@ fn the_module_takes_less_than_100_lines() {
     assert!(module.lines().count() < 100);
 }
 
-/// What a 7I97 would be with other rates, terminals and full scales.
+/// A hypothetical 7I97 with other rates, terminals and full scales.
 const OTHER: BoardTable = BoardTable {
     name: "9I99",
     encoder_rate: TickRate(30),

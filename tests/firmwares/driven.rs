@@ -1,4 +1,4 @@
-//! Each firmware is started: names of its pins, terminals, what is driven and what is said of the rest.
+//! Each firmware is started: names of its pins, terminals, driven pins, and remarks about the rest.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -52,8 +52,8 @@ fn every_firmware_starts_with_names_of_linuxcnc_and_remarks_on_what_is_not_drive
     });
 }
 
-/// The pins of instances that are to be there, by the part of their names that has the number: all of
-/// these kinds, and no others.
+/// Compares the pins of instances with those expected, by the part of their names that contains the
+/// number: all of these kinds, and no others.
 fn families(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     let mut expected = BTreeSet::new();
     let mut add = |name: String| expected.insert(name);
@@ -132,7 +132,7 @@ fn used(truth: &Truth) -> BTreeSet<u16> {
             is_its && is_driven(truth, module)
         });
         let is_serial = matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B);
-        // No remote is plugged in: the channels are looked at all the same.
+        // No remote is plugged in, but the channels are still polled.
         let is_channel = ports.iter().any(|(tag, unit, channels)| {
             (*tag, *unit) == (pin.tag, pin.unit) && pin.signal & 0xF <= *channels
         });
@@ -144,7 +144,7 @@ fn used(truth: &Truth) -> BTreeSet<u16> {
     used
 }
 
-/// Pins that no module uses are plain I/O, with all that belongs to it.
+/// Checks that pins without a module are plain I/O, with all its pins and parameters.
 fn gpio(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     let used = used(truth);
     let names: BTreeSet<_> = driver
@@ -174,7 +174,7 @@ fn gpio(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
 /// DB25 pins of a connector of 17 I/O pins, in their order: manuals 7I77 and 7I97.
 const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
-/// Where plain I/O comes out, on boards whose connectors are known.
+/// Checks the terminals of plain I/O, on boards whose connectors are known.
 fn terminals(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     let name = truth.linuxcnc_name();
     let is_level = |end: &str| matches!(end, "in" | "out");
@@ -210,7 +210,8 @@ fn terminals(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     Ok(())
 }
 
-/// Every module that is not driven is in the remarks, with its pins; the number of them.
+/// Checks that every module that is not driven is in the remarks, with its pins; returns their
+/// number.
 fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
     let mut expected = BTreeMap::<u8, Vec<u16>>::new();
     for module in truth.modules.iter().filter(|module| module.instances > 0) {
@@ -263,9 +264,9 @@ fn after_the_start_no_pin_of_any_firmware_is_driven_that_nobody_asked_for() {
     });
 }
 
-/// Looks at every pin for 200 us. Only outputs of driven modules are driven, and these rest: PWM is
-/// low, enables are off, outputs do not conduct. The analog outputs of a 7I97 are at 0 V, which is half
-/// of the time, with their drives off.
+/// Checks every pin for 200 us. Only outputs of driven modules are driven, and these are at rest:
+/// PWM is low, enables are off, outputs do not conduct. The analog outputs of a 7I97 are at 0 V,
+/// which is high for half of the time, with their drives off.
 fn quiet(fpga: &mut SimFpga, truth: &Truth) -> Result<(), String> {
     let used = used(truth);
     let analog = if truth.linuxcnc_name() == "7i97" {

@@ -72,7 +72,7 @@ fn clock(truth: &super::Truth, module: &Module) -> u32 {
     truth.clocks[usize::from(module.clock == 2)]
 }
 
-/// A module of the crate as its words would be, and its clock.
+/// The words of a module descriptor of the crate, and its clock.
 fn module_words(found: &HostMot2, module: &mesa_hal::hostmot2::ModuleDescriptor) -> (Module, u32) {
     let clock = if module.clock_hz == found.idrom.clock_low_hz {
         1

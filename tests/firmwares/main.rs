@@ -1,9 +1,9 @@
-//! Mesa's public firmwares, by their identity memories: each is identified, named, started and driven
-//! behind the simulated bus.
+//! Mesa's public firmwares, by their identity memories: each is identified, named, started and
+//! driven behind the simulated bus.
 //!
 //! The images are in `tests/transcripts/firmwares`, one file each, with their provenance. The
-//! environment variable `FIRMWARES` names another directory of such files. What is expected is read
-//! from the words by [`truth`], which shares nothing with the crate.
+//! environment variable `FIRMWARES` selects another directory of such files. The expected values
+//! are read from the words by [`truth`], which shares nothing with the crate.
 
 mod driven;
 mod identified;
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 use truth::Truth;
 
-/// A firmware: the name of its file, the text and what it says.
+/// A firmware: the name of its file, its text and its contents.
 struct Image {
     name: String,
     text: String,
@@ -29,7 +29,7 @@ fn images() -> Vec<Image> {
     let entries = fs::read_dir(&directory);
     let entries = entries.unwrap_or_else(|error| panic!("{}: {error}", directory.display()));
     let paths = entries.map(|entry| entry.expect("a file").path());
-    // Files about the images are no images.
+    // Other files in the directory describe the images.
     let is_image = |path: &PathBuf| {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         path.extension().is_some_and(|kind| kind == "txt") && name != "README" && name != "index"
@@ -49,7 +49,7 @@ fn images() -> Vec<Image> {
     paths.into_iter().map(image).collect()
 }
 
-/// Runs a check of each image; says all that fail.
+/// Runs a check of each image; reports all failures.
 fn each(check: impl Fn(&Image) -> Result<(), String>) {
     let images = images();
     let failures = images.iter().filter_map(|image| {
@@ -66,7 +66,7 @@ fn each(check: impl Fn(&Image) -> Result<(), String>) {
     );
 }
 
-/// Fails with what is different.
+/// Fails with the difference.
 fn same<T: PartialEq + std::fmt::Debug>(what: &str, found: &T, expected: &T) -> Result<(), String> {
     if found == expected {
         return Ok(());

@@ -1,5 +1,5 @@
 //! The names of modules and pins, written out from the constants of Mesa's public VHDL sources
-//! (`IDROMConst.vhd`), each with what the crate calls it.
+//! (`IDROMConst.vhd`), each with its name in the crate.
 
 /// Names of module tags.
 const MODULES: &str = "02 Watchdog,03 IOPort,04 Encoder,05 StepGen,06 PWM,07 SPI,08 SSI,\
@@ -79,7 +79,7 @@ const ROWS: &[(&str, u8, u8, &str)] = &[
     ("C5", 0x81, 0x8F, "Feedback"),
 ];
 
-/// Tags of modules in sources of 2016 whose meaning is not known. Later sources have them for hints.
+/// Tags of modules in sources of 2016 whose meaning is not known. Later sources use them for hints.
 pub const UNKNOWN: [u8; 4] = [0x1F, 0x20, 0x21, 0x22];
 
 fn entry(list: &str, number: u8) -> Option<&str> {

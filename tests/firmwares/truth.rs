@@ -1,4 +1,4 @@
-//! What an image says, read from its words alone.
+//! Contents of an image, read from its words alone.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ pub struct Truth {
     pub fpga_size: u32,
     pub clocks: [u32; 2],
     pub modules: Vec<Module>,
-    /// Slot and descriptor of what stands behind the first empty slot.
+    /// Slot and descriptor of the entries behind the first empty slot.
     pub behind: Vec<(u8, Module)>,
     pub pins: Vec<Pin>,
     pub local: Vec<Pin>,
@@ -108,7 +108,7 @@ impl Truth {
         }
     }
 
-    /// What LinuxCNC's driver calls the board: the name of its card.
+    /// LinuxCNC's name of the board: the name of its card.
     pub fn linuxcnc_name(&self) -> &'static str {
         match (&*self.board, self.fpga_size) {
             ("MESA7I96", 20) => "7i96s",
@@ -173,7 +173,7 @@ impl Truth {
     }
 }
 
-/// Whether the crate drives a module: the kinds and versions that its documentation names.
+/// True if the crate drives a module: the kinds and versions that its documentation names.
 pub fn is_driven(truth: &Truth, module: &Module) -> bool {
     let version = module.version & 0x7F;
     match module.tag {

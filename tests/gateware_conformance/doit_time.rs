@@ -1,31 +1,31 @@
-//! How long a DOIT is predicted to take, against every DOIT that was recorded from the gateware,
-//! and against the simulated port, whenever the host writes.
+//! The predicted duration of a DOIT, against every DOIT that was recorded from the gateware, and
+//! against the simulated port, whenever the host writes.
 
 use std::time::Duration;
 
 use crate::DIRECTORY;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 use crate::common::recording::{Recording, files, own_directory};
-use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, DoitTime, Exchange, ProcessDataSizes};
-use mesa_hal_sim::remote::Remote;
+use mesa_hal::sslbp::{Channel, ChannelExchange, DEFAULT_BAUD_RATE, DoitTime, ProcessDataSizes};
+use mesa_hal_sim::remote::SimRemote;
 use mesa_hal_sim::sslbp::{PortConfig, Register, SslbpPort};
 use mesa_hal_sim::wire::{Nanos, RemoteEnd};
 use proptest::prelude::*;
 
 const PROCESS_DATA_RPC: u8 = 0xBD;
 
-/// The clock that the gateware was recorded at. FACTS 3.
+/// The clock of the recorded gateware. FACTS 3.
 const CLOCK_HZ: u32 = 100_000_000;
 
 /// "A few microseconds": most of it is the pass of the firmware in which the command or a reply
-/// comes, which nobody knows before.
+/// arrives, which cannot be predicted.
 const FEW: Nanos = 7_000;
 
-/// A DOIT as it was recorded, without an error and without channels that run along.
+/// A recorded DOIT, without an error and without additional channels.
 struct Recorded {
     place: String,
     took: Nanos,
-    /// Chatter ran when it came, as with the first one after START.
+    /// Chatter was running when it came, as with the first one after START.
     met_chatter: bool,
     predicted: DoitTime,
 }
@@ -45,10 +45,11 @@ fn is_command(entry: &Entry) -> bool {
     register == Register::Command
 }
 
-/// The good DOITs of a transcript. Some are recorded without the wire; they repeat the one before.
+/// The good DOITs of a transcript. Some are recorded without the wire; they repeat the previous
+/// one.
 fn doits(transcript: &Transcript) -> Vec<Recorded> {
     let mut found = Vec::new();
-    let mut last: Vec<Exchange> = Vec::new();
+    let mut last: Vec<ChannelExchange> = Vec::new();
     let mut log_is_off = false;
     for (n, entry) in transcript.entries.iter().enumerate() {
         log_is_off |= matches!(entry.event, Event::WireLogOff);
@@ -89,7 +90,7 @@ fn doits(transcript: &Transcript) -> Vec<Recorded> {
     found
 }
 
-/// Whether DATA, as far as it was read before the next command, has no bit of the mask.
+/// True if DATA, as far as it was read before the next command, has no bit of the mask.
 fn is_good(command: u32, rest: &[Entry]) -> bool {
     let after = rest.iter().skip(1).take_while(|entry| !is_command(entry));
     let mut data = after.filter_map(|entry| match entry.event {
@@ -103,9 +104,9 @@ fn is_good(command: u32, rest: &[Entry]) -> bool {
     data.all(|data| data & asked == 0)
 }
 
-/// The last exchange of each channel of `mask`, and whether there were others; `None` if another
-/// channel is on the wire, or something on it is not as it should be.
-fn exchanges(mask: u8, from: Nanos, wire: &[Entry]) -> Option<(Vec<Exchange>, bool)> {
+/// The last exchange of each channel of `mask`, and true if there were others; `None` if another
+/// channel is on the wire, or a burst on it is not as expected.
+fn exchanges(mask: u8, from: Nanos, wire: &[Entry]) -> Option<(Vec<ChannelExchange>, bool)> {
     let mut found = Vec::new();
     let mut met_chatter = false;
     for channel in Channel::ALL {
@@ -134,8 +135,8 @@ fn on(channel: Channel, entry: &Entry) -> bool {
     }
 }
 
-/// What a request and its reply say, and when the request began.
-fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(Exchange, Nanos)> {
+/// Contents of a request and its reply, and the start of the request.
+fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(ChannelExchange, Nanos)> {
     let Event::FromFpga {
         bytes: sent,
         start: begin,
@@ -155,7 +156,7 @@ fn exchange(channel: Channel, request: &Entry, reply: &Entry) -> Option<(Exchang
     };
     let rate = (reply.time - start) / received.len() as Nanos;
     let is_usual = sent.first() == Some(&PROCESS_DATA_RPC) && (3_900..4_100).contains(&rate);
-    let exchange = Exchange {
+    let exchange = ChannelExchange {
         channel,
         sizes: ProcessDataSizes {
             rx: received.len() as u8 - 1,
@@ -200,7 +201,7 @@ fn no_recorded_doit_that_met_chatter_took_longer_than_predicted_for_the_first_on
 
 type Sockets = [Option<Box<dyn RemoteEnd>>; 8];
 
-/// Runs a command on the simulated port, and returns when COMMAND reads 0.
+/// Runs a command on the simulated port; returns the time at which COMMAND reads 0.
 fn run(port: &mut SslbpPort, lines: &mut Sockets, command: u32, at: Nanos) -> Nanos {
     port.advance(at, lines);
     port.write(at, Register::Command, command);
@@ -217,7 +218,7 @@ fn run(port: &mut SslbpPort, lines: &mut Sockets, command: u32, at: Nanos) -> Na
 
 fn remote(sizes: ProcessDataSizes) -> Box<dyn RemoteEnd> {
     let ProcessDataSizes { rx, tx } = sizes;
-    let mut remote = Remote::model();
+    let mut remote = SimRemote::model();
     remote
         .apply(&format!(
             "present=1 name=TEST unit=4660 mode0={rx},{tx},0x100,0x200 lat=10 wd=0"
@@ -243,14 +244,14 @@ proptest! {
         for (channel, (rx, tx)) in Channel::ALL.into_iter().zip(remotes) {
             let sizes = ProcessDataSizes { rx, tx };
             lines[usize::from(channel.index())] = Some(remote(sizes));
-            exchanges.push(Exchange::usual(channel, sizes));
+            exchanges.push(ChannelExchange::usual(channel, sizes));
         }
         let mask = (1 << exchanges.len()) - 1;
         let mut now = run(&mut port, &mut lines, 0x0800, 600_000) + 20_000;
         now = run(&mut port, &mut lines, 0x0900 | mask, now) + 300_000;
         now = run(&mut port, &mut lines, 0x1000 | mask, now);
         let predicted = DoitTime::expected(build, clock_hz, exchanges);
-        // With several remotes there may be one reply more in the last pass.
+        // With several remotes there may be one more reply in the last pass.
         let several = u64::from(mask != 1);
         let reply = Duration::from_nanos(several * 2_000 * 100_000_000 / u64::from(clock_hz));
         for pause in pauses {

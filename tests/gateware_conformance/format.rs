@@ -1,4 +1,4 @@
-//! The reader of the recordings takes every kind of line, and nothing else.
+//! The parser of the recordings accepts every kind of line, and nothing else.
 
 use crate::common::recording::sslbp::{Event, Transcript};
 use crate::common::recording::{Recording, Unreadable};

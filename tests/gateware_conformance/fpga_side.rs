@@ -14,18 +14,18 @@ use crate::phase::PhaseRule;
 use crate::wire_log::WireLog;
 use crate::wire_log::{TOLERANCE, within_tolerance};
 
-/// Distance of the samples of a poll: 40 ns, the first one 20 ns after the access before it.
+/// Distance of the samples of a poll: 40 ns, the first one 20 ns after the previous access.
 const SAMPLE: Nanos = 40;
 const FIRST_SAMPLE: Nanos = 20;
 /// A poll gives up when COMMAND is not 0 this much later than recorded, plus a quarter.
 const GIVE_UP: Nanos = 400_000;
-/// A poll sees that COMMAND is 0 when it has been 0 for this long: the recorder's own next write
-/// came at once, and would have been swallowed (FACTS 3.4).
+/// A poll sees that COMMAND is 0 when it has been 0 for this time: the recorder's own next write
+/// came immediately, and would have been swallowed (FACTS 3.4).
 const SETTLED: Nanos = 20;
 
-/// A reply that comes when nobody waits for it any more meets the frames that go on without it in
-/// some place, and a fraction of a microsecond decides which characters meet (index.txt, "Ties"): a
-/// file with such a reply agrees if it does so with one of these, in nanoseconds.
+/// A reply that arrives when it is no longer awaited meets the frames that go on without it at some
+/// place, and a fraction of a microsecond decides which characters meet (index.txt, "Ties"): a file
+/// with such a reply agrees if it agrees with one of these offsets, in nanoseconds.
 const TIES: [i64; 3] = [0, -200, 200];
 /// Where an overrun depends on it, that fraction is a clock cycle: FACTS 11.8.
 const CLOSE_TIES: core::ops::RangeInclusive<i64> = -300..=300;
@@ -56,12 +56,12 @@ pub fn replay(transcript: &Transcript) -> Outcome {
     best.expect("at least one replay")
 }
 
-/// Replays a whole transcript of which `rule` says what may differ.
+/// Replays a whole transcript; `rule` defines the permitted differences.
 pub fn replay_with(transcript: &Transcript, rule: PhaseRule) -> Outcome {
     replay_tied(transcript, rule, 0)
 }
 
-/// Replays a whole transcript with replies that are late by so many nanoseconds more or less.
+/// Replays a whole transcript with late replies moved by `tie` nanoseconds.
 fn replay_tied(transcript: &Transcript, rule: PhaseRule, tie: i64) -> Outcome {
     let config = PortConfig::new(transcript.channels, transcript.clock_hz);
     let mut replay = Replay {
@@ -102,12 +102,12 @@ fn is_host(event: &Event) -> bool {
     ) || is_line_low(event)
 }
 
-/// The line of a remote goes low: the port has to see it when it does (FACTS 11.6).
+/// True if the line of a remote goes low: the port has to see it at that time (FACTS 11.6).
 fn is_line_low(event: &Event) -> bool {
     matches!(event, Event::Remote { text, .. } if text == "idle=0")
 }
 
-/// When a host line begins: a poll's time is its end.
+/// Start of a host line: a poll's time is its end.
 fn begin(entry: &Entry) -> Nanos {
     match entry.event {
         Event::Poll { waited, .. } => entry.time - waited - 10,
@@ -115,7 +115,7 @@ fn begin(entry: &Entry) -> Nanos {
     }
 }
 
-/// How many of the next lines are one sampling: reads of one register, each with another value.
+/// Number of the next lines that are one sampling: reads of one register, each with another value.
 fn sampling_length(lines: &[&Entry]) -> usize {
     let mut length = 1;
     for pair in lines.windows(2) {
@@ -134,8 +134,8 @@ fn sampling_length(lines: &[&Entry]) -> usize {
     length
 }
 
-/// Whether two reads that look like a sampling are just two reads, each with its right value at
-/// its own time.
+/// True if two reads that look like a sampling are just two reads, each with its right value at its
+/// own time.
 fn is_plain(expected: &[(u32, Nanos)], actual: &[(u32, Nanos)]) -> bool {
     let held = |time: Nanos| {
         let before = actual.iter().rev().find(|&&(_, at)| at <= time);
@@ -254,7 +254,7 @@ impl Replay<'_> {
         sample + (event - sample).div_ceil(SAMPLE).max(1) * SAMPLE
     }
 
-    /// A register sampled all the time, of which only the changes were written down.
+    /// A register sampled all the time, of which only the changes were recorded.
     fn sampled(&mut self, run: &[&Entry], end: Nanos) {
         let [first, ..] = run else { return };
         let Event::Read { register, .. } = first.event else {

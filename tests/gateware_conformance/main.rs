@@ -1,7 +1,8 @@
 //! Replays the recorded transcripts of the real gateware against the simulator, and compares.
 //!
-//! `GATEWARE_TRANSCRIPTS` names another directory than `tests/transcripts`. One line for each file
-//! says how much was compared; any difference, and any file that can not be read whole, fails.
+//! `GATEWARE_TRANSCRIPTS` selects another directory than `tests/transcripts`. One line for each
+//! file contains the number of comparisons; any difference, and any file that cannot be read
+//! completely, is a failure.
 
 #[path = "../common/mod.rs"]
 mod common;

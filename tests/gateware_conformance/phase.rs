@@ -1,15 +1,15 @@
 //! The transcripts in which some lines depend on the phase of the firmware loop.
 //!
 //! The recorder found them by moving all latencies and pauses by a few microseconds (index.txt,
-//! "PHASE"). What may differ in them, and nothing else:
+//! "PHASE"). Only the following may differ in them:
 //!
-//! | file | what may differ |
-//! |---|---|
-//! | `t01b` | what a command does that is written 20 to 24 us after the release of bit 14: lost, executed, or left standing |
-//! | `t04c` | the state in which a channel without a remote gives up: 01 or 02 |
-//! | `t06b`, `t25` | CS sampled during chatter: the states 3A and 3B alternate |
-//! | `t09c` | how long it takes until COMMAND sticks |
-//! | `u10` | when the late replies come, by up to 300 ns: one clock cycle decides whether a character of theirs is an overrun (FACTS 11.8; index.txt, "Ties") |
+//! - `t01b`: the effect of a command that is written 20 to 24 us after the release of bit 14: lost,
+//!   executed, or left standing.
+//! - `t04c`: the state in which a channel without a remote gives up: 01 or 02.
+//! - `t06b`, `t25`: CS sampled during chatter: the states 3A and 3B alternate.
+//! - `t09c`: the time until COMMAND sticks.
+//! - `u10`: the times of the late replies, by up to 300 ns: one clock cycle decides whether one of
+//!   their characters is an overrun (FACTS 11.8; index.txt, "Ties").
 
 use mesa_hal_sim::sslbp::Register;
 use mesa_hal_sim::wire::Nanos;
@@ -24,7 +24,7 @@ enum Kind {
     Overrun,
 }
 
-/// What may differ in one file.
+/// Permitted differences in one file.
 #[derive(Clone, Copy, Debug)]
 pub struct PhaseRule {
     kind: Kind,
@@ -57,17 +57,18 @@ impl PhaseRule {
         Self::of("t25")
     }
 
-    /// Whether an overrun is in the file, which a clock cycle decides.
+    /// True if the file has an overrun, which a clock cycle decides.
     pub fn has_overrun(&self) -> bool {
         self.kind == Kind::Overrun
     }
 
-    /// Whether the file is one of them.
+    /// True if the file is one of them.
     pub fn is_needed(&self) -> bool {
         self.kind != Kind::None
     }
 
-    /// The host wrote a register; finds the commands of `t01b` whose effect depends on the phase.
+    /// Processes a write of the host; finds the commands of `t01b` whose effect depends on the
+    /// phase.
     pub fn saw_write(&mut self, register: Register, value: u32, now: Nanos) {
         if self.kind != Kind::EndOfReset || register != Register::Command {
             return;
@@ -81,7 +82,7 @@ impl PhaseRule {
         self.uncertain = since.is_some_and(|since| (20_000..=24_000).contains(&since));
     }
 
-    /// Whether a value may be read in place of the recorded one.
+    /// True if a value may be read in place of the recorded one.
     pub fn allows(&self, register: Register, expected: u32, actual: u32, _now: Nanos) -> bool {
         let states = [expected, actual].map(|cs| (cs >> 16) as u8);
         let only_state = (expected ^ actual) & !0x00FF_0000 == 0;
@@ -94,7 +95,7 @@ impl PhaseRule {
         }
     }
 
-    /// Whether a poll may take any time.
+    /// True if a poll may take any time.
     pub fn allows_wait(&self, _now: Nanos) -> bool {
         match self.kind {
             Kind::EndOfReset => self.uncertain,

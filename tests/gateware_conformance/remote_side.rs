@@ -1,17 +1,17 @@
 //! The simulated remotes against the recorded requests: bytes, times and events must be those of
-//! the remotes that were recorded.
+//! the recorded remotes.
 
-use mesa_hal_sim::remote::{FixedData, Remote, RemoteEvent};
+use mesa_hal_sim::remote::{FixedData, RemoteEvent, SimRemote};
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 use crate::common::recording::Outcome;
 use crate::common::recording::sslbp::{Event, Transcript};
 
-/// Times are not those of firmware here but of the remote model, so they are held much closer than
-/// the 15 us of the index: the recording has a resolution of 10 ns.
+/// Here times are those of the remote model, not of firmware, so that the limit is much narrower
+/// than the 15 us of the index: the recording has a resolution of 10 ns.
 const RESOLUTION: Nanos = 50;
 
-/// Something a remote did, recorded or simulated.
+/// An action of a remote, recorded or simulated.
 #[derive(Clone, Debug)]
 struct Deed {
     line: usize,
@@ -25,13 +25,13 @@ enum What {
     Event(String),
 }
 
-/// Something done to a remote.
+/// A stimulus for a remote.
 enum Stimulus<'t> {
     SetUp(&'t str),
     Request(Burst),
 }
 
-/// Everything that concerns one remote.
+/// All stimuli and actions of one remote.
 #[derive(Default)]
 struct Channel<'t> {
     stimuli: Vec<(Nanos, usize, Stimulus<'t>)>,
@@ -49,7 +49,7 @@ pub fn replay(transcript: &Transcript) -> Outcome {
     outcome
 }
 
-/// Sorts the lines by remote; returns when the recording of the wire ends.
+/// Sorts the lines by remote; returns the time at which the recording of the wire ends.
 fn read<'t>(transcript: &'t Transcript, channels: &mut [Channel<'t>; 8]) -> Nanos {
     let mut end = 0;
     for entry in &transcript.entries {
@@ -77,7 +77,7 @@ fn read<'t>(transcript: &'t Transcript, channels: &mut [Channel<'t>; 8]) -> Nano
                 let bits = 10 * bytes.len() as Nanos;
                 let bit = (entry.time - start + bits / 2) / bits;
                 let burst = Burst::new(*start, bit, bytes);
-                // a remote has a character in the middle of its stop bit
+                // A remote has a character in the middle of its stop bit.
                 channels[usize::from(*channel)].stimuli.push((
                     entry.time - bit / 2,
                     entry.line,
@@ -107,7 +107,7 @@ fn read<'t>(transcript: &'t Transcript, channels: &mut [Channel<'t>; 8]) -> Nano
     end
 }
 
-/// What the model says about itself, in contrast to what is set up.
+/// True for reports of the model itself, in contrast to set-up.
 fn is_event(text: &str) -> bool {
     text == "watchdog bites"
         || text == "drops this reply"
@@ -115,7 +115,7 @@ fn is_event(text: &str) -> bool {
         || text.starts_with("parser timeout")
 }
 
-/// Somebody else's remote: how it answers is not ours to know (index.txt).
+/// A third party's remote, whose answers are not known (index.txt).
 fn is_foreign(stimulus: &Stimulus<'_>) -> bool {
     matches!(stimulus, Stimulus::SetUp(text)
         if text.split_whitespace().any(|pair| pair.starts_with("exec=")))
@@ -130,7 +130,7 @@ fn compare(channel: &Channel<'_>, end: Nanos) -> Outcome {
     {
         return outcome;
     }
-    let mut remote = Remote::model();
+    let mut remote = SimRemote::model();
     let mut done = Vec::new();
     for (time, line, stimulus) in &channel.stimuli {
         remote.advance(*time);
@@ -152,7 +152,7 @@ fn compare(channel: &Channel<'_>, end: Nanos) -> Outcome {
     outcome
 }
 
-fn collect(remote: &mut Remote<FixedData>, line: usize, done: &mut Vec<Deed>) {
+fn collect(remote: &mut SimRemote<FixedData>, line: usize, done: &mut Vec<Deed>) {
     while let Some((time, event)) = remote.take_event() {
         let what = What::Event(match event {
             RemoteEvent::WatchdogBites => "watchdog bites".to_owned(),
@@ -178,7 +178,7 @@ fn collect(remote: &mut Remote<FixedData>, line: usize, done: &mut Vec<Deed>) {
     }
 }
 
-/// Both lists are in the order of time; what is alike at the same time is a pair.
+/// Both lists are in the order of time; equal actions at the same time are a pair.
 fn match_up(recorded: &[Deed], done: &[Deed], end: Nanos, outcome: &mut Outcome) {
     let mut left = recorded.iter().peekable();
     let mut right = done.iter().peekable();
@@ -199,7 +199,7 @@ fn match_up(recorded: &[Deed], done: &[Deed], end: Nanos, outcome: &mut Outcome)
                 left.next();
             }
             (_, Some(b)) => {
-                // what begins or ends after the recording can not be in it
+                // Actions that begin or end after the recording cannot be in it.
                 if deed_end(b) < end {
                     outcome.compare(false, b.line, || ("nothing".to_owned(), show(b)));
                 }
@@ -211,7 +211,7 @@ fn match_up(recorded: &[Deed], done: &[Deed], end: Nanos, outcome: &mut Outcome)
 }
 
 fn deed_end(deed: &Deed) -> Nanos {
-    // 87 us is a character at 115200 baud, the slowest rate that is recorded
+    // 87 us is a character at 115200 baud, the slowest rate that is recorded.
     deed.time
         + match &deed.what {
             What::Reply { bytes, .. } => 87_000 * bytes.len() as Nanos,

@@ -1,8 +1,7 @@
-//! What does not depend on the phase of the firmware loop in the gateware must not depend on it in
-//! the simulator: all pauses of the host and all latencies of the remotes are moved by up to 2
-//! microseconds, as the recorder did it (index.txt, "PHASE"), and nothing may change but times and
-//! which of the two chatter states CS shows.
-//! Always on the project's own transcripts.
+//! Results that do not depend on the phase of the firmware loop in the gateware must not depend on
+//! it in the simulator: all pauses of the host and all latencies of the remotes are moved by up to
+//! 2 microseconds, as by the recorder (index.txt, "PHASE"), and nothing may change except times and
+//! the chatter state that CS shows. Always on the project's own transcripts.
 
 use mesa_hal_sim::wire::Nanos;
 
@@ -37,7 +36,7 @@ fn shifted(original: &Transcript, shift: Nanos) -> Transcript {
     copy
 }
 
-/// Whether only a time differs, or a number of chatter frames.
+/// True if only a time differs, or a number of chatter frames.
 fn is_time(difference: &Difference) -> bool {
     difference.expected.contains(" ns") || difference.expected.ends_with(" chatter frames")
 }

@@ -1,4 +1,4 @@
-//! The recorded serial lines: compares what the simulated FPGA sends, and answers as recorded.
+//! The recorded serial lines: compares the bursts of the simulated FPGA, and answers as recorded.
 
 use mesa_hal_sim::sslbp::Lines;
 use mesa_hal_sim::wire::{Burst, Nanos};
@@ -9,19 +9,19 @@ use crate::common::recording::sslbp::{Event, Transcript};
 /// Times may differ by this much, or by a twentieth, whichever is more (index.txt).
 pub const TOLERANCE: Nanos = 15_000;
 
-/// Whether two durations agree.
+/// True if two durations agree.
 pub fn within_tolerance(expected: Nanos, actual: Nanos) -> bool {
     expected.abs_diff(actual) <= TOLERANCE.max(expected / 20)
 }
 
-/// A reply that comes so late is not waited for any more.
+/// A reply with this latency is no longer awaited.
 const LATE: Nanos = 300_000;
 /// A DOIT meets a chatter frame in progress, or begins or ends within one pass of the firmware.
 const MEETING: Nanos = 12_000;
 /// Two replies follow each other without a pause.
 const BACK_TO_BACK: Nanos = 20;
 
-/// A request and what came back.
+/// A request and its replies.
 struct Request<'t> {
     line: usize,
     start: Nanos,
@@ -40,14 +40,14 @@ struct Reply<'t> {
 }
 
 impl Request<'_> {
-    /// Process data of zeros: what chatter is made of. An 8I20 that is no 8I20 is asked again and
-    /// again in the same way.
+    /// True for chatter: process data of zeros. A remote that only claims to be an 8I20 is
+    /// repeatedly asked in the same way.
     fn is_chatter(&self) -> bool {
         matches!(self.bytes, [0xBD, data @ .., _] if data.iter().all(|&byte| byte == 0))
             || matches!(self.bytes, [0x45, 0x54, 0x08, _])
     }
 
-    /// When the last reply has ended, in recorded time.
+    /// End of the last reply, in recorded time.
     fn settled(&self) -> Nanos {
         self.replies
             .iter()
@@ -64,13 +64,13 @@ struct Channel<'t> {
     waiting: Vec<Burst>,
     /// The last event on this line: recorded and simulated time.
     reference: (Nanos, Nanos),
-    /// How many nanoseconds more or less replies are late that are not waited for.
+    /// Offset in nanoseconds of replies that are no longer awaited.
     tie: i64,
-    /// Until when the line towards the FPGA is busy: recorded and simulated time.
+    /// End of the activity on the line towards the FPGA: recorded and simulated time.
     line_free: (Nanos, Nanos),
-    /// Since when the line towards the FPGA is held low, in recorded time.
+    /// Time since which the line towards the FPGA is held low, in recorded time.
     low_since: Option<Nanos>,
-    /// Chatter frames too many or too few, and chatter frames in all.
+    /// Surplus or missing chatter frames, and all chatter frames.
     uneven: usize,
     chatter: usize,
     /// Recorded time from one chatter frame to the next.
@@ -90,8 +90,8 @@ pub struct WireLog<'t> {
 impl<'t> WireLog<'t> {
     /// Collects the bursts of a transcript.
     ///
-    /// Channels that the recorded build does not have are left out: what they "send" at power-up
-    /// is an artefact of undriven lines (index.txt).
+    /// Channels that the recorded build does not have are left out: their bursts at power-up are an
+    /// artefact of undriven lines (index.txt).
     pub fn new(transcript: &'t Transcript, tie: i64) -> Self {
         let channel = |_| Channel {
             tie,
@@ -152,7 +152,7 @@ impl<'t> WireLog<'t> {
         }
     }
 
-    /// Whether a reply comes when nobody waits for it any more.
+    /// True if a reply arrives when it is no longer awaited.
     pub fn has_late_replies(&self) -> bool {
         let requests = self.channels.iter().flat_map(|channel| &channel.requests);
         let mut replies = requests.flat_map(|request| &request.replies);
@@ -164,8 +164,8 @@ impl<'t> WireLog<'t> {
         self.host = (recorded, simulated);
     }
 
-    /// How long the chatter frames last that were sent too often or not often enough so far: a DOIT
-    /// that finds one more or one less of them in progress waits that much longer or shorter.
+    /// Total duration of surplus and missing chatter frames so far: a DOIT that meets one more or
+    /// one less of them waits that much longer or shorter.
     pub fn uneven_chatter(&self) -> Nanos {
         self.channels
             .iter()
@@ -173,7 +173,7 @@ impl<'t> WireLog<'t> {
             .sum()
     }
 
-    /// Everything that was recorded must have been sent by now.
+    /// Checks that all recorded requests have been sent.
     pub fn finish(mut self) -> Outcome {
         for channel in &mut self.channels {
             let first = channel.next.saturating_sub(1);
@@ -209,8 +209,9 @@ impl<'t> WireLog<'t> {
 }
 
 impl Channel<'_> {
-    /// Which recorded request a burst is: the next one, or, where chatter frames of the same
-    /// bytes follow each other, the one that is nearest in time. The host acted last at `host`.
+    /// The recorded request of a burst: the next one, or, where chatter frames of the same bytes
+    /// follow each other, the one that is nearest in time. The last action of the host was at
+    /// `host`.
     fn find(&mut self, bytes: &[u8], at: Nanos, host: Nanos) -> Option<usize> {
         let fits = |index: usize| {
             self.requests
@@ -261,7 +262,7 @@ impl Channel<'_> {
             if reply.latency > LATE {
                 start = start.saturating_add_signed(self.tie);
             }
-            // The remote's line was busy with the reply before: so it is here.
+            // The remote's line was busy with the previous reply, and so it is here.
             if recorded.abs_diff(self.line_free.0) <= BACK_TO_BACK {
                 start = start.min(self.line_free.1);
             }

@@ -1,4 +1,4 @@
-//! Reading a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
+//! Parsing of a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError};
@@ -9,7 +9,7 @@ fn identify(fpga: &mut SimFpga) -> Result<HostMot2, IdentifyError<SimError>> {
     HostMot2::identify(fpga)
 }
 
-/// FACTS 9.2: its words are held to that in `tests/simulator/identity.rs`.
+/// FACTS 9.2: its words are checked in `tests/simulator/identity.rs`.
 fn i7i97() -> SimFpga {
     machines::i7i97(1)
 }

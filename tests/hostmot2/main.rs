@@ -1,3 +1,3 @@
-//! HostMot2: what a firmware says about itself.
+//! HostMot2: a firmware's description of itself.
 
 mod identify;

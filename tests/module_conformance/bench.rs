@@ -1,16 +1,16 @@
-//! What the stimuli of a recording are applied to.
+//! The bench to which the stimuli of a recording are applied.
 
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, SimFpga, gtag};
+use mesa_hal_sim::{SimFirmware, SimFpga, gtag};
 
 use crate::register::Register;
 use crate::transcript::Level;
 
-/// A simulated FPGA with what a recording's bench has around it.
+/// A simulated FPGA with the surroundings of a recording's bench.
 ///
-/// `Err` says that the model has no such register, pin or input, which counts as a difference.
+/// `Err` means that the model has no such register, pin or input, which counts as a difference.
 pub trait Bench {
-    /// The FPGA, without what stands around it.
+    /// The FPGA without its surroundings.
     fn inner(&mut self) -> &mut FpgaBench;
 
     /// Lets time pass up to `to`.
@@ -18,26 +18,26 @@ pub trait Bench {
         self.inner().fpga.advance_to(to);
     }
 
-    /// Writes a register, now.
+    /// Writes a register at the current time.
     fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
         let address = self.inner().address(register)?;
         self.inner().fpga.write_register(address, value);
         Ok(())
     }
 
-    /// Reads a register, now. The runner reads 1 ns before the time of the line: what a register
-    /// shows at an edge is what was there before it.
+    /// Reads a register at the current time. The runner reads 1 ns before the time of the line: at
+    /// an edge, a register shows its value before the edge.
     fn read(&mut self, register: Register) -> Result<u32, String> {
         let address = self.inner().address(register)?;
         Ok(self.inner().fpga.read_register(address))
     }
 
-    /// The level of a pin, now.
+    /// The current level of a pin.
     fn pin(&mut self, pin: &str) -> Result<Level, String> {
         self.inner().level(pin)
     }
 
-    /// Drives a pin from outside, or lets it go.
+    /// Drives a pin from outside, or releases it.
     fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
         Err(format!("{pin} can not be driven to {level:?}"))
     }
@@ -53,7 +53,7 @@ pub trait Bench {
     }
 }
 
-/// A simulated FPGA with nothing around it.
+/// A simulated FPGA without surroundings.
 pub struct FpgaBench {
     /// The FPGA.
     pub fpga: SimFpga,
@@ -61,7 +61,7 @@ pub struct FpgaBench {
 
 impl FpgaBench {
     /// An FPGA that has just been configured.
-    pub fn new(firmware: Firmware) -> Self {
+    pub fn new(firmware: SimFirmware) -> Self {
         Self {
             fpga: SimFpga::new(firmware),
         }
@@ -110,7 +110,7 @@ impl Bench for FpgaBench {
 }
 
 /// The number of an I/O pin: `IO` and its number, or the signal of a module.
-fn find_pin(firmware: &Firmware, name: &str) -> Option<usize> {
+fn find_pin(firmware: &SimFirmware, name: &str) -> Option<usize> {
     let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
     let number: u8 = name[letters.len()..].parse().unwrap_or(0);
     match letters {

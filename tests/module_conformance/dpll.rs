@@ -1,4 +1,5 @@
-//! The DPLL: its registers, the edges of its outputs, and the words that the driver computes for it.
+//! The DPLL: its registers, the edges of its outputs, and the words that the driver computes for
+//! it.
 
 use std::collections::BTreeSet;
 
@@ -25,7 +26,7 @@ const CLOCK_NANOS: Nanos = 10;
 
 const DDS_BITS: u8 = 42;
 
-/// An edge: when, of which output, and whether it rises.
+/// An edge: its time, its output, and true if it rises.
 type Edge = (Nanos, usize, bool);
 
 fn replay(transcript: &Transcript) -> Outcome {
@@ -79,7 +80,7 @@ impl Bench for DpllBench {
 
     fn advance(&mut self, to: Nanos) {
         for output in 0..OUTPUTS.len() {
-            // What a write has changed shows at the clock edge that takes it over.
+            // The effect of a write shows at the clock edge that takes it over.
             if let Ok(level) = self.level(output) {
                 self.note(output, self.now.next_multiple_of(CLOCK_NANOS), level);
             }
@@ -107,7 +108,7 @@ impl Bench for DpllBench {
     }
 }
 
-/// The edges of each window in which a file shows them, each at its clock.
+/// Compares the edges in each window in which a file shows them, each at its clock.
 fn compare_edges(transcript: &Transcript, edges: &BTreeSet<Edge>, outcome: &mut Outcome) {
     for (begin, end) in windows(transcript) {
         let mut missing: BTreeSet<Edge> = edges
@@ -136,7 +137,7 @@ fn compare_edges(transcript: &Transcript, edges: &BTreeSet<Edge>, outcome: &mut 
     }
 }
 
-/// From when to when all edges are shown: as the notes say, or else from the first one on.
+/// Time spans in which all edges are shown: those of the notes, or else from the first edge on.
 fn windows(transcript: &Transcript) -> Vec<(Nanos, Nanos)> {
     let last = transcript.entries.last().map_or(0, |entry| entry.time);
     let mut windows = Vec::new();
@@ -213,13 +214,13 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
     }
 }
 
-/// The offset behind a timer's word, which is before the read: a thousandth of a period or many if
-/// that can be, or else the middle of those that have this word.
+/// The offset that a timer's word stands for, which is before the read: a number of thousandths of
+/// a period if possible, or else the middle of all offsets with this word.
 fn offset_us(timer: u16, hz: f64) -> f64 {
     let word = f64::from(timer as i16);
     let thousandths = (word * 1e3 / 65_536.0).round();
-    // The driver truncates toward zero. 100 us after the read were recorded as E666, which it makes of
-    // a little more.
+    // The driver truncates toward zero. 100 us after the read were recorded as E666, which the
+    // driver computes from a slightly larger offset.
     let is_round = (thousandths * 65.536).trunc() == word;
     let middle = word + 0.5_f64.copysign(word);
     let periods = if is_round {

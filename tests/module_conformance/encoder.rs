@@ -1,9 +1,9 @@
-//! The encoders, plain and multiplexed, with what the bench has in front of their pins.
+//! The encoders, plain and multiplexed, with the bench's circuits in front of their pins.
 
 use std::collections::BTreeMap;
 
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFirmware, SimFpga, SimPinDescriptor, gtag, machines};
 
 use crate::bench::{Bench, FpgaBench};
 use crate::common::recording::{Outcome, Recording, files, own_directory};
@@ -12,25 +12,25 @@ use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Entry, Event, Level, Transcript};
 use crate::{DIRECTORY, Replay, family};
 
-/// To the clock; reads that differ are right if they are so within one period of the divider.
+/// Exact to the clock; differing reads are right if they are so within one period of the divider.
 pub const REPLAY: Replay = replay;
 
 /// The multiplexer's divider after configuration, in these sources.
 const RATE: u32 = 11;
 const RATE_REGISTER: u8 = 4;
-/// Where the recorded firmware has its encoders, with six registers.
+/// Base address of the encoders in the recorded firmware, which have six registers.
 const BASE: u16 = 0x3600;
-/// The I/O pins of index masks and probe, where the recording has them.
+/// The I/O pins of index masks and probe in the recording.
 const FIRST_MASK: usize = 34;
 const PROBE: usize = 40;
 /// Latch on probe, and its polarity.
 const PROBE_BITS: u32 = 0x3000;
 
 const CLOCK_NANOS: Nanos = 10;
-/// Lines of a pin that are not farther apart show every edge between them.
+/// Lines of a pin that are no further apart show every edge between them.
 const WINDOW: Nanos = 1_000;
 
-/// The project's own recordings need no tolerance, wherever the dividers stand.
+/// The project's own recordings need no tolerance, whatever the phase of the dividers.
 #[test]
 fn reads_of_the_recordings_are_right_to_the_clock() {
     let mut reads = 0;
@@ -106,7 +106,7 @@ fn is_count(register: Register) -> bool {
 }
 
 /// The firmware that a file was recorded on.
-fn firmware(transcript: &Transcript) -> Firmware {
+fn firmware(transcript: &Transcript) -> SimFirmware {
     let is_two_cards = transcript.name.starts_with("enc12");
     let mut firmware = if is_two_cards {
         machines::firmware_7i92_7i77x2()
@@ -129,16 +129,16 @@ fn firmware(transcript: &Transcript) -> Firmware {
     }
     if is_plain || has_mask_or_probe(transcript) {
         for unit in 0..6 {
-            let pin = PinDescriptor::new(tag, unit, 0x04);
+            let pin = SimPinDescriptor::new(tag, unit, 0x04);
             firmware.pins[FIRST_MASK + usize::from(unit)] = pin;
         }
-        firmware.pins[PROBE] = PinDescriptor::new(tag, 0, 0x05);
+        firmware.pins[PROBE] = SimPinDescriptor::new(tag, 0, 0x05);
     }
     firmware
 }
 
-/// Whether a file was recorded on firmware with these pins: it says so, or drives one, or reads the
-/// bits of the probe as set, which are always 0 without it.
+/// True if a file was recorded on firmware with these pins: it names them, or drives one, or reads
+/// the bits of the probe as set, which are always 0 without it.
 fn has_mask_or_probe(transcript: &Transcript) -> bool {
     let said = |text: &String| text.contains("with mask pins") || text.contains("with a probe pin");
     transcript.comments.iter().any(said) || transcript.entries.iter().any(shows_mask_or_probe)
@@ -173,7 +173,7 @@ const PINS: [&str; 8] = [
 ];
 
 impl EncoderBench {
-    fn new(firmware: &Firmware) -> Self {
+    fn new(firmware: &SimFirmware) -> Self {
         Self {
             inner: FpgaBench::new(firmware.clone()),
             levels: BTreeMap::new(),
@@ -224,7 +224,7 @@ impl Bench for EncoderBench {
     }
 
     fn advance(&mut self, to: Nanos) {
-        // A write may have moved a pin at once.
+        // A write may have moved a pin immediately.
         self.note_edges();
         loop {
             let next = (self.fpga().now() / CLOCK_NANOS + 1) * CLOCK_NANOS;
@@ -268,7 +268,7 @@ impl Bench for EncoderBench {
     }
 }
 
-/// Where the lines of a pin follow each other closely, they are all edges that there are.
+/// Compares the edges of a pin where its lines follow each other closely: they are all edges there.
 fn compare_edges(
     transcript: &Transcript,
     edges: &BTreeMap<&'static str, Vec<(Nanos, Level)>>,
@@ -301,15 +301,15 @@ fn compare_edges(
     }
 }
 
-/// Whether the counts of a file are those of its lines: all but of those that go beyond what is
-/// followed.
+/// True if the counts of a file are those of its lines: all except those that exceed the rate that
+/// the gateware follows.
 fn counts_are_followed(transcript: &Transcript) -> bool {
     let name = &transcript.name;
     !name.starts_with("enc04") && !name.starts_with("qc02")
 }
 
-/// The counts of a file with rates: exact where the recording has followed, and garbage where it has
-/// not.
+/// Compares the counts of a file with rates: exact where the recording has followed, and arbitrary
+/// where it has not.
 fn compare_rates(transcript: &Transcript, bench: &mut EncoderBench, outcome: &mut Outcome) {
     let mut wanted = None;
     for entry in &transcript.entries {

@@ -1,10 +1,10 @@
 //! Replays the recorded transcripts of the real gateware's modules against the simulated ones.
 //!
-//! `MODULE_TRANSCRIPTS` names another directory than `tests/transcripts/modules`, whose `index.txt`
-//! describes format and rules of comparison. One line for each file says how much was compared;
-//! any difference, and any file that can not be read whole, fails.
+//! `MODULE_TRANSCRIPTS` selects another directory than `tests/transcripts/modules`, whose
+//! `index.txt` describes format and rules of comparison. One line for each file contains the number
+//! of comparisons; any difference, and any file that cannot be read completely, is a failure.
 //!
-//! # Who replays what
+//! # Files and families
 //! The letters at the beginning of a file's name choose its family in [`FAMILIES`], and each family
 //! is one file of `module_conformance/`:
 //!
@@ -19,10 +19,10 @@
 //! Its `REPLAY` builds a [`bench::Bench`] with the firmware that the file was recorded on, and lets
 //! [`runner`] apply the stimuli and compare. A file of no family fails.
 //!
-//! [`runner::replay`] compares every read and every pin at its nanosecond. [`runner::replay_within`]
-//! replays several times with all stimuli delayed by a part of a free-running divider's period, and
-//! takes a value as right if one of the replays shows it. What a family compares in a way of its
-//! own (`skip` in [`runner::Rules`]) it adds with [`Outcome::compare`].
+//! [`runner::replay`] compares every read and every pin at its nanosecond.
+//! [`runner::replay_within`] replays several times with all stimuli delayed by a part of a
+//! free-running divider's period, and takes a value as right if one of the replays shows it.
+//! Comparisons of a family's own (`skip` in [`runner::Rules`]) are added with [`Outcome::compare`].
 
 mod bench;
 #[path = "../common/mod.rs"]
@@ -46,7 +46,7 @@ const DIRECTORY: &str = "transcripts/modules";
 /// Replays a file and compares.
 pub type Replay = fn(&Transcript) -> Outcome;
 
-/// Letters that begin a file's name, and what replays it.
+/// Letters that begin a file's name, and the function that replays it.
 type Family = (&'static str, Replay);
 
 /// All families.
@@ -63,7 +63,7 @@ const FAMILIES: [Family; 10] = [
     ("in", inputs::REPLAY),
 ];
 
-/// The family of a file: its name begins with the family's letters, and then comes no other.
+/// The family of a file: its name begins with the family's letters, followed by no other letter.
 fn family(name: &str) -> Option<&'static Family> {
     let letters = name
         .find(|c: char| !c.is_ascii_lowercase())

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{Firmware, PinDescriptor, gtag, machines};
+use mesa_hal_sim::{SimFirmware, SimPinDescriptor, gtag, machines};
 
 use crate::Replay;
 use crate::bench::FpgaBench;
@@ -19,7 +19,7 @@ const CLOCK: Nanos = 10;
 /// The pins of the PWM generators; the others of the I/O port files have no module.
 const PWM_PINS: usize = 9;
 
-/// Where the recorded firmware has the second pins of PWM generators 0 to 3.
+/// The second pins of PWM generators 0 to 3 in the recorded firmware.
 const SECOND_PWM_PINS: usize = 34;
 
 /// Everything exact, to the clock.
@@ -36,8 +36,8 @@ fn replay(transcript: &Transcript) -> Outcome {
     outcome
 }
 
-/// The driver's arithmetic of the watchdog: from each time that is written and runs out, to the
-/// bite. The pins are released a clock after it.
+/// Checks the driver's arithmetic of the watchdog: from each time that is written and runs out, to
+/// the bite. The pins are released a clock after it.
 fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
     let watchdog = WatchdogRegisters {
         clock_hz: CLOCK_HZ,
@@ -52,8 +52,8 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
             }
             Event::Write { register, .. } if register.kind.name == "WD_RESET" => started = None,
             Event::Write { .. } | Event::Drive { .. } => written = entry.time,
-            // Pins that go at a write are released by it, and not by a bite; nor does a bite
-            // come sooner than three clocks after the time.
+            // Pins that go at a write are released by it, not by a bite; and a bite does not come
+            // sooner than three clocks after the time.
             Event::Pin { level, .. } if *level == Level::Released && entry.time > written => {
                 let ended = started.take_if(|(since, _)| entry.time >= *since + 3 * CLOCK);
                 let Some((since, word)) = ended else {
@@ -79,14 +79,14 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
 }
 
 /// The pins of a 7I97's PWM generators, and the second pins of four of them on IO34 to IO37.
-pub fn pwm_firmware() -> Firmware {
+pub fn pwm_firmware() -> SimFirmware {
     let mut firmware = machines::firmware_7i97(1);
     for pin in &mut firmware.pins[PWM_PINS..] {
-        *pin = PinDescriptor::gpio();
+        *pin = SimPinDescriptor::gpio();
     }
     for unit in 0..4 {
         firmware.pins[SECOND_PWM_PINS + usize::from(unit)] =
-            PinDescriptor::new(gtag::PWM, unit, 0x82);
+            SimPinDescriptor::new(gtag::PWM, unit, 0x82);
     }
     firmware
 }

@@ -75,7 +75,7 @@ fn compare_duties(transcript: &Transcript, outcome: &mut Outcome) {
     }
 }
 
-/// What was counted of a pin.
+/// Counts of a pin.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     high: Nanos,
@@ -116,7 +116,7 @@ fn write(bench: &mut FpgaBench, entry: &Entry, outcome: &mut Outcome) {
     }
 }
 
-/// The frequency that the file says its rate is for: `RATE 64425 (48 kHz of a 200 MHz clock)`, or
+/// The frequency that the file names for its rate: `RATE 64425 (48 kHz of a 200 MHz clock)`, or
 /// LinuxCNC's for the 7I97.
 fn asked_hz(transcript: &Transcript) -> Option<f64> {
     let comment = transcript.comments.first()?;
@@ -129,12 +129,12 @@ fn asked_hz(transcript: &Transcript) -> Option<f64> {
     kilohertz.parse::<f64>().ok().map(|value| value * 1e3)
 }
 
-/// The driver's rate and width for a frequency are those of the file, and its frequency is that
-/// of the recorded edges.
+/// Checks that the driver's rate and width for a frequency are those of the file, and that its
+/// frequency is that of the recorded edges.
 fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
     let rate = PwmRate::new(CLOCK_HZ, hz);
     if !has_width(transcript, rate.bits.into()) {
-        // A width that was chosen otherwise than by the driver, which takes the widest.
+        // The width was not chosen as by the driver, which takes the widest.
         return;
     }
     for entry in &transcript.entries {
@@ -175,7 +175,7 @@ fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
     );
 }
 
-/// Whether all modes that a file writes have a width.
+/// True if all modes that a file writes have this width.
 fn has_width(transcript: &Transcript, bits: u32) -> bool {
     transcript.entries.iter().all(|entry| match &entry.event {
         Event::Write { register, value } if register.kind.name == "PWM_MODE" => {
@@ -194,7 +194,7 @@ fn rising_edges(transcript: &Transcript, name: &str) -> Vec<(usize, Nanos)> {
     edges.collect()
 }
 
-/// What the driver writes for the voltages that the recorded duties stand for is what was written.
+/// Checks that the driver's words for the voltages of the recorded duties are the words written.
 fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
     let shape = PwmShape {
         bits: PwmRate::new(CLOCK_HZ, 48_000.0).bits,

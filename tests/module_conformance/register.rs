@@ -1,28 +1,29 @@
 //! The registers by their names in the transcripts.
 
-use mesa_hal_sim::{Firmware, gtag};
+use mesa_hal_sim::{SimFirmware, gtag};
 
-/// One kind of register.
+/// A kind of register.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Kind {
     /// Its name in a transcript.
     pub name: &'static str,
-    /// The module it belongs to.
+    /// The module that it belongs to.
     pub gtag: u8,
     /// Its number in the module.
     pub number: u8,
-    /// The most instances; 1 for a register that exists once and is written without an index.
+    /// Largest number of instances; 1 for a register that exists once and is written without an
+    /// index.
     pub instances: u8,
-    /// Whether a module drives the bus when it is read.
+    /// True if a module drives the bus when it is read.
     pub readable: bool,
 }
 
 /// A register of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Register {
-    /// Which register.
+    /// The kind of register.
     pub kind: &'static Kind,
-    /// Of which instance or port.
+    /// The number of the instance or port.
     pub index: u8,
 }
 
@@ -46,7 +47,7 @@ const fn write_only(name: &'static str, gtag: u8, number: u8, instances: u8) -> 
     }
 }
 
-/// All of them. Which can be read: FACTS 12.11.
+/// All kinds. The readable ones: FACTS 12.11.
 static KINDS: [Kind; 45] = [
     kind("WD_TIME", gtag::WATCHDOG, 0, 1),
     kind("WD_STATUS", gtag::WATCHDOG, 1, 1),
@@ -119,7 +120,7 @@ impl Register {
 
     /// Its address in a firmware, from the module's descriptor; `None` if the firmware has no such
     /// register.
-    pub fn address(self, firmware: &Firmware) -> Option<u16> {
+    pub fn address(self, firmware: &SimFirmware) -> Option<u16> {
         let module = firmware.module(self.kind.gtag)?;
         let exists = self.kind.instances == 1 || self.index < module.instances;
         // Both register strides are 0x100, and these modules have instances 4 bytes apart.

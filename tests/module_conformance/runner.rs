@@ -1,4 +1,4 @@
-//! Applies the stimuli of a recording to a bench, and compares what it shows.
+//! Applies the stimuli of a recording to a bench, and compares the bench's values.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use crate::common::recording::Outcome;
 use crate::register::Register;
 use crate::transcript::{BusWord, Entry, Event, Level, Transcript};
 
-/// Until when a pin that the file watches stands at the level of its last line.
+/// Time up to which a watched pin keeps the level of its last line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Watch {
     /// To the end of the file.
@@ -21,14 +21,14 @@ pub enum Watch {
     AtLines,
 }
 
-/// How a family is compared.
+/// Rules of comparison of a family.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
-    /// In which steps pins are looked at between two lines; `None`: at lines only.
+    /// Steps in which pins are checked between two lines; `None`: at lines only.
     pub step: Option<Nanos>,
-    /// How long pins are watched.
+    /// Time for which pins are watched.
     pub watch: Watch,
-    /// Lines that are not compared here: the family does it in its own way.
+    /// Lines that are not compared here, but by the family itself.
     pub skip: fn(&Entry) -> bool,
 }
 
@@ -42,19 +42,19 @@ impl Default for Rules {
     }
 }
 
-/// What a bench showed where a recording has a value.
+/// A value of the bench at a recorded value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Shown {
     Word(u32),
     Level(Level),
-    /// The bench has no such thing.
+    /// The bench has no such register, pin or input.
     Failed(String),
-    /// The line only changes something, and has.
+    /// The line is only a stimulus, which was applied.
     Done,
 }
 
-/// Compares every read and every pin at its nanosecond, and that watched pins do not move between
-/// their lines.
+/// Compares every read and every pin at its nanosecond, and checks that watched pins do not move
+/// between their lines.
 pub fn replay(transcript: &Transcript, bench: &mut impl Bench, rules: Rules) -> Outcome {
     let mut outcome = Outcome::default();
     let mut pins = Pins::new(transcript, rules);
@@ -71,8 +71,8 @@ pub fn replay(transcript: &Transcript, bench: &mut impl Bench, rules: Rules) -> 
     outcome
 }
 
-/// Replays once for each of `delays`, by which all stimuli come later, and takes a value as right
-/// if one of the replays shows it: what a free-running divider does depends on where it stands.
+/// Replays once for each of `delays`, by which all stimuli are delayed, and takes a value as right
+/// if one of the replays shows it: the effect of a free-running divider depends on its phase.
 pub fn replay_within<B: Bench>(
     transcript: &Transcript,
     bench: impl Fn() -> B,
@@ -102,7 +102,7 @@ fn groups(transcript: &Transcript) -> impl Iterator<Item = &[Entry]> {
     transcript.entries.chunk_by(|a, b| a.time == b.time)
 }
 
-/// Does what the lines of one time say: reads show what was there before, pins what comes after.
+/// Applies the lines of one time: reads return the values before it, pins the levels after it.
 fn step(bench: &mut impl Bench, group: &[Entry], delay: Nanos) -> Vec<Shown> {
     let time = group[0].time + delay;
     let mut shown = vec![Shown::Done; group.len()];
@@ -135,7 +135,7 @@ fn step(bench: &mut impl Bench, group: &[Entry], delay: Nanos) -> Vec<Shown> {
     shown
 }
 
-/// Compares one line with what was shown instead of it; one right value is enough.
+/// Compares one line with the values shown; one right value is enough.
 fn compare(entry: &Entry, shown: &[Shown], rules: Rules, outcome: &mut Outcome) {
     if let Some(Shown::Failed(reason)) = shown.first() {
         return outcome.fail(entry.line, format!("{:?}", entry.event), reason.clone());
@@ -227,7 +227,7 @@ impl Pins {
         }
     }
 
-    /// Lets time pass up to the moment before the next line, in which watched pins must not move.
+    /// Lets time pass up to just before the next line; watched pins must not move.
     fn hold(&mut self, bench: &mut impl Bench, until: Nanos, line: usize, outcome: &mut Outcome) {
         let Some(step) = self.rules.step else {
             return;
@@ -243,7 +243,7 @@ impl Pins {
         }
     }
 
-    /// Looks at all watched pins; one that has moved is told once, until its next line.
+    /// Checks all watched pins; one that has moved is reported once, until its next line.
     fn check(&mut self, bench: &mut impl Bench, line: usize, outcome: &mut Outcome) {
         for (pin, level) in &self.levels {
             let actual = bench.pin(pin);

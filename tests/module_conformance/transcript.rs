@@ -8,12 +8,12 @@ use crate::register::Register;
 
 pub type Entry = recording::Entry<Event>;
 
-/// One file.
+/// A recorded file.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     /// File name without directory and extension.
     pub name: String,
-    /// Its comments, without `#`; the first one says what the file shows.
+    /// Its comments, without `#`; the first one describes the file.
     pub comments: Vec<String>,
     /// All lines, in order.
     pub entries: Vec<Entry>,
@@ -43,7 +43,7 @@ pub struct BusWord {
     pub driven: u32,
 }
 
-/// What a line says.
+/// The content of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A register takes a value.
@@ -52,7 +52,7 @@ pub enum Event {
     Read { register: Register, word: BusWord },
     /// Level of an FPGA pin after this time.
     Pin { pin: String, level: Level },
-    /// The bench drives a pin, or lets it go.
+    /// The bench drives a pin, or releases it.
     Drive { pin: String, level: Level },
     /// The lines A, B, Z of an encoder, in front of the multiplexer.
     Encoder { encoder: u8, abz: [bool; 3] },
@@ -62,7 +62,7 @@ pub enum Event {
     Note(String),
 }
 
-/// How long a pin was high in a window.
+/// Time for which a pin was high in a window.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Duty {
     /// Line number in the file, from 1.
@@ -242,7 +242,7 @@ fn level(text: &str) -> Result<Level, String> {
     }
 }
 
-/// Names of pins: what stands in front of the number, and how many digits it has.
+/// Names of pins: the text before the number, and its number of digits.
 const PINS: [(&str, usize); 15] = [
     ("IO", 2),
     ("PWM", 1),
@@ -271,7 +271,7 @@ fn pin_name(text: &str) -> Result<String, String> {
         .ok_or_else(|| format!("unknown pin: {text:?}"))
 }
 
-/// `0x` and eight digits, `-` for one that nobody drives.
+/// `0x` and eight digits, `-` for a digit that is not driven.
 fn word(text: &str) -> Result<BusWord, String> {
     let digits = text
         .strip_prefix("0x")

@@ -11,7 +11,7 @@ use mesa_hal_sim::remote::{Toward, WireFault};
 
 const CYCLES: u32 = 100_000;
 
-/// What the cycle itself allocated, all calls of `read`, `write` and the rest together.
+/// Allocations of the cycle itself: all calls of `read`, `write` and the rest together.
 #[derive(Debug, Default)]
 struct Count {
     allocations: u64,
@@ -84,7 +84,7 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
                 let _ = std::hint::black_box(machine.driver.wait_transfers(limit));
             });
         }
-        // At first nobody takes events, and the queue is full.
+        // At first no events are taken, and the queue is full.
         if n % 64 == 0 && n > CYCLES / 4 {
             count.of(|| {
                 for event in &mut events {
@@ -128,7 +128,7 @@ fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
         0 => commands.rearm(),
         1 => commands.restart((0, ANALOG as u8)),
         2..10 => commands.rearm_group(machine.driver.group()),
-        // Refused where it is sent.
+        // Refused by the sender.
         10..20 => return assert!(commands.set_param(limit, f64::NAN).is_err()),
         20..500 => commands.set_param(limit, 9.0),
         _ => commands.set(output.volts, value(n)),
@@ -136,7 +136,7 @@ fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
     sent.expect("there is room");
 }
 
-/// Everything the cycle must survive, one thing after the other.
+/// Every disturbance that the cycle must survive, one after the other.
 fn disturb(machine: &mut Machine<Faulty<SimFpga>>, step: u32) {
     let channel = [FIELD, ANALOG, OUTPUTS][step as usize % 3];
     let toward = if step.is_multiple_of(2) {
@@ -181,7 +181,7 @@ fn disturb(machine: &mut Machine<Faulty<SimFpga>>, step: u32) {
     }
 }
 
-/// Sometimes no number, sometimes out of range.
+/// Sometimes not a number, sometimes out of range.
 fn value(n: u32) -> f64 {
     match n % 50 {
         0 => f64::NAN,
@@ -191,7 +191,7 @@ fn value(n: u32) -> f64 {
     }
 }
 
-/// The test means something only if all that happened.
+/// Checks that all disturbances occurred, without which the test would prove nothing.
 fn assert_has_lived(machine: &Machine<Faulty<SimFpga>>) {
     let statistics = machine.driver.statistics();
     assert!(statistics.watchdog_bites > 10, "{statistics:?}");

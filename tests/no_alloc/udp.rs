@@ -1,5 +1,5 @@
-//! Nothing in the cycle over Ethernet allocates, whoever paces it: real sockets, and a board on
-//! another thread behind a network that loses, delays and doubles packets.
+//! Nothing in the cycle over Ethernet allocates, at either pace: real sockets, and a board on
+//! another thread behind a network that loses, delays and duplicates packets.
 
 use crate::common::machine::start;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};

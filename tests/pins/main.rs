@@ -1,4 +1,4 @@
-//! Pins and parameters: their names, and what they make of registers.
+//! Pins and parameters: their names, and their conversion from and to registers.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! Packing plans: where each element is, against a packing done bit by bit.
+//! Packing plans: the place of each element, against a packing done bit by bit.
 
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
 use mesa_hal::RemoteId;
@@ -34,7 +34,8 @@ fn numbers(widths: &[u8], direction: DataDirection) -> Vec<DataRecord> {
 
 #[test]
 fn sizes_are_those_of_the_manuals() {
-    // Manual 7I77, "SOFTWARE PROCESS DATA MODES"; FACTS 8.2 to 8.4: bytes of reply (with fault byte) and request.
+    // Manual 7I77, "SOFTWARE PROCESS DATA MODES"; FACTS 8.2 to 8.4: bytes of reply (with fault
+    // byte) and request.
     for (descriptor, receive, transmit) in [
         (field_io(0), 5, 2),
         (field_io(1), 9, 2),
@@ -116,7 +117,7 @@ fn damaged_records_are_refused_by_place() {
     );
 }
 
-/// The bits of a list of values, one by one: what packing is.
+/// The bits of a list of values, one by one, which defines packing.
 fn bit_by_bit(values: &[(u8, u64)]) -> Vec<bool> {
     values
         .iter()

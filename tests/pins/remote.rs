@@ -1,5 +1,5 @@
 //! The pins of remotes: from interface registers to typed values and back.
-// Exact values are exact here: nothing else would show a rounding mistake.
+// Floating-point values are compared exactly: a tolerance would hide a rounding error.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
 use mesa_hal::RemoteId;
 use mesa_hal::boards::{
@@ -80,7 +80,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     let [mpg, _] = field.mpgs.unwrap();
     pins.set_param(mpg.scale, 4.0).unwrap();
-    // bytes: 4 inputs, 4 voltages, field voltage, two counters
+    // Bytes: 4 inputs, 4 voltages, field voltage, two counters.
     for (counter, count) in [(250, 0), (2, 8), (0x7F, 133), (0xFE, 260)] {
         cycle(&mut pins);
         remote.take_inputs(&mut pins, &[0, 0x0000_00FF, 0x0000_00A9 | counter << 8]);
@@ -92,7 +92,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     let volts = pins.read(field.field_voltage.unwrap().volts).value;
     assert!((volts - 169.0 * 36.3 / 255.0).abs() < 1e-5, "{volts}");
 
-    // A restarted remote counts from anywhere: no jump.
+    // The counter of a restarted remote may have any value: no jump.
     remote.restarted();
     remote.take_inputs(&mut pins, &[0, 0, 0x0000_0300]);
     assert_eq!(pins.read(mpg.rawcounts).ok(), Some(260));
@@ -150,7 +150,7 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
         remote.put_outputs(pins, &mut words);
         words[0] & 0x1FFF
     };
-    // 10 V at 3000 turns a minute
+    // 10 V at 3000 rpm.
     pins.set_param(spindle.full_scale, 3000.0).unwrap();
     pins.set_param(spindle.max_limit.unwrap(), 3000.0).unwrap();
     assert_eq!(raw(&mut pins, 3000.0), 4095);
@@ -158,11 +158,11 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
     pins.set_param(spindle.max_limit.unwrap(), 1500.0).unwrap();
     assert_eq!(raw(&mut pins, 3000.0), 2047, "limited");
     assert_eq!(pins.rejections(spindle.volts).out_of_range, 1);
-    // a limit beyond full scale does not let anything wrap round
+    // A limit beyond full scale does not let any value wrap around.
     pins.set_param(spindle.max_limit.unwrap(), 1e9).unwrap();
     assert_eq!(raw(&mut pins, 1e8), 4095);
     assert_eq!(pins.rejections(spindle.volts).out_of_range, 2);
-    // a scale of zero means nothing: the one before stays
+    // A scale of zero is meaningless: the previous one stays.
     let none = pins.set_param(spindle.full_scale, 0.0);
     assert!(matches!(none, Err(PinError::BadScale { .. })));
     assert_eq!(raw(&mut pins, 1500.0), 2047);

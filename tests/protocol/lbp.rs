@@ -1,5 +1,5 @@
-//! What a host sends and takes, against the LBP chapter of the 7I77's manual. Its examples that a
-//! remote carries out are in `crates/mesa-hal-sim/src/devices/tests`.
+//! Requests and replies of a host, against the LBP chapter of the 7I77's manual. Its examples that
+//! a remote executes are in `crates/mesa-hal-sim/src/devices/tests`.
 
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LbpError, LbpStatus, LocalLocation as L, RemoteAccess, Request, crc8,

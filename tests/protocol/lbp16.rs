@@ -1,5 +1,5 @@
 //! The hexadecimal LBP16 examples of the 7I97 manual, in both roles: the host builds these bytes,
-//! and the board does with them what the manual says.
+//! and the board executes them as the manual describes.
 
 use mesa_hal::lbp16::{Command, Lbp16Error, Operations, RequestBuilder, Space};
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga, machines};
@@ -14,7 +14,7 @@ fn hex(text: &str) -> Vec<u8> {
     digits.chunks(2).map(|d| d[0] << 4 | d[1]).collect()
 }
 
-/// What a host sends. The manual leaves the increment bit away where one element is transferred.
+/// Packets of a host. The manual omits the increment bit where one element is transferred.
 #[derive(Default)]
 struct Host(Vec<u8>);
 
@@ -143,8 +143,8 @@ fn the_cookie_is_read() {
     assert_eq!(Board::new().answers(&request), hex("fecaaa55"));
 }
 
-/// "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": write a page at 0xC000, then read it in the way of the
-/// example that reads 1024 bytes at 00123456, then erase.
+/// "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": write a page at 0xC000, then read it as in the example
+/// that reads 1024 bytes at 00123456, then erase.
 #[test]
 fn flash_memory_is_written_read_and_erased() {
     let mut board = Board::new();
@@ -189,7 +189,7 @@ fn flash_memory_is_written_read_and_erased() {
     assert_eq!(board.answers(&read), [0xFF; 1024]);
 }
 
-/// A hint stands behind a semicolon, or is a question.
+/// A hint follows a semicolon, or is a question.
 #[test]
 fn every_error_says_what_to_do_next() {
     let errors: [&dyn std::error::Error; 5] = [

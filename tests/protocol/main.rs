@@ -1,5 +1,6 @@
-//! The wire formats and the smart-serial port: LBP and LBP16 against their manuals, SSLBP against what
-//! Mesa's gateware was recorded to do, on the simulated FPGA, and on registers that read anything.
+//! The wire formats and the smart-serial port: LBP and LBP16 against their manuals, SSLBP against
+//! the recorded behaviour of Mesa's gateware, on the simulated FPGA, and on registers with
+//! arbitrary contents.
 
 #[path = "../common/mod.rs"]
 mod common;

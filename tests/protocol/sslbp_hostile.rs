@@ -1,4 +1,4 @@
-//! The driver on a bus that answers anything at all: every operation ends.
+//! The driver on a bus with arbitrary answers: every operation ends.
 
 use crate::common::bus::{FakeBus, Registers};
 use crate::common::chance::Chance;
@@ -6,15 +6,15 @@ use crate::common::replay::{MODULE, Replay};
 use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelVariable, Layout, NonvolatileMemory, Port, PortLink, RemoteAccess,
-    StartMode,
+    AccessSize, Channel, ChannelVariable, NonvolatileMemory, Port, PortLayout, PortLink,
+    RemoteAccess, StartMode,
 };
 use proptest::prelude::*;
 
-/// Registers that read what a seed makes of them.
+/// Registers that read values derived from a seed.
 struct Hostile {
     chance: Chance,
-    /// COMMAND reads 0 once in so many times.
+    /// COMMAND reads 0 once in this number of reads.
     idle_every: u64,
 }
 
@@ -30,7 +30,7 @@ impl Registers for Hostile {
         let word = self.chance.word();
         let idle =
             address == MODULE.base && self.idle_every != 0 && self.chance.one_in(self.idle_every);
-        // CS of a channel that is fine, every other time, so that operations get on.
+        // CS of a good channel, every other time, so that operations progress.
         let fine = address >> 8 == 0x5C && word & 1 == 0;
         match (idle, fine) {
             (true, _) => 0,
@@ -55,12 +55,12 @@ proptest! {
         let mut bus = Hostile::bus(seed, idle_every);
         bus.is_stopped = is_stopped;
         let bus = &mut bus;
-        let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
+        let mut port = Port::new(PortLayout::new(&MODULE, 0, 8).unwrap());
         let zero = Channel::ALL[0];
         let starts = Channel::ALL.map(|channel| (channel, 0));
         let _ = port.on(bus).reset();
         if is_identified {
-            // After the reset, which forgets what was known: nothing starts before it is known.
+            // After the reset, which forgets the identification: nothing starts without it.
             port.on(&mut Replay::new(Vec::new())).identify().unwrap();
         }
         let _ = port.on(bus).stop_all();
@@ -73,7 +73,7 @@ proptest! {
         let _ = PortLink { port: &mut port, bus, channel: zero }.access(Some(memory), RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
         let _ = port.on(bus).set_baud_rate(zero, 115_200);
         let _ = port.on(bus).read_variable::<7>(zero, ChannelVariable::ErrorCounters);
-        // 20,000 polls end each wait; there are at most some dozens of them.
+        // 20,000 polls end each wait; there are at most some dozens of waits.
         prop_assert!(bus.exchanges < 2_000_000, "{} exchanges", bus.exchanges);
     }
 }

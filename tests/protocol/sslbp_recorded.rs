@@ -7,8 +7,8 @@ use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
-    LocalLocation, NonvolatileMemory, Operation, Port, PortAccess, PortError, PortLink,
+    AccessSize, Channel, ChannelMask, ChannelVariable, ComState, LocalFaults, LocalLocation,
+    NonvolatileMemory, Port, PortAccess, PortError, PortLayout, PortLink, PortOperation,
     PortParameters, PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason,
     StartMode,
 };
@@ -17,7 +17,7 @@ use mesa_hal_sim::sslbp::Register;
 const ZERO: Channel = Channel::ALL[0];
 
 fn port() -> Port {
-    Port::new(Layout::new(&MODULE, 0, 8).unwrap())
+    Port::new(PortLayout::new(&MODULE, 0, 8).unwrap())
 }
 
 fn identified(bus: &mut Replay) -> Port {
@@ -26,7 +26,8 @@ fn identified(bus: &mut Replay) -> Port {
     port
 }
 
-/// A recording whose remotes have these sizes of replies and requests, and its port, which is stopped.
+/// A recording whose remotes have these sizes of replies and requests, and its port, which is
+/// stopped.
 fn stopped(mut bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
     for (channel, &(rx, tx)) in (0..).zip(sizes) {
         bus.set_sizes(channel, rx, tx);
@@ -61,7 +62,7 @@ fn outputs(words: &[u32]) -> PortWords {
     port_words([(ZERO, words)])
 }
 
-/// COMMAND is written only while it is 0; a reset is the exception.
+/// Checks that COMMAND was written only while it was 0; a reset is the exception.
 fn never_busy(bus: &Replay) {
     for &(command, busy) in bus.commands.iter().filter(|(word, _)| *word != 1) {
         assert!(!busy, "COMMAND {command:04X} was written while it was busy");
@@ -88,7 +89,7 @@ fn reset_waits_for_the_initialisation_and_reads_the_parameters() {
     never_busy(&bus);
 }
 
-/// FACTS 2.3. Each local parameter that is not as it should be, by what the error calls it.
+/// FACTS 2.3. Each local parameter with an unexpected value, by its name in the error.
 #[test]
 fn firmware_that_is_not_known_is_refused_by_name() {
     let identify = |parameter: u16, value: u8| {
@@ -111,7 +112,7 @@ fn firmware_that_is_not_known_is_refused_by_name() {
         assert!(error.to_string().contains(text), "{error}");
     }
     assert_eq!(identify(3, 44).map(|found| found.minor), Ok(44));
-    // Of a version that is not known the rest means nothing.
+    // The other parameters of an unknown version are meaningless.
     let mut bus = Replay::new(Vec::new());
     bus.local.extend([(2, 2), (7, 3)]);
     let error = port().on(&mut bus).identify().unwrap_err().to_string();
@@ -181,10 +182,10 @@ pub fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
 }
 
 /// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; transcript t05, all accesses that
-/// the driver makes, the lost reply included.
+/// the driver makes, including the lost reply.
 #[test]
 fn every_recorded_pass_through_access_gives_the_recorded_value() {
-    // steps 1 to 4
+    // Steps 1 to 4.
     let bus = Replay::of("t05_passthrough").without(|segment| {
         segment.command == 0x2000 || segment.command == 0x1001 && recorded_access(segment).is_none()
     });
@@ -196,7 +197,7 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
     assert_eq!(started(&report), ZERO.mask());
     let mut compared = 0;
     while let Some(segment) = bus.upcoming().cloned() {
-        // steps 5 to 9
+        // Steps 5 to 9.
         let access = recorded_access(&segment).unwrap();
         let value = port.on(&mut bus).access(ZERO, access).unwrap();
         if access.written().is_none() {
@@ -219,7 +220,7 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
 #[test]
 fn nonvolatile_access_is_confirmed_and_switched_off_again() {
     let mut bus = Replay::of("t05_passthrough").without(|segment| {
-        // Local writes, and what reads or writes address 24.
+        // Local writes, and reads or writes of address 24.
         let in_sequence = recorded_access(segment).is_some_and(|access| {
             let word = access.cs_word();
             word >= 0xE000_0000 || word & 0x8000_FFFF == 0x24

@@ -9,15 +9,15 @@ use crate::common::replay::{recording, settings_of};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
-use mesa_hal::discovery::{Discovered, DiscoveryOptions, ProblemKind, discover, discover_port};
+use mesa_hal::discovery::{Discovery, DiscoveryOptions, ProblemKind, discover, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, Layout, NonvolatileMemory, Port,
-    PortError, PortLink, PortParameters, PortState, ProcessDataSizes, RemoteAccess,
+    AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, NonvolatileMemory, Port,
+    PortError, PortLayout, PortLink, PortParameters, PortState, ProcessDataSizes, RemoteAccess,
     StartFailureReason, StartMode,
 };
-use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::remote::{FixedData, SimRemote};
 use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
 use proptest::prelude::*;
 use std::time::Duration;
@@ -26,16 +26,16 @@ const ZERO: Channel = Channel::ALL[0];
 const ONE: Channel = Channel::ALL[1];
 
 /// The 7I77 of transcript t03: four software modes, parameters in EEPROM.
-fn recorded_7i77() -> Remote<FixedData> {
-    let mut remote = Remote::model();
+fn recorded_7i77() -> SimRemote<FixedData> {
+    let mut remote = SimRemote::model();
     for setting in settings_of(&recording("t03_setup_one"), 0) {
         remote.apply(setting).unwrap();
     }
     remote
 }
 
-fn model(settings: &str) -> Remote<FixedData> {
-    let mut remote = Remote::model();
+fn model(settings: &str) -> SimRemote<FixedData> {
+    let mut remote = SimRemote::model();
     remote.apply(settings).unwrap();
     remote
 }
@@ -51,16 +51,16 @@ fn machine() -> (SimFpga, Port) {
 fn reset_port(fpga: &mut SimFpga) -> Port {
     set_up_pins(fpga);
     let hostmot2 = HostMot2::identify(fpga).unwrap();
-    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    let mut port = Port::new(PortLayout::locate(&hostmot2, 0).unwrap());
     port.on(fpga).reset().unwrap();
     port
 }
 
-fn remote(fpga: &mut SimFpga) -> &mut Remote<FixedData> {
+fn remote(fpga: &mut SimFpga) -> &mut SimRemote<FixedData> {
     fpga.device_mut(0, 0).unwrap()
 }
 
-fn found(port: &mut Port, fpga: &mut SimFpga, start: (Channel, u8)) -> Discovered {
+fn found(port: &mut Port, fpga: &mut SimFpga, start: (Channel, u8)) -> Discovery {
     let options = DiscoveryOptions {
         tables: &REMOTES,
         ..DiscoveryOptions::default()
@@ -138,7 +138,7 @@ fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
     assert_eq!(started, ZERO.mask(), "what is absent still fails");
 }
 
-/// Wherever in the firmware's loop a command is written, it completes.
+/// A command completes at whatever point of the firmware's loop it is written.
 #[test]
 fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     let (mut fpga, mut port) = machine();
@@ -153,7 +153,7 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     }
 }
 
-/// COMMAND has 12 bits of address: 1066 would be 066, which keeps another byte.
+/// COMMAND has 12 bits of address: 1066 would be 066, which holds another byte.
 #[test]
 fn an_address_that_command_has_no_room_for_is_refused_and_not_cut_off() {
     const SCRATCH: u16 = 0x66;
@@ -192,7 +192,7 @@ fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
     assert_eq!(transfer.failed, ChannelMask::NONE);
     assert_eq!(transfer.inputs[ZERO][..2], [0x4433_2211, 0x8877_6655]);
     let sent = |fpga: &SimFpga, channel| {
-        let device = fpga.device::<Remote<FixedData>>(0, channel).unwrap();
+        let device = fpga.device::<SimRemote<FixedData>>(0, channel).unwrap();
         device.application().outputs().to_vec()
     };
     assert_eq!(sent(&fpga, 0), [0xEF, 0xBE]);
@@ -283,7 +283,7 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
     let cs = port.layout().channel(ONE).unwrap().cs;
     let cs = CsStatus(fpga.read(cs).unwrap());
     assert!(cs.is_stopped(), "{cs}");
-    // In setup mode its tables can be read all the same.
+    // In setup mode its tables can still be read.
     port.on(&mut fpga).stop_all().unwrap();
     let report = port.on(&mut fpga).start(StartMode::Setup, &starts).unwrap();
     assert_eq!(started(&report).bits(), 3);
@@ -310,7 +310,7 @@ fn stop_all_frees_a_port_that_another_program_left_stuck() {
     assert_eq!(other.state(), PortState::Stopped);
 }
 
-/// One step of a program that knows nothing of the rules.
+/// One step of a program that ignores the rules.
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Command(u32),
@@ -344,7 +344,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     /// The driver's operations end within bounds whatever was done to the port before, and a reset
-    /// always brings it back.
+    /// always recovers it.
     #[test]
     fn no_sequence_of_commands_hangs_the_driver(
         steps in proptest::collection::vec(any_step(), 0..24),

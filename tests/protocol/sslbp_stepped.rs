@@ -1,13 +1,13 @@
-//! The port machine without a bus: stepped on recorded registers as the cycle steps it, and its
-//! times against every operation that was recorded.
+//! The port machine without a bus: stepped on recorded registers as in the cycle, and its times
+//! against every recorded operation.
 
 use crate::common::recording::{files, own_directory};
 use crate::common::replay::{MODULE, Replay, recording, segments};
 use crate::sslbp_recorded::recorded_access;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::sslbp::{
-    Channel, ChannelMask, Complete, Event, Failure, Layout, Machine, Observed, Operation,
-    StartMode, Verdict, software_mode_word,
+    Channel, ChannelMask, CompletedOperation, Failure, PortEvent, PortImage, PortLayout,
+    PortMachine, PortOperation, StartMode, TransferResult, software_mode_word,
 };
 use mesa_hal_sim::sslbp::Register;
 use std::collections::BTreeMap;
@@ -15,12 +15,12 @@ use std::time::Duration;
 
 const ZERO: Channel = Channel::ALL[0];
 
-/// All registers of a port of eight channels, as one exchange brings them.
+/// All registers of a port of eight channels, read in one exchange.
 struct Registers([u32; 34]);
 
 impl Registers {
     fn read(bus: &mut Replay) -> Self {
-        let layout = Layout::new(&MODULE, 0, 8).unwrap();
+        let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         let mut addresses = vec![layout.command, layout.data()];
         for channel in Channel::ALL {
             let registers = layout.channel(channel).unwrap();
@@ -42,7 +42,7 @@ impl Registers {
     }
 }
 
-impl Observed for Registers {
+impl PortImage for Registers {
     fn command(&self) -> u32 {
         self.0[0]
     }
@@ -55,7 +55,7 @@ impl Observed for Registers {
         self.0[2 + 4 * usize::from(channel.index())]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.interface(channel)
     }
 }
@@ -63,16 +63,16 @@ impl Observed for Registers {
 /// A cycle of 1 ms: one read, one step, one write.
 struct Cycle {
     bus: Replay,
-    machine: Machine,
+    machine: PortMachine,
 }
 
 impl Cycle {
     fn new(bus: Replay) -> Self {
-        let machine = Machine::new(ChannelMask::first(8));
+        let machine = PortMachine::new(ChannelMask::first(8));
         Self { bus, machine }
     }
 
-    fn read(&mut self) -> (Event, Registers) {
+    fn read(&mut self) -> (PortEvent, Registers) {
         self.bus.wait(Duration::from_millis(1));
         let registers = Registers::read(&mut self.bus);
         let now = Clock::now(&mut self.bus);
@@ -80,8 +80,8 @@ impl Cycle {
     }
 
     /// Writes `words` to CS or the interface registers of channel 0, and begins `operation`.
-    fn write(&mut self, operation: Operation, words: &[(Register, u32)]) {
-        let layout = Layout::new(&MODULE, 0, 8).unwrap();
+    fn write(&mut self, operation: PortOperation, words: &[(Register, u32)]) {
+        let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         let zero = layout.channel(ZERO).unwrap();
         for &(register, word) in words {
             let address = match register {
@@ -96,10 +96,10 @@ impl Cycle {
         self.machine.written(now, true);
     }
 
-    /// The first read in which it is complete.
-    fn complete(&mut self) -> (Complete, Registers) {
+    /// The first read in which the operation is complete.
+    fn complete(&mut self) -> (CompletedOperation, Registers) {
         for _ in 0..100 {
-            if let (Event::Complete(complete), registers) = self.read() {
+            if let (PortEvent::Complete(complete), registers) = self.read() {
                 return (complete, registers);
             }
         }
@@ -111,16 +111,16 @@ impl Cycle {
 #[test]
 fn write_before_read_gives_the_inputs_of_the_doit_before() {
     let mut cycle = Cycle::new(Replay::of("t06_normal_mode1"));
-    assert_eq!(cycle.read().0, Event::Idle);
-    cycle.write(Operation::StopAll, &[]);
+    assert_eq!(cycle.read().0, PortEvent::Idle);
+    cycle.write(PortOperation::StopAll, &[]);
     assert_eq!(cycle.complete().0.bad, ChannelMask::NONE);
-    let start = Operation::Start(StartMode::Normal, ZERO.mask());
+    let start = PortOperation::Start(StartMode::Normal, ZERO.mask());
     cycle.write(start, &[(Register::Cs(0), software_mode_word(1))]);
     assert_eq!(cycle.complete().0.good, ZERO.mask());
-    let [unit_number, ..] = cycle.machine.link(ZERO).told;
+    let [unit_number, ..] = cycle.machine.link(ZERO).start_registers;
     assert_eq!(unit_number, 0x77AA);
     for word in [0xFFFF_1234, 0x100] {
-        let doit = Operation::Transfer(ZERO.mask());
+        let doit = PortOperation::Transfer(ZERO.mask());
         cycle.write(doit, &[(Register::Interface(0, 0), word)]);
         let (complete, registers) = cycle.complete();
         assert_eq!((complete.good, complete.reads_before), (ZERO.mask(), 0));
@@ -135,18 +135,18 @@ fn a_lost_and_a_damaged_reply_are_told_apart() {
     let bus = Replay::of("t10_errors").without(|segment| segment.command & 0x2000 != 0);
     let mut cycle = Cycle::new(bus);
     cycle.read();
-    cycle.write(Operation::StopAll, &[]);
+    cycle.write(PortOperation::StopAll, &[]);
     cycle.complete();
-    cycle.write(Operation::Start(StartMode::Normal, ZERO.mask()), &[]);
+    cycle.write(PortOperation::Start(StartMode::Normal, ZERO.mask()), &[]);
     cycle.complete();
     let mut verdicts = Vec::new();
     for word in [0, 0, 0x101, 0x202, 0x303, 0x101, 0x202, 0x303] {
-        let doit = Operation::Transfer(ZERO.mask());
+        let doit = PortOperation::Transfer(ZERO.mask());
         cycle.write(doit, &[(Register::Interface(0, 0), word)]);
         cycle.complete();
         verdicts.push(cycle.machine.link(ZERO).verdict);
     }
-    let (good, failed) = (Verdict::Good, Verdict::Failed);
+    let (good, failed) = (TransferResult::Good, TransferResult::Failed);
     let (no_reply, crc) = (failed(Failure::NoReply), failed(Failure::Crc));
     assert_eq!(
         verdicts,
@@ -163,23 +163,23 @@ fn a_port_is_stuck_when_its_operation_takes_too_long_and_only_the_way_out_is_wri
     let mut cycle = Cycle::new(bus);
     let mut reads = 0;
     loop {
-        assert_eq!(cycle.read().0, Event::Busy);
+        assert_eq!(cycle.read().0, PortEvent::Busy);
         reads += 1;
         let now = Clock::now(&mut cycle.bus);
         if cycle.machine.is_stuck(now) {
             break;
         }
-        assert_eq!(cycle.machine.begin(Operation::StopAll), 0x8000_0000);
+        assert_eq!(cycle.machine.begin(PortOperation::StopAll), 0x8000_0000);
     }
     assert!(reads > 100, "stuck after {reads} ms");
-    cycle.write(Operation::Free, &[]);
+    cycle.write(PortOperation::Free, &[]);
     cycle.complete();
-    cycle.write(Operation::StopAll, &[]);
+    cycle.write(PortOperation::StopAll, &[]);
     assert_eq!(cycle.complete().0.bad, ChannelMask::NONE);
 }
 
-/// Every recorded operation that came to its end, and how long it took.
-fn recorded_operations() -> Vec<(String, Operation, Duration)> {
+/// Every recorded operation that was completed, and its duration.
+fn recorded_operations() -> Vec<(String, PortOperation, Duration)> {
     let mut found = Vec::new();
     for path in files(&own_directory("transcripts")) {
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
@@ -193,19 +193,19 @@ fn recorded_operations() -> Vec<(String, Operation, Duration)> {
             let mask = ChannelMask::from_bits(segment.command as u8);
             let address = (segment.command & 0xFFF) as u16;
             let operation = match segment.command >> 8 {
-                0x08 if mask.is_empty() => Some(Operation::StopAll),
-                0x08 => Some(Operation::Stop(mask)),
-                0x09 => Some(Operation::Start(StartMode::Normal, mask)),
-                0x0F => Some(Operation::Start(StartMode::Setup, mask)),
+                0x08 if mask.is_empty() => Some(PortOperation::StopAll),
+                0x08 => Some(PortOperation::Stop(mask)),
+                0x09 => Some(PortOperation::Start(StartMode::Normal, mask)),
+                0x0F => Some(PortOperation::Start(StartMode::Setup, mask)),
                 0x10 if in_setup => {
-                    recorded_access(&segment).map(|access| Operation::Access(ZERO, access))
+                    recorded_access(&segment).map(|access| PortOperation::Access(ZERO, access))
                 }
-                0x10 => Some(Operation::Transfer(mask)),
-                0x20..=0x2F => Some(Operation::ReadLocal(address)),
-                0xA0..=0xAF => Some(Operation::WriteLocal(address)),
+                0x10 => Some(PortOperation::Transfer(mask)),
+                0x20..=0x2F => Some(PortOperation::ReadLocal(address)),
+                0xA0..=0xAF => Some(PortOperation::WriteLocal(address)),
                 _ => None,
             };
-            if let Some(Operation::Start(mode, _)) = operation {
+            if let Some(PortOperation::Start(mode, _)) = operation {
                 in_setup = mode == StartMode::Setup;
             }
             if let (Some(operation), Some(took), false) = (operation, segment.cleared, is_busy) {
@@ -218,20 +218,20 @@ fn recorded_operations() -> Vec<(String, Operation, Duration)> {
     found
 }
 
-fn kind_of(operation: &Operation) -> &'static str {
+fn kind_of(operation: &PortOperation) -> &'static str {
     match operation {
-        Operation::StopAll => "STOPALL",
-        Operation::Stop(_) => "STOP",
-        Operation::Start(StartMode::Normal, _) => "START",
-        Operation::Start(StartMode::Setup, _) => "setup START",
-        Operation::Transfer(_) => "DOIT",
-        Operation::Access(..) => "access",
+        PortOperation::StopAll => "STOPALL",
+        PortOperation::Stop(_) => "STOP",
+        PortOperation::Start(StartMode::Normal, _) => "START",
+        PortOperation::Start(StartMode::Setup, _) => "setup START",
+        PortOperation::Transfer(_) => "DOIT",
+        PortOperation::Access(..) => "access",
         _ => "local",
     }
 }
 
-/// A limit that is too short makes an operation fail that only takes its time; one that is wrong
-/// by an order of magnitude is not about that operation.
+/// Too short a limit makes an operation fail that is only slow; a limit that is wrong by an order
+/// of magnitude has no relation to the operation.
 #[test]
 fn every_recorded_operation_ends_within_half_of_its_longest_time() {
     let operations = recorded_operations();
@@ -249,14 +249,16 @@ fn every_recorded_operation_ends_within_half_of_its_longest_time() {
     assert_eq!(kinds.len(), 7);
 }
 
-/// It is looked at first when it can be complete, and before it is late.
+/// The first check is made when the operation can be complete, and before it is late.
 #[test]
 fn the_usual_time_of_an_operation_is_what_the_recordings_took() {
-    let mut times = BTreeMap::<String, (Operation, Vec<Duration>)>::new();
+    let mut times = BTreeMap::<String, (PortOperation, Vec<Duration>)>::new();
     for (_, operation, took) in recorded_operations() {
         let kind = match operation {
-            Operation::Transfer(_) => continue,
-            Operation::Access(_, access) => format!("access of {} characters", access.characters()),
+            PortOperation::Transfer(_) => continue,
+            PortOperation::Access(_, access) => {
+                format!("access of {} characters", access.characters())
+            }
             other => kind_of(&other).to_owned(),
         };
         let (_, all) = times.entry(kind).or_insert((operation, Vec::new()));

@@ -1,4 +1,5 @@
-//! Statistics, settings and events as programs of others read them: JSON that is checked in.
+//! Statistics, settings and events in the form that external programs read: JSON files in the
+//! repository.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -19,7 +20,7 @@ use mesa_hal::runner::{RunStatistics, Runner};
 use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
 use serde_json::{Value, from_str, from_value, json, to_value};
 
-/// Holds it against what is written in `tests/serial_form`.
+/// Compares a value with the file in `tests/serial_form`.
 fn is_as_written(name: &str, made: &Value) {
     let file = format!("{name}.json");
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/serial_form");
@@ -129,7 +130,7 @@ fn events_are_as_they_are_written_and_come_back() {
     is_as_written("events", &Value::from(events.to_vec()));
 }
 
-/// Of everything that counts, and of a remote that is offline.
+/// All statistics, and those of a remote that is offline.
 #[test]
 fn statistics_are_as_they_are_written() {
     let mut machine = Machine::with(start(fpga(), |_| {}).expect("the machine is complete"));

@@ -1,8 +1,8 @@
-//! Whatever a driver writes, wherever and whenever: the simulated FPGA goes on, and does the same
-//! thing again.
+//! Arbitrary writes of a driver at arbitrary times: the simulated FPGA goes on, and is
+//! reproducible.
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, RegisterBus};
-use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::remote::{FixedData, SimRemote};
 use mesa_hal_sim::{AxisWiring, DriveSource, Motor, SimError, SimFpga, machines};
 use proptest::prelude::*;
 
@@ -55,7 +55,7 @@ fn step() -> impl Strategy<Value = Step> {
 fn machine() -> SimFpga {
     let mut fpga = machines::i7i97(3);
     for channel in 0..3 {
-        let mut remote = Remote::<FixedData>::model();
+        let mut remote = SimRemote::<FixedData>::model();
         remote
             .apply("present=1 name=TEST unit=1 mode0=5,2,0,0")
             .expect("model");
@@ -71,7 +71,7 @@ fn machine() -> SimFpga {
     fpga
 }
 
-/// Plays the steps and says what was read.
+/// Plays the steps; returns the words read.
 fn play(steps: &[Step]) -> Vec<u32> {
     let mut fpga = machine();
     let mut seen = Vec::new();

@@ -1,6 +1,6 @@
 //! PWM generators of module version 1: the fraction of a value is added up at the end of each
 //! period, and its carry is added to the duty without saturation. Source: Mesa's VHDL
-//! (`dpwmpdmgenh`), as FACTS 13.5 says.
+//! (`dpwmpdmgenh`), see FACTS 13.5.
 
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
@@ -13,7 +13,7 @@ const LAST: u32 = 0x0FFE_F000;
 /// 4095.
 const FULL: u32 = 0x0FFF_0000;
 
-/// Generator 0 of a 7I97 with a module version and this many bits.
+/// Generator 0 of a 7I97 with a module version and this number of bits.
 struct Bench {
     fpga: SimFpga,
     base: u16,
@@ -68,7 +68,7 @@ impl Bench {
     }
 }
 
-/// Periods that are wholly low after a step, as the pin shows them.
+/// Time after a step for which the pin is low, in periods.
 fn wrapped(bits: u32, [from, to]: [u32; 2], wait: u64) -> f64 {
     let mut bench = Bench::new(1, bits);
     bench.set(from);
@@ -81,7 +81,7 @@ fn wrapped(bits: u32, [from, to]: [u32; 2], wait: u64) -> f64 {
 
 #[test]
 fn a_step_to_full_scale_has_one_period_of_0_with_12_bits_only() {
-    // Wherever in a period the step comes, and whichever period it is.
+    // At any point of a period, and in any period.
     for step in 0..8 {
         let wait = step * 47_000 + 300;
         let low = wrapped(12, [LAST, FULL], wait);

@@ -1,7 +1,7 @@
-//! Filters of the simulated encoders: gated index, polarity, probe and live bits, as FACTS 12.12
-//! says. The recordings that they are held to are in `tests/module_conformance`.
+//! Filters of the simulated encoders: gated index, polarity, probe and live bits, see FACTS 12.12.
+//! The comparison with recordings is in `tests/module_conformance`.
 
-use mesa_hal_sim::{PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, SimPinDescriptor, gtag, machines};
 
 /// Control bits.
 const GATE: u32 = 1 << 7;
@@ -33,7 +33,7 @@ impl Bench {
         let module = firmware.module_mut(gtag::MUXED_ENCODER).expect("encoders");
         (module.gtag, module.registers) = (tag, 6);
         let base = module.base;
-        firmware.pins[PROBE] = PinDescriptor::new(tag, 0, 0x05);
+        firmware.pins[PROBE] = SimPinDescriptor::new(tag, 0, 0x05);
         let mut fpga = SimFpga::new(firmware);
         fpga.set_access_cost(0);
         // The select line of the multiplexer: alternate source and direction.
@@ -68,7 +68,7 @@ impl Bench {
         self.fpga.write_register(self.base + 0x100, word);
     }
 
-    /// Whether a latch that was armed has caught something.
+    /// True if an armed latch has been triggered.
     fn is_caught(&mut self) -> bool {
         self.control() & (LATCH_ON_INDEX | LATCH_ON_PROBE) == 0
     }
@@ -84,7 +84,7 @@ fn an_index_that_overlaps_its_gate_for_less_than_three_samples_is_none() {
             let mut bench = Bench::new(tag);
             bench.set_control(GATE | AB_POLARITY | INDEX_POLARITY | LATCH_ON_INDEX | JUST_ONCE);
             bench.wait(20_000);
-            // The index is there for long, and so is the gate; together they are not.
+            // Index and gate each last long, but overlap only briefly.
             bench.lines([false, false, true]);
             bench.wait(20_000);
             bench.lines([true, true, true]);

@@ -1,4 +1,4 @@
-//! What the simulated FPGA says about itself, as the first thing a driver reads.
+//! The simulated FPGA's description of itself, which a driver reads first.
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal_sim::{SimFpga, gtag, machines};
@@ -9,7 +9,7 @@ fn descriptors(fpga: &mut SimFpga) -> Vec<[u32; 3]> {
     rows.take_while(|row| row[0] & 0xFF != 0).collect()
 }
 
-/// Words that a public firmware of Mesa's has in its identification: header of the IDROM, module
+/// Words of the identification of a public firmware of Mesa's: header of the IDROM, module
 /// descriptors up to the null one, entries behind that with their slots, pin descriptors.
 struct Words<'a> {
     header: [u32; 16],
@@ -227,7 +227,7 @@ fn the_7i92_for_one_7i77_has_a_dpll_and_a_descriptor_without_instances() {
     assert_eq!(words[0x70..0x70 + 17], PINS_7I77X2[..17]);
     assert_eq!(words[0x70 + 17..0x70 + 34], [0x0300_0000; 17]);
     assert_eq!(words[0x70 + 34..], [0; 144 - 34]);
-    // Nothing of PWM is there.
+    // PWM is absent.
     for address in [0x4100, 0x4200, 0x4300, 0x4500] {
         fpga.write_register(address, 1);
     }

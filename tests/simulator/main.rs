@@ -1,4 +1,4 @@
-//! The simulator by itself: modules, remotes, machines, and that nothing written to it stops it.
+//! The simulator by itself: modules, remotes, machines, and its robustness against any write.
 
 mod arbitrary_accesses;
 #[path = "../common/mod.rs"]

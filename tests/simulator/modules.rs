@@ -1,11 +1,11 @@
-//! What stands around the modules of the simulated FPGA: multiplexers, drives and pins, as FACTS 9.4
-//! and 13 say. The modules themselves are held to recordings, in `tests/module_conformance`.
+//! Circuits around the modules of the simulated FPGA: multiplexers, drives and pins, see FACTS 9.4
+//! and 13. The modules themselves are compared with recordings, in `tests/module_conformance`.
 
 use mesa_hal_sim::{AxisWiring, DriveSource, Motor, MotorConfig, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
-/// All pins of a connector to their modules: direction and alternate source.
+/// Connects all pins of a connector to their modules: direction and alternate source.
 fn set_up_pins(fpga: &mut SimFpga, outputs: &[usize]) {
     for port in 0..3u16 {
         let word = outputs

@@ -1,5 +1,5 @@
-//! World remotes live on virtual time by themselves: their watchdogs bite
-//! whoever accesses the FPGA, how often or how seldom.
+//! World remotes run on virtual time independently: their watchdogs bite whatever accesses the
+//! FPGA, and however often.
 
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, fpga};
 use mesa_hal::Settings;

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::remote::{FixedData, SimRemote};
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
-/// Register addresses of one port, as its module descriptor gives them.
+/// Register addresses of one port, according to its module descriptor.
 #[derive(Clone, Copy)]
 struct Port {
     base: u16,
@@ -32,21 +32,21 @@ impl Port {
     }
 }
 
-/// A remote as the transcripts have them, with the sizes of one mode.
-fn model(name: &str, rx: u8, tx: u8) -> Box<Remote<FixedData>> {
-    let mut remote = Remote::model();
+/// A remote as in the transcripts, with the sizes of one mode.
+fn model(name: &str, rx: u8, tx: u8) -> Box<SimRemote<FixedData>> {
+    let mut remote = SimRemote::model();
     let line = format!("present=1 name={name} unit=1 mode0={rx},{tx},0,0");
     remote.apply(&line).expect("model");
     Box::new(remote)
 }
 
-/// Power-up of the ports takes less than that.
+/// Waits longer than the power-up of the ports takes.
 fn settle(fpga: &mut SimFpga) {
     fpga.wait(Duration::from_millis(1));
 }
 
 fn outputs(fpga: &SimFpga, port: usize, channel: usize) -> &[u8] {
-    let remote = fpga.device::<Remote<FixedData>>(port, channel);
+    let remote = fpga.device::<SimRemote<FixedData>>(port, channel);
     remote.expect("remote").application().outputs()
 }
 

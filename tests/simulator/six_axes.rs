@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, World};
-use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::remote::SimRemote;
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
@@ -29,7 +29,7 @@ fn interface(channel: u16, n: u16) -> u16 {
     INTERFACE + 0x100 * n + 4 * channel
 }
 
-/// Everything set up and all three remotes running; the field I/O in `mode`.
+/// The machine set up and all three remotes running; the field I/O in `mode`.
 fn start(mut fpga: SimFpga, mode: u32) -> SimFpga {
     set_up_pins(&mut fpga);
     fpga.wait(Duration::from_millis(1));
@@ -87,7 +87,7 @@ fn field_io_and_7i72_follow_the_registers_and_the_world() {
     ] {
         let mut fpga = start(fpga, 0);
         let field = fpga
-            .device_mut::<Remote<Device<FieldIo>>>(0, 0)
+            .device_mut::<SimRemote<Device<FieldIo>>>(0, 0)
             .expect("field I/O");
         let world = field.application_mut().world_mut();
         world.set_input(7, true).expect("input 7");
@@ -99,14 +99,14 @@ fn field_io_and_7i72_follow_the_registers_and_the_world() {
         let inputs = fpga.read(interface(0, 0)).expect("read");
         assert_eq!(inputs, 1 << 31 | 1 << 7);
         let field = fpga
-            .device::<Remote<Device<FieldIo>>>(0, 0)
+            .device::<SimRemote<Device<FieldIo>>>(0, 0)
             .expect("field I/O");
         let on: Vec<usize> = (0..16)
             .filter(|&n| field.application().world().output(n) == Some(true))
             .collect();
         assert_eq!(on, [0, 15]);
         let outputs = fpga
-            .device::<Remote<Device<Outputs48>>>(0, 2)
+            .device::<SimRemote<Device<Outputs48>>>(0, 2)
             .expect("7I72");
         let on: Vec<usize> = (0..48)
             .filter(|&n| outputs.application().world().output(n) == Some(true))
@@ -121,7 +121,9 @@ fn analog_outputs_of_a_7i77_drive_the_motors() {
     let volts = [5.0, -5.0, 1.0, 0.0, 9.0, -10.0];
     set_analog(&mut fpga, volts);
     run(&mut fpga);
-    let analog = fpga.device::<Remote<Device<Analog>>>(0, 1).expect("analog");
+    let analog = fpga
+        .device::<SimRemote<Device<Analog>>>(0, 1)
+        .expect("analog");
     assert_eq!(analog.application().world().volts(0), Some(5.0));
     let speeds = velocities(&mut fpga);
     for (speed, volts) in speeds.iter().zip(volts) {
@@ -139,7 +141,7 @@ fn analog_outputs_of_a_7i77_drive_the_motors() {
     let speeds = velocities(&mut fpga);
     assert!(speeds[..5].iter().all(|v| v.abs() < 1e-3), "{speeds:?}");
     assert!((speeds[5] + 100.0).abs() < 0.1, "{speeds:?}");
-    // Nobody talks to the remote any more: its watchdog takes the outputs away after 50 ms.
+    // The remote is no longer addressed: its watchdog switches the outputs off after 50 ms.
     fpga.wait(Duration::from_millis(200));
     assert!(velocities(&mut fpga)[5].abs() < 1e-6);
 }
@@ -155,7 +157,7 @@ fn unplugging_the_analog_remote_stops_the_motors() {
     assert!(velocities(&mut fpga).iter().all(|v| v.abs() < 1e-3));
 }
 
-/// The cycle at 1 kHz, an outer loop closed on the encoders. Hands back the trace of counts.
+/// The cycle at 1 kHz, an outer loop closed on the encoders. Returns the trace of counts.
 fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
     let mut fpga = start(machines::six_axes_7i92(Motor::default()), 3);
     let begin = fpga.now();

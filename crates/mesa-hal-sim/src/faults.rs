@@ -9,7 +9,7 @@ use mesa_wire::lbp::RemoteFaults;
 
 /// Place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Place {
+pub enum FaultPlace {
     /// Between the FPGA and a remote.
     Wire,
     /// In a remote.
@@ -44,9 +44,9 @@ macro_rules! kinds {
             }
 
             /// Place of the fault.
-            pub const fn place(self) -> Place {
+            pub const fn place(self) -> FaultPlace {
                 match self {
-                    $(Self::$kind => Place::$place,)*
+                    $(Self::$kind => FaultPlace::$place,)*
                 }
             }
         }

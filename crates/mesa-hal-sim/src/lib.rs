@@ -4,7 +4,7 @@
 //! register addresses with the driver, and nothing else: its behaviour comes from the manuals, from
 //! observations of the gateware and from its recorded transcripts.
 //!
-//! From the host to the machine: [`SimFpga`] is the register file of a HostMot2 [`Firmware`] and
+//! From the host to the machine: [`SimFpga`] is the register file of a HostMot2 [`SimFirmware`] and
 //! implements [`RegisterBus`](mesa_wire::bus::RegisterBus); its smart serial ports ([`sslbp`])
 //! communicate over serial lines ([`wire`]) with the remotes plugged in; drives and [`Motor`]s
 //! follow the analog outputs and turn the encoders. [`machines`] has complete assemblies. Time
@@ -25,6 +25,7 @@
         clippy::unwrap_used,
         clippy::expect_used,
         clippy::panic,
+        clippy::unreachable,
         clippy::indexing_slicing
     )
 )]
@@ -45,18 +46,18 @@ pub use board::{
     AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, StateError,
     Tap, UdpClient, UdpCounters, UdpFace,
 };
-pub use faults::{FaultKind, Place};
+pub use faults::{FaultKind, FaultPlace};
 pub use fpga::{
-    AccessCounters, AxisWiring, Cause, DEFAULT_ACCESS_COST, Director, DriveSignal, DriveSource,
-    Firmware, FirmwareImage, ImageError, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout,
-    SimError, SimFpga, UNDRIVEN, gtag,
+    AccessCounters, AxisWiring, ChangeCause, DEFAULT_ACCESS_COST, Director, DriveSignal,
+    DriveSource, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimError, SimFirmware,
+    SimFpga, SimModuleDescriptor, SimPinDescriptor, UNDRIVEN, gtag,
 };
 pub use modules::{
-    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial,
-    Source as PinSource, Watchdog,
+    EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
+    SimWatchdog, SmartSerial, Source as PinSource,
 };
 pub use serial_face::SerialFace;
 pub use world::{
-    EstopConfig, Motor, MotorConfig, MotorError, Segment, Switch, SwitchConfig, Terminal, Wheel,
+    EstopConfig, Motor, MotorConfig, MotorError, Segment, SimTerminal, Switch, SwitchConfig, Wheel,
     WheelConfig,
 };

@@ -1,12 +1,13 @@
-//! What the command `mesa` is made of, for programs that do the same: the [`inventory`] of a board,
-//! the [`diagnosis`] of board, network, computer and wiring, and the [`setup`] of remotes over a
-//! serial port.
+//! Library behind the command `mesa`, for programs with the same tasks: the [`inventory`] of a
+//! board, the [`diagnosis`] of board, network, computer and wiring, and the [`setup`] of remotes
+//! over a serial port.
 #![cfg_attr(
     not(test),
     deny(
         clippy::unwrap_used,
         clippy::expect_used,
         clippy::panic,
+        clippy::unreachable,
         clippy::indexing_slicing
     )
 )]

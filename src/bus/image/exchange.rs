@@ -3,13 +3,13 @@
 use alloc::vec::Vec;
 
 use super::plan::ImagePlan;
-use super::words::By;
+use super::words::WriteKind;
 use super::{Phase, Words};
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{Access, AccessList, RegisterBus};
 
 /// Requested form of a cycle's read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ask {
+pub struct ReadRequest {
     /// The registers wait for the board's next period, if the board paces.
     pub held: bool,
     /// The extra registers are read as well.
@@ -23,33 +23,33 @@ pub struct Ask {
 /// # Real time
 /// No function allocates or panics; the exchanges are bounded by the bus.
 #[derive(Debug)]
-pub struct Exchanges<B: RegisterBus> {
-    pub(super) lists: Lists<B::List>,
-    pub(super) parts: Parts,
+pub struct Exchanges {
+    pub(super) lists: Lists,
+    pub(super) parts: SettingExchanges,
 }
 
 #[derive(Debug)]
-pub(super) struct Lists<L> {
+pub(super) struct Lists {
     /// With the usual registers, and with the extra ones as well.
-    pub read: [L; 2],
-    pub paced: Option<Paced<L>>,
-    pub write: L,
-    pub status: L,
-    pub evidence: L,
-    pub set_up: L,
-    pub quiesce: L,
+    pub read: [AccessList; 2],
+    pub paced: Option<PacedReads>,
+    pub write: AccessList,
+    pub status: AccessList,
+    pub evidence: AccessList,
+    pub set_up: AccessList,
+    pub quiesce: AccessList,
 }
 
 /// Reads that the board delays until its next period.
 #[derive(Debug)]
-pub(super) struct Paced<L> {
-    pub read: [L; 2],
+pub(super) struct PacedReads {
+    pub read: [AccessList; 2],
     /// With the writes before them.
-    pub cycle: [L; 2],
+    pub cycle: [AccessList; 2],
 }
 
-impl<L> Lists<L> {
-    fn of(&self, ask: Ask) -> &L {
+impl Lists {
+    fn of(&self, ask: ReadRequest) -> &AccessList {
         let [usual, extra] = match &self.paced {
             Some(paced) if ask.with_writes => &paced.cycle,
             Some(paced) if ask.held => &paced.read,
@@ -61,26 +61,27 @@ impl<L> Lists<L> {
 
 /// The lists of a usual cycle.
 #[derive(Clone, Copy, Debug)]
-pub struct CycleLists<'a, L> {
+#[non_exhaustive]
+pub struct CycleLists<'a> {
     /// The read, at the host's pace.
-    pub read: &'a L,
+    pub read: &'a AccessList,
     /// The write, at the host's pace.
-    pub write: &'a L,
+    pub write: &'a AccessList,
     /// Write and read in one list, at the board's pace.
-    pub paced: Option<&'a L>,
+    pub paced: Option<&'a AccessList>,
 }
 
 /// A register of the cycle, and the place of its word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Exchanged {
-    pub way: Way,
+pub(crate) struct CycleRegister {
+    pub way: WordDirection,
     pub address: u16,
     pub(super) place: u16,
 }
 
 /// Direction of a word in the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Way {
+pub(crate) enum WordDirection {
     /// Read in every cycle.
     Read,
     /// Written in every cycle.
@@ -89,16 +90,16 @@ pub(crate) enum Way {
     Setting,
 }
 
-impl<B: RegisterBus> Exchanges<B> {
+impl Exchanges {
     /// All registers that a cycle may contain: those that are read, then those that are written,
     /// then settings. For set-up: allocates.
-    pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
+    pub(crate) fn exchanged(&self) -> Vec<CycleRegister> {
         let Lists { read, write, .. } = &self.lists;
         let [_, read] = read;
         let of = |way| {
             move |access: &Access| {
                 let (address, first) = (access.address, access.first);
-                (0..access.count).map(move |n| Exchanged {
+                (0..access.count).map(move |n| CycleRegister {
                     way,
                     address: address.wrapping_add(n.wrapping_mul(4)),
                     place: first.saturating_add(n),
@@ -106,18 +107,18 @@ impl<B: RegisterBus> Exchanges<B> {
             }
         };
         let settings = self.parts.settings.iter().map(|(_, access)| access);
-        let read = read.as_ref().iter().flat_map(of(Way::Read));
-        let write = write.as_ref().iter().flat_map(of(Way::Write));
+        let read = read.as_ref().iter().flat_map(of(WordDirection::Read));
+        let write = write.as_ref().iter().flat_map(of(WordDirection::Write));
         read.chain(write)
-            .chain(settings.flat_map(of(Way::Setting)))
+            .chain(settings.flat_map(of(WordDirection::Setting)))
             .collect()
     }
 }
 
 /// Exchanges. On an error, no word that is read has changed.
-impl<B: RegisterBus> Exchanges<B> {
+impl Exchanges {
     /// The lists of a usual cycle.
-    pub fn lists(&self) -> CycleLists<'_, B::List> {
+    pub fn lists(&self) -> CycleLists<'_> {
         let Lists {
             read, write, paced, ..
         } = &self.lists;
@@ -129,7 +130,12 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Sends the request of a read; [`finish`](Self::finish) receives its reply.
-    pub fn start_read(&self, bus: &mut B, words: &Words, ask: Ask) -> Result<Ask, B::Error> {
+    pub fn start_read<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &Words,
+        ask: ReadRequest,
+    ) -> Result<ReadRequest, B::Error> {
         bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
@@ -137,15 +143,15 @@ impl<B: RegisterBus> Exchanges<B> {
     /// Writes, and requests the next read in the same exchange. Changed settings are written in a
     /// separate exchange before it, together with all other writes, unless the cycle is `quiet`.
     /// Returns `None` if the writes were made but the read could not be requested.
-    pub fn start_cycle(
+    pub fn start_cycle<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         words: &mut Words,
-        ask: Ask,
+        ask: ReadRequest,
         quiet: bool,
-    ) -> Result<Option<Ask>, B::Error> {
+    ) -> Result<Option<ReadRequest>, B::Error> {
         if quiet || !words.has_news() {
-            let with_writes = Ask {
+            let with_writes = ReadRequest {
                 with_writes: true,
                 ..ask
             };
@@ -156,31 +162,50 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Receives the reply to a started read.
-    pub fn finish(&self, bus: &mut B, words: &mut Words, started: Ask) -> Result<(), B::Error> {
+    pub fn finish<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+        started: ReadRequest,
+    ) -> Result<(), B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
     /// Writes the registers of every cycle, triggers last, and the settings that have changed. The
     /// settings are left out if the cycle is `quiet`, because the board is not set up.
-    pub fn write(&mut self, bus: &mut B, words: &mut Words, quiet: bool) -> Result<(), B::Error> {
+    pub fn write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+        quiet: bool,
+    ) -> Result<(), B::Error> {
         if quiet || !words.has_news() {
             // A write has no reply of its own: its result shows in the next read.
             let _ = bus.run(&self.lists.write, &mut words.content)?;
             return Ok(());
         }
-        self.write_parts(bus, words, By::Cycle)
+        self.write_parts(bus, words, WriteKind::Cycle)
     }
 
     /// Writes the settings of the set-up that have changed, including those that drive pins. The
     /// evidence must be read before and [after](Words::guarded_sent) this call.
-    pub fn write_guarded(&mut self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn write_guarded<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         words.expect_either();
-        self.write_parts(bus, words, By::Guarded)
+        self.write_parts(bus, words, WriteKind::Guarded)
     }
 
-    fn write_parts(&mut self, bus: &mut B, words: &mut Words, by: By) -> Result<(), B::Error> {
+    fn write_parts<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        words: &mut Words,
+        by: WriteKind,
+    ) -> Result<(), B::Error> {
         let accesses = self.parts.choose(words, by);
         bus.write_all(accesses, &mut words.content)?;
         words.sent(by);
@@ -188,30 +213,38 @@ impl<B: RegisterBus> Exchanges<B> {
     }
 
     /// Reads only the status registers.
-    pub fn read_status(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn read_status<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
     /// Reads only the evidence registers, all of them.
-    pub fn read_evidence(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn read_evidence<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        words: &mut Words,
+    ) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
     /// Writes the whole set-up again, with the present words of the settings, and reads all
     /// evidence after it. If the evidence matches, the caller calls [`Words::all_set`].
-    pub fn set_up(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut words.content)?;
-        words.heard(reply);
+        words.add_reply(reply);
         Ok(())
     }
 
     /// Writes the first stage of the set-up: nothing is driven.
-    pub fn quiesce(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn quiesce<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }
@@ -219,7 +252,7 @@ impl<B: RegisterBus> Exchanges<B> {
 
 /// All writes, as needed for exchanges that contain settings.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(super) struct SettingExchanges {
     first: Vec<Access>,
     data: Vec<Access>,
     /// Single accesses, stage by stage, each with its number.
@@ -229,7 +262,7 @@ pub(super) struct Parts {
     chosen: Vec<Access>,
 }
 
-impl Parts {
+impl SettingExchanges {
     pub fn new(
         plan: &ImagePlan,
         writes: impl Fn(Phase) -> Vec<Access>,
@@ -254,10 +287,10 @@ impl Parts {
     /// contains all other writes as well, in the same places as without settings. A write that
     /// drives pins ends with the watchdog's word, which comes first otherwise: the watchdog bites
     /// on a board that was reset before or meanwhile, because its time is then 0.
-    fn choose(&mut self, words: &Words, by: By) -> &[Access] {
+    fn choose(&mut self, words: &Words, by: WriteKind) -> &[Access] {
         let (before, after) = match by {
-            By::Cycle => (&self.first[..], &self.triggers),
-            By::Guarded => (&[][..], &self.first),
+            WriteKind::Cycle => (&self.first[..], &self.triggers),
+            WriteKind::Guarded => (&[][..], &self.first),
         };
         let asked = self.settings.iter().filter(|(n, _)| words.is_asked(*n, by));
         self.chosen.clear();

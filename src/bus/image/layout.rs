@@ -4,8 +4,8 @@
 use alloc::{vec, vec::Vec};
 use core::time::Duration;
 
-use super::exchange::{Exchanges, Lists, Paced, Parts};
-use super::plan::{Again, ImagePlan, Register, StepPlace, push};
+use super::exchange::{Exchanges, Lists, PacedReads, SettingExchanges};
+use super::plan::{ImagePlan, Register, RepeatedWord, StepPlace, push};
 use super::{Phase, Stage, Words};
 use crate::bus::{Access, Direction, Hold, RegisterBus};
 
@@ -26,7 +26,7 @@ impl ImagePlan {
         &self,
         bus: &mut B,
         held: Option<Duration>,
-    ) -> Result<(Exchanges<B>, Words), B::Error> {
+    ) -> Result<(Exchanges, Words), B::Error> {
         debug_assert!(self.check().is_ok(), "it was checked");
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);
@@ -39,9 +39,9 @@ impl ImagePlan {
         let (mut set_up, mut quiesce) = (Vec::new(), Vec::new());
         for step in self.sorted_steps() {
             let place = match step.again {
-                Again::Setting(setting) => first_setting.saturating_add(setting.0),
-                Again::Safe(slot) => first_safe.saturating_add(slot.0),
-                Again::Word(word) => push(&mut content, word),
+                RepeatedWord::Setting(setting) => first_setting.saturating_add(setting.0),
+                RepeatedWord::Safe(slot) => first_safe.saturating_add(slot.0),
+                RepeatedWord::Word(word) => push(&mut content, word),
             };
             let access = Access::write(step.address, place, 1);
             set_up.push(access);
@@ -67,7 +67,7 @@ impl ImagePlan {
                 read: both(&read, None)?,
                 paced: match held {
                     None => None,
-                    Some(_) => Some(Paced {
+                    Some(_) => Some(PacedReads {
                         read: both(&read, Some(0))?,
                         cycle: both(&cycle, Some(write.len()))?,
                     }),
@@ -78,7 +78,7 @@ impl ImagePlan {
                 set_up: bus.prepare(&set_up, None)?,
                 quiesce: bus.prepare(&quiesce, None)?,
             },
-            parts: Parts::new(
+            parts: SettingExchanges::new(
                 self,
                 |phase| writes.runs(|write| write.phase == phase),
                 first_setting,

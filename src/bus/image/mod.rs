@@ -19,8 +19,8 @@ mod layout;
 mod plan;
 mod words;
 
-pub use exchange::{Ask, CycleLists, Exchanges};
-pub(crate) use exchange::{Exchanged, Way};
+pub use exchange::{CycleLists, Exchanges, ReadRequest};
+pub(crate) use exchange::{CycleRegister, WordDirection};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub use words::Words;
 

@@ -52,6 +52,7 @@ pub struct Setting(pub(super) u16);
 /// Reason why an image cannot be planned: an impossible register, or one that two modules claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("register {address:#06X} {what}")]
+#[non_exhaustive]
 pub struct ImageError {
     /// The register.
     pub address: u16,
@@ -90,7 +91,7 @@ pub(super) struct Step {
     pub address: u16,
     /// Word of the first set-up; `None` to write nothing then.
     first: Option<u32>,
-    pub again: Again,
+    pub again: RepeatedWord,
 }
 
 /// Position of a step in the set-up.
@@ -103,7 +104,7 @@ pub(super) enum StepPlace {
 
 /// Word of a step when the set-up is written again.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Again {
+pub(super) enum RepeatedWord {
     /// The present word of the setting.
     Setting(Setting),
     /// The safe word of an output.
@@ -142,7 +143,7 @@ impl ImagePlan {
     pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
         let slot = self.write(Phase::Data, address, safe);
         let place = StepPlace::In(Stage::Configure);
-        self.add_step(place, address, Some(safe), Again::Safe(slot));
+        self.add_step(place, address, Some(safe), RepeatedWord::Safe(slot));
         slot
     }
 
@@ -196,15 +197,15 @@ impl ImagePlan {
         };
         let setting = Setting(push(&mut self.settings, register));
         if let Some(stage) = stage {
-            let again = Again::Setting(setting);
+            let again = RepeatedWord::Setting(setting);
             self.add_step(StepPlace::In(stage), address, Some(word), again);
         }
         setting
     }
 
     /// Detects whether the board, which has been set up, reads back the settings that
-    /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::stands) in every
-    /// read with extra registers.
+    /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::evidence_matches)
+    /// in every read with extra registers.
     ///
     /// # Errors
     /// Errors of the bus.
@@ -225,23 +226,34 @@ impl ImagePlan {
     /// Adds a write of the set-up with a fixed word. The order within a stage is that of the calls.
     pub fn step(&mut self, stage: Stage, address: u16, word: u32) {
         let place = StepPlace::In(stage);
-        self.add_step(place, address, Some(word), Again::Word(word));
+        self.add_step(place, address, Some(word), RepeatedWord::Word(word));
     }
 
     /// Adds a write before all stages, with one word for the first set-up and one for writing it
     /// again.
     pub(crate) fn opening(&mut self, address: u16, first: u32, again: u32) {
-        let again = Again::Word(again);
+        let again = RepeatedWord::Word(again);
         self.add_step(StepPlace::Opening, address, Some(first), again);
     }
 
     /// Adds a write after all stages, with one word for the first set-up and one for writing it
     /// again.
     pub(crate) fn closing(&mut self, address: u16, first: Option<u32>, again: u32) {
-        self.add_step(StepPlace::Closing, address, first, Again::Word(again));
+        self.add_step(
+            StepPlace::Closing,
+            address,
+            first,
+            RepeatedWord::Word(again),
+        );
     }
 
-    fn add_step(&mut self, place: StepPlace, address: u16, first: Option<u32>, again: Again) {
+    fn add_step(
+        &mut self,
+        place: StepPlace,
+        address: u16,
+        first: Option<u32>,
+        again: RepeatedWord,
+    ) {
         self.steps.push(Step {
             place,
             address,

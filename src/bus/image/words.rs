@@ -4,7 +4,7 @@ use alloc::{boxed::Box, vec::Vec};
 
 use crate::bus::Reply;
 
-use super::{Exchanged, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
+use super::{CycleRegister, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
 /// The words that are read and written, one for each register.
 ///
@@ -27,8 +27,8 @@ pub struct Words {
     has_guarded_news: bool,
     /// Some settings were sent and are not confirmed yet.
     has_sent: bool,
-    /// State of all replies since [`take_news`](Self::take_news).
-    news: Reply,
+    /// State of all replies since [`take_replies`](Self::take_replies).
+    replies: Reply,
 }
 
 /// Number of reads after which no older write is still in flight.
@@ -59,7 +59,7 @@ enum Progress {
 
 /// Kind of a write that contains settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum By {
+pub(super) enum WriteKind {
     /// The write of the cycle.
     Cycle,
     /// The write that drives pins, between two reads of the evidence. It does not contain settings
@@ -73,10 +73,10 @@ impl SettingState {
         self.stage >= Some(Stage::Drive)
     }
 
-    fn is_asked(&self, by: By) -> bool {
+    fn is_asked(&self, by: WriteKind) -> bool {
         let is_held = match by {
-            By::Cycle => !self.is_guarded(),
-            By::Guarded => self.stage.is_some(),
+            WriteKind::Cycle => !self.is_guarded(),
+            WriteKind::Guarded => self.stage.is_some(),
         };
         is_held && self.progress == Progress::Asked
     }
@@ -105,18 +105,18 @@ impl Words {
             has_news: false,
             has_guarded_news: false,
             has_sent: false,
-            news: Reply::CERTAIN,
+            replies: Reply::CERTAIN,
         }
     }
 
     /// Records the state of a reply that has brought words.
-    pub(crate) fn heard(&mut self, reply: Reply) {
-        self.news = self.news.and(reply);
+    pub(crate) fn add_reply(&mut self, reply: Reply) {
+        self.replies = self.replies.and(reply);
     }
 
     /// Combined state of all replies since the last call.
-    pub(crate) fn take_news(&mut self) -> Reply {
-        core::mem::replace(&mut self.news, Reply::CERTAIN)
+    pub(crate) fn take_replies(&mut self) -> Reply {
+        core::mem::replace(&mut self.replies, Reply::CERTAIN)
     }
 
     /// The word that was read last.
@@ -129,14 +129,14 @@ impl Words {
     }
 
     /// The word of a register of the cycle, as it was read or is to be written.
-    pub(crate) fn at(&self, register: Exchanged) -> u32 {
+    pub(crate) fn at(&self, register: CycleRegister) -> u32 {
         let word = self.content.get(usize::from(register.place));
         word.copied().unwrap_or(0)
     }
 
     /// Makes a read return this word for a register.
     #[cfg(test)]
-    pub(crate) fn show(&mut self, register: Exchanged, word: u32) {
+    pub(crate) fn show(&mut self, register: CycleRegister, word: u32) {
         self.content[usize::from(register.place)] = word;
     }
 
@@ -197,7 +197,7 @@ impl Words {
     }
 
     /// True if all evidence registers read as expected.
-    pub(crate) fn stands(&self) -> bool {
+    pub(crate) fn evidence_matches(&self) -> bool {
         self.settings.iter().all(|state| {
             let shows = |slot| self.word(slot) & state.expected == state.expected;
             state.shown.is_none_or(shows)
@@ -211,7 +211,7 @@ impl Words {
 
     /// True if a setting is to be written with the next write.
     pub fn is_news(&self, setting: Setting) -> bool {
-        self.is_asked(setting.0, By::Cycle)
+        self.is_asked(setting.0, WriteKind::Cycle)
     }
 
     /// True if settings wait for a [guarded](super::Exchanges::write_guarded) write.
@@ -237,14 +237,14 @@ impl Words {
     }
 
     /// True if a setting is to be written by this write.
-    pub(super) fn is_asked(&self, setting: u16, by: By) -> bool {
+    pub(super) fn is_asked(&self, setting: u16, by: WriteKind) -> bool {
         let state = self.settings.get(usize::from(setting));
         state.is_some_and(|state| state.is_asked(by))
     }
 
     /// Marks the settings that this write contains as sent, except guarded ones, which
     /// [`guarded_sent`](Self::guarded_sent) marks after the evidence was read.
-    pub(super) fn sent(&mut self, by: By) {
+    pub(super) fn sent(&mut self, by: WriteKind) {
         self.each_setting(|state, _| {
             if state.is_asked(by) && !state.is_guarded() {
                 state.progress = Progress::Sent(HORIZON);
@@ -304,8 +304,8 @@ impl Words {
         let words = self.content.iter().skip(self.first_setting);
         for (state, word) in self.settings.iter_mut().zip(words) {
             change(state, *word);
-            self.has_guarded_news |= state.is_asked(By::Guarded) && state.is_guarded();
-            self.has_news |= state.is_asked(By::Cycle);
+            self.has_guarded_news |= state.is_asked(WriteKind::Guarded) && state.is_guarded();
+            self.has_news |= state.is_asked(WriteKind::Cycle);
             self.has_sent |= matches!(state.progress, Progress::Sent(_));
         }
     }

@@ -2,7 +2,7 @@
 //! start.
 
 use super::*;
-use crate::bus::{Exchanged, Reply, Way};
+use crate::bus::{CycleRegister, Reply, WordDirection};
 use crate::driver::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
@@ -14,7 +14,7 @@ const MS: u64 = 1_000_000;
 /// A cycle with its registers and its time.
 struct Bench {
     driver: Driver<SimFpga>,
-    registers: Vec<Exchanged>,
+    registers: Vec<CycleRegister>,
     now: u64,
 }
 
@@ -34,13 +34,14 @@ impl Bench {
         }
     }
 
-    fn cycle(&mut self) -> &mut Cycle {
+    fn cycle(&mut self) -> &mut BoardCycle {
         &mut self.driver.cycle
     }
 
     fn show(&mut self, address: u16, word: u32) {
-        let is_it =
-            |register: &&Exchanged| register.address == address && register.way == Way::Read;
+        let is_it = |register: &&CycleRegister| {
+            register.address == address && register.way == WordDirection::Read
+        };
         let register = *self.registers.iter().find(is_it).expect("it is read");
         self.cycle().words.show(register, word);
     }
@@ -55,7 +56,7 @@ impl Bench {
         let now = self.now();
         let cycle = self.cycle();
         let closely = cycle.begin_read();
-        cycle.words.heard(reply);
+        cycle.words.add_reply(reply);
         cycle.read(now, now, closely)
     }
 
@@ -101,11 +102,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
         assert!(usual(&bench.write()), "{n}");
     }
     // After an uncertain write, the next read includes the extra registers.
-    let lost = Reply {
-        certain: false,
-        lost_writes: 1,
-        ..Reply::CERTAIN
-    };
+    let lost = Reply::UNKNOWN.with_lost_writes(1);
     assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
     let extra = Order::Cycle {
         extra: true,

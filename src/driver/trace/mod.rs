@@ -10,10 +10,10 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{Event, TraceSettings};
-use crate::bus::{BusErrorKind, Exchanges, Instant, RegisterBus, Words};
-use crate::bus::{Exchanged, Way};
+use crate::bus::{BusErrorKind, Exchanges, Instant, Words};
+use crate::bus::{CycleRegister, WordDirection};
 use crate::hostmot2::HostMot2;
-use crate::modules::events::Sink;
+use crate::modules::events::EventSink;
 
 /// The words written and read in the last cycles: see [`Settings::trace`](super::Settings::trace).
 ///
@@ -25,40 +25,40 @@ pub struct Trace {
     board: String,
     settings: TraceSettings,
     /// The registers, in the order of the words of a cycle.
-    columns: Vec<Column>,
+    columns: Vec<TraceColumn>,
     /// Number of registers that are read; they come first.
     read: usize,
     /// A ring: the row at [`next`](Self::next) is the oldest if the ring is full.
-    rows: Box<[Row]>,
+    rows: Box<[TraceRow]>,
     words: Box<[u32]>,
     next: usize,
     is_full: bool,
     /// The cycle of the row `next` has been read, and not yet written.
     is_open: bool,
-    state: State,
-    sink: Sink,
+    state: TraceState,
+    sink: EventSink,
 }
 
 /// A register of the cycle.
 #[derive(Clone, Debug)]
-struct Column {
-    exchanged: Exchanged,
+struct TraceColumn {
+    exchanged: CycleRegister,
     name: Box<str>,
 }
 
 /// Outcome of a cycle.
 #[derive(Clone, Copy, Debug, Default)]
-struct Row {
+struct TraceRow {
     cycle: u64,
     read_at: Instant,
-    read: Outcome,
+    read: TraceOutcome,
     written_at: Instant,
-    write: Outcome,
+    write: TraceOutcome,
 }
 
 /// Outcome of an exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Outcome {
+enum TraceOutcome {
     #[default]
     NotTried,
     Done,
@@ -66,23 +66,24 @@ enum Outcome {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
+enum TraceState {
     Recording,
     /// Stops after this number of further cycles.
-    Ending(u16, Cause),
-    Frozen(Cause),
+    Ending(u16, TraceCause),
+    Frozen(TraceCause),
 }
 
 /// Reason why a trace was frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+#[non_exhaustive]
+pub enum TraceCause {
     /// A request of the application.
     Asked,
     /// An event.
     Event(Event),
 }
 
-impl fmt::Display for Cause {
+impl fmt::Display for TraceCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Asked => f.write_str("the application asked for it"),
@@ -93,18 +94,18 @@ impl fmt::Display for Cause {
 
 impl Trace {
     /// Makes a trace for the cycles of these exchanges.
-    pub(super) fn new<B: RegisterBus>(
+    pub(super) fn new(
         settings: TraceSettings,
-        exchanges: &Exchanges<B>,
+        exchanges: &Exchanges,
         (board, firmware): (&str, &HostMot2),
-        sink: &Sink,
+        sink: &EventSink,
     ) -> Self {
-        let column = |exchanged: Exchanged| Column {
+        let column = |exchanged: CycleRegister| TraceColumn {
             name: names::name(firmware, exchanged.address).into(),
             exchanged,
         };
         let columns: Vec<_> = exchanges.exchanged().into_iter().map(column).collect();
-        let is_read = |column: &&Column| column.exchanged.way == Way::Read;
+        let is_read = |column: &&TraceColumn| column.exchanged.way == WordDirection::Read;
         let cycles = usize::from(settings.cycles);
         let trace = Self {
             board: board.into(),
@@ -112,11 +113,11 @@ impl Trace {
             read: columns.iter().take_while(is_read).count(),
             words: vec![0; cycles.saturating_mul(columns.len())].into(),
             columns,
-            rows: vec![Row::default(); cycles].into(),
+            rows: vec![TraceRow::default(); cycles].into(),
             next: 0,
             is_full: false,
             is_open: false,
-            state: State::Recording,
+            state: TraceState::Recording,
             sink: sink.clone(),
         };
         sink.watch(settings.freeze_on);
@@ -130,19 +131,19 @@ impl Trace {
         failed: Option<BusErrorKind>,
         words: &Words,
     ) {
-        if matches!(self.state, State::Frozen(_)) {
+        if matches!(self.state, TraceState::Frozen(_)) {
             return;
         }
         if let Some(row) = self.rows.get_mut(self.next) {
-            *row = Row {
+            *row = TraceRow {
                 cycle,
                 read_at: at,
                 read: failed.into(),
-                ..Row::default()
+                ..TraceRow::default()
             };
         }
         self.is_open = true;
-        self.copy(Way::Read, words);
+        self.copy(WordDirection::Read, words);
         self.notice();
     }
 
@@ -153,36 +154,36 @@ impl Trace {
         failed: Option<BusErrorKind>,
         words: &Words,
     ) {
-        if matches!(self.state, State::Frozen(_)) {
+        if matches!(self.state, TraceState::Frozen(_)) {
             return;
         }
         let has_read = core::mem::take(&mut self.is_open);
         if let Some(row) = self.rows.get_mut(self.next) {
             if !has_read {
-                *row = Row {
+                *row = TraceRow {
                     cycle,
-                    ..Row::default()
+                    ..TraceRow::default()
                 };
             }
             (row.written_at, row.write) = (at, failed.into());
         }
-        self.copy(Way::Write, words);
+        self.copy(WordDirection::Write, words);
         self.notice();
         self.next = self.next.saturating_add(1);
         if self.next >= self.rows.len() {
             (self.next, self.is_full) = (0, true);
         }
         self.state = match self.state {
-            State::Ending(0, cause) => State::Frozen(cause),
-            State::Ending(left, cause) => State::Ending(left.saturating_sub(1), cause),
+            TraceState::Ending(0, cause) => TraceState::Frozen(cause),
+            TraceState::Ending(left, cause) => TraceState::Ending(left.saturating_sub(1), cause),
             other => other,
         };
     }
 
-    fn copy(&mut self, way: Way, words: &Words) {
+    fn copy(&mut self, way: WordDirection, words: &Words) {
         let width = self.columns.len();
         let range = match way {
-            Way::Read => 0..self.read,
+            WordDirection::Read => 0..self.read,
             _ => self.read..width,
         };
         let mut rows = self.words.chunks_exact_mut(width.max(1));
@@ -195,30 +196,30 @@ impl Trace {
 
     /// Begins to stop if a watched event has happened.
     fn notice(&mut self) {
-        if self.state == State::Recording
+        if self.state == TraceState::Recording
             && let Some(event) = self.sink.caught()
         {
-            self.state = State::Ending(self.settings.after, Cause::Event(event));
+            self.state = TraceState::Ending(self.settings.after, TraceCause::Event(event));
         }
     }
 
     pub(super) fn freeze(&mut self) {
-        if self.state == State::Recording {
-            self.state = State::Frozen(Cause::Asked);
+        if self.state == TraceState::Recording {
+            self.state = TraceState::Frozen(TraceCause::Asked);
         }
     }
 
     /// Discards all rows and records again.
     pub(super) fn resume(&mut self) {
-        (self.next, self.is_full, self.state) = (0, false, State::Recording);
+        (self.next, self.is_full, self.state) = (0, false, TraceState::Recording);
         self.is_open = false;
         self.sink.watch(self.settings.freeze_on);
     }
 
     /// The reason why the trace is frozen; `None` while it records.
-    pub fn cause(&self) -> Option<Cause> {
+    pub fn cause(&self) -> Option<TraceCause> {
         match self.state {
-            State::Frozen(cause) => Some(cause),
+            TraceState::Frozen(cause) => Some(cause),
             _ => None,
         }
     }
@@ -245,7 +246,7 @@ impl Trace {
     }
 
     /// The cycles with their words, oldest first.
-    fn in_order(&self) -> impl Iterator<Item = (&Row, &[u32])> {
+    fn in_order(&self) -> impl Iterator<Item = (&TraceRow, &[u32])> {
         let width = self.columns.len().max(1);
         let all = self.rows.iter().zip(self.words.chunks(width));
         let first = if self.is_full { self.ahead() } else { 0 };
@@ -254,12 +255,12 @@ impl Trace {
     }
 
     /// True if the driver with this sink made the trace.
-    pub(super) fn is_of(&self, sink: &Sink) -> bool {
+    pub(super) fn is_of(&self, sink: &EventSink) -> bool {
         self.sink.is_same(sink)
     }
 }
 
-impl From<Option<BusErrorKind>> for Outcome {
+impl From<Option<BusErrorKind>> for TraceOutcome {
     fn from(failed: Option<BusErrorKind>) -> Self {
         failed.map_or(Self::Done, Self::Failed)
     }

@@ -4,10 +4,10 @@ use alloc::format;
 use alloc::string::String;
 
 use crate::hostmot2::{COOKIE_ADDRESS, Gtag, HostMot2, ModuleDescriptor};
-use crate::sslbp::{Channel, Layout};
+use crate::sslbp::{Channel, PortLayout};
 
 /// Number of ports that are searched.
-const MOST: u8 = 4;
+const MAX: u8 = 4;
 
 /// Returns the name of a register: the module by the name of its tag and the number of the
 /// instance, and the register by its name, or else by its number.
@@ -15,7 +15,7 @@ pub(super) fn name(firmware: &HostMot2, address: u16) -> String {
     if address == COOKIE_ADDRESS {
         return "HostMot2 cookie".into();
     }
-    let serial = (0..MOST).find_map(|port| in_port(firmware, port, address));
+    let serial = (0..MAX).find_map(|port| in_port(firmware, port, address));
     let module = || {
         firmware
             .modules
@@ -27,7 +27,7 @@ pub(super) fn name(firmware: &HostMot2, address: u16) -> String {
 }
 
 fn in_port(firmware: &HostMot2, port: u8, address: u16) -> Option<String> {
-    let layout = Layout::locate(firmware, port).ok()?;
+    let layout = PortLayout::locate(firmware, port).ok()?;
     if address == layout.command {
         return Some(format!("sserial {port} COMMAND"));
     }

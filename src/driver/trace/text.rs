@@ -2,23 +2,29 @@
 
 use core::fmt;
 
-use super::{Outcome, Row, State, Trace};
-use crate::bus::{Instant, Way};
+use super::{Trace, TraceOutcome, TraceRow, TraceState};
+use crate::bus::{Instant, WordDirection};
 use crate::sslbp::CsStatus;
 
 impl fmt::Display for Trace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: the last {} cycles, ", self.board, self.cycles())?;
         match self.state {
-            State::Frozen(cause) => writeln!(f, "frozen: {cause}")?,
-            State::Ending(..) | State::Recording => f.write_str("still recording\n")?,
+            TraceState::Frozen(cause) => writeln!(f, "frozen: {cause}")?,
+            TraceState::Ending(..) | TraceState::Recording => f.write_str("still recording\n")?,
         }
         let mut before: Option<&[u32]> = None;
         for (row, words) in self.in_order() {
             writeln!(f, "cycle {}", row.cycle)?;
             for (way, heading) in [
-                (Way::Read, Exchange("read", row.read, row.read_at)),
-                (Way::Write, Exchange("write", row.write, row.written_at)),
+                (
+                    WordDirection::Read,
+                    ExchangeText("read", row.read, row.read_at),
+                ),
+                (
+                    WordDirection::Write,
+                    ExchangeText("write", row.write, row.written_at),
+                ),
             ] {
                 writeln!(f, "  {heading}")?;
                 if row.knows(way) {
@@ -31,13 +37,13 @@ impl fmt::Display for Trace {
     }
 }
 
-impl Row {
+impl TraceRow {
     /// True if the words of this direction belong to the row's cycle: those of a successful read,
     /// and those of a write that was tried.
-    fn knows(&self, way: Way) -> bool {
+    fn knows(&self, way: WordDirection) -> bool {
         match way {
-            Way::Read => self.read == Outcome::Done,
-            Way::Write | Way::Setting => self.write != Outcome::NotTried,
+            WordDirection::Read => self.read == TraceOutcome::Done,
+            WordDirection::Write | WordDirection::Setting => self.write != TraceOutcome::NotTried,
         }
     }
 }
@@ -47,19 +53,20 @@ impl Trace {
     fn words(
         &self,
         f: &mut fmt::Formatter<'_>,
-        way: Way,
+        way: WordDirection,
         words: &[u32],
         before: Option<&[u32]>,
     ) -> fmt::Result {
         for (n, (column, word)) in self.columns.iter().zip(words).enumerate() {
             let old = before.and_then(|before| before.get(n));
-            let is_asked = (column.exchanged.way == Way::Read) == (way == Way::Read);
+            let is_asked =
+                (column.exchanged.way == WordDirection::Read) == (way == WordDirection::Read);
             if !is_asked || old == Some(word) {
                 continue;
             }
             let (address, name) = (column.exchanged.address, &column.name);
             write!(f, "    {address:#06X} {word:#010X} {name}")?;
-            if way == Way::Read && name.ends_with(" CS") {
+            if way == WordDirection::Read && name.ends_with(" CS") {
                 write!(f, ": {}", CsStatus(*word))?;
             }
             writeln!(f)?;
@@ -69,17 +76,19 @@ impl Trace {
 }
 
 /// Outcome of an exchange, for people.
-struct Exchange(&'static str, Outcome, Instant);
+struct ExchangeText(&'static str, TraceOutcome, Instant);
 
-impl fmt::Display for Exchange {
+impl fmt::Display for ExchangeText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(what, outcome, at) = self;
         let micros = at.as_nanos() / 1000;
         let (seconds, micros) = (micros / 1_000_000, micros % 1_000_000);
         match outcome {
-            Outcome::NotTried => write!(f, "{what}: not tried"),
-            Outcome::Done => write!(f, "{what} at {seconds}.{micros:06} s"),
-            Outcome::Failed(why) => write!(f, "{what} at {seconds}.{micros:06} s failed: {why}"),
+            TraceOutcome::NotTried => write!(f, "{what}: not tried"),
+            TraceOutcome::Done => write!(f, "{what} at {seconds}.{micros:06} s"),
+            TraceOutcome::Failed(why) => {
+                write!(f, "{what} at {seconds}.{micros:06} s failed: {why}")
+            }
         }
     }
 }
@@ -92,9 +101,9 @@ impl fmt::Display for Csv<'_> {
         f.write_str("cycle,read,read_at_ns,write,written_at_ns,read_failed,write_failed")?;
         for column in &self.0.columns {
             let way = match column.exchanged.way {
-                Way::Read => "read",
-                Way::Write => "write",
-                Way::Setting => "setting",
+                WordDirection::Read => "read",
+                WordDirection::Write => "write",
+                WordDirection::Setting => "setting",
             };
             let (address, name) = (column.exchanged.address, &column.name);
             write!(f, ",{way} {address:#06X} {name}")?;
@@ -103,7 +112,7 @@ impl fmt::Display for Csv<'_> {
         for (row, words) in self.0.in_order() {
             let (read, write) = (word(row.read), word(row.write));
             let (read_at, written_at) = (row.read_at.as_nanos(), row.written_at.as_nanos());
-            let (why, why_not) = (Why(row.read), Why(row.write));
+            let (why, why_not) = (FailureText(row.read), FailureText(row.write));
             write!(f, "{},{read},{read_at},{write},{written_at}", row.cycle)?;
             write!(f, ",{why},{why_not}")?;
             for (column, word) in self.0.columns.iter().zip(words) {
@@ -120,22 +129,22 @@ impl fmt::Display for Csv<'_> {
 }
 
 /// Reason of a failed exchange, in words without a comma; empty if it did not fail.
-struct Why(Outcome);
+struct FailureText(TraceOutcome);
 
-impl fmt::Display for Why {
+impl fmt::Display for FailureText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            Outcome::Failed(why) => write!(f, "{why}"),
-            Outcome::NotTried | Outcome::Done => Ok(()),
+            TraceOutcome::Failed(why) => write!(f, "{why}"),
+            TraceOutcome::NotTried | TraceOutcome::Done => Ok(()),
         }
     }
 }
 
 /// Outcome of an exchange, for programs.
-fn word(outcome: Outcome) -> &'static str {
+fn word(outcome: TraceOutcome) -> &'static str {
     match outcome {
-        Outcome::NotTried => "not tried",
-        Outcome::Done => "done",
-        Outcome::Failed(_) => "failed",
+        TraceOutcome::NotTried => "not tried",
+        TraceOutcome::Done => "done",
+        TraceOutcome::Failed(_) => "failed",
     }
 }

@@ -1,4 +1,4 @@
-//! Backups of a whole chip, and their way back.
+//! Backup and restoration of a whole chip.
 
 use alloc::vec::Vec;
 
@@ -6,19 +6,20 @@ use super::{Area, Flash, PACKET, SECTOR_BYTES};
 use crate::ethernet::{Bitfile, EthernetError, FlashStep, Lbp16Board};
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
-/// Sectors in which a chip differs from a backup, as they are written together.
+/// Sectors in which a chip differs from a backup, and which are written together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Difference {
-    /// The area; none for what no configuration uses.
+#[non_exhaustive]
+pub struct FlashDifference {
+    /// The area; `None` for sectors that no configuration uses.
     pub area: Option<Area>,
-    /// Where it begins.
+    /// Its first address.
     pub start: u32,
-    /// Where it ends: the address behind.
+    /// The address behind its end.
     pub end: u32,
 }
 
-/// What has a name, in the order in which it is written back. A chip that can start from its user
-/// configuration may lose the others.
+/// The named areas, in the order of restoration. A chip that can start from its user configuration
+/// may lose the others.
 const AREAS: [Area; 4] = [
     Area::User,
     Area::Application,
@@ -27,11 +28,11 @@ const AREAS: [Area; 4] = [
 ];
 
 impl<B: Lbp16Board> Flash<'_, B> {
-    /// Reads the whole chip. `progress` gets how many bytes were read, and ends it by `false`: then
-    /// there is no backup.
+    /// Reads the whole chip. `progress` receives the number of bytes read, and cancels by returning
+    /// `false`; the result is then `None`.
     ///
     /// # Errors
-    /// Those of the bus.
+    /// Errors of the bus.
     pub fn backup(
         &mut self,
         mut progress: impl FnMut(usize) -> bool,
@@ -49,13 +50,14 @@ impl<B: Lbp16Board> Flash<'_, B> {
         Ok(Some(bytes))
     }
 
-    /// Whether a file can be a backup of this chip, from which the board would start.
+    /// Checks that a file can be a backup of this chip, from which the board would start.
     ///
-    /// A backup has no header: whether it is one of this board can not be seen.
+    /// A backup has no header: the board that it was made from cannot be determined.
     ///
     /// # Errors
-    /// [`EthernetError::OutsideArea`] if it has another size, [`EthernetError::NoBootBlock`], and
-    /// [`EthernetError::NoUserConfiguration`] if it has none and no fallback either.
+    /// [`EthernetError::OutsideArea`] if its size is wrong, [`EthernetError::NoBootBlock`], and
+    /// [`EthernetError::NoUserConfiguration`] if it has neither a user configuration nor a
+    /// fallback.
     pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError<B::Error>> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let (address, _) = self.layout.boot_block;
@@ -74,20 +76,21 @@ impl<B: Lbp16Board> Flash<'_, B> {
         Ok(())
     }
 
-    /// Where the chip differs from a backup, in the order in which it should be
-    /// [written back](Self::restore): the user area first, the boot block last.
+    /// Differences between the chip and a backup, in the order in which they should be [written
+    /// back](Self::restore): the user area first, the boot block last.
     ///
-    /// A difference in an area begins with the area, so that a configuration that is not whole has no
-    /// beginning, and ends with the last sector that differs. `progress` gets how many bytes were
-    /// compared, and ends it by `false`: then nothing is known.
+    /// A difference in an area starts at the beginning of the area, so that an incomplete
+    /// configuration has no beginning, and ends with the last sector that differs. `progress`
+    /// receives the number of bytes compared, and cancels by returning `false`; the result is then
+    /// `None`.
     ///
     /// # Errors
-    /// [`EthernetError::OutsideArea`] if the backup has another size, and those of the bus.
+    /// [`EthernetError::OutsideArea`] if the size of the backup is wrong, and errors of the bus.
     pub fn differences(
         &mut self,
         backup: &[u8],
         progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<Difference>>, EthernetError<B::Error>> {
+    ) -> Result<Option<Vec<FlashDifference>>, EthernetError<B::Error>> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let Some(found) = self.backup(progress)? else {
             return Ok(None);
@@ -102,7 +105,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         for area in AREAS {
             let range = self.layout.addresses(area);
             let last = differs.iter().rev().find(|start| range.contains(start));
-            differences.extend(last.map(|last| Difference {
+            differences.extend(last.map(|last| FlashDifference {
                 area: Some(area),
                 start: range.start,
                 end: last.saturating_add(SECTOR_BYTES),
@@ -114,28 +117,28 @@ impl<B: Lbp16Board> Flash<'_, B> {
                 .any(|&area| self.layout.addresses(area).contains(start))
         };
         let others = differs.iter().filter(|start| !named(start));
-        let others = others.map(|&start| Difference {
+        let others = others.map(|&start| FlashDifference {
             area: None,
             start,
             end: start.saturating_add(SECTOR_BYTES),
         });
-        // Behind the user area, before what the board may need to start.
+        // Behind the user area, before the areas that the board may need to start.
         let at = differences
             .partition_point(|one| matches!(one.area, Some(Area::User | Area::Application)));
         differences.splice(at..at, others);
         Ok(Some(differences))
     }
 
-    /// What [`restore`](Self::restore) checks before it erases anything.
+    /// Performs the checks of [`restore`](Self::restore) that precede the erasing.
     ///
     /// # Errors
-    /// Those of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user area
-    /// while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the fallback or the
-    /// boot block while it has no user configuration, and those of the bus.
+    /// Errors of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user
+    /// area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the fallback
+    /// or the boot block while it has no user configuration, and errors of the bus.
     pub fn check_restore(
         &mut self,
         backup: &[u8],
-        part: &Difference,
+        part: &FlashDifference,
     ) -> Result<(), EthernetError<B::Error>> {
         self.check_backup(backup)?;
         part.area.map_or(Ok(()), |area| self.need_other(area))
@@ -144,11 +147,11 @@ impl<B: Lbp16Board> Flash<'_, B> {
     /// Writes one of the [differences](Self::differences) back, and verifies it.
     ///
     /// # Errors
-    /// Those of [`check_restore`](Self::check_restore), and those of [`write`](Self::write).
+    /// Errors of [`check_restore`](Self::check_restore) and of [`write`](Self::write).
     pub fn restore(
         &mut self,
         backup: &[u8],
-        part: &Difference,
+        part: &FlashDifference,
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
         self.check_restore(backup, part)?;

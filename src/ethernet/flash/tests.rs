@@ -6,7 +6,7 @@ use crate::bus::{Clock, Instant};
 use crate::lbp16::Operations;
 use alloc::{vec, vec::Vec};
 
-/// A chip as its data sheet describes it: erasing sets bits, writing clears them.
+/// A chip as described in its data sheet: erasing sets bits, writing clears them.
 #[derive(Debug)]
 struct Chip {
     id: u32,
@@ -47,7 +47,7 @@ impl Clock for Chip {
     fn wait(&mut self, _: Duration) {}
 }
 
-/// The registers of the flash memory, and nothing else. Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS".
+/// The registers of the flash memory only. Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS".
 impl Lbp16Board for Chip {
     type Error = NoPower;
 
@@ -243,7 +243,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
     chip.bytes[0x10_0000..0x10_0100].fill(0x00);
     assert_eq!(program(&mut chip, Area::Fallback), Err(none()));
     assert!(chip.erased.is_empty() && chip.written.is_empty());
-    // Power fails while the user configuration is written, wherever.
+    // Power fails at any point while the user configuration is written.
     for pages in 0..4 {
         chip.pages_left = pages;
         assert_eq!(
@@ -293,7 +293,7 @@ fn the_user_configuration_is_written_only_beside_a_fallback_unless_that_is_allow
         flash.program(&bitfile(&data), Area::User, |_, _| {}),
         Ok(())
     );
-    // A chip that has neither, as one that was loaded over JTAG.
+    // A chip that has neither, as after loading over JTAG.
     chip.bytes[PAGE..].fill(0xFF);
     let mut flash = open(&mut chip).unwrap();
     flash.without_fallback();

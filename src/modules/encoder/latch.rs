@@ -51,7 +51,7 @@ pub(super) const HORIZON: u32 = 100;
 
 /// Progress of a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Stage {
+enum LatchStage {
     /// The control register still shows an earlier request, or its content is unknown: nothing is
     /// written until that request is gone, so that its end is not taken for the end of this one.
     #[default]
@@ -64,7 +64,7 @@ enum Stage {
 
 /// An index that was latched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Passed {
+struct LatchedIndex {
     /// The latched count, 16 bits of the counter.
     latched: u16,
     /// Its position in counts without wrap-around: indexes that are 65,536 counts apart have the
@@ -78,13 +78,13 @@ struct Passed {
 pub(super) struct Latch {
     /// `None` once it has happened.
     pub wanted: LatchRequest,
-    stage: Stage,
+    stage: LatchStage,
     /// The last read showed no request in the control register.
     is_clean: bool,
     /// The latched count before this request.
     before: u16,
     /// The last latched index.
-    index: Option<Passed>,
+    index: Option<LatchedIndex>,
     /// The previous request.
     previous: LatchRequest,
     /// Number of further reads during which a packet of the previous request may be in flight.
@@ -106,31 +106,31 @@ impl Latch {
         self.end();
         self.wanted = wanted;
         self.stage = if is_fresh {
-            Stage::Asked
+            LatchStage::Asked
         } else {
-            Stage::Settling
+            LatchStage::Settling
         };
     }
 
     /// The request bits of the control word.
     pub const fn bits(&self) -> u32 {
         match self.stage {
-            Stage::Settling => 0,
-            Stage::Asked | Stage::Armed => self.wanted.bits(),
+            LatchStage::Settling => 0,
+            LatchStage::Asked | LatchStage::Armed => self.wanted.bits(),
         }
     }
 
     /// True if the control register may not contain [`bits`](Self::bits), so that they have to be
     /// written again.
     pub fn is_unsettled(&self) -> bool {
-        self.wanted != LatchRequest::None && self.stage != Stage::Armed
+        self.wanted != LatchRequest::None && self.stage != LatchStage::Armed
     }
 
     /// Discards all evidence, because the counter may have been reset.
     pub fn forget(&mut self) {
         self.is_clean = false;
         self.index = None;
-        self.stage = Stage::Settling;
+        self.stage = LatchStage::Settling;
     }
 
     /// Skips a read that showed the same as the read before, if it cannot make a difference:
@@ -158,26 +158,26 @@ impl Latch {
         self.is_clean = control & ANY_REQUEST == 0;
         let enable = self.wanted.bits() & ENABLES;
         let is_other = control & ENABLES & !enable != 0 || control & bits::JUST_ONCE == 0;
-        if self.wanted == LatchRequest::None || self.stage == Stage::Settling || is_other {
-            self.stage = Stage::Settling;
+        if self.wanted == LatchRequest::None || self.stage == LatchStage::Settling || is_other {
+            self.stage = LatchStage::Settling;
             if self.is_clean {
                 // Nothing of an earlier request is in the register, so this request can be written.
                 self.before = latched(control);
-                self.stage = Stage::Asked;
+                self.stage = LatchStage::Asked;
             }
             return None;
         }
         let is_armed = control & enable != 0;
         let is_passed = is_suspect && self.has_passed_again(from, to);
         if is_armed && latched(control) == self.before && !is_passed {
-            self.stage = Stage::Armed;
+            self.stage = LatchStage::Armed;
             return None;
         }
-        self.stage = Stage::Settling;
+        self.stage = LatchStage::Settling;
         let latched = latched(control);
         let behind = behind(latched).filter(|_| is_trusted)?;
         if self.wanted == LatchRequest::Index {
-            self.index = (to != from).then(|| Passed {
+            self.index = (to != from).then(|| LatchedIndex {
                 latched,
                 at: to.wrapping_sub(behind),
                 upwards: to > from,
@@ -191,7 +191,7 @@ impl Latch {
     /// True if the register content of this read comes from this request, and not from a late write
     /// of the previous one.
     fn is_trusted(&self) -> bool {
-        let is_same = self.stage == Stage::Armed && self.previous == self.wanted;
+        let is_same = self.stage == LatchStage::Armed && self.previous == self.wanted;
         !self.is_doubtful || self.previous_for == 0 || is_same
     }
 
@@ -206,7 +206,7 @@ impl Latch {
         } else {
             to < from && (to..=from).contains(&index.at)
         };
-        let is_asked_for = self.wanted == LatchRequest::Index && self.stage == Stage::Armed;
+        let is_asked_for = self.wanted == LatchRequest::Index && self.stage == LatchStage::Armed;
         is_asked_for && is_over
     }
 

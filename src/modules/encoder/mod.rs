@@ -19,7 +19,7 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 
 pub use crate::hostmot2::TickRate;
 
-use pins::Command;
+use pins::EncoderCommand;
 pub use pins::{EncoderBankPins, EncoderPins};
 use state::{EncoderReading, EncoderSample, EncoderState};
 
@@ -65,7 +65,7 @@ struct Encoder {
     /// The last read showed nothing new, and no latch is requested: as long as no command changes,
     /// there is nothing to write.
     rests: bool,
-    command: Command,
+    command: EncoderCommand,
     /// The last published reading.
     shown: Option<EncoderReading>,
     count: ReadSlot,
@@ -220,7 +220,7 @@ impl Encoder {
             pins,
             state: EncoderState::new(config),
             rests: false,
-            command: Command::default(),
+            command: EncoderCommand::default(),
             shown: None,
             count: r.image.read(Phase::Data, count),
             control: r.image.read(Phase::Data, control),

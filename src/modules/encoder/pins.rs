@@ -8,6 +8,7 @@ use crate::hostmot2::TickRate;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderPins {
     /// Count, position, index and reset.
     pub counter: Counter,
@@ -63,7 +64,7 @@ const LONGEST_IDLE: f64 = 3600.0;
 
 /// The command of an encoder for one cycle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Command {
+pub(super) struct EncoderCommand {
     pub reset: bool,
     pub request: LatchRequest,
     /// The pins ask for a probe that the firmware does not have: counted as a refused value.
@@ -159,7 +160,7 @@ impl EncoderPins {
         pins: &mut PinStore,
         state: &mut EncoderState,
         has_probe: bool,
-    ) -> Command {
+    ) -> EncoderCommand {
         state.config = self.config(pins);
         state.watches_errors = pins.fetch(self.quad_error_enable);
         state.is_awake = true;
@@ -170,7 +171,7 @@ impl EncoderPins {
             (false, true) => LatchRequest::Probe,
             (false, false) => LatchRequest::None,
         };
-        Command {
+        EncoderCommand {
             reset: pins.fetch(self.counter.reset),
             request,
             refuses_probe: probes && !has_probe,
@@ -208,6 +209,7 @@ impl EncoderPins {
 
 /// The pins that all encoders share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderBankPins {
     /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
     /// the sample rate of each encoder. A rate that the clock cannot be divided to becomes the next
@@ -226,7 +228,7 @@ pub struct EncoderBankPins {
 
 /// The settings that all encoders share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Common {
+pub(super) struct CommonPins {
     /// Rate of the multiplexer or of the filters.
     pub rate: TickRate,
     /// Delay after the multiplex edge; part of the rate register.
@@ -263,13 +265,13 @@ impl EncoderBankPins {
 
     /// The settings that the pins ask for. `usual` is the rate of the set-up, which its rounded
     /// frequency need not lead back to.
-    pub(super) fn common(&self, pins: &mut PinStore, clock_hz: u32, usual: TickRate) -> Common {
+    pub(super) fn common(&self, pins: &mut PinStore, clock_hz: u32, usual: TickRate) -> CommonPins {
         let sample_hz = pins.fetch(self.sample_frequency);
         let is_usual = sample_hz == usual.hz(clock_hz) as u32;
         // Microseconds wrap after 65 ms; fine time stamps after 6.5 ms.
         let is_fine = pins.fetch(self.hires_timestamp);
         let timestamp_hz = if is_fine { 10_000_000 } else { 1_000_000 };
-        Common {
+        CommonPins {
             rate: if is_usual {
                 usual
             } else {

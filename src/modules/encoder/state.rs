@@ -1,13 +1,14 @@
 //! State of one encoder: counts, index and velocity.
 
 use super::latch::{HORIZON, Latch, LatchRequest};
-use super::pins::Command;
+use super::pins::EncoderCommand;
 use super::registers::bits;
 use super::velocity::VelocityEstimator;
 use crate::bus::Instant;
 
 /// The registers of one encoder, as read in one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderSample {
     /// The count register.
     pub count: u32,
@@ -36,6 +37,7 @@ pub struct EncoderConfig {
     clippy::struct_excessive_bools,
     reason = "independent conditions, each shown on its own"
 )]
+#[non_exhaustive]
 pub struct EncoderReading {
     /// Counts since the start, independent of reset and index.
     pub rawcounts: i64,
@@ -186,7 +188,7 @@ impl EncoderState {
     }
 
     /// Takes the command of this write.
-    pub fn follow(&mut self, command: Command) {
+    pub fn follow(&mut self, command: EncoderCommand) {
         if command.reset {
             self.reset();
         }
@@ -246,7 +248,7 @@ impl EncoderState {
             scale,
             index_came,
             quadrature_error: self.watches_errors && has_error,
-            is_near_max: fastest > 0.0 && velocity.abs() >= NEAR * fastest,
+            is_near_max: fastest > 0.0 && velocity.abs() >= NEAR_FRACTION * fastest,
             inputs: [bits::A, bits::B, bits::INDEX].map(input),
             ..self.reading
         };
@@ -268,8 +270,8 @@ impl EncoderState {
     /// True if counts stopped from one read to the next, at a rate near the highest one: the
     /// encoder is then beyond that rate rather than still.
     fn has_gone_beyond(&self, change: i64, elapsed: u64) -> bool {
-        let fewest = 0.5 * NEAR * self.max_count_rate() * (elapsed as f64 / self.tick_hz);
-        self.reading.is_near_max && fewest >= FEWEST && (change.unsigned_abs() as f64) < fewest
+        let fewest = 0.5 * NEAR_FRACTION * self.max_count_rate() * (elapsed as f64 / self.tick_hz);
+        self.reading.is_near_max && fewest >= MIN_MISSING && (change.unsigned_abs() as f64) < fewest
     }
 
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
@@ -317,10 +319,10 @@ impl EncoderState {
 }
 
 /// Fraction of the highest count rate that counts as near to it.
-const NEAR: f64 = 0.9;
+const NEAR_FRACTION: f64 = 0.9;
 
 /// Least number of missing counts for which an encoder is taken to be beyond that rate.
-const FEWEST: f64 = 4.0;
+const MIN_MISSING: f64 = 4.0;
 
 /// Number of counts between two reads that is the same in either direction.
 const AMBIGUOUS: f64 = 32_768.0;

@@ -8,8 +8,8 @@ mod words;
 pub use kind::{EventKind, EventMask, Repeating};
 pub use queue::Events;
 
-pub(crate) use queue::Sink;
-pub(crate) use row::Row;
+pub(crate) use queue::EventSink;
+pub(crate) use row::EventRow;
 
 use core::fmt;
 

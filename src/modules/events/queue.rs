@@ -10,7 +10,7 @@ use super::{Event, EventKind, EventMask};
 use crate::bus::Instant;
 
 /// The words of an event.
-type Slot = [AtomicU32; WORDS];
+type EventSlot = [AtomicU32; WORDS];
 
 /// A ring of events: one thread at a time puts events in, any number of threads take them out.
 ///
@@ -22,7 +22,7 @@ struct Queue {
     /// Prefix of the names of the board's pins.
     board: Box<str>,
     /// The number of slots is a power of two.
-    slots: Box<[Slot]>,
+    slots: Box<[EventSlot]>,
     /// The number of the next event to take out.
     head: AtomicUsize,
     /// The number of the next event to put in.
@@ -32,7 +32,7 @@ struct Queue {
     /// Part of these that has been reported.
     known: AtomicU32,
     /// Time and cycle of the first dropped event that has not been reported.
-    first_dropped: Slot,
+    first_dropped: EventSlot,
     /// The number of the cycle: its low and its high half.
     cycle: [AtomicU32; 2],
     /// No further event is put in.
@@ -40,7 +40,7 @@ struct Queue {
     /// The kinds of events that are watched for; the first such event is caught.
     watched: AtomicU32,
     has_caught: AtomicBool,
-    caught: Slot,
+    caught: EventSlot,
 }
 
 impl Queue {
@@ -50,7 +50,7 @@ impl Queue {
         low | high << 32
     }
 
-    fn slot(&self, number: usize) -> Option<&Slot> {
+    fn slot(&self, number: usize) -> Option<&EventSlot> {
         self.slots.get(number & self.slots.len().wrapping_sub(1))
     }
 
@@ -122,13 +122,13 @@ impl Queue {
     }
 }
 
-fn put(slot: &Slot, event: Event) {
+fn put(slot: &EventSlot, event: Event) {
     for (place, word) in slot.iter().zip(event.to_words()) {
         place.store(word, Ordering::Relaxed);
     }
 }
 
-fn take(slot: &Slot) -> Option<Event> {
+fn take(slot: &EventSlot) -> Option<Event> {
     let mut words = [0; WORDS];
     for (word, place) in words.iter_mut().zip(slot) {
         *word = place.load(Ordering::Relaxed);
@@ -154,25 +154,25 @@ impl fmt::Debug for Queue {
 /// # Real time
 /// A bounded number of stores. No allocation, no lock.
 #[derive(Clone, Debug)]
-pub(crate) struct Sink(Arc<Queue>);
+pub(crate) struct EventSink(Arc<Queue>);
 
-impl Sink {
+impl EventSink {
     /// A queue for this number of events, rounded up to a power of two; at least for one.
     pub fn new(board: &str, room: u16) -> Self {
         let places = usize::from(room).max(1).next_power_of_two();
         Self(Arc::new(Queue {
             board: board.into(),
-            slots: (0..places).map(|_| Slot::default()).collect(),
+            slots: (0..places).map(|_| EventSlot::default()).collect(),
             head: AtomicUsize::new(0),
             tail: AtomicUsize::new(0),
             dropped: AtomicU32::new(0),
             known: AtomicU32::new(0),
-            first_dropped: Slot::default(),
+            first_dropped: EventSlot::default(),
             cycle: [AtomicU32::new(0), AtomicU32::new(0)],
             has_ended: AtomicBool::new(false),
             watched: AtomicU32::new(0),
             has_caught: AtomicBool::new(false),
-            caught: Slot::default(),
+            caught: EventSlot::default(),
         }))
     }
 
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn events_come_in_order_with_their_time_and_cycle() {
-        let sink = Sink::new("hm2_7i92.0", 7);
+        let sink = EventSink::new("hm2_7i92.0", 7);
         let mut events = sink.events();
         assert_eq!(events.next(), None);
         sink.begin_cycle(0x1_0000_0005);
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped_after_them() {
-        let sink = Sink::new("", 4);
+        let sink = EventSink::new("", 4);
         let mut events = sink.events();
         let tell = |n: u32| sink.tell(Instant::from_nanos(n.into()), lost(n));
         (1..=9).for_each(tell);
@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn how_many_were_dropped_is_told_without_another_event() {
-        let sink = Sink::new("", 1);
+        let sink = EventSink::new("", 1);
         let mut events = sink.events();
         for round in 1..5 {
             (0..=round).for_each(|n| sink.tell(Instant::default(), lost(n)));
@@ -346,7 +346,7 @@ mod tests {
     #[test]
     fn threads_that_are_too_slow_know_of_every_event() {
         const COUNT: u32 = 200_000;
-        let sink = Sink::new("", 15);
+        let sink = EventSink::new("", 15);
         let is_over = Arc::new(AtomicBool::new(false));
         let takers = [sink.events(), sink.events()].map(|mut events| {
             let is_over = Arc::clone(&is_over);
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn the_first_event_that_is_watched_is_caught_even_when_the_queue_is_full() {
-        let sink = Sink::new("", 1);
+        let sink = EventSink::new("", 1);
         sink.watch(EventMask::BUS_DOWN);
         (0..4).for_each(|n| sink.tell(Instant::default(), lost(n)));
         assert_eq!(sink.caught(), None);
@@ -398,7 +398,7 @@ mod tests {
     #[test]
     fn threads_take_every_event_once_and_whole_while_others_are_put_in() {
         const COUNT: u32 = 20_000;
-        let sink = Sink::new("", 63);
+        let sink = EventSink::new("", 63);
         let takers = [sink.events(), sink.events()];
         let takers = takers.map(|mut events| {
             thread::spawn(move || {

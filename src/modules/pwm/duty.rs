@@ -10,6 +10,7 @@ pub(super) fn pdm_word(clock_hz: u32, hz: u32) -> u16 {
 ///
 /// PWMClock = clock*n/65536; PWM rate = PWMClock/2^bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct PwmRate {
     /// The register.
     pub rate: u16,

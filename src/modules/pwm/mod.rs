@@ -21,6 +21,7 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PwmPins {
     /// The value; full scale is `scale`.
     pub value: Output<f64>,
@@ -41,6 +42,7 @@ pub struct PwmPins {
 
 /// The pins that all generators share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PwmBankPins {
     /// PWM frequency in Hz.
     pub pwm_frequency: Param<u32>,
@@ -190,16 +192,16 @@ impl Pwm {
 
 /// Checks layout and version: 0 or 1. The enable register has 32 bits, one for each generator.
 pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
-    const MOST: u8 = 32;
+    const MAX: u8 = 32;
     module.check_layout(5, 0x3)?;
     module.expect_version(module.version, 0..=1)?;
-    if module.instances <= MOST {
+    if module.instances <= MAX {
         return Ok(());
     }
     Err(HostMot2Error::Unknown {
         gtag: module.gtag,
         found: format!("{} instances", module.instances),
-        expected: format!("at most {MOST}"),
+        expected: format!("at most {MAX}"),
     })
 }
 

@@ -3,15 +3,15 @@
 use crate::hostmot2::RemoteId;
 use core::time::Duration;
 
-use super::watchdog::Outputs;
+use super::watchdog::OutputsState;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::modules::events::{EventKind, Repeating, Row, Sink};
+use crate::modules::events::{EventKind, EventRow, EventSink, Repeating};
 use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
 use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.
-const HEALTHY: u64 = 1000;
+const HEALTHY_TRANSFERS: u64 = 1000;
 
 /// State of the remote on a channel.
 ///
@@ -50,7 +50,7 @@ pub(crate) struct Health {
     /// the top byte.
     pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
-    pub outputs: Outputs,
+    pub outputs: OutputsState,
     pub state: RemoteState,
     /// The last reason for going offline.
     pub cause: Option<OfflineReason>,
@@ -74,7 +74,7 @@ pub(crate) struct Health {
     /// The previous transfer failed too.
     has_just_failed: bool,
     /// Current row of failed transfers; its first one has been reported as an event.
-    failures: Row,
+    failures: EventRow,
     /// Time to wait before the next restart attempt; doubles with each attempt.
     pause: Duration,
     /// Nothing is sent to the remote before this time, by which its watchdog must have bitten.
@@ -84,7 +84,7 @@ pub(crate) struct Health {
     /// The last attempt failed, so that the next one is likely to take long.
     pub has_failed: bool,
     /// Sink of the remote's events, and the number of its port.
-    pub told: Option<(Sink, u8)>,
+    pub event_sink: Option<(EventSink, u8)>,
 }
 
 impl Health {
@@ -93,7 +93,7 @@ impl Health {
         Self {
             started,
             watchdog,
-            outputs: Outputs::Off,
+            outputs: OutputsState::Off,
             state: RemoteState::Running,
             cause: None,
             first_fault: None,
@@ -104,12 +104,12 @@ impl Health {
             comes_with_board: false,
             rest_until: Instant::default(),
             has_just_failed: false,
-            failures: Row::default(),
+            failures: EventRow::default(),
             pause: policy.first_backoff,
             silent_until: Instant::default(),
             is_asked_for: false,
             has_failed: false,
-            told: None,
+            event_sink: None,
         }
     }
 
@@ -138,7 +138,7 @@ impl Health {
         self.silent_until = now.after(silence);
         self.outputs
             .silent(reason, self.watchdog, self.silent_until);
-        if self.is_running() && good >= HEALTHY {
+        if self.is_running() && good >= HEALTHY_TRANSFERS {
             self.pause = policy.first_backoff;
         }
         let may_drive =
@@ -238,11 +238,16 @@ impl Health {
 
     /// Marks the remote as running and stores the identity that START reported; any other unit is
     /// refused from now on.
-    pub fn restarted(&mut self, now: Instant, told: [u32; 3]) {
+    pub fn restarted(&mut self, now: Instant, start_registers: [u32; 3]) {
         let is = self.started;
-        self.started = StartedRemote::new((is.channel, is.software_mode), told, is.sizes, is.cs);
+        self.started = StartedRemote::new(
+            (is.channel, is.software_mode),
+            start_registers,
+            is.sizes,
+            is.cs,
+        );
         self.state = RemoteState::Running;
-        self.outputs = Outputs::Off;
+        self.outputs = OutputsState::Off;
         self.has_failed = false;
         self.is_asked_for = false;
         let has_run = core::mem::replace(&mut self.has_run, true);
@@ -272,7 +277,7 @@ impl Health {
     /// well. The failure is reported as an event if it is the remote's own.
     pub fn count_fault(&mut self, now: Instant, own: Option<Failure>, increment: u32) {
         let remote = self.remote_id();
-        if let (Some((sink, _)), Some(failure)) = (&self.told, own) {
+        if let (Some((sink, _)), Some(failure)) = (&self.event_sink, own) {
             let kind = EventKind::TransferFailed { remote, failure };
             self.failures.add(sink, now, 1, kind);
         }
@@ -287,7 +292,7 @@ impl Health {
         self.has_just_failed = false;
         self.fault_count = self.fault_count.saturating_sub(decrement);
         let what = self.failed_transfers();
-        if let Some((sink, _)) = &self.told {
+        if let Some((sink, _)) = &self.event_sink {
             self.failures.look(sink, now, what);
         }
     }
@@ -296,7 +301,7 @@ impl Health {
     /// own.
     pub fn end_row(&mut self, now: Instant) {
         let what = self.failed_transfers();
-        if let Some((sink, _)) = &self.told {
+        if let Some((sink, _)) = &self.event_sink {
             self.failures.end(sink, now, what);
         }
     }
@@ -335,12 +340,12 @@ impl Health {
 
     /// The address of the remote.
     fn remote_id(&self) -> RemoteId {
-        let port = self.told.as_ref().map_or(0, |(_, port)| *port);
+        let port = self.event_sink.as_ref().map_or(0, |(_, port)| *port);
         RemoteId::new(port, self.channel().index())
     }
 
     fn tell(&self, now: Instant, kind: EventKind) {
-        if let Some((sink, _)) = &self.told {
+        if let Some((sink, _)) = &self.event_sink {
             sink.tell(now, kind);
         }
     }

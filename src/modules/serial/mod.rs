@@ -1,8 +1,8 @@
 //! Smart-serial ports in the cycle: their registers, their pins, and the recovery of their remotes.
 //!
-//! [`Machine`](crate::sslbp::Machine) implements the commands of a port and their replies. The
-//! layer above it is `recovery`, which decides which remotes take part, which are offline, and when
-//! those are tried again. A [`SerialPort`] does one step of both for each read and each write.
+//! [`PortMachine`](crate::sslbp::PortMachine) implements the commands of a port and their replies.
+//! The layer above it is `recovery`, which decides which remotes take part, which are offline, and
+//! when those are tried again. A [`SerialPort`] does one step of both for each read and each write.
 
 mod cost;
 mod health;

@@ -6,7 +6,7 @@ use super::health::Health;
 use super::recovery::{Recovery, is_stopping};
 use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore};
 use crate::modules::{RegisterError, Registrar};
-use crate::sslbp::{Link, Machine, RemoteFaults};
+use crate::sslbp::{ChannelLink, PortMachine, RemoteFaults};
 
 /// The pins that LinuxCNC has for a port.
 ///
@@ -37,7 +37,7 @@ pub(super) struct PortPins {
 
 /// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
 /// `run` is false; the others as observed with LinuxCNC 2.9).
-fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
+fn port_state(recovery: &Recovery, machine: &PortMachine) -> u32 {
     let running = recovery.running;
     let has_transferred = |channel| machine.link(channel).good > 0;
     match (recovery.run, running.is_empty()) {
@@ -83,7 +83,7 @@ impl PortPins {
         })
     }
 
-    pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
+    pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &PortMachine) {
         pins.publish(self.transfers, recovery.statistics.transfers);
         let (fault_count, too_short) = (recovery.fault_count(), recovery.statistics.too_short);
         let (state, step) = (
@@ -156,7 +156,7 @@ impl RemoteFaultPins {
         })
     }
 
-    pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &Link) {
+    pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &ChannelLink) {
         let (running, failures) = (health.is_running(), link.failures.total());
         let shown = (running, health.faults, failures, health.restarts);
         if self.shown.replace(shown) == Some(shown) {

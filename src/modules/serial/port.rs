@@ -6,16 +6,16 @@ use core::time::Duration;
 use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
-use super::remote::{FoundRemote, Served};
-use super::watchdog::Outputs;
+use super::remote::{FoundRemote, RemoteSlot};
+use super::watchdog::OutputsState;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
-    PerChannel, Port, PortParameters, RemoteFaults,
+    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, MAX_CHANNELS, PerChannel, Port, PortImage,
+    PortLayout, PortOperation, PortParameters, RemoteFaults,
 };
 use crate::tally::Tally;
 
@@ -27,7 +27,7 @@ pub struct SerialPort {
     slots: Slots,
     doit: WriteSlot,
     pub(crate) recovery: Recovery,
-    remotes: Vec<Served>,
+    remotes: Vec<RemoteSlot>,
     pins: PortPins,
     /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
@@ -72,18 +72,18 @@ impl SerialPort {
                 debug_assert!(false, "port {} has no channel {channel}", layout.instance);
                 continue;
             };
-            let [cs, told @ ..] = &mut slots.channels[channel];
+            let [cs, interfaces @ ..] = &mut slots.channels[channel];
             *cs = r.image.read(Phase::Data, registers.cs);
-            for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
+            for (slot, address) in interfaces.iter_mut().zip(registers.interfaces()) {
                 *slot = r.image.read_extra(Phase::Data, address);
             }
-            let remote = Served::register(r, remote, registers)?;
+            let remote = RemoteSlot::register(r, remote, registers)?;
             let mut health = Health::new(started, RemoteWatchdog::of(&remote.pins), &policy);
             if is_absent {
                 port.machine.set_sizes(&started);
                 health = health.absent(now, &policy);
             }
-            health.told = Some((r.events.clone(), layout.instance));
+            health.event_sink = Some((r.events.clone(), layout.instance));
             healths.push(health);
             served.push(remote);
         }
@@ -192,9 +192,9 @@ impl SerialPort {
                 continue;
             }
             // Another fault may be the reason for going offline; the bite is reported beside it.
-            let is_told = health.faults.contains(RemoteFaults::WATCHDOG);
+            let is_reported = health.faults.contains(RemoteFaults::WATCHDOG);
             let is_cause = health.cause == Some(OfflineReason::Watchdog);
-            let has_bitten = (is_cause || is_told) && !health.is_running();
+            let has_bitten = (is_cause || is_reported) && !health.is_running();
             let own = health.watchdog.silence();
             if !has_bitten {
                 health.watchdog = RemoteWatchdog::Off;
@@ -250,7 +250,7 @@ impl Module for SerialPort {
             served.has_news = outcome.good.contains(channel);
             if served.has_news {
                 if !served.drives {
-                    health.outputs = Outputs::Off;
+                    health.outputs = OutputsState::Off;
                 }
                 served.take(cycle);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
@@ -304,13 +304,13 @@ impl Module for SerialPort {
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
         for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             match operation {
-                Some(Operation::Transfer(mask)) => {
+                Some(PortOperation::Transfer(mask)) => {
                     remote.put(cycle);
                     if remote.drives && mask.contains(remote.channel) {
-                        health.outputs = Outputs::Driven;
+                        health.outputs = OutputsState::Driven;
                     }
                 }
-                Some(Operation::Start(_, mask)) if mask.contains(remote.channel) => {
+                Some(PortOperation::Start(_, mask)) if mask.contains(remote.channel) => {
                     remote.put_mode(cycle);
                 }
                 _ => {}
@@ -319,7 +319,7 @@ impl Module for SerialPort {
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
         cycle.words.put(self.doit, command);
         if self.recovery.needs_start_data() {
-            cycle.ask_extra();
+            cycle.request_extra();
         }
     }
 
@@ -352,7 +352,7 @@ impl Module for SerialPort {
 /// Functions for applications.
 impl SerialPort {
     /// The registers of the port.
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &PortLayout {
         self.port.layout()
     }
 
@@ -399,7 +399,7 @@ impl SerialPort {
 }
 
 /// The registers of a port, as read.
-impl Observed for (&Words, &Slots) {
+impl PortImage for (&Words, &Slots) {
     fn command(&self) -> u32 {
         self.0.word(self.1.command)
     }
@@ -413,8 +413,8 @@ impl Observed for (&Words, &Slots) {
         self.0.word(cs)
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
-        let [_, told @ ..] = self.1.channels[channel];
-        told.map(|slot| self.0.word(slot))
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
+        let [_, interfaces @ ..] = self.1.channels[channel];
+        interfaces.map(|slot| self.0.word(slot))
     }
 }

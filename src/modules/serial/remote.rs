@@ -22,6 +22,7 @@ pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// A remote that takes part: as found, or, while absent, as described by its table.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct FoundRemote {
     /// The identity that START reported. For an absent remote, the expected identity: 0 for an
     /// unknown unit number or unknown tables, and the class of the unit number in the top byte.
@@ -43,7 +44,7 @@ impl FoundRemote {
 
 /// A remote in the cycle.
 #[derive(Debug)]
-pub(super) struct Served {
+pub(super) struct RemoteSlot {
     pub channel: Channel,
     pub descriptor: RemoteDescriptor,
     pub pins: RemotePins,
@@ -62,7 +63,7 @@ pub(super) struct Served {
     pub drives: bool,
 }
 
-impl Served {
+impl RemoteSlot {
     pub fn register(
         r: &mut Registrar<'_>,
         found: FoundRemote,

@@ -76,7 +76,7 @@ impl RemoteWatchdog {
 
 /// State of a remote's outputs, as far as it is known from the frames sent to it and its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Outputs {
+pub(crate) enum OutputsState {
     /// All outputs are off: the last data it took is 0, as after START, or it reported that its
     /// watchdog has bitten.
     Off,
@@ -87,7 +87,7 @@ pub(crate) enum Outputs {
     Driven,
 }
 
-impl Outputs {
+impl OutputsState {
     pub fn are_off(self, now: Instant) -> bool {
         match self {
             Self::Off => true,

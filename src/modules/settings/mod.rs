@@ -26,7 +26,8 @@ use crate::sslbp::MAX_CHANNELS;
 /// included.
 ///
 /// All fields have defaults that fit a board on the bench: all ports with all their channels in
-/// mode 0, all encoders, 1 ms.
+/// mode 0, all encoders, 1 ms. A later version may add fields; with `..Settings::default()` at its
+/// end a program compiles nevertheless.
 ///
 /// ```
 /// use mesa_hal::{Pace, Settings};
@@ -388,13 +389,14 @@ pub enum Presence {
     /// expected and found values in the reason. Another firmware with process data of the same size
     /// is detected only by the position of its tables, which the built-in tables do not contain: if
     /// its data may have another meaning, use a table of your own with
-    /// [`Contents`](crate::discovery::Contents). Parameters of the remote have no pins.
+    /// [`TableAddresses`](crate::discovery::TableAddresses). Parameters of the remote have no pins.
     Optional,
 }
 
 /// Error of parsing a text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what} '{found}': expected {expected}")]
+#[non_exhaustive]
 pub struct ParseError {
     /// The expected kind of value.
     pub what: &'static str,

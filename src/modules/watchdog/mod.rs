@@ -36,7 +36,7 @@ pub struct Watchdog {
     /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
     /// cycle.
     shortest: Duration,
-    stage: Stage,
+    stage: WatchdogStage,
     /// The longest time that the cycle has written.
     longest: u32,
     /// The next write restarts the watchdog.
@@ -53,6 +53,7 @@ pub struct Watchdog {
 
 /// The watchdog's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct WatchdogPins {
     /// The watchdog has bitten; set to false to continue.
     pub has_bit: InOut<bool>,
@@ -63,7 +64,7 @@ pub struct WatchdogPins {
 
 /// Expected content of the time register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
+enum WatchdogStage {
     /// The first set-up was written, and the cycle has not begun: disabled.
     Disabled,
     /// The board was set up again: the longest time.
@@ -103,7 +104,7 @@ impl Watchdog {
             pins,
             timeout_ns,
             shortest: r.settings.period.saturating_mul(2),
-            stage: Stage::Disabled,
+            stage: WatchdogStage::Disabled,
             longest: 0,
             is_fed: false,
             fed: None,
@@ -131,9 +132,9 @@ impl Watchdog {
     pub(crate) fn is_set_up(&mut self, words: &Words) -> bool {
         let time = words.word(self.time_left);
         let is_held = is_counting(time) && time > self.longest;
-        let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.stands();
+        let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.evidence_matches();
         if is_set_up {
-            self.stage = Stage::Held;
+            self.stage = WatchdogStage::Held;
             self.fed = None;
         }
         is_set_up
@@ -158,15 +159,15 @@ impl Watchdog {
         }
         let in_cycle = is_counting(time) && time <= self.longest;
         let is_expected = match self.stage {
-            Stage::Disabled => in_cycle || time == WatchdogRegisters::DISABLED,
-            Stage::Held => is_counting(time),
-            Stage::Running => in_cycle,
+            WatchdogStage::Disabled => in_cycle || time == WatchdogRegisters::DISABLED,
+            WatchdogStage::Held => is_counting(time),
+            WatchdogStage::Running => in_cycle,
         };
-        if !is_expected || closely && !words.stands() {
+        if !is_expected || closely && !words.evidence_matches() {
             return Some(BoardState::Reset);
         }
         if in_cycle {
-            self.stage = Stage::Running;
+            self.stage = WatchdogStage::Running;
         }
         None
     }
@@ -174,7 +175,9 @@ impl Watchdog {
     /// True if the evidence is that of a reset: no bite, and no time from a set-up.
     pub(crate) fn shows_reset(&self, words: &Words) -> bool {
         let (status, time) = (words.word(self.status), words.word(self.time_left));
-        self.stage != Stage::Disabled && !has_bitten(status) && !WatchdogRegisters::runs(time)
+        self.stage != WatchdogStage::Disabled
+            && !has_bitten(status)
+            && !WatchdogRegisters::runs(time)
     }
 
     /// Finds the cause of a bite. After a reset the next write makes the watchdog bite at once,
@@ -209,21 +212,21 @@ impl Module for Watchdog {
         let is_new = core::mem::replace(&mut self.timeout_ns, timeout_ns) != timeout_ns;
         self.is_fed = cycle.is_running;
         // A restart without a time would cause a bite.
-        let is_restarted = self.is_fed && self.stage != Stage::Disabled;
+        let is_restarted = self.is_fed && self.stage != WatchdogStage::Disabled;
         let word = if is_restarted {
             WatchdogRegisters::PET
         } else {
             0
         };
         cycle.words.put(self.pet, word);
-        if !cycle.is_running || self.stage == Stage::Running && !is_new {
+        if !cycle.is_running || self.stage == WatchdogStage::Running && !is_new {
             return;
         }
         let time = self.registers.time_for(self.timeout().max(self.shortest));
         self.longest = self.longest.max(time);
         cycle.words.set(self.time, time);
         cycle.words.repeat(self.time);
-        cycle.ask_extra();
+        cycle.request_extra();
     }
 
     fn written(&mut self, now: Instant, _: bool) {

@@ -31,7 +31,7 @@ fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert_eq!(cycle(&mut driver, &mut queue), 4);
     assert_eq!(cycle(&mut driver, &mut queue), 0);
-    // The ring goes round.
+    // The ring wraps around.
     for n in 0..50_u32 {
         sender.set(output, n % 2 == 0).expect("there is room");
         assert_eq!(cycle(&mut driver, &mut queue), 1);
@@ -62,13 +62,13 @@ fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
     sender.rearm().expect("there is room");
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert!(is_armed(&driver));
-    // The other five wait when the fault is found: nobody follows these outputs now.
+    // The other five wait when the fault is found: their outputs are no longer armed.
     driver.restart((0, 0));
     assert!(!is_armed(&driver));
     assert_eq!(cycle(&mut driver, &mut queue), 5);
     assert!(!is_armed(&driver));
     assert_eq!(sender.statistics().refused, 5);
-    // What is sent afterwards counts again, once the group is armed.
+    // A command sent afterwards counts again, once the group is armed.
     for _ in 0..200 {
         cycle(&mut driver, &mut queue);
     }
@@ -106,8 +106,8 @@ fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
     assert_eq!(sender.statistics().refused, 0);
 }
 
-/// Switched on in a queue of 300 commands; a fault; re-armed by the application itself, while the rest of
-/// the queue waits.
+/// The output is switched on in a queue of 300 commands; after a fault the application itself
+/// re-arms, while the rest of the queue waits.
 #[test]
 fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_armed_since() {
     let mut driver = driver();
@@ -132,7 +132,7 @@ fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_arme
     }
     let statistics = sender.statistics();
     assert_eq!((statistics.taken, statistics.refused), (300, 283));
-    // What is sent now was sent after the fault.
+    // A command sent now was sent after the fault.
     sender.set(coolant, true).expect("there is room");
     cycle(&mut driver, &mut queue);
     assert!(driver.pins().commanded(coolant));
@@ -147,13 +147,13 @@ fn what_makes_safe_is_never_refused() {
     let coolant = driver.pins().output::<bool>(name).expect("there");
     let group = driver.pins().info(coolant).expect("there").group;
     cycle(&mut driver, &mut queue);
-    // Sent before the fault, or while nobody follows it: off is off.
+    // Sent before the fault, or while the group is not armed: off is off.
     sender.set(coolant, false).expect("there is room");
     driver.restart((0, 0));
     cycle(&mut driver, &mut queue);
     sender.set(coolant, false).expect("there is room");
     cycle(&mut driver, &mut queue);
-    // Sent before, taken when the application has switched it on again.
+    // Sent before, taken after the application has switched the output on again.
     sender.set(coolant, false).expect("there is room");
     while driver.pins_mut().rearm(group).is_err() {
         let _ = driver.read().expect("the bus does not fail");

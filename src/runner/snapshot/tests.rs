@@ -17,7 +17,7 @@ fn driver() -> Driver<SimFpga> {
     Driver::start(board, Settings::default()).expect("it starts")
 }
 
-/// All analog outputs, which are far from each other in a set with what is between them.
+/// All analog outputs, which are far apart in a set, with other words in between.
 fn outputs(driver: &Driver<SimFpga>) -> Vec<Output<f64>> {
     let name = |number| format!("hm2_7i92.0.7i77.0.1.analogout{number}");
     let outputs = (0..6).map(|number| driver.pins().output(&name(number)));
@@ -67,7 +67,7 @@ fn a_reader_in_another_thread_never_sees_a_torn_set() {
     assert!(whole > 100, "{whole} whole sets of {published}");
 }
 
-/// How many whole sets it saw; it is content with some thousands.
+/// Reads until the end, or until some thousands of consistent sets; returns their number.
 fn read_until_the_end(
     reader: &SnapshotReader,
     outputs: &[Output<f64>],
@@ -124,7 +124,7 @@ fn a_snapshot_says_of_every_pin_group_and_remote_what_the_driver_says() {
     is_not_fresh(&last);
 }
 
-/// A snapshot of now, also on a host that is busy.
+/// A fresh snapshot, also on a busy host.
 fn fresh(driver: &Driver<SimFpga>, writer: &mut SnapshotWriter) -> Snapshot {
     let mut tries = 0..1000;
     loop {
@@ -137,7 +137,7 @@ fn fresh(driver: &Driver<SimFpga>, writer: &mut SnapshotWriter) -> Snapshot {
     }
 }
 
-/// No pin is valid and no group armed, and all of it is as old as the snapshot.
+/// Asserts that no pin is valid and no group armed, and that all ages include that of the snapshot.
 fn is_not_fresh(seen: &Snapshot) {
     assert!(!seen.is_fresh());
     for (info, reading) in seen.pins() {
@@ -160,9 +160,9 @@ fn what_a_cycle_that_hangs_has_shown_is_not_valid_and_gets_older() {
     let input = driver.pins().input("hm2_7i92.0.7i77.0.0.input-02");
     let input: crate::hal::Input<bool> = input.expect("there");
     assert!(before.read(input).valid);
-    thread::sleep(FRESH + Duration::from_millis(10));
+    thread::sleep(MAX_AGE + Duration::from_millis(10));
     let seen = reader.read().expect("the last one stays");
-    assert!(!seen.has_ended && seen.age() > FRESH);
+    assert!(!seen.has_ended && seen.age() > MAX_AGE);
     is_not_fresh(&seen);
     assert!(before.read(input).valid, "as it was when it was taken");
     same(&driver, &fresh(&driver, &mut writer));
@@ -205,7 +205,7 @@ fn same(driver: &Driver<SimFpga>, seen: &Snapshot) {
     assert_eq!(seen.driver_statistics(), driver.statistics());
     assert_eq!(seen.bus_statistics(), driver.bus().statistics());
     assert_eq!(seen.pins().count(), pins.infos().len());
-    // Ages are counted up to when it was taken.
+    // Ages include the time up to the taking of the snapshot.
     let later = |age: Age| Age {
         time: age.time.saturating_add(seen.age()),
         ..age

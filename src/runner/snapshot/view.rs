@@ -1,11 +1,11 @@
-//! What the cycle showed, taken apart.
+//! Contents of a snapshot.
 
 use crate::hostmot2::RemoteId;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::Shared;
+use super::SnapshotBuffer;
 use crate::bus::{BusStatistics, Instant};
 use crate::driver::{BoardState, DriverStatistics, OfflineReason, RemoteState};
 #[cfg(doc)]
@@ -17,20 +17,20 @@ use crate::runner::RunStatistics;
 use crate::runner::packed::Packed;
 use crate::sslbp::{RemoteFaults, RemoteName};
 
-/// What the cycle showed, all of one moment: after the write of a cycle.
+/// All values that the cycle published, of the same time: after the write of a cycle.
 ///
-/// Its ages are those of the moment in which it was taken, the time since then is not in them. Once it
-/// is not [fresh](Self::is_fresh), no pin is valid and no group is armed, whatever the cycle showed
-/// last.
+/// Ages are those at the time when the snapshot was taken; later time is not included. If the
+/// snapshot is not [fresh](Self::is_fresh), no pin is valid and no group is armed, whatever the
+/// cycle published last.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    pub(super) shared: Arc<Shared>,
+    pub(super) shared: Arc<SnapshotBuffer>,
     pub(super) words: Vec<u64>,
     pub(super) age: Duration,
     pub(super) has_ended: bool,
 }
 
-/// A remote, as a [`Snapshot`] shows it.
+/// A remote in a [`Snapshot`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -43,27 +43,27 @@ pub struct RemoteSnapshot {
     /// The group of its pins.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub group: GroupId,
-    /// Since when it runs, or does not, as far as it was looked at.
+    /// Time since which it has been running, or not running, as far as published.
     pub since: Instant,
-    /// What it is doing.
+    /// Its state.
     pub state: RemoteState,
-    /// Why it went offline first since it was re-armed last.
+    /// The first reason for going offline since it was last re-armed.
     pub first_fault: Option<OfflineReason>,
-    /// What it reported with its last reply.
+    /// Faults reported with its last reply.
     #[cfg_attr(
         feature = "serde",
         serde(serialize_with = "crate::serial_form::flags::serialize")
     )]
     pub faults: RemoteFaults,
-    /// Transfers of its own so far, failed ones included.
+    /// Its transfers so far, including failed ones.
     pub transfers: u64,
     /// Its failures so far.
     pub failures: u64,
-    /// How often it was restarted.
+    /// Number of restarts.
     pub restarts: u64,
 }
 
-/// What is in front of the pins.
+/// The words before those of the pins.
 struct Head {
     cycle: u64,
     time: Instant,
@@ -79,14 +79,14 @@ impl Snapshot {
         &self.shared.layout.infos
     }
 
-    /// How long before it was taken the cycle had shown it, on the clock of this host: less than a
-    /// period while the cycle runs.
+    /// Time between publication and the taking of the snapshot, on the clock of this host: less
+    /// than a period while the cycle runs.
     pub fn age(&self) -> Duration {
         self.age
     }
 
-    /// Whether the cycle had not ended, and had shown it not longer ago than 100 ms, or 3 periods if
-    /// these are longer. A cycle that hangs looks like one that was not there: its board's watchdog has
+    /// True if the cycle had not ended, and had published no longer ago than 100 ms, or 3 periods
+    /// if these are longer. A cycle that hangs is treated as absent: its board's watchdog has
     /// bitten.
     pub fn is_fresh(&self) -> bool {
         !self.has_ended && self.age <= self.shared.fresh
@@ -97,33 +97,33 @@ impl Snapshot {
         self.head().cycle
     }
 
-    /// When the cycle began, on the clock of the bus.
+    /// Start of the cycle, on the clock of the bus.
     pub fn time(&self) -> Instant {
         self.head().time
     }
 
-    /// The state of the board as the cycle saw it last, and since when.
+    /// The last known state of the board, and the time since which it has had it.
     pub fn board(&self) -> (BoardState, Instant) {
         self.head().board
     }
 
-    /// What the runner counted.
+    /// Statistics of the runner.
     pub fn run_statistics(&self) -> RunStatistics {
         self.head().run
     }
 
-    /// What the driver counted.
+    /// Statistics of the driver.
     pub fn driver_statistics(&self) -> DriverStatistics {
         self.head().driver
     }
 
-    /// What the bus counted.
+    /// Statistics of the bus.
     pub fn bus_statistics(&self) -> BusStatistics {
         self.head().bus
     }
 
-    /// A pin by its handle: an input as it was read, an output as it was commanded, a parameter. One
-    /// of another driver gives zero, not valid.
+    /// A pin by its handle: an input as it was read, an output as it was commanded, or a parameter.
+    /// A handle of another driver returns zero, not valid.
     pub fn read<K: Copy, T: Value>(&self, pin: Handle<K, T>) -> Reading<T> {
         let found = self.reading(pin.into());
         let Reading { value, valid, age } = found.unwrap_or(Reading {
@@ -149,7 +149,8 @@ impl Snapshot {
         })
     }
 
-    /// All of them, in the order of [`infos`](Self::infos). A parameter is always valid.
+    /// All pins and parameters, in the order of [`infos`](Self::infos). A parameter is always
+    /// valid.
     pub fn pins(&self) -> impl Iterator<Item = (&PinInfo, Reading<AnyValue>)> + '_ {
         let layout = &self.shared.layout;
         let all = layout.infos.iter().enumerate();

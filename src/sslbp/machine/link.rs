@@ -5,7 +5,8 @@ use crate::sslbp::{CsStatus, LocalFaults, ProcessDataSizes, RemoteFaults, StartM
 
 /// Result of a channel's last transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+#[non_exhaustive]
+pub enum TransferResult {
     /// Its data is new and sound.
     Good,
     /// Its data cannot be used.
@@ -16,13 +17,13 @@ pub enum Verdict {
 
 /// State of a channel since its last START, and its counters.
 #[derive(Clone, Debug)]
-pub struct Link {
+pub struct ChannelLink {
     /// Sizes of its remote's process data.
     pub sizes: ProcessDataSizes,
     /// Interface registers 0 to 2 after the last START: unit number, name, tables.
-    pub told: [u32; 3],
+    pub start_registers: [u32; 3],
     /// Result of the last transfer.
-    pub verdict: Verdict,
+    pub verdict: TransferResult,
     /// CS after the last transfer or START.
     pub cs: CsStatus,
     /// Number of good transfers since its START.
@@ -46,13 +47,13 @@ pub struct Link {
 /// to the transfer before.
 const DISCARD_AFTER_DOUBT: u8 = 1;
 
-impl Link {
+impl ChannelLink {
     pub(super) fn new() -> Self {
         Self {
             sizes: ProcessDataSizes::default(),
             has_fault_byte: true,
-            told: [0; 3],
-            verdict: Verdict::Failed(Failure::NotRunning),
+            start_registers: [0; 3],
+            verdict: TransferResult::Failed(Failure::NotRunning),
             cs: CsStatus(0),
             known_faults: LocalFaults::empty(),
             run_faults: LocalFaults::empty(),
@@ -65,24 +66,25 @@ impl Link {
     }
 
     /// Takes the state after a completed START.
-    pub(super) fn started(&mut self, cs: CsStatus, told: [u32; 3]) {
+    pub(super) fn started(&mut self, cs: CsStatus, start_registers: [u32; 3]) {
         self.cs = cs;
-        self.told = told;
+        self.start_registers = start_registers;
         self.known_faults = cs.local_faults();
         self.run_faults = LocalFaults::empty();
-        self.verdict = Verdict::Failed(Failure::NotRunning);
+        self.verdict = TransferResult::Failed(Failure::NotRunning);
         self.last_failure = None;
         self.discard = 0;
         self.good = 0;
     }
 
     /// Evaluates a completed transfer from CS and the channel's bit in DATA.
-    pub(super) fn judge(&mut self, cs: CsStatus, has_failed: bool) -> Verdict {
+    pub(super) fn judge(&mut self, cs: CsStatus, has_failed: bool) -> TransferResult {
         self.transfers = self.transfers.wrapping_add(1);
-        if cs == self.cs && self.verdict == Verdict::Good && !has_failed && self.discard == 0 {
+        if cs == self.cs && self.verdict == TransferResult::Good && !has_failed && self.discard == 0
+        {
             // Fast path: nothing has changed since the transfer before.
             self.good = self.good.wrapping_add(1);
-            return Verdict::Good;
+            return TransferResult::Good;
         }
         self.cs = cs;
         let new_faults = cs.local_faults().difference(self.known_faults);
@@ -109,23 +111,23 @@ impl Link {
             self.last_failure = None;
             self.failures.add(Failure::Doubtful);
             self.reported()
-                .unwrap_or(Verdict::Failed(Failure::Doubtful))
+                .unwrap_or(TransferResult::Failed(Failure::Doubtful))
         } else {
             self.last_failure = None;
             self.good = self.good.wrapping_add(1);
-            self.reported().unwrap_or(Verdict::Good)
+            self.reported().unwrap_or(TransferResult::Good)
         };
         self.verdict
     }
 
-    fn failed(&mut self, failure: Failure) -> Verdict {
+    fn failed(&mut self, failure: Failure) -> TransferResult {
         if failure == Failure::Late {
             self.failures.lost_was_late();
         } else {
             self.failures.add(failure);
         }
         self.last_failure = Some(failure);
-        Verdict::Failed(failure)
+        TransferResult::Failed(failure)
     }
 
     /// Evaluates a transfer that may not have happened. CS still contains the fault byte of the
@@ -139,14 +141,14 @@ impl Link {
             return false;
         }
         let faulty = self.reported();
-        self.verdict = faulty.unwrap_or(Verdict::Failed(Failure::Doubtful));
+        self.verdict = faulty.unwrap_or(TransferResult::Failed(Failure::Doubtful));
         faulty.is_some()
     }
 
     /// The faults in CS, if the reply has a fault byte.
-    fn reported(&self) -> Option<Verdict> {
+    fn reported(&self) -> Option<TransferResult> {
         let faults = self.cs.remote_faults();
-        (self.has_fault_byte && !faults.is_empty()).then_some(Verdict::Faulty(faults))
+        (self.has_fault_byte && !faults.is_empty()).then_some(TransferResult::Faulty(faults))
     }
 
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {
@@ -202,9 +204,9 @@ mod tests {
     /// between them, and the expected verdict.
     #[test]
     fn recorded_wire_faults_are_told_apart() {
-        let good = Verdict::Good;
-        let failed = Verdict::Failed;
-        let mut link = Link::new();
+        let good = TransferResult::Good;
+        let failed = TransferResult::Failed;
+        let mut link = ChannelLink::new();
         let steps = [
             (0x0042_0000, false, good),
             (0x0042_2008, true, failed(Failure::NoReply)),
@@ -239,8 +241,8 @@ mod tests {
     }
 
     /// Judges transfers that all fail; returns the last verdict.
-    fn last_failure(words: &[u32]) -> Verdict {
-        let mut link = Link::new();
+    fn last_failure(words: &[u32]) -> TransferResult {
+        let mut link = ChannelLink::new();
         link.judge(cs(0x0042_0000), false);
         let verdicts = words.iter().map(|&word| link.judge(cs(word), true));
         verdicts.last().expect("a transfer")
@@ -249,8 +251,8 @@ mod tests {
     /// Gateware transcript u06, read before and after the timeout, and the overrun of FACTS 11.8.
     #[test]
     fn a_line_held_low_is_told_as_that_and_an_overrun_changes_nothing() {
-        let low = Verdict::Failed(Failure::Break);
-        let lost = Verdict::Failed(Failure::NoReply);
+        let low = TransferResult::Failed(Failure::Break);
+        let lost = TransferResult::Failed(Failure::NoReply);
         for overrun in [0, 0x04] {
             let first = 0x0043_2030 | overrun;
             assert_eq!(last_failure(&[first]), low, "{first:08X}");
@@ -259,7 +261,7 @@ mod tests {
             assert_eq!(last_failure(&[first, 0x0043_2038 | overrun]), low);
             // Read before the break is visible.
             let only_extra = 0x0043_2010 | overrun;
-            let extra = Verdict::Failed(Failure::ExtraCharacters);
+            let extra = TransferResult::Failed(Failure::ExtraCharacters);
             assert_eq!(last_failure(&[only_extra]), extra, "{only_extra:08X}");
             assert_eq!(last_failure(&[only_extra, later, later]), low);
         }
@@ -272,18 +274,18 @@ mod tests {
     /// FACTS 11.8.
     #[test]
     fn an_overrun_hides_no_kind_and_is_one_only_by_itself() {
-        let failed = Verdict::Failed;
+        let failed = TransferResult::Failed;
         assert_eq!(last_failure(&[0x0043_2004]), failed(Failure::Overrun));
         assert_eq!(
             last_failure(&[0x0043_2004, 0x0043_2005]),
             failed(Failure::Crc)
         );
-        let mut link = Link::new();
+        let mut link = ChannelLink::new();
         let steps = [
             (0x0043_2005, true, failed(Failure::Crc)),
-            (0x0042_2005, false, Verdict::Good),
+            (0x0042_2005, false, TransferResult::Good),
             (0x0043_2005, true, failed(Failure::Crc)),
-            (0x0042_2005, false, Verdict::Good),
+            (0x0042_2005, false, TransferResult::Good),
             (0x0042_200D, true, failed(Failure::NoReply)),
         ];
         for (step, (word, has_failed, expected)) in steps.into_iter().enumerate() {
@@ -295,9 +297,9 @@ mod tests {
     #[test]
     fn a_fault_byte_comes_with_good_data_and_every_bit_of_it_counts() {
         for bit in 0..8 {
-            let verdict = Link::new().judge(cs(0x0042_2140 | 1 << (24 + bit)), false);
+            let verdict = ChannelLink::new().judge(cs(0x0042_2140 | 1 << (24 + bit)), false);
             let faults = RemoteFaults::from_bits_retain(1 << bit);
-            assert_eq!(verdict, Verdict::Faulty(faults), "bit {bit}");
+            assert_eq!(verdict, TransferResult::Faulty(faults), "bit {bit}");
         }
     }
 
@@ -305,8 +307,8 @@ mod tests {
     #[test]
     fn a_fault_is_seen_behind_a_transfer_in_doubt_but_not_one_from_before_start() {
         let faulty = cs(0x0842_2140);
-        let over_current = Verdict::Faulty(RemoteFaults::OVER_CURRENT);
-        let mut link = Link::new();
+        let over_current = TransferResult::Faulty(RemoteFaults::OVER_CURRENT);
+        let mut link = ChannelLink::new();
         assert!(!link.judge_doubtful(faulty));
         link.judge(cs(0x0042_0000), false);
         link.judge(cs(0x0042_0000), false);
@@ -319,8 +321,12 @@ mod tests {
     #[test]
     fn a_channel_that_does_not_run_has_no_data_whatever_data_says() {
         for word in [0x0000_C100, 0x0040_0000, 0x0001_E188, 0x0024_A1C0] {
-            let verdict = Link::new().judge(cs(word), false);
-            assert_eq!(verdict, Verdict::Failed(Failure::NotRunning), "{word:08X}");
+            let verdict = ChannelLink::new().judge(cs(word), false);
+            assert_eq!(
+                verdict,
+                TransferResult::Failed(Failure::NotRunning),
+                "{word:08X}"
+            );
         }
     }
 }

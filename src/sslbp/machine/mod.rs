@@ -2,10 +2,10 @@
 //! COMMAND, DATA, CS and the interface registers afterwards. The machine is independent of bus and
 //! clock, and never waits.
 //!
-//! A step consists of [`observe`](Machine::observe) with the result of a read,
-//! [`begin`](Machine::begin) of an operation if the port is idle, the write of its registers and
-//! its command, and [`written`](Machine::written). For set-up, [`Port`](super::Port) runs an
-//! operation to its end over a bus; the cycle performs one step for each read and write.
+//! A step consists of [`observe`](PortMachine::observe) with the result of a read,
+//! [`begin`](PortMachine::begin) of an operation if the port is idle, the write of its registers
+//! and its command, and [`written`](PortMachine::written). For set-up, [`Port`](super::Port) runs
+//! an operation to its end over a bus; the cycle performs one step for each read and write.
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
@@ -14,17 +14,18 @@ mod failure;
 mod link;
 
 pub use failure::{Failure, FailureCounts};
-pub use link::{Link, Verdict};
+pub use link::{ChannelLink, TransferResult};
 
 use super::{
-    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, Operation, PerChannel, StartMode,
-    StartedRemote, Times,
+    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, OperationTimes, PerChannel, PortOperation,
+    StartMode, StartedRemote,
 };
 use crate::bus::Instant;
 use core::{array, fmt};
 
 /// Common state of the running channels of a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum PortState {
     /// Not known: possibly left by another program.
     #[default]
@@ -48,7 +49,7 @@ impl fmt::Display for PortState {
 
 /// The registers of a port from one read. COMMAND is read first: if it is 0, everything read after
 /// it is valid.
-pub trait Observed {
+pub trait PortImage {
     /// COMMAND.
     fn command(&self) -> u32;
     /// DATA.
@@ -56,12 +57,13 @@ pub trait Observed {
     /// CS of a channel.
     fn cs(&self, channel: Channel) -> u32;
     /// Interface registers 0 to 2 of a channel; requested only when a START is complete.
-    fn told(&self, channel: Channel) -> [u32; 3];
+    fn interfaces(&self, channel: Channel) -> [u32; 3];
 }
 
 /// State of the operation in flight, as shown by a read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
+#[non_exhaustive]
+pub enum PortEvent {
     /// No operation is in flight, and the port is idle.
     Idle,
     /// The operation is not complete.
@@ -69,14 +71,15 @@ pub enum Event {
     /// COMMAND is 0; the other registers are valid from this time on.
     Settling(Instant),
     /// The operation is complete, and the port is idle.
-    Complete(Complete),
+    Complete(CompletedOperation),
 }
 
 /// A completed operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Complete {
+#[non_exhaustive]
+pub struct CompletedOperation {
     /// The operation.
-    pub operation: Operation,
+    pub operation: PortOperation,
     /// Time at which it was written.
     pub issued: Instant,
     /// Earliest time at which it may have begun: the host may be suspended between that and the end
@@ -91,24 +94,24 @@ pub struct Complete {
     /// data.
     pub good: ChannelMask,
     /// The other requested channels with something to report: for a transfer, their
-    /// [`verdict`](Link::verdict).
+    /// [`verdict`](ChannelLink::verdict).
     pub bad: ChannelMask,
 }
 
 /// An operation that was written and is not known to be complete.
 #[derive(Clone, Copy, Debug)]
-struct InFlight {
+struct PendingOperation {
     /// Its present description: no channel is good or bad yet.
-    complete: Complete,
+    complete: CompletedOperation,
     busy_reads: u32,
     /// Time at which COMMAND first read 0.
     cleared: Option<Instant>,
 }
 
-impl InFlight {
-    const fn new(operation: Operation, issued: Instant, certain: bool) -> Self {
+impl PendingOperation {
+    const fn new(operation: PortOperation, issued: Instant, certain: bool) -> Self {
         Self {
-            complete: Complete {
+            complete: CompletedOperation {
                 operation,
                 issued,
                 sent_from: issued,
@@ -133,16 +136,16 @@ impl InFlight {
 /// # Real time
 /// Every function is bounded by the number of channels and does not allocate.
 #[derive(Clone, Debug)]
-pub struct Machine {
+pub struct PortMachine {
     channels: ChannelMask,
     pub(super) state: PortState,
     pub(super) running: ChannelMask,
-    links: PerChannel<Link>,
+    links: PerChannel<ChannelLink>,
     /// COMMAND was 0 at the last read, and nothing was written since.
     idle: bool,
-    in_flight: Option<InFlight>,
+    in_flight: Option<PendingOperation>,
     /// The operation that `written` records once its write is done.
-    begun: Option<Operation>,
+    begun: Option<PortOperation>,
     /// Time from which it may be executed.
     sent_from: Option<Instant>,
 }
@@ -150,14 +153,14 @@ pub struct Machine {
 /// Number of busy reads, however far apart, before a busy COMMAND is considered stuck.
 const MIN_BUSY_READS: u32 = 3;
 
-impl Machine {
+impl PortMachine {
     /// A port with these channels, in an unknown state.
     pub fn new(channels: ChannelMask) -> Self {
         Self {
             channels,
             state: PortState::Unknown,
             running: ChannelMask::NONE,
-            links: PerChannel(array::from_fn(|_| Link::new())),
+            links: PerChannel(array::from_fn(|_| ChannelLink::new())),
             idle: false,
             in_flight: None,
             begun: None,
@@ -166,7 +169,7 @@ impl Machine {
     }
 
     /// State of a channel.
-    pub fn link(&self, channel: Channel) -> &Link {
+    pub fn link(&self, channel: Channel) -> &ChannelLink {
         &self.links[channel]
     }
 
@@ -176,16 +179,16 @@ impl Machine {
     }
 
     /// The operation that was written and is not known to be complete, with the time of its write.
-    pub fn in_flight(&self) -> Option<(Operation, Instant)> {
+    pub fn in_flight(&self) -> Option<(PortOperation, Instant)> {
         let pending = &self.in_flight.as_ref()?.complete;
         Some((pending.operation, pending.issued))
     }
 
     /// True if COMMAND stays busy for longer than the operation in flight can take; only
-    /// [`Operation::Free`] helps then.
+    /// [`PortOperation::Free`] helps then.
     pub fn is_stuck(&self, now: Instant) -> bool {
         self.in_flight.as_ref().is_some_and(|pending| {
-            let Complete {
+            let CompletedOperation {
                 operation, issued, ..
             } = pending.complete;
             pending.busy_reads >= MIN_BUSY_READS && now.since(issued) > operation.times().longest
@@ -198,12 +201,12 @@ impl Machine {
     /// A transfer of a channel that does not run in normal mode is an error in the program, on
     /// which a debug build panics: nothing is sent to the remote, and its bit in DATA has no
     /// meaning (FACTS 5.5).
-    pub fn begin(&mut self, operation: Operation) -> u32 {
+    pub fn begin(&mut self, operation: PortOperation) -> u32 {
         if !self.idle && !operation.interrupts() {
             self.begun = None;
             return COMMAND_IGNORED;
         }
-        if let Operation::Transfer(mask) = operation {
+        if let PortOperation::Transfer(mask) = operation {
             debug_assert!(
                 mask.difference(self.running).is_empty()
                     && self.state == PortState::Started(StartMode::Normal),
@@ -233,46 +236,46 @@ impl Machine {
             return;
         };
         self.idle = false;
-        if matches!(operation, Operation::Reset) {
+        if matches!(operation, PortOperation::Reset) {
             self.forget();
         }
-        let mut in_flight = InFlight::new(operation, now, arrived);
+        let mut in_flight = PendingOperation::new(operation, now, arrived);
         in_flight.complete.sent_from = sent_from;
         self.in_flight = Some(in_flight);
     }
 
     /// Evaluates a read. `certain`: everything written before has arrived, once and in order.
-    pub fn observe(&mut self, now: Instant, seen: &impl Observed, certain: bool) -> Event {
+    pub fn observe(&mut self, now: Instant, seen: &impl PortImage, certain: bool) -> PortEvent {
         self.begun = None;
         let is_busy = seen.command() != 0;
         if self.in_flight.is_none() && !is_busy {
             self.idle = true;
-            return Event::Idle;
+            return PortEvent::Idle;
         }
-        let foreign = || InFlight::new(Operation::Foreign, now, false);
+        let foreign = || PendingOperation::new(PortOperation::Foreign, now, false);
         let pending = self.in_flight.get_or_insert_with(foreign);
         // Also while busy, because the operation that keeps it busy is not known.
         pending.complete.certain &= certain;
         if is_busy {
             self.idle = false;
             pending.seen_busy();
-            return Event::Busy;
+            return PortEvent::Busy;
         }
-        let Complete {
+        let CompletedOperation {
             operation, issued, ..
         } = pending.complete;
-        let Times { usual, settle, .. } = operation.times();
+        let OperationTimes { usual, settle, .. } = operation.times();
         if !settle.is_zero() {
             let cleared = *pending.cleared.get_or_insert(now);
             let settled = cleared.min(issued.after(usual)).after(settle);
             if now < settled {
-                return Event::Settling(settled);
+                return PortEvent::Settling(settled);
             }
         }
         let complete = pending.complete;
         self.in_flight = None;
         self.idle = true;
-        Event::Complete(self.complete(complete, seen))
+        PortEvent::Complete(self.complete(complete, seen))
     }
 
     /// Records a failed read: the state of COMMAND is unknown.
@@ -299,47 +302,57 @@ impl Machine {
         }
     }
 
-    fn complete(&mut self, mut complete: Complete, seen: &impl Observed) -> Complete {
+    fn complete(
+        &mut self,
+        mut complete: CompletedOperation,
+        seen: &impl PortImage,
+    ) -> CompletedOperation {
         let asked = complete.operation.channels().intersection(self.channels);
         match complete.operation {
-            Operation::Transfer(_) => self.judge(asked, seen, &mut complete),
-            Operation::StopAll | Operation::Stop(_) => {
+            PortOperation::Transfer(_) => self.judge(asked, seen, &mut complete),
+            PortOperation::StopAll | PortOperation::Stop(_) => {
                 complete.good = with_cs(asked, seen, CsStatus::is_stopped);
                 complete.bad = asked.difference(complete.good);
                 self.running = self.running.difference(asked);
-                if matches!(complete.operation, Operation::StopAll) {
+                if matches!(complete.operation, PortOperation::StopAll) {
                     self.forget();
                     if complete.bad.is_empty() {
                         self.state = PortState::Stopped;
                     }
                 }
             }
-            Operation::Start(mode, _) => {
+            PortOperation::Start(mode, _) => {
                 complete.good = with_cs(asked, seen, |cs| cs.has_started(mode));
                 complete.bad = asked.difference(complete.good);
                 for channel in asked.iter() {
-                    self.links[channel].started(CsStatus(seen.cs(channel)), seen.told(channel));
+                    self.links[channel]
+                        .started(CsStatus(seen.cs(channel)), seen.interfaces(channel));
                 }
                 if !complete.good.is_empty() {
                     self.state = PortState::Started(mode);
                     self.running = self.running.union(complete.good);
                 }
             }
-            Operation::Access(..) => {
+            PortOperation::Access(..) => {
                 complete.bad = failed(seen).intersection(asked);
                 complete.good = asked.difference(complete.bad);
             }
-            Operation::Release => self.state = PortState::Stopped,
-            Operation::ReadLocal(_)
-            | Operation::WriteLocal(_)
-            | Operation::Free
-            | Operation::Reset
-            | Operation::Foreign => {}
+            PortOperation::Release => self.state = PortState::Stopped,
+            PortOperation::ReadLocal(_)
+            | PortOperation::WriteLocal(_)
+            | PortOperation::Free
+            | PortOperation::Reset
+            | PortOperation::Foreign => {}
         }
         complete
     }
 
-    fn judge(&mut self, asked: ChannelMask, seen: &impl Observed, complete: &mut Complete) {
+    fn judge(
+        &mut self,
+        asked: ChannelMask,
+        seen: &impl PortImage,
+        complete: &mut CompletedOperation,
+    ) {
         let failed = failed(seen);
         for channel in asked.iter() {
             let (cs, mask) = (CsStatus(seen.cs(channel)), channel.mask());
@@ -353,12 +366,12 @@ impl Machine {
                 continue;
             }
             let verdict = link.judge(cs, failed.contains(channel));
-            if verdict == Verdict::Good {
+            if verdict == TransferResult::Good {
                 complete.good = complete.good.union(mask);
             } else {
                 complete.bad = complete.bad.union(mask);
             }
-            if verdict == Verdict::Failed(Failure::NotRunning) {
+            if verdict == TransferResult::Failed(Failure::NotRunning) {
                 self.running = self.running.difference(mask);
             }
         }
@@ -383,13 +396,13 @@ impl Machine {
 /// never sets a bit after DOIT (FACTS 5.3).
 ///
 /// Manual: 7I77, "NORMAL START", "DOIT".
-fn failed(seen: &impl Observed) -> ChannelMask {
+fn failed(seen: &impl PortImage) -> ChannelMask {
     ChannelMask::from_bits(seen.data() as u8)
 }
 
 fn with_cs(
     asked: ChannelMask,
-    seen: &impl Observed,
+    seen: &impl PortImage,
     condition: impl Fn(CsStatus) -> bool,
 ) -> ChannelMask {
     let fits = |channel: &Channel| condition(CsStatus(seen.cs(*channel)));

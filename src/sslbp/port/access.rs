@@ -5,7 +5,7 @@ use crate::{
     bus::{Clock, RegisterBus},
     lbp::{NonvolatileProblem, RemoteLink},
     sslbp::{
-        Channel, CsStatus, Operation, PortAccess, PortError, PortState, RemoteAccess, StartMode,
+        Channel, CsStatus, PortAccess, PortError, PortOperation, PortState, RemoteAccess, StartMode,
     },
 };
 use alloc::{format, vec::Vec};
@@ -48,7 +48,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         writes.push((registers.cs, access.cs_word()));
         let mut cs = CsStatus::default();
         for _ in 0..ATTEMPTS {
-            let operation = Operation::Access(channel, access);
+            let operation = PortOperation::Access(channel, access);
             let (complete, snapshot) = self.run(operation, &writes)?;
             if complete.good.contains(channel) {
                 return Ok(access.value(snapshot.interface(channel)));

@@ -4,7 +4,7 @@ use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortParameters,
+        Channel, ChannelVariable, MAX_CHANNELS, PortImage, PortOperation, PortParameters,
         operation::LAST_LOCAL,
     },
 };
@@ -25,7 +25,7 @@ const READS: u8 = 10;
 const COPIES: Duration = Duration::from_millis(1);
 
 const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
-const NOT_KNOWN: &str = "this firmware is not known";
+const UNKNOWN_FIRMWARE: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
     "the pin descriptors have other channels than the port, use another firmware image";
@@ -70,7 +70,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     }
 
     fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {
-        let (_, snapshot) = self.run(Operation::ReadLocal(address), &[])?;
+        let (_, snapshot) = self.run(PortOperation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }
 
@@ -101,7 +101,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
-        self.run(Operation::WriteLocal(address), &data)?;
+        self.run(PortOperation::WriteLocal(address), &data)?;
         let read = self.local_read(address)?;
         if read == value {
             return Ok(());
@@ -142,8 +142,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Err(self.unexpected(what.into(), found, expected, hint))
         };
         require((kind, 0x12), "the interface type", OTHER_PROTOCOL)?;
-        require((width, 8), "the width of DATA", NOT_KNOWN)?;
-        require((processor, 0xD8), "the interface processor", NOT_KNOWN)?;
+        require((width, 8), "the width of DATA", UNKNOWN_FIRMWARE)?;
+        require(
+            (processor, 0xD8),
+            "the interface processor",
+            UNKNOWN_FIRMWARE,
+        )?;
         if !is_known {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
@@ -154,7 +158,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
-            return Err(self.unexpected(what, found, expected, NOT_KNOWN));
+            return Err(self.unexpected(what, found, expected, UNKNOWN_FIRMWARE));
         }
         let all = self.port.layout.channels;
         require((channels, all), "the number of channels", INCONSISTENT)?;

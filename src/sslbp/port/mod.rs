@@ -9,7 +9,8 @@ mod stop;
 pub use access::PortLink;
 
 use super::{
-    ChannelMask, DoitTime, Exchange, Layout, Machine, PortError, PortParameters, PortState,
+    ChannelExchange, ChannelMask, DoitTime, PortError, PortLayout, PortMachine, PortParameters,
+    PortState,
 };
 use crate::bus::RegisterBus;
 use alloc::format;
@@ -24,24 +25,24 @@ const USUAL_CLOCK: u32 = 100_000_000;
 /// An SSLBP port.
 #[derive(Clone, Debug)]
 pub struct Port {
-    layout: Layout,
+    layout: PortLayout,
     parameters: Option<PortParameters>,
     /// Its state machine; the cycle steps it without a [`SetupPort`].
-    pub machine: Machine,
+    pub machine: PortMachine,
 }
 
 impl Port {
     /// A port at `layout`, in an unknown state.
-    pub fn new(layout: Layout) -> Self {
+    pub fn new(layout: PortLayout) -> Self {
         Self {
             layout,
             parameters: None,
-            machine: Machine::new(layout.mask()),
+            machine: PortMachine::new(layout.mask()),
         }
     }
 
     /// Register addresses of the port.
-    pub const fn layout(&self) -> &Layout {
+    pub const fn layout(&self) -> &PortLayout {
         &self.layout
     }
 
@@ -64,7 +65,7 @@ impl Port {
     /// MHz is assumed until the parameters have been read.
     pub(crate) fn doit_time(&self, mask: ChannelMask) -> DoitTime {
         let clock_hz = self.parameters.map_or(USUAL_CLOCK, |known| known.clock_hz);
-        let exchange = |channel| Exchange::usual(channel, self.machine.link(channel).sizes);
+        let exchange = |channel| ChannelExchange::usual(channel, self.machine.link(channel).sizes);
         DoitTime::expected(self.layout.channels, clock_hz, mask.iter().map(exchange))
     }
 }

@@ -3,7 +3,10 @@
 use super::{PortResult, SetupPort};
 use crate::{
     bus::{Access, Clock, RegisterBus},
-    sslbp::{Channel, Complete, CsStatus, Event, MAX_CHANNELS, Observed, Operation, PortError},
+    sslbp::{
+        Channel, CompletedOperation, CsStatus, MAX_CHANNELS, PortError, PortEvent, PortImage,
+        PortOperation,
+    },
 };
 use alloc::{format, string::ToString, vec::Vec};
 use core::fmt::{self, Write};
@@ -17,7 +20,7 @@ const FIRST_POLL: Duration = Duration::from_micros(2);
 const LONGEST_POLL: Duration = Duration::from_micros(250);
 
 /// Ends a wait even on a bus whose clock does not advance.
-const MOST_POLLS: u32 = 20_000;
+const MAX_POLLS: u32 = 20_000;
 
 /// CS and interface registers 0 to 2 of a channel.
 const PER_CHANNEL: usize = 1 + 3;
@@ -26,20 +29,20 @@ const WORDS: usize = 2 + MAX_CHANNELS as usize * PER_CHANNEL;
 /// The registers of a port that an operation changes, from the last read: COMMAND, DATA, and CS and
 /// interface registers of its channels. One exchange reads them all, so that their contents are
 /// valid if COMMAND reads 0.
-pub(super) struct Snapshot {
+pub(super) struct PortSnapshot {
     accesses: Vec<Access>,
     words: [u32; WORDS],
 }
 
-impl Snapshot {
-    fn new(port: &super::Port, operation: &Operation) -> Self {
+impl PortSnapshot {
+    fn new(port: &super::Port, operation: &PortOperation) -> Self {
         let mut accesses = Vec::new();
         let mut read = |address, place| accesses.push(Access::read(address, place as u16, 1));
         read(port.layout.command, 0);
         read(port.layout.data(), 1);
         let interfaces = match operation {
-            Operation::Start(..) => 3,
-            Operation::Access(..) => 2,
+            PortOperation::Start(..) => 3,
+            PortOperation::Access(..) => 2,
             _ => 0,
         };
         for channel in operation.channels().iter() {
@@ -77,7 +80,7 @@ impl Snapshot {
     }
 }
 
-impl Observed for Snapshot {
+impl PortImage for PortSnapshot {
     fn command(&self) -> u32 {
         self.word(0)
     }
@@ -90,7 +93,7 @@ impl Observed for Snapshot {
         self.word(Self::place(channel))
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.interface(channel)
     }
 }
@@ -100,20 +103,20 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// until the operation is complete.
     pub(super) fn run(
         &mut self,
-        operation: Operation,
+        operation: PortOperation,
         writes: &[(u16, u32)],
-    ) -> PortResult<(Complete, Snapshot), B> {
+    ) -> PortResult<(CompletedOperation, PortSnapshot), B> {
         if !operation.interrupts() && !self.port.machine.is_idle() {
             let in_flight = self.port.machine.in_flight();
-            let before = in_flight.map_or(Operation::Foreign, |(operation, _)| operation);
-            let mut snapshot = Snapshot::new(self.port, &before);
+            let before = in_flight.map_or(PortOperation::Foreign, |(operation, _)| operation);
+            let mut snapshot = PortSnapshot::new(self.port, &before);
             let waiting_for = format_args!("COMMAND to be 0 before {operation}");
             self.poll(&mut snapshot, before, waiting_for, |port, _| {
                 port.port.machine.is_idle().then_some(())
             })?;
         }
         self.issue(operation, writes)?;
-        let mut snapshot = Snapshot::new(self.port, &operation);
+        let mut snapshot = PortSnapshot::new(self.port, &operation);
         self.bus.wait(operation.times().usual);
         let waiting_for = format_args!("COMMAND to be 0 after {operation}");
         let complete = self.poll(
@@ -121,7 +124,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             operation,
             waiting_for,
             |_, event| match event {
-                Event::Complete(complete) => Some(complete),
+                PortEvent::Complete(complete) => Some(complete),
                 _ => None,
             },
         )?;
@@ -132,7 +135,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// exchange.
     pub(super) fn issue(
         &mut self,
-        operation: Operation,
+        operation: PortOperation,
         writes: &[(u16, u32)],
     ) -> PortResult<(), B> {
         self.bus.wait(SETTLE);
@@ -146,14 +149,14 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads `snapshot` until `end` accepts the machine's event, or the port is stuck.
     fn poll<T>(
         &mut self,
-        snapshot: &mut Snapshot,
-        operation: Operation,
+        snapshot: &mut PortSnapshot,
+        operation: PortOperation,
         waiting_for: fmt::Arguments<'_>,
-        end: impl Fn(&Self, Event) -> Option<T>,
+        end: impl Fn(&Self, PortEvent) -> Option<T>,
     ) -> PortResult<T, B> {
         let begin = self.bus.now();
         let mut pause = FIRST_POLL;
-        for _ in 0..MOST_POLLS {
+        for _ in 0..MAX_POLLS {
             self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
             let now = self.bus.now();
             let event = self.port.machine.observe(now, snapshot, true);
@@ -163,7 +166,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             if self.port.machine.is_stuck(now) {
                 break;
             }
-            if let Event::Settling(until) = event {
+            if let PortEvent::Settling(until) = event {
                 self.bus.wait(until.since(now));
             } else {
                 self.bus.wait(pause);
@@ -187,7 +190,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         waiting_for: fmt::Arguments<'_>,
         can_stop: bool,
     ) -> PortResult<PortError<B::Error>, B> {
-        let mut snapshot = Snapshot::new(self.port, &Operation::StopAll);
+        let mut snapshot = PortSnapshot::new(self.port, &PortOperation::StopAll);
         self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
         let (command, data) = (snapshot.command(), snapshot.data() as u8);
         let mut registers = format!("COMMAND {command:04X}, DATA {data:02X}, CS");

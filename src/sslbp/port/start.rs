@@ -4,7 +4,7 @@ use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, ChannelVariable, Operation, PortState, ProcessDataSizes,
+        Channel, ChannelMask, ChannelVariable, PortOperation, PortState, ProcessDataSizes,
         StartFailure, StartFailureReason, StartMode, StartedRemote, software_mode_word,
     },
 };
@@ -37,14 +37,14 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Some((registers.cs, software_mode_word(software_mode)))
         };
         let writes: Vec<_> = channels.iter().filter_map(cs).collect();
-        let (complete, snapshot) = self.run(Operation::Start(mode, mask), &writes)?;
+        let (complete, snapshot) = self.run(PortOperation::Start(mode, mask), &writes)?;
         let limit = ProcessDataSizes::largest(self.port.layout.interface_registers);
         let mut unusable = ChannelMask::NONE;
         for &start in channels {
             let (channel, _) = start;
-            let (told, cs) = (snapshot.interface(channel), snapshot.status(channel));
+            let (interfaces, cs) = (snapshot.interface(channel), snapshot.status(channel));
             let [rx, tx] = self.read_variable(channel, ChannelVariable::RxSize)?;
-            let remote = StartedRemote::new(start, told, ProcessDataSizes { rx, tx }, cs);
+            let remote = StartedRemote::new(start, interfaces, ProcessDataSizes { rx, tx }, cs);
             let too_large = mode == StartMode::Normal && !remote.sizes.fit(limit);
             outcomes.push(if complete.good.contains(channel) && !too_large {
                 self.port.machine.set_sizes(&remote);

@@ -3,7 +3,7 @@
 use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
-    sslbp::{ChannelMask, Operation, PortError, PortParameters},
+    sslbp::{ChannelMask, PortError, PortOperation, PortParameters},
 };
 use core::time::Duration;
 
@@ -25,9 +25,9 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// FACTS 2.5.
     pub fn reset(&mut self) -> PortResult<PortParameters, B> {
         self.port.parameters = None;
-        self.issue(Operation::Reset, &[])?;
-        self.bus.wait(Operation::Reset.times().usual);
-        self.run(Operation::Release, &[])?;
+        self.issue(PortOperation::Reset, &[])?;
+        self.bus.wait(PortOperation::Reset.times().usual);
+        self.run(PortOperation::Release, &[])?;
         self.await_initialised()?;
         self.identify()
     }
@@ -59,7 +59,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// The operation that kept it busy must be over: this write ends the waiting and not the
     /// transfer (FACTS 3.2), and the STOPALL that follows would get stuck again.
     fn free(&mut self) -> PortResult<(), B> {
-        self.run(Operation::Free, &[])?;
+        self.run(PortOperation::Free, &[])?;
         Ok(())
     }
 
@@ -72,10 +72,10 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     pub fn stop_all(&mut self) -> PortResult<(), B> {
         // Another host may write COMMAND as well, and a network may deliver its write late.
         self.port.machine.not_observed();
-        match self.stop_with(Operation::StopAll) {
+        match self.stop_with(PortOperation::StopAll) {
             Err(PortError::Timeout { .. }) => {
                 self.free()?;
-                self.stop_with(Operation::StopAll)
+                self.stop_with(PortOperation::StopAll)
             }
             result => result,
         }
@@ -91,10 +91,10 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         if mask.is_empty() {
             return Ok(());
         }
-        self.stop_with(Operation::Stop(mask))
+        self.stop_with(PortOperation::Stop(mask))
     }
 
-    fn stop_with(&mut self, operation: Operation) -> PortResult<(), B> {
+    fn stop_with(&mut self, operation: PortOperation) -> PortResult<(), B> {
         let (complete, snapshot) = self.run(operation, &[])?;
         let Some(channel) = complete.bad.iter().next() else {
             return Ok(());

@@ -1,6 +1,6 @@
 use super::{Memory, MemoryError};
 use crate::bus::{Access, Clock, RegisterBus};
-use crate::transport::{Event, Recording};
+use crate::transport::{RecordedEvent, Recording};
 use core::time::Duration;
 use proptest::prelude::*;
 
@@ -70,7 +70,7 @@ proptest! {
             .entries
             .iter()
             .map(|entry| match entry.event {
-                Event::Written(value) => value,
+                RecordedEvent::Written(value) => value,
                 other => panic!("{other:?}"),
             })
             .collect();

@@ -4,23 +4,23 @@ use core::ops::Range;
 use core::time::Duration;
 
 use super::UdpError;
-use super::ledger::{Account, Details, Kind, SLOTS};
+use super::ledger::{Account, Details, SLOTS, WriteEvidence};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
-use crate::bus::{Access, Direction, Hold};
+use crate::bus::{Access, AccessList, Direction, Hold, ListForm};
 use crate::lbp16::registers::{control, eeprom, read_only, timer};
 use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 
-/// Scratch registers of the board: the writes' turns, the last write, and the request.
+/// Scratch registers of the board: the slots of the writes, the last write, and the request.
 const SLOT: u16 = timer::SCRATCH;
 const LAST_WRITE: u16 = SLOT + 2 * SLOTS as u16;
 const REQUEST_NUMBER: u16 = LAST_WRITE + 2;
 /// The address behind them.
 const END: u16 = REQUEST_NUMBER + 4;
-/// The board's account at the end of a reply: its counts of packets, from RXUDPCount on, then the
+/// The board's account at the end of a reply: its packet counts from RXUDPCount on, then the
 /// scratch registers.
 const BRIEF: Tail = Tail(1, LAST_WRITE);
-/// Of a whole cycle, whose write is the last itself.
+/// The account in the reply to a whole cycle, whose write is the last one itself.
 const OWN: Tail = Tail(1, REQUEST_NUMBER);
 const DETAILED: Tail = Tail(4, SLOT);
 /// Bytes of an address.
@@ -30,8 +30,8 @@ const COMMAND: usize = 4;
 /// Bytes of a [`Tail`].
 const TAIL: usize = 2 * COMMAND;
 
-/// What the board's account is read by, the last two commands of a request: 16-bit registers from
-/// RXUDPCount on, and the first scratch register of those up to the request's number.
+/// The last two commands of a request, which read the board's account: the number of 16-bit
+/// registers from RXUDPCount on, and the first of the scratch registers up to the request's number.
 #[derive(Clone, Copy, Debug)]
 struct Tail(u8, u16);
 
@@ -55,34 +55,34 @@ impl Tail {
     }
 }
 
-/// A list of accesses as a packet, and what has to be put into a copy of it and taken out of its
-/// reply.
+/// A list of accesses as a packet, with the places of the values in it and in its reply.
 #[derive(Clone, Debug, Default)]
 pub struct UdpList {
-    /// Which of the lists that were prepared.
+    /// Number among the prepared lists.
     pub(super) number: u32,
     pub(super) accesses: Vec<Access>,
-    /// How many words the buffer must have.
+    /// Number of words that the buffer must have.
     words: usize,
     /// The packet; the length of its reply is without the board's account.
     request: RequestBuilder,
     /// The packet is answered, and begins with the number of the request.
     pub(super) is_answered: bool,
-    /// What tells that its writes were executed, if the packet changes registers of the board.
-    pub(super) kind: Option<Kind>,
-    /// Where the register is that its write leaves its number in, and behind it the number, ...
+    /// Evidence that its writes were executed, if the packet changes registers of the board.
+    pub(super) kind: Option<WriteEvidence>,
+    /// Offset of the address of the slot register, which is followed by the number of the write.
     slot: usize,
-    /// ... and where it is once more for the register of the last write, if it leaves it there.
+    /// Offset of the number for the last-write register, if the packet sets that register.
     last_write: Option<usize>,
     writes: Vec<Piece>,
     reads: Vec<Piece>,
-    /// How long the board may hold it back, ...
+    /// Longest time that the board may hold the packet back.
     pub(super) held: Duration,
-    /// ... and where the reply has the time that it did.
+    /// Offset in the reply of the time that the board held the packet back.
     waited: Option<usize>,
 }
 
-/// Words of the buffer, and where their bytes are in a packet. Small, since each cycle reads them all.
+/// Words of the buffer, and the position of their bytes in a packet. Small, since each cycle reads
+/// them all.
 #[derive(Clone, Debug)]
 struct Piece {
     words: Range<u16>,
@@ -93,28 +93,35 @@ fn wide(range: &Range<u16>) -> Range<usize> {
     range.start.into()..range.end.into()
 }
 
-impl AsRef<[Access]> for UdpList {
-    fn as_ref(&self) -> &[Access] {
+impl ListForm for UdpList {
+    fn accesses(&self) -> &[Access] {
         &self.accesses
     }
 }
 
 impl UdpList {
+    /// The packet of a list.
+    ///
+    /// # Errors
+    /// [`UdpError::OtherBus`]: a bus of another type prepared the list.
+    pub fn of(list: &AccessList) -> Result<&Self, UdpError> {
+        list.form().ok_or(UdpError::OtherBus)
+    }
+
     /// Bytes of the packet that is sent, without the headers of lower layers.
     pub fn request_bytes(&self) -> usize {
         self.request.bytes.len()
     }
 
-    /// Bytes of its reply; 0 if it has none. A reply that tells of packets that were lost has 16
-    /// more.
+    /// Bytes of its reply; 0 if it has none. A reply with details about lost packets has 16 more.
     pub fn reply_bytes(&self) -> usize {
         self.reply_len(false)
     }
 }
 
-/// Making packets.
+/// Encoding.
 impl UdpList {
-    /// With room for a packet: [`encode`](Self::encode) does not allocate.
+    /// A list with room for a packet: [`encode`](Self::encode) does not allocate.
     pub(super) fn with_room() -> Self {
         Self {
             request: RequestBuilder {
@@ -127,8 +134,8 @@ impl UdpList {
         }
     }
 
-    /// The packet for `accesses`, which is answered if it reads anything, or if it is to be
-    /// acknowledged. What is held back waits for the reference of the board's DPLL.
+    /// The packet for `accesses`, which is answered if it reads anything or is to be acknowledged.
+    /// The part that is held back waits for the reference of the board's DPLL.
     pub(super) fn new(
         accesses: &[Access],
         is_acknowledged: bool,
@@ -139,7 +146,7 @@ impl UdpList {
         Ok(this)
     }
 
-    /// Becomes the packet that [`new`](Self::new) makes.
+    /// Replaces the list by the packet that [`new`](Self::new) makes.
     pub(super) fn encode(
         &mut self,
         accesses: &[Access],
@@ -158,9 +165,9 @@ impl UdpList {
         let has = |direction| accesses.iter().any(|access| access.direction == direction);
         let is_answered = is_acknowledged || hold.is_some() || has(Direction::Read);
         let kind = has(Direction::Write).then_some(match hold {
-            Some(_) => Kind::Cycle,
-            None if is_answered => Kind::Acknowledged,
-            None => Kind::Alone,
+            Some(_) => WriteEvidence::Cycle,
+            None if is_answered => WriteEvidence::Acknowledged,
+            None => WriteEvidence::Alone,
         });
         self.accesses.clear();
         self.accesses.extend_from_slice(accesses);
@@ -185,7 +192,7 @@ impl UdpList {
         Self::answered(None, &[], 0)
     }
 
-    /// The packet that asks which [board](Self::board) it is.
+    /// The packet that asks for the identity of the [board](Self::board).
     pub(super) fn identity() -> Result<Self, UdpError> {
         let mut request = RequestBuilder::default();
         request.push(Command::read(Space::Eeprom, 3), eeprom::MAC, &[]);
@@ -194,19 +201,19 @@ impl UdpList {
         Self::answered(None, &request.bytes, request.reply_len)
     }
 
-    /// What the reply to that says.
+    /// Parses the reply to [`identity`](Self::identity).
     pub(super) fn board(reply: &[u8]) -> BoardIdentity {
         let mut board = BoardIdentity::default();
         let (mac, card) = reply.split_at_checked(board.mac.len()).unwrap_or_default();
         // The low byte of the low word comes first.
-        for (byte, told) in board.mac.iter_mut().rev().zip(mac) {
-            *byte = *told;
+        for (byte, received) in board.mac.iter_mut().rev().zip(mac) {
+            *byte = *received;
         }
         put(&mut board.card, 0, card.get(..16).unwrap_or_default());
         board
     }
 
-    /// The packet that clears the numbers of all writes. It may be executed more than once.
+    /// The packet that clears the numbers of all writes. Executing it more than once is harmless.
     pub(super) fn clearing() -> Result<Self, UdpError> {
         const REGISTERS: usize = SLOTS + 1;
         let mut request = RequestBuilder::default();
@@ -217,7 +224,7 @@ impl UdpList {
 
     /// The packet of ready-made commands, which are answered with `reply_len` bytes.
     pub(super) fn answered(
-        kind: Option<Kind>,
+        kind: Option<WriteEvidence>,
         commands: &[u8],
         reply_len: usize,
     ) -> Result<Self, UdpError> {
@@ -233,7 +240,7 @@ impl UdpList {
     fn make(
         &mut self,
         is_answered: bool,
-        kind: Option<Kind>,
+        kind: Option<WriteEvidence>,
         body: impl FnOnce(&mut Self),
     ) -> Result<(), UdpError> {
         self.request.bytes.clear();
@@ -249,7 +256,7 @@ impl UdpList {
             let number = self.write_timer(SLOT, &[0; 2]);
             self.slot = number.saturating_sub(ADDRESS);
         }
-        if kind.is_some_and(|kind| kind != Kind::Cycle) {
+        if kind.is_some_and(|kind| kind != WriteEvidence::Cycle) {
             self.last_write = Some(self.write_timer(LAST_WRITE, &[0; 2]));
         }
         if is_answered {
@@ -266,15 +273,15 @@ impl UdpList {
         Ok(())
     }
 
-    /// Adds a write of 16-bit registers; returns where their bytes are.
+    /// Adds a write of 16-bit registers; returns the offset of their bytes.
     fn write_timer(&mut self, address: u16, data: &[u8]) -> usize {
         let write = Command::write(Space::Timer, data.len() as u8 / 2);
         self.request.push(write, address, data).start
     }
 
-    /// Adds accesses in their order. Neighbouring registers share a command, as many as it takes.
+    /// Adds accesses in their order. Neighbouring registers share a command, up to its limit.
     fn push_accesses(&mut self, accesses: &[Access]) {
-        // Where the newest command is, and its registers.
+        // Offset of the newest command, and its registers.
         let mut newest: Option<(usize, Access)> = None;
         for access in accesses {
             let mut next = *access;
@@ -288,20 +295,21 @@ impl UdpList {
                     (at, Access { count: 0, ..next })
                 });
                 run.count = run.count.saturating_add(1);
-                // The lowest bits of a command are its count, which they have room for.
+                // The lowest bits of a command are its count; `goes_on` keeps it within its field.
                 if let Some(low) = self.request.bytes.get_mut(at) {
                     *low = low.saturating_add(1);
                 }
                 newest = Some((at, run));
                 self.push_word(next.direction, next.first);
-                // Behind the last register of the board comes none.
+                // No register follows the last one of the board.
                 next.address = next.address.wrapping_add(4);
                 next.first = next.first.wrapping_add(1);
             }
         }
     }
 
-    /// Adds the place of a word. One that no packet has is cut off, and the packet refused.
+    /// Adds the place of a word. An offset that exceeds any packet is truncated; the packet is
+    /// refused later.
     fn push_word(&mut self, direction: Direction, word: u16) {
         let (pieces, at) = match direction {
             Direction::Read => {
@@ -326,10 +334,10 @@ impl UdpList {
     }
 }
 
-/// Running them.
+/// Use in an exchange.
 impl UdpList {
-    /// The packet, made in `buffer`, with the values of `words` and the numbers of what waits for its
-    /// reply, if anything does, and of its write.
+    /// The packet, made in `buffer`, with the values of `words` and the numbers of its request and
+    /// its write, where it has them.
     pub(super) fn packet<'a>(
         &self,
         buffer: &'a mut [u8],
@@ -364,7 +372,7 @@ impl UdpList {
         packet
     }
 
-    /// Takes the words of a reply, which has the right size.
+    /// Copies the words out of a reply, which must have the right size.
     pub(super) fn take(&self, reply: &[u8], words: &mut [u32]) {
         for piece in &self.reads {
             let bytes = reply.get(wide(&piece.bytes)).unwrap_or_default();
@@ -376,7 +384,8 @@ impl UdpList {
         }
     }
 
-    /// How long the board waited before it answered like this, in microseconds, if it was to.
+    /// Time in microseconds that the board held the packet back before it sent this reply; `None`
+    /// if the packet is not held back.
     pub(super) fn waited_us(&self, reply: &[u8]) -> Option<u16> {
         let bytes = reply.get(self.waited?..)?.first_chunk()?;
         Some(u16::from_le_bytes(*bytes))
@@ -387,8 +396,8 @@ impl UdpList {
         reply.last_chunk().copied().map(u32::from_le_bytes)
     }
 
-    /// The board's account in a reply, which has the right size. `detailed`: it was asked for the
-    /// whole of it.
+    /// The board's account in a reply, which must have the right size. `detailed`: the details were
+    /// requested.
     pub(super) fn account(&self, reply: &[u8], detailed: bool) -> Account {
         let mut words = [0; DETAILED.reply_len() / 2];
         let tail = reply.get(self.request.reply_len..).unwrap_or_default();
@@ -403,7 +412,7 @@ impl UdpList {
             let [received, last_write, ..] = words;
             (received, last_write, None)
         };
-        let is_own = self.kind == Some(Kind::Cycle);
+        let is_own = self.kind == Some(WriteEvidence::Cycle);
         Account {
             last_write: (!is_own).then_some(last_write),
             received,
@@ -414,12 +423,12 @@ impl UdpList {
     fn tail(&self, detailed: bool) -> Tail {
         match self.kind {
             _ if detailed => DETAILED,
-            Some(Kind::Cycle) => OWN,
+            Some(WriteEvidence::Cycle) => OWN,
             _ => BRIEF,
         }
     }
 
-    /// Bytes of the reply; 0 if there is none. `detailed`: with the whole account.
+    /// Bytes of the reply; 0 without a reply. `detailed`: with the details.
     pub(super) fn reply_len(&self, detailed: bool) -> usize {
         if self.is_answered {
             let tail = self.tail(detailed).reply_len();
@@ -440,7 +449,7 @@ impl UdpList {
     }
 }
 
-/// Whether a command has room, and ends where an access begins.
+/// True if the command has room, and ends where the next access begins.
 fn goes_on(run: Access, next: Access) -> bool {
     run.direction == next.direction
         && end(run) == u32::from(next.address)

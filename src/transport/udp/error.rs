@@ -1,4 +1,4 @@
-//! What goes wrong between the host and an Ethernet board.
+//! Errors between the host and an Ethernet board.
 
 use core::time::Duration;
 use std::io::{self, ErrorKind};
@@ -19,7 +19,7 @@ pub enum UdpError {
     Lost {
         /// Number of the request.
         request: u32,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
     /// The reply came, but after the deadline.
@@ -33,12 +33,12 @@ pub enum UdpError {
     Late {
         /// Number of the request.
         request: u32,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
-        /// By how much the deadline was missed.
+        /// Time by which the deadline was missed.
         by: Duration,
     },
-    /// Only replies to earlier requests came.
+    /// Only replies to earlier requests arrived.
     #[error(
         "request {request}: within {} came only the reply to request {got}; \
          the network delays packets by more than the deadline",
@@ -49,10 +49,10 @@ pub enum UdpError {
         request: u32,
         /// Number that the reply carries.
         got: u32,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
-    /// An exchange of set-up was repeated, and none of its tries had a reply in time.
+    /// An exchange of set-up was repeated, and none of its tries got a reply in time.
     #[error(
         "request {request}: no reply in time in {tries} tries within {}, at the last {last}; \
          check the board's power, cable, IP address and jumpers, or allow a longer deadline",
@@ -61,15 +61,15 @@ pub enum UdpError {
     GaveUp {
         /// Number of the last request.
         request: u32,
-        /// How often it was tried.
+        /// Number of tries.
         tries: u32,
-        /// The time from the first try to the end of the last.
+        /// Time from the first try to the end of the last.
         within: Duration,
-        /// What happened to the last try: [`BusErrorKind::Lost`], [`BusErrorKind::Late`] or
+        /// Result of the last try: [`BusErrorKind::Lost`], [`BusErrorKind::Late`] or
         /// [`BusErrorKind::Stale`].
         last: BusErrorKind,
     },
-    /// Datagrams came, but none was a reply to any request.
+    /// Datagrams arrived, but none was a reply to any request.
     #[error(
         "request {request}: within {} came {datagrams} datagrams, and none is a reply: \
          something else than a board answers at this address and port; check both",
@@ -78,12 +78,12 @@ pub enum UdpError {
     Foreign {
         /// Number of the request.
         request: u32,
-        /// How many came.
+        /// Number of datagrams.
         datagrams: u64,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
-    /// Only replies of a wrong size came.
+    /// Only replies of a wrong size arrived.
     #[error(
         "request {request}: within {} came only a reply of {got} bytes, expected {expected}; \
          does another program talk to this board?",
@@ -92,11 +92,11 @@ pub enum UdpError {
     Short {
         /// Number of the request.
         request: u32,
-        /// Bytes the reply should have.
+        /// Expected number of bytes.
         expected: usize,
-        /// Bytes it has.
+        /// Received number of bytes.
         got: usize,
-        /// How long was waited.
+        /// Time waited.
         waited: Duration,
     },
     /// The board receives packets that are not ours.
@@ -106,17 +106,17 @@ pub enum UdpError {
         Rounded(.within)
     )]
     OtherHost {
-        /// How many.
+        /// Number of such packets.
         packets: u16,
-        /// Within which time.
+        /// Time in which they were received.
         within: Duration,
     },
     /// The packet could not be sent or received.
     #[error("{} ({} after the request); {}", reason(*kind), Rounded(.waited), advice(*kind))]
     Link {
-        /// What the operating system said.
+        /// Error of the operating system.
         kind: ErrorKind,
-        /// How long after the request.
+        /// Time since the request.
         waited: Duration,
     },
     /// The list needs more than one packet.
@@ -129,7 +129,7 @@ pub enum UdpError {
         what: &'static str,
         /// Its size.
         bytes: usize,
-        /// The most it may have.
+        /// Size limit.
         limit: usize,
     },
     /// An access names words outside of the buffer, or registers that do not exist.
@@ -144,25 +144,28 @@ pub enum UdpError {
         /// Size of the buffer.
         words: usize,
     },
-    /// The reply to a list was asked for that was not started, or something else was run since.
+    /// The reply was requested of a list that was not started, or another list was run since.
     #[error(
         "there is no reply to this list: start it, and run nothing else before its reply is taken"
     )]
     NotStarted,
-    /// A board does not hold a list back for so long.
+    /// A bus of another type prepared the list.
+    #[error("the list was prepared by a bus of another type; prepare it on this one")]
+    OtherBus,
+    /// The limit of the hold exceeds the longest time that a board can wait.
     #[error(
         "the list is to wait for the board's next period for up to {}, and boards wait for \
          65.535 ms at most; use a shorter period, or let the host pace the cycle",
         Rounded(.limit)
     )]
     LongHold {
-        /// How long it may wait.
+        /// Longest time that the list was to wait.
         limit: Duration,
     },
 }
 
 impl From<io::Error> for UdpError {
-    /// Of what can not be sent.
+    /// The error of a failed send.
     fn from(error: io::Error) -> Self {
         Self::Link {
             kind: error.kind(),
@@ -172,7 +175,7 @@ impl From<io::Error> for UdpError {
 }
 
 impl UdpError {
-    /// The error of an exchange of which this is the last of several tries.
+    /// The error of an exchange whose last of several tries failed with this one.
     pub(super) fn of_tries(self, tries: u32, within: Duration) -> Self {
         match self {
             Self::Lost { request, .. }
@@ -205,6 +208,7 @@ impl BusError for UdpError {
             Self::TooLong { .. }
             | Self::BadAccess { .. }
             | Self::NotStarted
+            | Self::OtherBus
             | Self::LongHold { .. } => BusErrorKind::Invalid,
         }
     }
@@ -242,12 +246,12 @@ fn advice(kind: ErrorKind) -> &'static str {
     }
 }
 
-/// Whether the firewall of this computer refuses to send: the same every time.
+/// True if the firewall of this computer refuses to send: a retry does not help.
 pub(super) fn is_blocked(kind: ErrorKind) -> bool {
     kind == ErrorKind::PermissionDenied
 }
 
-/// What to do where this computer lets no packets out to a board.
+/// Advice for a computer whose firewall blocks packets to a board.
 pub const BLOCKED: &str = "LinuxCNC on this computer keeps its board for itself: end it. If it has \
     ended and left its firewall behind: `sudo iptables -F hm2-eth-rules-output`; else it is another \
     rule of `sudo iptables -S`";

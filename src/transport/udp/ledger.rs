@@ -1,117 +1,117 @@
-//! What became of the packets sent, by the board's own account.
+//! Account of the packets sent, derived from the board's own records.
 //!
-//! A packet that only writes is not answered. So every write leaves its number in the board: in
-//! one register, which tells the last write that was executed, and in one of [`SLOTS`] others,
-//! which tell of the last few whether they were executed at all. A write that is a whole cycle is
-//! acknowledged by its own reply, and leaves the first out. What came twice shows in
-//! the board's own counts of packets (manual: 7I97, "MEMORY SPACE 6 LAYOUT").
+//! A packet that only writes is not answered. So every write leaves its number in the board: in one
+//! register for the last executed write, and in one of [`SLOTS`] others, which show for each of the
+//! last few writes whether it was executed at all. A write that is a whole cycle is acknowledged by
+//! its own reply and does not set the first register. Packets that arrived twice show in the
+//! board's own packet counts (manual: 7I97, "MEMORY SPACE 6 LAYOUT").
 //!
-//! A reply usually brings the last number and the count of packets received. That explains
-//! everything when one write and this request were sent since the reply before; when it does not,
-//! the next request asks for the rest ([`Ledger::wants_details`]).
+//! A reply usually contains the number of the last write and the count of received packets. They
+//! explain everything if one write and this request were sent since the previous reply; if they do
+//! not, the next request asks for the rest ([`Ledger::wants_details`]).
 
 use core::cmp::Reverse;
 
 use crate::tally::Tally;
 
-/// Registers that writes leave their numbers in, each in another one.
+/// Number of registers that hold the numbers of writes; successive writes use different ones.
 pub(super) const SLOTS: usize = 5;
 
-/// How many past writes are remembered.
+/// Number of past writes that are remembered.
 const REMEMBERED: u32 = 64;
 
-/// For this many writes a lost one keeps its register, in case that it comes late.
+/// A lost write keeps its register for this many further writes, in case that it arrives late.
 const KEPT: u32 = 16;
 
-/// The board's account, as a reply brings it.
+/// The board's account in a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Account {
-    /// Number of the last write that was executed, of those that leave it; `None` in the reply to
-    /// one that does not: it is the last itself.
+    /// Number of the last executed write that sets this register; `None` in the reply to a write
+    /// that does not, since that write is the last one itself.
     pub last_write: Option<u16>,
     /// RXUDPCount, this request included.
     pub received: u16,
     pub details: Option<Details>,
 }
 
-/// What is asked for when the rest leaves something open.
+/// Further contents, requested when the rest leaves a question open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Details {
-    /// The last write of each register that was executed.
+    /// The last executed write of each register.
     pub slots: [u16; SLOTS],
     /// TXUDPCount, this reply not included.
     pub sent: u16,
 }
 
-/// What an account said that was not known before.
+/// New findings of an account.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct News {
+pub(super) struct WriteReport {
     /// Writes that the board has not executed.
     pub lost: u32,
-    /// Writes that were said lost, and were executed since.
+    /// Writes that were reported as lost and have been executed since.
     pub found: u32,
-    /// Those, and writes that came after a newer one.
+    /// The found writes, and writes that were executed after a newer one.
     pub late: u32,
-    /// Executions of writes that were executed before.
+    /// Repeated executions of the same write.
     pub repeated: u32,
-    /// Writes of which nobody can tell any more.
+    /// Writes whose execution can no longer be determined.
     pub unconfirmed: u32,
-    /// It is not certain that the newest write before the request was the last executed, and that
-    /// nothing else was since the account before.
+    /// Set unless it is certain that the newest write before the request was executed last, and
+    /// that nothing else was executed since the previous account.
     pub doubt: bool,
 }
 
-/// What had been sent when a request was.
+/// State of the ledger when a request was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Asked {
+pub(super) struct LedgerState {
     /// Number of the newest write.
     newest: u32,
-    /// Number that the register of the last write is to hold.
+    /// Expected content of the last-write register.
     last: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fate {
+enum WriteState {
     /// Never sent, or forgotten.
     Unknown,
     Underway,
-    /// Said lost.
+    /// Reported as lost.
     Missing,
     Executed,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Write {
-    fate: Fate,
-    kind: Kind,
+struct WriteEntry {
+    state: WriteState,
+    kind: WriteEvidence,
     slot: usize,
 }
 
-/// What tells that a write was executed.
+/// Evidence that a write was executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// It is not answered: the reply to the next request.
+pub(super) enum WriteEvidence {
+    /// Not answered: the reply to the next request.
     Alone,
-    /// An exchange of set-up: its own reply, or another's.
+    /// An exchange of set-up: its own reply, or that of another.
     Acknowledged,
-    /// A whole cycle: its own reply. It does not say that it was the last.
+    /// A whole cycle: its own reply. Does not set the last-write register.
     Cycle,
 }
 
-/// The writes sent lately, and what the board said of them.
+/// The recent writes, and the state of each according to the board.
 #[derive(Clone, Debug)]
 pub(super) struct Ledger {
     /// Number of the newest write.
     newest: u32,
-    /// Number that the register of the last write is to hold.
+    /// Expected content of the last-write register.
     newest_last: u32,
-    /// After the write of this number, an older cycle may have been executed, which does not say
-    /// that it was the last.
+    /// Number of the write after which an older cycle may have been executed: a cycle does not set
+    /// the last-write register.
     overtaken: Option<u32>,
     has_cycles: bool,
     /// Number of the newest write before those in flight.
     settled: u32,
-    writes: [Write; REMEMBERED as usize],
+    writes: [WriteEntry; REMEMBERED as usize],
     /// The last write of each register.
     owners: [u32; SLOTS],
     /// Writes that were still in flight when they were forgotten.
@@ -120,8 +120,8 @@ pub(super) struct Ledger {
     requests: u32,
     /// RXUDPCount of the last account.
     pub(super) received: Option<u16>,
-    /// RXUDPCount less TXUDPCount less the executions that are accounted for: it grows when a
-    /// packet is executed that nobody answered and nobody knows.
+    /// RXUDPCount less TXUDPCount less the accounted executions: grows when the board executes a
+    /// packet that is neither answered nor known to the ledger.
     unaccounted: Option<u16>,
     /// Executions accounted for since the last details.
     executions: u16,
@@ -129,11 +129,11 @@ pub(super) struct Ledger {
 }
 
 impl Ledger {
-    /// No write yet; the first will have the number after `newest`.
+    /// A ledger without writes; the first one has the number after `newest`.
     pub(super) fn starting_after(newest: u32) -> Self {
-        let unknown = Write {
-            fate: Fate::Unknown,
-            kind: Kind::Alone,
+        let unknown = WriteEntry {
+            state: WriteState::Unknown,
+            kind: WriteEvidence::Alone,
             slot: 0,
         };
         Self {
@@ -153,34 +153,35 @@ impl Ledger {
         }
     }
 
-    /// A write is sent: its number, and which register it leaves that in.
-    pub(super) fn open_write(&mut self, kind: Kind) -> (u32, usize) {
+    /// Records that a write is sent; returns its number and the register that it leaves the number
+    /// in.
+    pub(super) fn open_write(&mut self, kind: WriteEvidence) -> (u32, usize) {
         self.newest = self.newest.wrapping_add(1);
-        if kind == Kind::Cycle {
+        if kind == WriteEvidence::Cycle {
             self.has_cycles = true;
         } else {
             self.newest_last = self.newest;
         }
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
-            // Its place is the new one's.
-            let is_open = self.fate(self.newest) == Fate::Underway;
+            // The slot of this write is reused for the new one.
+            let is_open = self.state(self.newest) == WriteState::Underway;
             self.forgotten.tally(is_open.into());
         }
         let slot = self.choose_slot();
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
-            let fate = Fate::Underway;
-            *place = Write { fate, kind, slot };
+            let state = WriteState::Underway;
+            *place = WriteEntry { state, kind, slot };
         }
         (self.newest, slot)
     }
 
-    /// The register that is needed least: whose write is settled, then lost and hardly to come,
-    /// then in flight; of those the oldest.
+    /// Picks the register to reuse: one whose write is settled or missing for more than [`KEPT`]
+    /// writes first, then one whose write is missing, then one in flight; of those the oldest.
     fn choose_slot(&mut self) -> usize {
-        let need = |owner: u32| match self.fate(owner) {
-            Fate::Underway => 2,
-            Fate::Missing if self.age(owner) <= KEPT => 1,
+        let need = |owner: u32| match self.state(owner) {
+            WriteState::Underway => 2,
+            WriteState::Missing if self.age(owner) <= KEPT => 1,
             _ => 0,
         };
         let rank = |owner: u32| (need(owner), Reverse(self.age(owner)));
@@ -194,60 +195,63 @@ impl Ledger {
         slot
     }
 
-    /// A request is sent: what its reply tells of.
-    pub(super) fn open_request(&mut self) -> Asked {
+    /// Records that a request is sent; returns the state that its reply refers to.
+    pub(super) fn open_request(&mut self) -> LedgerState {
         self.requests = self.requests.saturating_add(1);
-        Asked {
+        LedgerState {
             newest: self.newest,
             last: self.newest_last,
         }
     }
 
-    /// A packet of somebody's own commands is sent, whose effect on the counts is not known.
+    /// Records that a packet of caller-supplied commands is sent, whose effect on the counts is not
+    /// known.
     pub(super) fn lose_count(&mut self) {
         self.received = None;
         self.unaccounted = None;
         self.is_open = true;
     }
 
-    /// Whether the request that is sent now must bring the details.
+    /// True if the request that is sent now must ask for the details.
     pub(super) fn wants_details(&self) -> bool {
         self.is_open || self.requests > 1 || self.underway() > 1
     }
 
-    /// Whether the newest write was executed, as far as the last account tells.
+    /// True if the newest write was executed, according to the last account.
     pub(super) fn is_executed(&self) -> bool {
-        self.fate(self.newest) == Fate::Executed
+        self.state(self.newest) == WriteState::Executed
     }
 
-    /// Takes what the reply to a request brought; `asked` is what [`open_request`] gave for it.
+    /// Evaluates the account in the reply to a request; `request` is the value that
+    /// [`open_request`] returned for it.
     ///
     /// [`open_request`]: Self::open_request
-    pub(super) fn hear(&mut self, account: Account, asked: Asked) -> News {
-        let mut news = News::default();
-        let (asked, newest_last) = (asked.newest, asked.last);
-        // Of several writes nobody can tell in which order they were executed.
-        let is_sequence = asked.wrapping_sub(self.settled) > 1;
-        let last_register = account.last_write.unwrap_or(asked as u16);
-        // A number of a cycle there is that of a write of long ago.
+    pub(super) fn evaluate(&mut self, account: Account, request: LedgerState) -> WriteReport {
+        let mut report = WriteReport::default();
+        let (request, newest_last) = (request.newest, request.last);
+        // The order in which several writes were executed is not known.
+        let is_sequence = request.wrapping_sub(self.settled) > 1;
+        let last_register = account.last_write.unwrap_or(request as u16);
+        // A cycle does not set this register: a number that maps to one is left from an old write.
         let says_last = |last: &u32| account.last_write.is_none() || self.leaves_last(*last);
         let last = self.number(last_register).filter(says_last);
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
-        let was_underway = last.is_some_and(|last| self.fate(last) == Fate::Underway);
+        let was_underway = last.is_some_and(|last| self.state(last) == WriteState::Underway);
         let mut fresh = 0_u16;
         for number in slots.into_iter().flatten().chain(last) {
-            fresh.tally(self.executed(number, &mut news));
+            fresh.tally(self.executed(number, &mut report));
         }
-        // A newer one was executed, and this one after it.
+        // A newer write was executed, and this one after it.
         let is_own = account.last_write.is_none();
         let is_behind = last.is_some() && last != self.newest_executed(is_own);
         // The newest write was executed, and none after it.
-        let expected = if is_own { asked } else { newest_last };
-        let is_newest =
-            self.fate(asked) == Fate::Executed && last_register == expected as u16 && !is_behind;
-        news.late.tally((is_behind && was_underway).into());
+        let expected = if is_own { request } else { newest_last };
+        let is_newest = self.state(request) == WriteState::Executed
+            && last_register == expected as u16
+            && !is_behind;
+        report.late.tally((is_behind && was_underway).into());
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
             .received
@@ -256,96 +260,105 @@ impl Ledger {
         match account.details {
             Some(details) => {
                 if last.is_none() && last_register != expected as u16 {
-                    // Reset, or somebody else's: the counts mean nothing.
+                    // A reset, or another host's number: the counts are meaningless.
                     self.unaccounted = None;
                 }
-                self.settle(asked, &slots, details, account.received, &mut news);
+                self.settle(request, &slots, details, account.received, &mut report);
             }
-            None if is_explained => self.nothing_else_came(asked, &mut news),
+            None if is_explained => self.nothing_else_came(request, &mut report),
             None => {
-                // What else came is not known yet. But had the newest write been followed by an
-                // older one, there would be three packets at least.
+                // The other packets are not known yet. But if an older write had followed the
+                // newest one, at least three packets would have arrived.
                 if !is_newest && arrived.is_some_and(|arrived| arrived < 3) {
-                    self.nothing_else_came(asked, &mut news);
+                    self.nothing_else_came(request, &mut report);
                 }
                 self.is_open = true;
             }
         }
-        if let (false, Some(last), Fate::Missing) = (is_own, last, self.fate(newest_last)) {
-            // It did not become the last; should it come late, the register tells.
+        if let (false, Some(last), WriteState::Missing) = (is_own, last, self.state(newest_last)) {
+            // The newest write did not become the last one; if it arrives late, the register shows
+            // it.
             if self.newest_last == newest_last {
                 self.newest_last = last;
             }
         }
         self.received = Some(account.received);
         self.requests = 0;
-        // What is lost may still come, and the details show it best.
-        self.is_open |= news.lost > 0;
-        let said = [news.lost, news.late, news.repeated, news.unconfirmed];
-        // Forgotten as soon as it is past: numbers that have gone half round look older again.
-        let is_past = |overtaken: &u32| asked.wrapping_sub(*overtaken) as i32 > 0;
+        // A lost write may still arrive, and the details show that best.
+        self.is_open |= report.lost > 0;
+        let said = [
+            report.lost,
+            report.late,
+            report.repeated,
+            report.unconfirmed,
+        ];
+        // Dropped as soon as it is past: half of the number range later, it would count as newer
+        // again.
+        let is_past = |overtaken: &u32| request.wrapping_sub(*overtaken) as i32 > 0;
         self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
         let is_certain = is_explained && is_newest && !is_sequence && self.overtaken.is_none();
-        news.doubt = !is_certain || said.into_iter().any(|count| count > 0);
-        if self.has_cycles && news.doubt {
+        report.doubt = !is_certain || said.into_iter().any(|count| count > 0);
+        if self.has_cycles && report.doubt {
             self.overtaken = Some(self.newest);
         }
-        news
+        report
     }
 
-    /// A number that the board names is executed. How many packets that explains which are no
-    /// requests.
-    fn executed(&mut self, number: u32, news: &mut News) -> u16 {
+    /// Marks the write of a number that the board reports as executed. Returns the number of
+    /// packets, other than requests, that this explains.
+    fn executed(&mut self, number: u32, report: &mut WriteReport) -> u16 {
         let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
             return 0;
         };
-        match write.fate {
-            Fate::Underway => {}
-            Fate::Missing => {
-                news.found.tally(1);
-                news.late.tally(1);
+        match write.state {
+            WriteState::Underway => {}
+            WriteState::Missing => {
+                report.found.tally(1);
+                report.late.tally(1);
             }
-            Fate::Unknown | Fate::Executed => return 0,
+            WriteState::Unknown | WriteState::Executed => return 0,
         }
-        write.fate = Fate::Executed;
-        u16::from(write.kind == Kind::Alone)
+        write.state = WriteState::Executed;
+        u16::from(write.kind == WriteEvidence::Alone)
     }
 
-    /// Nothing came but what is known to be executed: the rest is lost.
-    fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
-        while let Some(number) = self.next_to_settle(asked) {
-            news.lost.tally(self.give_up(number, Fate::Missing));
+    /// Only known writes arrived: the rest is lost.
+    fn nothing_else_came(&mut self, request: u32, report: &mut WriteReport) {
+        while let Some(number) = self.next_to_settle(request) {
+            report.lost.tally(self.give_up(number, WriteState::Missing));
         }
     }
 
-    /// Goes through the writes that are not settled up to `asked`.
-    fn next_to_settle(&mut self, asked: u32) -> Option<u32> {
-        // What was asked may be settled since.
-        if asked.wrapping_sub(self.settled) as i32 <= 0 {
+    /// Steps through the writes up to `request` that are not settled.
+    fn next_to_settle(&mut self, request: u32) -> Option<u32> {
+        // The write may have been settled since the request was sent.
+        if request.wrapping_sub(self.settled) as i32 <= 0 {
             return None;
         }
         self.settled = self.settled.wrapping_add(1);
         Some(self.settled)
     }
 
-    /// Settles everything by the details.
+    /// Settles all writes by the details.
     fn settle(
         &mut self,
-        asked: u32,
+        request: u32,
         slots: &[Option<u32>; SLOTS],
         details: Details,
         received: u16,
-        news: &mut News,
+        report: &mut WriteReport,
     ) {
-        news.unconfirmed = core::mem::take(&mut self.forgotten);
-        while let Some(number) = self.next_to_settle(asked) {
+        report.unconfirmed = core::mem::take(&mut self.forgotten);
+        while let Some(number) = self.next_to_settle(request) {
             let slot = self.write(number).map_or(0, |write| write.slot);
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten {
-                news.unconfirmed.tally(self.give_up(number, Fate::Unknown));
+                report
+                    .unconfirmed
+                    .tally(self.give_up(number, WriteState::Unknown));
             } else {
-                news.lost.tally(self.give_up(number, Fate::Missing));
+                report.lost.tally(self.give_up(number, WriteState::Missing));
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -354,45 +367,45 @@ impl Ledger {
             .unaccounted
             .map(|before| before.wrapping_add(executions));
         let surplus = expected.map(|expected| unanswered.wrapping_sub(expected));
-        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| news.unconfirmed == 0) {
-            news.repeated.tally(surplus.into());
+        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| report.unconfirmed == 0) {
+            report.repeated.tally(surplus.into());
         }
-        // Counts that a reset of the board took back, or that an unconfirmed write blurs, begin
-        // again from here.
+        // Counts that a reset of the board restarted, or that an unconfirmed write makes
+        // unreliable, start again from here.
         self.unaccounted = Some(unanswered);
         self.is_open = false;
     }
 
-    /// A write that is still in flight gets another fate: 1 if it was.
-    fn give_up(&mut self, number: u32, fate: Fate) -> u32 {
-        if self.fate(number) != Fate::Underway {
+    /// Changes the fate of a write that is still in flight; returns 1 if it was.
+    fn give_up(&mut self, number: u32, state: WriteState) -> u32 {
+        if self.state(number) != WriteState::Underway {
             return 0;
         }
         if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
-            write.fate = fate;
+            write.state = state;
         }
         1
     }
 
-    /// The write that a 16-bit number of the board means, if it is one of ours.
+    /// The write that a 16-bit number of the board stands for, if it is one of ours.
     fn number(&self, word: u16) -> Option<u32> {
         let age = (self.newest as u16).wrapping_sub(word);
         let number = self.newest.wrapping_sub(u32::from(age));
-        (self.fate(number) != Fate::Unknown).then_some(number)
+        (self.state(number) != WriteState::Unknown).then_some(number)
     }
 
-    /// The newest write that was executed: of all, or of those that say that they were the last.
+    /// The newest executed write: of all, or only of those that set the last-write register.
     fn newest_executed(&self, of_all: bool) -> Option<u32> {
         (0..REMEMBERED)
             .map(|age| self.newest.wrapping_sub(age))
             .filter(|number| of_all || self.leaves_last(*number))
-            .find(|number| self.fate(*number) == Fate::Executed)
+            .find(|number| self.state(*number) == WriteState::Executed)
     }
 
-    /// Whether a remembered write says that it was the last.
+    /// True if a remembered write sets the last-write register.
     fn leaves_last(&self, number: u32) -> bool {
         self.write(number)
-            .is_some_and(|write| write.kind != Kind::Cycle)
+            .is_some_and(|write| write.kind != WriteEvidence::Cycle)
     }
 
     fn underway(&self) -> u32 {
@@ -403,18 +416,19 @@ impl Ledger {
         self.newest.wrapping_sub(number)
     }
 
-    fn fate(&self, number: u32) -> Fate {
-        self.write(number).map_or(Fate::Unknown, |write| write.fate)
+    fn state(&self, number: u32) -> WriteState {
+        self.write(number)
+            .map_or(WriteState::Unknown, |write| write.state)
     }
 
-    fn write(&self, number: u32) -> Option<&Write> {
+    fn write(&self, number: u32) -> Option<&WriteEntry> {
         let is_remembered = self.age(number) < REMEMBERED;
         let place = (number % REMEMBERED) as usize;
         self.writes.get(place).filter(|_| is_remembered)
     }
 }
 
-/// So many in one go are no repetitions: the counts began again.
+/// A larger surplus at once is not caused by repetitions: the counts were restarted.
 const PLAUSIBLE: u16 = 0x100;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What carries the packets: a UDP socket, or a test's network.
+//! Transport of the packets: a UDP socket, or the simulated network of a test.
 
 use core::time::Duration;
 use std::{
@@ -12,17 +12,17 @@ use socket2::{Domain, Protocol, Socket, Type};
 
 use crate::bus::{Clock, HostClock, Instant, SPIN};
 
-/// Carries datagrams to one board and back, and keeps the time.
+/// Carries datagrams to one board and back, and provides the time.
 ///
-/// [`UdpBus`](super::UdpBus) is generic over it, so that losses, delays and doubles are tested on
-/// virtual time.
-pub trait Link {
+/// [`UdpBus`](super::UdpBus) is generic over it, so that losses, delays and duplicates are tested
+/// on virtual time.
+pub trait PacketLink {
     /// Sends one datagram to the board.
     fn send(&mut self, packet: &[u8]) -> io::Result<()>;
 
-    /// The next datagram from the board, or `None` if there is none until `deadline`.
+    /// The next datagram from the board, or `None` if none arrives until `deadline`.
     ///
-    /// A datagram longer than `buffer` is cut off; give it room for more than any reply.
+    /// A datagram longer than `buffer` is truncated; provide room for more than any reply.
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>>;
 
     /// The time. Never goes back.
@@ -31,26 +31,26 @@ pub trait Link {
     /// Waits until `deadline`.
     fn sleep_until(&mut self, deadline: Instant);
 
-    /// Waits for at least `duration`, without using a CPU meanwhile: [`Clock::sleep`](crate::Clock::sleep).
+    /// Waits for at least `duration` without using the CPU: [`Clock::sleep`](crate::Clock::sleep).
     fn sleep(&mut self, duration: Duration) {
         let deadline = self.now().after(duration);
         self.sleep_until(deadline);
     }
 }
 
-/// A UDP socket that talks to one board only.
+/// A UDP socket for a single board.
 ///
-/// It is connected, so the kernel keeps datagrams of other senders away and reports a refusal.
+/// The socket is connected, so the kernel drops datagrams of other senders and reports a refusal.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
-    /// Socket options that shorten or steady the round trip, and that this host did not allow, by the
-    /// names that system administrators know.
+    /// Socket options that shorten or steady the round trip and that this host did not allow, by
+    /// the names that system administrators know.
     pub refused: Vec<&'static str>,
     clock: HostClock,
 }
 
-/// How long the kernel may poll the device, in microseconds.
+/// Time that the kernel may poll the device, in microseconds.
 const BUSY_POLL: u32 = 50;
 /// The highest priority that an ordinary user may set.
 const PRIORITY: u32 = 6;
@@ -58,14 +58,14 @@ const PRIORITY: u32 = 6;
 impl UdpLink {
     /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
     ///
-    /// Nothing is sent: that a board is there shows in the first exchange.
+    /// Nothing is sent: a missing board shows in the first exchange.
     pub fn connect(address: SocketAddrV4) -> io::Result<Self> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
         socket.bind(&any.into())?;
         socket.connect(&SocketAddr::from(address).into())?;
         socket.set_nonblocking(true)?;
-        // None of them needs root; a host that does not know or allow one works without it.
+        // None of the options needs root; a host that does not know or allow one works without it.
         let is_whole = set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok();
         let options = [
             // Polls the network device instead of waiting for its interrupt.
@@ -82,8 +82,8 @@ impl UdpLink {
         })
     }
 
-    /// Blocks until something arrives or `left` is nearly over; exact to the nanosecond that the
-    /// kernel is, unlike a socket's own timeout, which is rounded up to kernel ticks.
+    /// Blocks until a datagram arrives or `left` is nearly over; has the nanosecond resolution of
+    /// the kernel, unlike a socket's own timeout, which is rounded up to kernel ticks.
     fn wait_readable(&self, left: Duration) -> io::Result<()> {
         if left < SPIN {
             core::hint::spin_loop();
@@ -94,7 +94,7 @@ impl UdpLink {
     }
 }
 
-/// Blocks until something happens on one of `fds`, `time` is over, or a signal comes.
+/// Blocks until one of `fds` is ready, `time` has elapsed, or a signal arrives.
 pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> io::Result<()> {
     let timeout = Timespec {
         tv_sec: time.as_secs() as _,
@@ -112,7 +112,7 @@ fn refused(options: [(&'static str, bool); 3]) -> Vec<&'static str> {
     refused.map(|(name, _)| name).collect()
 }
 
-impl Link for UdpLink {
+impl PacketLink for UdpLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         self.socket.send(packet)?;
         Ok(())
@@ -120,7 +120,8 @@ impl Link for UdpLink {
 
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
         loop {
-            // The time is taken before the last look, so that nothing that came in time is missed.
+            // The time is read before the last check of the socket, so that no datagram that
+            // arrived in time is missed.
             let left = deadline.since(self.clock.read());
             if !left.is_zero() {
                 self.wait_readable(left)?;

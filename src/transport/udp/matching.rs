@@ -1,36 +1,36 @@
-//! Which reply belongs to which request.
+//! Assignment of replies to requests.
 //!
-//! Every request carries its number into a scratch register of the board, and every reply
-//! carries the number back (FACTS 10.1). A reply is taken for the request that waits for it and
-//! for no other; what it is otherwise can be said from the recent past.
+//! Every request carries its number into a scratch register of the board, and every reply carries
+//! the number back (FACTS 10.1). A reply is accepted only for the request that is waiting for it;
+//! the recent history classifies all others.
 
-/// The requests sent lately. The newest is the one that is waited for, if any is.
+/// The recent requests. A reply is awaited for the newest at most.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Requests {
     newest: u32,
-    /// How many were sent, as far as 32 bits count.
+    /// Number of requests sent, up to the limit of 32 bits.
     opened: u32,
-    /// A bit for each of the newest 64, the newest lowest: it was answered.
+    /// One bit for each of the newest 64 requests, the newest lowest: set if answered.
     answered: u64,
 }
 
-/// What a reply with some number is.
+/// Classification of a reply by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Match {
-    /// The reply that is waited for.
+    /// The awaited reply.
     Current,
-    /// The reply to a request that was given up: it was not lost, but late.
+    /// The reply to a request that was given up: late, not lost.
     Late,
-    /// A reply that came before.
+    /// A reply that arrived before.
     Duplicate,
-    /// A reply to a request so long ago that it is forgotten.
+    /// A reply to a request that is no longer in the history.
     Stale,
-    /// A reply to no request of ours.
+    /// A reply to none of our requests.
     Foreign,
 }
 
 impl Requests {
-    /// The number of the next request. Nobody waits for those before any more.
+    /// Returns the number of the next request. Earlier requests are no longer awaited.
     pub(super) fn open(&mut self) -> u32 {
         self.newest = self.newest.wrapping_add(1);
         self.opened = self.opened.saturating_add(1);
@@ -38,7 +38,7 @@ impl Requests {
         self.newest
     }
 
-    /// What a reply with this number is. It counts as answered from now on.
+    /// Classifies a reply with this number, and marks its request as answered.
     pub(super) fn classify(&mut self, number: u32) -> Match {
         let age = self.newest.wrapping_sub(number);
         if age >= self.opened {

@@ -1,12 +1,12 @@
 //! LBP16 over UDP: the bus of the Ethernet boards.
 //!
 //! One exchange is one packet out and at most one packet back. Neighbouring registers share a
-//! command; lists that are run every cycle are encoded once ([`RegisterBus::prepare`]).
+//! command; lists that run every cycle are encoded once ([`RegisterBus::prepare`]).
 //!
-//! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1),
-//! and the board counts its packets: a reply is taken for the request that waits for it and for no
-//! other, and a write packet that the board did not execute, or executed late or twice, is noticed
-//! with the next replies.
+//! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1), and
+//! the board counts its packets: a reply is accepted only for the request that it answers, and a
+//! write packet that the board did not execute, or executed late or twice, is detected with the
+//! next replies.
 
 mod encoding;
 mod error;
@@ -19,49 +19,51 @@ mod receiving;
 pub use encoding::UdpList;
 pub use error::{BLOCKED, UdpError};
 pub(super) use link::poll_for;
-pub use link::{Link, UdpLink};
+pub use link::{PacketLink, UdpLink};
 
 use core::time::Duration;
 use std::net::SocketAddrV4;
 
 use crate::bus::{
-    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Hold, Instant, RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
-use ledger::{Kind, Ledger};
+use ledger::{Ledger, WriteEvidence};
 use matching::Requests;
 use others::Others;
 use receiving::Wait;
 
-/// Room for more than [`MAX_PACKET`](crate::lbp16::MAX_PACKET), so that a longer datagram shows.
+/// Room for more than [`MAX_PACKET`](crate::lbp16::MAX_PACKET), so that a longer datagram is
+/// detected.
 const RECEIVE_BUFFER: usize = 2048;
 
-/// How long a board is watched for packets of other hosts before anything is written to it: a cycle
-/// of 100 Hz sends ten packets in it.
-const WATCH: Duration = Duration::from_millis(50);
-/// So many packets more than ours, and more than our own can have become on the way, are others'.
-const OTHERS: u16 = 4;
-/// More than a board can receive in that time: its counts began again.
-const TOO_MANY: u16 = 0x8000;
+/// Time that a board is watched for packets of other hosts before anything is written to it: a
+/// cycle of 100 Hz sends ten packets in it.
+const WATCH_TIME: Duration = Duration::from_millis(50);
+/// Number of surplus packets that shows another host, in addition to one duplicate of each of our
+/// own.
+const SURPLUS_LIMIT: u16 = 4;
+/// More packets than a board can receive in that time: its count was restarted.
+const RESTARTED_COUNT: u16 = 0x8000;
 
-/// No deadline that follows a period is shorter.
+/// Lower limit of a deadline that follows the period.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 
-/// How long an exchange may take, and how often one of set-up is tried.
+/// Deadlines of the exchanges, and the number of tries at set-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UdpConfig {
-    /// Deadline of the exchanges of the cycle, from the moment the request is sent.
-    /// They are tried once. As long as it is the default, it follows the period of the driver.
+    /// Deadline of the exchanges of the cycle, from the sending of the request. Each is tried once.
+    /// The default value is replaced by one that follows the period of the driver.
     pub cycle_deadline: Duration,
     /// Deadline of each try of the exchanges of set-up.
     pub setup_deadline: Duration,
-    /// How often an exchange of set-up is tried, at least once.
+    /// Number of tries of an exchange of set-up, at least one.
     pub setup_tries: u32,
-    /// Talk to the board also while another program or host does. False: see [`UdpBus::new`].
+    /// Use the board even while another program or host does. False: see [`UdpBus::new`].
     pub beside_others: bool,
 }
 
@@ -79,47 +81,47 @@ impl Default for UdpConfig {
 
 /// The registers of an Ethernet board.
 ///
-/// - [`exchange`](RegisterBus::exchange) is for set-up: writes are acknowledged, and what is lost
-///   is repeated a bounded number of times. A packet that writes is repeated only after the board
-///   was asked whether it has executed it.
-/// - [`start`](RegisterBus::start) and [`finish`](RegisterBus::finish) are for the cycle: one try. A
-///   list that only writes is sent and not waited for; that it was lost is noticed with the next
-///   reply, which tells so.
-/// - What is [held back](Hold) waits in the board for the reference of its DPLL (manual: 7I97,
-///   "SPACE 4 LBP TIMER/UTILITY AREA"), which needs a firmware that has one.
+/// - [`exchange`](RegisterBus::exchange) is for set-up: writes are acknowledged, and lost packets
+///   are repeated a bounded number of times. A packet that writes is repeated only after a query of
+///   the board has shown that it was not executed.
+/// - [`start`](RegisterBus::start) and [`finish`](RegisterBus::finish) are for the cycle: one try.
+///   A list that only writes is sent without waiting for a reply; its loss is detected and reported
+///   with the next reply.
+/// - A list that is [held back](Hold) waits in the board for the reference of its DPLL (manual:
+///   7I97, "SPACE 4 LBP TIMER/UTILITY AREA"), which needs a firmware that has one.
 ///
 /// # Real time
-/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by that
-/// and its own limit, and does not allocate.
+/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by
+/// that plus its own limit. Neither allocates.
 #[derive(Debug)]
-pub struct UdpBus<L: Link = UdpLink> {
+pub struct UdpBus<L: PacketLink = UdpLink> {
     link: L,
     config: UdpConfig,
     requests: Requests,
     ledger: Ledger,
     others: Others,
     statistics: BusStatistics,
-    /// Lists prepared so far.
+    /// Number of lists prepared so far.
     prepared: u32,
-    /// The list that was started, and whose reply is waited for.
+    /// The list that was started and whose reply is awaited.
     started: Option<(u32, Wait)>,
-    /// Whether a list was run: only then are there writes that replies tell something of.
+    /// True once a list was run: before that, there are no writes on which replies could report.
     is_cyclic: bool,
-    /// What replies showed since it was last reported.
-    news: Reply,
-    /// The packet of writes that are made for once.
+    /// Findings of the replies since the last report.
+    replies: Reply,
+    /// The packet of writes that are encoded for a single use.
     once: UdpList,
-    /// The packet that asks which board it is.
+    /// The packet that requests the board's identity.
     identity: UdpList,
     packet: Box<[u8; MAX_PACKET]>,
     reply: Box<[u8; RECEIVE_BUFFER]>,
 }
 
 impl UdpBus<UdpLink> {
-    /// Opens the board at `address`; its port is 27181 unless it was given otherwise.
+    /// Opens the board at `address`; its port is 27181 unless configured otherwise.
     ///
     /// # Errors
-    /// When there is no such network, nobody listens, or no reply comes within
+    /// The network does not exist, no program listens at the port, or no reply arrives within
     /// `setup_tries * setup_deadline`.
     pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, UdpError> {
         let link = UdpLink::connect(address)?;
@@ -131,29 +133,31 @@ impl UdpBus<UdpLink> {
     }
 }
 
-impl<L: Link> UdpBus<L> {
-    /// A bus over `link`. Asks the board first, so that a bus that exists has a board behind it.
+impl<L: PacketLink> UdpBus<L> {
+    /// A bus over `link`. Queries the board first, so that every bus that exists has a board behind
+    /// it.
     ///
-    /// A board takes orders from everybody, and two programs that drive the same one end in
-    /// movements that neither has ordered. So the board is only watched at first, and nothing is
-    /// written if somebody else drives it ([`check_alone`](Self::check_alone)). Somebody who begins
-    /// later is noticed in the cycle: [`BusStatistics::others`].
-    /// [`UdpConfig::beside_others`] leaves out both.
+    /// A board executes packets from any sender, and two programs that drive the same board cause
+    /// movements that neither has commanded. So the board is only watched at first, and nothing is
+    /// written if another host drives it ([`check_alone`](Self::check_alone)). A sender that starts
+    /// later is detected in the cycle: [`BusStatistics::others`]. [`UdpConfig::beside_others`]
+    /// disables both checks.
     pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError> {
         let mut bus = Self::unasked(link, config);
         bus.check_alone()?;
-        // Without these, numbers that an earlier program left would look like writes that were
-        // executed, or like a lost one.
+        // Without this, numbers left by an earlier program would look like executed writes, or like
+        // a lost one.
         bus.set_up(&UdpList::clearing()?, &mut [])?;
         bus.identity = UdpList::identity()?;
-        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
+        let contact = UdpList::answered(Some(WriteEvidence::Acknowledged), &[], 0)?;
         bus.set_up(&contact, &mut [])?;
         (bus.statistics, bus.others) = Default::default();
         Ok(bus)
     }
 
-    /// Fails if somebody else drives the board behind `link`. It changes nothing there, for who has a
-    /// bus of the board already and has not used it for a while: [`check_alone`](Self::check_alone).
+    /// Fails if another host drives the board behind `link`. Writes nothing but the number of a
+    /// request. With a bus of the board that has been idle for a while, call
+    /// [`check_alone`](Self::check_alone) instead.
     pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError> {
         Self::unasked(link, config).check_alone()
     }
@@ -169,7 +173,7 @@ impl<L: Link> UdpBus<L> {
             prepared: 0,
             started: None,
             is_cyclic: false,
-            news: Reply::CERTAIN,
+            replies: Reply::CERTAIN,
             once: UdpList::with_room(),
             identity: UdpList::default(),
             packet: Box::new([0; MAX_PACKET]),
@@ -177,15 +181,15 @@ impl<L: Link> UdpBus<L> {
         }
     }
 
-    /// The link, to ask it for what is its own.
+    /// Access to the link, for settings and status of its own.
     pub fn link(&mut self) -> &mut L {
         &mut self.link
     }
 
-    /// Fails if somebody else drives the board: when its count of packets (RXUDPCount; manual: 7I97,
-    /// "MEMORY SPACE 6 LAYOUT") grows by more than ours within 50 ms ([`UdpError::OtherHost`]), which is
-    /// about 100 packets a second. Writes nothing but a request's number. Call it after a pause,
-    /// before anything is driven; [`new`](Self::new) does.
+    /// Fails if another host drives the board, i.e. if the board's packet count (RXUDPCount;
+    /// manual: 7I97, "MEMORY SPACE 6 LAYOUT") grows by more than our own packets within 50 ms
+    /// ([`UdpError::OtherHost`]), which is about 100 packets/s. Writes nothing but the number of a
+    /// request. Call it after a pause, before anything is driven; [`new`](Self::new) does.
     ///
     /// # Real time
     /// Not for the cycle: it waits.
@@ -196,16 +200,16 @@ impl<L: Link> UdpBus<L> {
         self.set_up(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received, self.statistics.exchanges);
         let start = self.link.now();
-        self.link.sleep_until(start.after(WATCH));
+        self.link.sleep_until(start.after(WATCH_TIME));
         self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = self.statistics.exchanges.wrapping_sub(sent) as u16;
         let (Some(before), Some(after)) = (before, self.ledger.received) else {
             return Ok(());
         };
-        // Each of ours, and those of before that are late, may have come twice.
+        // Each of our packets, and earlier ones that are late, may have arrived twice.
         let packets = after.wrapping_sub(before).wrapping_sub(own);
-        let others = own.saturating_add(OTHERS)..TOO_MANY;
+        let others = own.saturating_add(SURPLUS_LIMIT)..RESTARTED_COUNT;
         if others.contains(&packets) {
             self.statistics.others.tally(packets.into());
             return Err(UdpError::OtherHost { packets, within });
@@ -213,12 +217,12 @@ impl<L: Link> UdpBus<L> {
         Ok(())
     }
 
-    /// An exchange of set-up, repeated until it is done or the tries are used up.
+    /// An exchange of set-up, repeated until it succeeds or the tries are used up.
     fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
         self.repeated(list, words, self.config.setup_deadline)
     }
 
-    /// An exchange whose error says how often and for how long it was tried.
+    /// An exchange whose error contains the number of tries and the total time.
     fn repeated(
         &mut self,
         list: &UdpList,
@@ -234,8 +238,8 @@ impl<L: Link> UdpBus<L> {
         })
     }
 
-    /// What writes is repeated only if the board says that it has not executed it; if it has, and
-    /// only the reply was lost, the reads alone are repeated.
+    /// A list that writes is repeated only if the board reports it as not executed; if it was
+    /// executed and only the reply was lost, the reads alone are repeated.
     fn with_retries(
         &mut self,
         list: &UdpList,
@@ -267,7 +271,7 @@ impl<L: Link> UdpBus<L> {
         Ok(())
     }
 
-    /// One packet out, and its reply.
+    /// Sends one packet and receives its reply.
     fn transact(
         &mut self,
         list: &UdpList,
@@ -280,8 +284,7 @@ impl<L: Link> UdpBus<L> {
         }
     }
 
-    /// One packet out. If it is answered, nobody waits any
-    /// more for a reply to the one before.
+    /// Sends one packet. If it is answered, the wait for the previous reply ends.
     fn send(
         &mut self,
         list: &UdpList,
@@ -295,7 +298,7 @@ impl<L: Link> UdpBus<L> {
             self.statistics.lost.tally(is_given_up.into());
             Wait {
                 request: self.requests.open(),
-                asked: self.ledger.open_request(),
+                ledger: self.ledger.open_request(),
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
@@ -310,7 +313,7 @@ impl<L: Link> UdpBus<L> {
     }
 }
 
-impl<L: Link> Lbp16Board for UdpBus<L> {
+impl<L: PacketLink> Lbp16Board for UdpBus<L> {
     type Error = UdpError;
 
     fn run_commands(
@@ -333,7 +336,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
     }
 }
 
-impl<L: Link> Clock for UdpBus<L> {
+impl<L: PacketLink> Clock for UdpBus<L> {
     fn now(&mut self) -> Instant {
         self.link.now()
     }
@@ -348,11 +351,13 @@ impl<L: Link> Clock for UdpBus<L> {
     }
 }
 
-impl<L: Link> RegisterBus for UdpBus<L> {
+impl<L: PacketLink> RegisterBus for UdpBus<L> {
     type Error = UdpError;
-    type List = UdpList;
-    /// The board's timer does that.
-    const CAN_HOLD: bool = true;
+
+    /// The board's timer holds lists back.
+    fn can_hold(&self) -> bool {
+        true
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         let list = UdpList::new(accesses, true, None)?;
@@ -360,17 +365,17 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         self.set_up(&list, words)
     }
 
-    /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
-    /// waited does not count for the deadline: whatever it waits, its words are as new as those of
-    /// other lists.
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<UdpList, UdpError> {
+    /// The board can wait for up to 65.535 ms. Time that the board waited does not count for the
+    /// deadline of the reply: its words are as new as those of other lists, however long it waited.
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, UdpError> {
         self.prepared = self.prepared.wrapping_add(1);
         let mut list = UdpList::new(accesses, false, hold)?;
         list.number = self.prepared;
-        Ok(list)
+        Ok(AccessList::encoded(list))
     }
 
-    fn start(&mut self, list: &UdpList, words: &[u32]) -> Result<(), UdpError> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), UdpError> {
+        let list = UdpList::of(list)?;
         list.check_words(words.len())?;
         self.is_cyclic = true;
         let deadline = self.config.cycle_deadline;
@@ -380,9 +385,10 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         Ok(())
     }
 
-    fn finish(&mut self, list: &UdpList, words: &mut [u32]) -> Result<Reply, UdpError> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, UdpError> {
+        let list = UdpList::of(list)?;
         if !list.is_answered {
-            return Ok(Reply::UNHEARD);
+            return Ok(Reply::UNKNOWN);
         }
         list.check_words(words.len())?;
         let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
@@ -391,11 +397,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         };
         self.receive(list, wait, words)?;
         let waited = list.waited_us(self.reply.as_slice()).map(u64::from);
-        let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
-        Ok(Reply {
-            slack: waited.map(Duration::from_micros),
-            ..news
-        })
+        let replies = core::mem::replace(&mut self.replies, Reply::CERTAIN);
+        Ok(replies.with_slack(waited.map(Duration::from_micros)))
     }
 
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
@@ -418,7 +421,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         }
     }
 
-    /// By its MAC address and its card's name (manual: 7I97, "ETHERNET EEPROM LAYOUT" and "SPACE 7:
+    /// MAC address and card name of the board (manual: 7I97, "ETHERNET EEPROM LAYOUT" and "SPACE 7:
     /// LBP READ ONLY AREA").
     fn board(&mut self, effort: Effort) -> Result<BoardIdentity, UdpError> {
         let list = core::mem::take(&mut self.identity);

@@ -1,105 +1,108 @@
-//! Whether somebody else sends packets to the board, by the board's own count of them.
+//! Detects other senders of packets to the board, from the board's own packet count.
 //!
-//! Every reply tells how many packets the board has received. What that is more than was sent is
-//! others', or came twice. It is added up for a second, and of each moment only a little counts: a
-//! master sends all the time, and who looks at the board, or whether it is free, in a burst.
+//! Every reply contains the number of packets that the board has received. Packets beyond those
+//! that this host sent come from other hosts, or arrived twice. The surplus is summed for a second,
+//! and of each slot of 10 ms only a few packets count: a second master sends all the time, whereas
+//! a program that inspects the board, or checks that it is free, sends in a burst.
 
 use core::time::Duration;
 
 use crate::bus::Instant;
 use crate::tally::Tally;
 
-/// For so long packets are added up.
+/// Packets are summed over this time.
 const WINDOW: Duration = Duration::from_secs(1);
-/// So many that count are no master's, in a window, and in each second where no reply came for longer.
-const FEW: u64 = 50;
-/// A moment in nanoseconds: 10 ms.
-const MOMENT: u64 = 10_000_000;
-/// So many count in each moment: who sends as much all the time is noticed after a quarter of a second.
-const IN_A_MOMENT: u64 = 2;
-/// From one reply to the next no more than this counts. A board that was reset counts from 0 again,
-/// which looks like any number of packets, and does so once.
-const AT_ONCE: u64 = 8;
-/// Each reply that came twice stands for so many packets that did: of a write no reply tells it, and
+/// Threshold: up to 50 counted packets in a window are tolerated, and as many in each second of a
+/// longer interval without replies.
+const THRESHOLD: u64 = 50;
+/// Length of a slot in nanoseconds: 10 ms.
+const SLOT_NANOS: u64 = 10_000_000;
+/// Upper limit of the packets that count in a slot: a sender that reaches it all the time is
+/// detected after a quarter of a second.
+const MAX_PER_SLOT: u64 = 2;
+/// Upper limit of the packets that count from one reply to the next. A board that was reset counts
+/// from 0 again, which looks like an arbitrary number of packets, but happens only once.
+const MAX_PER_REPLY: u64 = 8;
+/// Duplicate packets assumed for each duplicate reply: duplicates of a write cause no reply, and
 /// some replies are lost.
-const FOR_A_DUPLICATE: u64 = 4;
+const PER_DUPLICATE: u64 = 4;
 
-/// What a reply tells.
+/// Contents of a reply that show packets of other senders.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Heard {
-    /// When its request was sent.
+pub(super) struct ReplyCounters {
+    /// Time at which the request was sent.
     pub at: Instant,
-    /// Packets that the board has received since the reply before; `None` if that is not known.
+    /// Packets that the board has received since the previous reply; `None` if not known.
     pub received: Option<u16>,
-    /// The number of its request among all packets that were sent.
+    /// Number of the request among all packets that were sent.
     pub sent: u64,
-    /// Replies so far that came twice.
+    /// Duplicate replies so far.
     pub duplicate: u64,
 }
 
-/// The packets of others, added up.
+/// Sum of the packets of other senders.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Others {
-    /// When this window began, and how many replies had come twice.
+    /// Start of this window, and the number of duplicate replies at that time.
     begun: Option<(Instant, u64)>,
-    /// How many packets had been sent with the request before.
+    /// Number of packets sent up to the previous request.
     sent: u64,
-    /// The moment of that, and the packets in it. What is lost makes it less.
-    moment: (u64, i64),
-    /// What counts of the moments before, ...
+    /// Slot of that request, and the surplus packets in it. Lost packets lower the sum.
+    slot: (u64, i64),
+    /// Counted packets of the earlier slots, limited for each slot.
     counted: i64,
-    /// ... and all packets in them.
+    /// All surplus packets of the earlier slots.
     packets: i64,
-    /// It was told in this window.
-    is_told: bool,
+    /// Already reported in this window.
+    is_reported: bool,
 }
 
 impl Others {
-    /// Takes what a reply tells; when others have sent too many in this window, how many these were,
-    /// once.
-    pub(super) fn hear(&mut self, heard: Heard) -> Option<u32> {
-        let own = heard.sent.wrapping_sub(self.sent) as u16;
-        self.sent = heard.sent;
-        let moment = heard.at.as_nanos() / MOMENT;
-        let Some(received) = heard.received.filter(|_| self.begun.is_some()) else {
-            self.begin(heard, moment);
+    /// Adds the contents of a reply. Returns the number of foreign packets if they exceed the
+    /// threshold, once in each window.
+    pub(super) fn add(&mut self, counters: ReplyCounters) -> Option<u32> {
+        let own = counters.sent.wrapping_sub(self.sent) as u16;
+        self.sent = counters.sent;
+        let slot = counters.at.as_nanos() / SLOT_NANOS;
+        let Some(received) = counters.received.filter(|_| self.begun.is_some()) else {
+            self.begin(counters, slot);
             return None;
         };
         let more = received.wrapping_sub(own).cast_signed();
-        self.moment.1.tally(more.into());
-        let passed = moment.wrapping_sub(self.moment.0);
+        self.slot.1.tally(more.into());
+        let passed = slot.wrapping_sub(self.slot.0);
         if passed == 0 {
             return None;
         }
-        self.end_moment(heard, passed)
+        self.end_slot(counters, passed)
     }
 
-    fn end_moment(&mut self, heard: Heard, passed: u64) -> Option<u32> {
+    fn end_slot(&mut self, counters: ReplyCounters, passed: u64) -> Option<u32> {
         let (at, duplicate) = self.begun?;
-        let (before, packets) = self.moment;
-        let moment = before.wrapping_add(passed);
-        self.moment = (moment, 0);
-        let most = passed.saturating_mul(IN_A_MOMENT).min(AT_ONCE);
+        let (before, packets) = self.slot;
+        let slot = before.wrapping_add(passed);
+        self.slot = (slot, 0);
+        let most = passed.saturating_mul(MAX_PER_SLOT).min(MAX_PER_REPLY);
         self.counted.tally(packets.min(most.cast_signed()));
         self.packets.tally(packets);
-        let within = heard.at.since(at);
-        let few = FEW.saturating_mul(within.max(WINDOW).as_secs());
-        let duplicates = heard.duplicate.saturating_sub(duplicate);
-        let few = few.saturating_add(FOR_A_DUPLICATE.saturating_mul(duplicates));
-        let is_news = !self.is_told && u64::try_from(self.counted).is_ok_and(|n| n > few);
+        let within = counters.at.since(at);
+        let few = THRESHOLD.saturating_mul(within.max(WINDOW).as_secs());
+        let duplicates = counters.duplicate.saturating_sub(duplicate);
+        let few = few.saturating_add(PER_DUPLICATE.saturating_mul(duplicates));
+        let is_news = !self.is_reported && u64::try_from(self.counted).is_ok_and(|n| n > few);
         let packets = u32::try_from(self.packets).unwrap_or(u32::MAX);
-        self.is_told |= is_news;
+        self.is_reported |= is_news;
         if within >= WINDOW {
-            self.begin(heard, moment);
+            self.begin(counters, slot);
         }
         is_news.then_some(packets)
     }
 
-    fn begin(&mut self, heard: Heard, moment: u64) {
+    fn begin(&mut self, counters: ReplyCounters, slot: u64) {
         *self = Self {
-            begun: Some((heard.at, heard.duplicate)),
-            sent: heard.sent,
-            moment: (moment, 0),
+            begun: Some((counters.at, counters.duplicate)),
+            sent: counters.sent,
+            slot: (slot, 0),
             ..Self::default()
         };
     }
@@ -110,11 +113,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A board's count, and what was sent to it.
+    /// The packet count of a board, and the packets sent to it.
     #[derive(Default)]
     struct Board {
         others: Others,
-        heard: u16,
+        counters: u16,
         received: u16,
         sent: u64,
         duplicate: u64,
@@ -122,7 +125,8 @@ mod tests {
     }
 
     impl Board {
-        /// A cycle of 1 ms: a write and a request, and this many packets more, or less.
+        /// A cycle of 1 ms: a write and a request, and `more` packets in addition (or fewer, if
+        /// negative).
         fn cycle(&mut self, more: i16) -> Option<u32> {
             self.now += 1_000_000;
             self.sent += 2;
@@ -131,14 +135,14 @@ mod tests {
         }
 
         fn reply(&mut self, is_known: bool) -> Option<u32> {
-            let before = core::mem::replace(&mut self.heard, self.received);
-            let heard = Heard {
+            let before = core::mem::replace(&mut self.counters, self.received);
+            let counters = ReplyCounters {
                 at: Instant::from_nanos(self.now),
                 received: is_known.then(|| self.received.wrapping_sub(before)),
                 sent: self.sent,
                 duplicate: self.duplicate,
             };
-            self.others.hear(heard)
+            self.others.add(counters)
         }
 
         fn new(received: u16, sent: u64) -> Self {
@@ -181,7 +185,7 @@ mod tests {
     fn a_pause_makes_no_difference() {
         let mut board = Board::new(0, 0);
         for _ in 0..10 {
-            // Somebody else had it meanwhile, and has gone.
+            // Another host used the board in the meantime and has stopped.
             board.now += 60_000_000_000;
             board.received = board.received.wrapping_add(30_000);
             assert_eq!(board.cycle(0), None);
@@ -195,7 +199,7 @@ mod tests {
         ) {
             let mut board = Board::new(60_000, 0);
             for (received, cycles) in resets {
-                // No board is back sooner.
+                // No board restarts faster.
                 board.now += 200_000_000;
                 board.received = received;
                 prop_assert_eq!(board.cycle(0), None);
@@ -222,7 +226,7 @@ mod tests {
                     more -= 1;
                     late += 1;
                 }
-                // Each comes twice as often as the other.
+                // Each of the two is duplicated independently.
                 if doubled % 8 < doubles {
                     more += 1;
                 }

@@ -1,36 +1,35 @@
-//! Waiting for a reply, and what else comes meanwhile.
+//! The wait for a reply, and the handling of other datagrams that arrive meanwhile.
 
 use core::time::Duration;
 
-use super::ledger::{Account, Asked};
+use super::ledger::{Account, LedgerState};
 use super::matching::Match;
-use super::others::Heard;
-use super::{Link, UdpBus, UdpError, UdpList};
+use super::others::ReplyCounters;
+use super::{PacketLink, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
 
-/// The reply that is waited for.
+/// The awaited reply.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub request: u32,
     /// The writes that were sent before it.
-    pub asked: Asked,
-    /// The whole account was asked for.
+    pub ledger: LedgerState,
+    /// The details were requested.
     pub detailed: bool,
     pub started: Instant,
-    /// How long it may take, besides what the board waits.
+    /// Longest time that it may take, in addition to the wait in the board.
     pub deadline: Duration,
-    /// Packets that were sent with it and before.
+    /// Number of packets sent up to and including this one.
     pub sent: u64,
 }
 
-/// Datagrams that are looked through after the deadline, for one that came before it.
+/// Limit of the datagrams that are checked after the deadline, for one that arrived before it.
 const MAX_OVERTIME: u32 = 64;
 
-impl<L: Link> UdpBus<L> {
-    /// Waits for the reply to the newest request, takes its words, and throws away everything else
-    /// that comes.
+impl<L: PacketLink> UdpBus<L> {
+    /// Waits for the reply to the newest request and takes its words. Discards all other datagrams.
     pub(super) fn receive(
         &mut self,
         list: &UdpList,
@@ -62,13 +61,14 @@ impl<L: Link> UdpBus<L> {
                 },
                 Ok(None) => overtime = MAX_OVERTIME,
                 Err(error) => {
-                    // Should a reply come after all, it is late.
+                    // If a reply arrives after all, it is late.
                     self.statistics.lost.tally(1);
                     let kind = error.kind();
                     return Err(UdpError::Link { kind, waited });
                 }
             }
-            // What came in time may still lie in the socket, but not without end.
+            // A datagram that arrived in time may still be in the socket; the search for it is
+            // bounded.
             overtime.tally((waited > deadline).into());
             if overtime >= MAX_OVERTIME {
                 self.statistics.lost.tally(1);
@@ -85,7 +85,8 @@ impl<L: Link> UdpBus<L> {
         }
     }
 
-    /// Counts what came as what it is; the number of the request it answers, if it answers one.
+    /// Classifies and counts a datagram; returns the number of the request that it answers, if it
+    /// answers one.
     fn sort(
         &mut self,
         list: &UdpList,
@@ -96,7 +97,8 @@ impl<L: Link> UdpBus<L> {
         let (request, expected) = (wait.request, list.reply_len(wait.detailed));
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
-            // No board sends that, and what is at its end may be the middle of it.
+            // No board sends such a packet, and it is cut off: its last bytes here may be from its
+            // middle.
             counted.foreign.tally(1);
             return Ok(None);
         }
@@ -105,10 +107,11 @@ impl<L: Link> UdpBus<L> {
             counted.short.tally(1);
             return Ok(None);
         };
-        // What the board did not wait for its clock was lost on the way: the words are that old.
-        let told = list.waited_us(reply).unwrap_or(0);
-        let told = Duration::from_micros(told.into()).min(list.held);
-        let deadline = wait.deadline.saturating_add(told);
+        // Only the time that the board waited for its clock extends the deadline: any other delay
+        // was on the way, and the words are that much older.
+        let held = list.waited_us(reply).unwrap_or(0);
+        let held = Duration::from_micros(held.into()).min(list.held);
+        let deadline = wait.deadline.saturating_add(held);
         match self.requests.classify(number) {
             Match::Current if length != expected => {
                 counted.short.tally(1);
@@ -130,7 +133,7 @@ impl<L: Link> UdpBus<L> {
             Match::Current => {
                 counted.bytes_received.tally(length as u64);
                 let account = list.account(reply, wait.detailed);
-                self.hear(account, wait);
+                self.evaluate(account, wait);
             }
             Match::Late => {
                 counted.late.tally(1);
@@ -150,38 +153,35 @@ impl<L: Link> UdpBus<L> {
         Ok(Some(number))
     }
 
-    /// Counts what became of the writes, and what others sent.
-    fn hear(&mut self, account: Account, wait: Wait) {
+    /// Counts the fates of the writes, and the packets of other senders.
+    fn evaluate(&mut self, account: Account, wait: Wait) {
         let before = self.ledger.received;
-        let news = self.ledger.hear(account, wait.asked);
+        let report = self.ledger.evaluate(account, wait.ledger);
         let counted = &mut self.statistics;
-        let heard = Heard {
+        let counters = ReplyCounters {
             at: wait.started,
             received: before.map(|before| account.received.wrapping_sub(before)),
             sent: wait.sent,
             duplicate: counted.duplicate.saturating_add(counted.stale),
         };
-        let others = self.others.hear(heard);
+        let others = self.others.add(counters);
         let others = others.filter(|_| !self.config.beside_others);
         let others = others.unwrap_or(0);
         counted.others.tally(others.into());
-        counted.lost_writes.tally(news.lost.into());
-        counted.lost_writes = counted.lost_writes.saturating_sub(news.found.into());
-        counted.late_writes.tally(news.late.into());
-        counted.repeated_writes.tally(news.repeated.into());
-        counted.unconfirmed_writes.tally(news.unconfirmed.into());
-        counted.doubts.tally(news.doubt.into());
+        counted.lost_writes.tally(report.lost.into());
+        counted.lost_writes = counted.lost_writes.saturating_sub(report.found.into());
+        counted.late_writes.tally(report.late.into());
+        counted.repeated_writes.tally(report.repeated.into());
+        counted.unconfirmed_writes.tally(report.unconfirmed.into());
+        counted.doubts.tally(report.doubt.into());
         if self.is_cyclic {
-            self.news = self.news.and(Reply {
-                certain: !news.doubt,
-                // What comes late is not lost any more, but it was.
-                lost_writes: news
-                    .lost
-                    .saturating_add(news.late)
-                    .saturating_sub(news.found),
-                others,
-                slack: None,
-            });
+            // A write that arrives late is no longer lost, but it was.
+            let lost = report.lost.saturating_add(report.late);
+            let reply = Reply::CERTAIN
+                .with_certain(!report.doubt)
+                .with_lost_writes(lost.saturating_sub(report.found))
+                .with_others(others);
+            self.replies = self.replies.and(reply);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The bus on a network and a board of the test's own, on virtual time.
+//! Tests of the bus with a simulated network and board, on virtual time.
 
 mod network;
 mod others;
@@ -17,10 +17,10 @@ fn bus() -> UdpBus<Network> {
 
 const MS: Duration = Duration::from_millis(1);
 
-/// One cycle: the last word is the stamp that the board gave to the read of 0x1000.
+/// The lists of a cycle: the last word is the stamp that the board gave to the read of 0x1000.
 struct Cycle {
-    read: UdpList,
-    write: UdpList,
+    read: AccessList,
+    write: AccessList,
 }
 
 impl Cycle {
@@ -355,14 +355,14 @@ fn set_up_repeats_what_was_lost_and_nothing_that_was_executed() {
 #[test]
 fn numbers_that_an_earlier_program_left_are_not_taken_for_writes_that_were_executed() {
     // LinuxCNC counts there in 32 bits, whose upper half stays small for hours (FACTS 10.1); an
-    // earlier bus counted as this one does.
+    // earlier bus used the same numbers as this one.
     for left in 0..9 {
         for lost in 0..4 {
             let mut network = Network::default();
             for scratch in (0x10..0x1C).step_by(2) {
                 network.scratch.insert(scratch, left);
             }
-            // The last is the first: two questions, and what is lost of what follows.
+            // Requests are taken from the end: two queries, then the loss of what follows.
             network.requests = [&vec![Fate::Lost; lost][..], &[GOOD; 2]].concat();
             let mut bus = UdpBus::new(network, UdpConfig::default()).unwrap();
             for n in 0..5 {
@@ -378,7 +378,7 @@ fn numbers_that_an_earlier_program_left_are_not_taken_for_writes_that_were_execu
     }
 }
 
-/// Numbers near the ends of what a number can be, and some between.
+/// Numbers near the ends of the range, and some between.
 fn edge() -> impl Strategy<Value = u16> {
     prop_oneof![0..300_u16, 0xFF00..=0xFFFF_u16, any::<u16>()]
 }
@@ -437,7 +437,7 @@ proptest! {
             bus.wait(MS / 2);
         }
         let counted = bus.statistics();
-        // A reply in the socket when its deadline passes is late at once, others when they come.
+        // A reply in the socket when its deadline passes is late at once, others when they arrive.
         prop_assert!(good + counted.lost + counted.late + counted.short >= cycles);
         prop_assert_eq!(counted.exchanges, cycles);
     }

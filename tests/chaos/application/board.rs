@@ -1,4 +1,4 @@
-//! What the board itself drives: I/O pins, analog and isolated outputs, and an LED.
+//! The board's own outputs: I/O pins, analog and isolated outputs, and an LED.
 
 use mesa_hal::hal::{Output, Param, PinError, Pins};
 
@@ -12,23 +12,23 @@ use crate::common::chance::Chance;
 const FULL: f64 = 10.0;
 /// All drives are enabled.
 const ALL: u32 = 0x3F;
-/// What drives the isolated outputs, in Hz.
+/// Drive frequencies of the isolated outputs, in Hz.
 const DRIVES: [u32; 3] = [1_000_000, 250_000, 0];
 
-/// The board's own outputs, and what they are set to.
+/// The board's own outputs, with their set values.
 pub(super) struct BoardOutputs {
     gpio: Vec<GpioPin>,
     analog: Vec<(Output<f64>, Output<bool>)>,
-    /// The scale of each analog output, and what it is.
+    /// The scale of each analog output, and its value.
     scales: Vec<(Param<f64>, f64)>,
     led: Option<Output<bool>>,
     ssr: Vec<Output<bool>>,
-    /// What drives the isolated outputs, and whether it does.
+    /// The drive of the isolated outputs, and true while it is on.
     drive: Option<Output<u32>>,
     is_driven: bool,
     watchdog: Param<u32>,
     port_width: usize,
-    /// What they are set to since they are armed.
+    /// Values set since the outputs were armed.
     pub(super) set: BoardCommand,
 }
 
@@ -74,7 +74,7 @@ impl BoardOutputs {
         })
     }
 
-    /// Sets all of them anew. `side`: where drives are enabled one by one.
+    /// Sets all outputs to new values. `side`: present where drives are enabled one by one.
     pub(super) fn command(
         &self,
         pins: &mut Pins,
@@ -113,8 +113,8 @@ impl BoardOutputs {
         set
     }
 
-    /// Changes what drives the isolated outputs, in a cycle in which these stay as they are: it is
-    /// written before them.
+    /// Changes the drive of the isolated outputs, in a cycle in which the outputs themselves stay
+    /// unchanged: the drive is written before them.
     pub(super) fn tune(&mut self, pins: &mut Pins, chance: &mut Chance) {
         if let Some(drive) = self.drive {
             let hz = chance.of(&DRIVES);
@@ -123,7 +123,7 @@ impl BoardOutputs {
         }
     }
 
-    /// What the board makes of what is set, by the scales of now.
+    /// The set values as scaled by the board, with the current scales.
     pub(super) fn scaled(&self) -> BoardCommand {
         let mut set = self.set;
         for (millivolts, (_, scale)) in set.millivolts.iter_mut().zip(&self.scales) {
@@ -136,7 +136,7 @@ impl BoardOutputs {
         set
     }
 
-    /// What the board must drive when everything follows.
+    /// Expected outputs of the board when all commands have been followed.
     pub(super) fn expected(&self) -> Parts {
         let mut set = self.scaled();
         for gpio in self.gpio.iter().filter(|gpio| !gpio.drives) {
@@ -150,7 +150,7 @@ impl BoardOutputs {
         set.parts()
     }
 
-    /// Whether the LED is to be lit; `None` if there is none.
+    /// Expected state of the LED; `None` for a board without one.
     pub(super) fn expected_led(&self) -> Option<bool> {
         self.led.map(|_| self.set.led)
     }
@@ -187,7 +187,7 @@ impl BoardOutputs {
         format!("GPIO {} drives {}: {done:?}", gpio.pin, gpio.drives)
     }
 
-    /// The first scale that takes what is no number.
+    /// The first scale that accepts a value that is not a number.
     pub(super) fn takes_nonsense(&self, pins: &mut Pins) -> Option<String> {
         let mut scales = self.scales.iter();
         let takes = scales.position(|(param, scale)| {

@@ -6,19 +6,19 @@ use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{MILLI, Plan};
 use super::super::stage::Stage;
 
-/// Counts that the filter, the index pulse and rounding make of a difference.
+/// Tolerance in counts for the filter, the index pulse and rounding.
 const ROUGH: f64 = 3.0;
 
-/// Slower than this (counts in a second), velocity is not judged.
+/// Velocity is not judged below this speed (counts per second).
 const SLOW: f64 = 8_000.0;
 
-/// Of a read that took longer than this, velocity is not judged.
+/// Velocity is not judged after a read that took longer than this.
 const LONG: u64 = 30 * MILLI;
 
 /// Counts in a time in which an encoder can have moved by 32768, one way or the other.
 const AMBIGUOUS: f64 = 32_768.0;
 
-/// One encoder, and what is known of it.
+/// An encoder, and the knowledge about it.
 pub(super) struct Encoder {
     axis: usize,
     rawcounts: Input<i32>,
@@ -29,24 +29,24 @@ pub(super) struct Encoder {
     max_count_rate: Param<f64>,
     pub(super) filter: Param<bool>,
     pub(super) scale: Param<f64>,
-    /// Where the motor is while `rawcounts` is 0: the least and the greatest position that all reads
-    /// so far allow.
+    /// Position of the motor while `rawcounts` is 0: the least and the greatest position that all
+    /// reads so far permit.
     zero: Option<[f64; 2]>,
-    /// When the last good reads began, the newest first.
+    /// Start times of the last good reads, the newest first.
     reads: [u64; 4],
-    /// When the last of them ended.
+    /// End of the last of them.
     ended: u64,
-    /// Since when an index is asked for.
+    /// Time since which an index is requested.
     pub(super) asked: Option<u64>,
-    /// An index was asked for and has not come, whatever has become of the request.
+    /// An index was requested and has not occurred, even if the request was dropped.
     pub(super) is_pending: bool,
-    /// When the last read ended of which counts were taken.
+    /// End of the last read whose counts were used.
     read_until: Option<u64>,
-    /// Counts were taken of this set-up.
+    /// Counts of this set-up have been used.
     is_begun: bool,
-    /// The long filter was asked for at the last look.
+    /// The long filter was selected at the last look.
     is_long: Option<bool>,
-    /// The board was set up anew since, and no index has come.
+    /// The board was set up again since, and no index has occurred.
     must_doubt: bool,
 }
 
@@ -54,7 +54,7 @@ impl Encoder {
     /// The encoder of an axis; `None` if the firmware does not have it.
     pub(super) fn new(pins: &Pins, name: &str, axis: usize) -> Result<Option<Self>, PinError> {
         let stem = format!("{name}.encoder.{axis:02}");
-        // A name that is not there is compared with all that are, which takes its time.
+        // The driver compares an unknown name with all others, which takes long.
         let has = |info: &PinInfo| info.name.starts_with(&stem);
         if !pins.infos().iter().any(has) {
             return Ok(None);
@@ -81,26 +81,26 @@ impl Encoder {
         }))
     }
 
-    /// Whether its counts are known, so that an index can be judged.
+    /// True if its counts are known, so that an index can be judged.
     pub(super) fn is_known(&self) -> bool {
         self.zero.is_some()
     }
 
-    /// The driver has read it by itself, or can not say any more when it did.
+    /// The driver has read it by itself, or can no longer report the time of the read.
     pub(super) fn was_read(&mut self) {
         self.read_until = None;
     }
 
-    /// The counter of the board loses what it had.
+    /// The counter of the board loses its value.
     pub(super) fn is_set_up_anew(&mut self) {
         self.must_doubt |= self.is_begun;
     }
 
-    /// Whether `count-unsure` is on when it must be, and off where nothing gives a reason for it.
+    /// Checks that `count-unsure` is on when it must be, and off without a reason.
     fn check_doubt(&mut self, (pins, plan): (&Pins, &Plan), (from, now): (u64, u64)) -> Checked {
         let (axis, is_unsure) = (self.axis, pins.read(self.unsure).value);
         let is_off = !pins.read(self.index_enable).value;
-        // An index ends all doubts, whoever has asked for it.
+        // An index ends all doubts, whatever requested it.
         let has_come = self.is_pending && is_off;
         self.must_doubt &= !has_come;
         self.is_begun = true;
@@ -125,7 +125,7 @@ impl Encoder {
         let is_long = pins.param(self.filter);
         let is_new = self.is_long.replace(is_long) != Some(is_long);
         if is_new || !plan.spares_the_board() {
-            // It may not be written yet.
+            // The setting may not be written yet.
             return Ok(());
         }
         let rate = pins.param(self.max_count_rate) * if is_long { 5.0 } else { 1.0 };
@@ -136,7 +136,7 @@ impl Encoder {
         })
     }
 
-    /// Compares what was read, some time `from` to `to`, with the motion.
+    /// Compares values that were read at some time in `from` to `to` with the motion.
     pub(super) fn check(
         &mut self,
         (pins, stage, plan): (&Pins, &Stage, &Plan),
@@ -157,7 +157,7 @@ impl Encoder {
         let seen = [least - raw - ROUGH, most - raw + ROUGH];
         let mut zero = [low.max(seen[0]), high.min(seen[1])];
         if has_come && zero[0] > zero[1] {
-            // The index ended a doubt that nobody has seen, of a call that read by itself.
+            // The index ended a doubt of a call that read by itself, which was never visible.
             (zero, self.reads) = (seen, [0; 4]);
         }
         ensure(zero[0] <= zero[1], Promise::Inputs, now, || {
@@ -184,7 +184,7 @@ impl Encoder {
         let count = f64::from(pins.read(self.count).value);
         let (low, high) = stage.with_truth(|truth| truth.turned(self.axis, asked, now));
         let turn = f64::from(plan.extras.turn);
-        // The index pulse is as wide as a count, and either end of it may be the one.
+        // The index pulse is as wide as a count, and either end of it may be the mark.
         let first = ((low - 2.0) / turn).ceil() as i64;
         let last = ((high + 2.0) / turn).floor() as i64;
         let fits = |index: i64| {
@@ -200,8 +200,8 @@ impl Encoder {
         })
     }
 
-    /// Velocity is one that the motor had since the fourth good read before. Where it is slow, counts
-    /// that are further apart make it.
+    /// Velocity must be one that the motor had since the fourth good read before. At low speed,
+    /// counts that are further apart determine it.
     fn check_velocity(&mut self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
         let [a, b, c, oldest] = self.reads;
         if from <= a {
@@ -210,14 +210,14 @@ impl Encoder {
         self.reads = [from, a, b, c];
         let ended = core::mem::replace(&mut self.ended, now);
         let (least, most) = stage.with_truth(|truth| truth.speeds(self.axis, oldest, now));
-        // The time stamps of the board have 16 bits: the host's clock says how often they have wrapped
-        // around, which it cannot if it stands still while the board is read.
+        // The time stamps of the board have 16 bits: the number of their overflows is taken from
+        // the host's clock, which cannot provide it if it stops while the board is read.
         let is_long = now.saturating_sub(from) > LONG;
         if is_long || oldest == 0 || least.abs().min(most.abs()) < SLOW {
             return Ok(());
         }
         let velocity = pins.read(self.velocity).value * pins.param(self.scale);
-        // A count more or less in the shortest time between two reads, and what the filter delays.
+        // A count more or less in the shortest time between two reads, and the delay of the filter.
         let shortest = from.saturating_sub(ended).max(1);
         let slack = 0.05 * least.abs().max(most.abs()) + (1e9 / shortest as f64).max(2_000.0);
         ensure(
@@ -234,7 +234,7 @@ impl Encoder {
         )
     }
 
-    /// The request does not count any more.
+    /// Drops the request.
     pub(super) fn forget_index(&mut self) {
         self.asked = None;
     }

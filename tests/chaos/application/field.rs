@@ -1,4 +1,4 @@
-//! What field I/O has besides inputs: voltages and MPGs.
+//! Other values of field I/O: voltages and MPGs.
 
 use mesa_hal::hal::{Input, PinError, Pins};
 
@@ -6,9 +6,9 @@ use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::Plan;
 use super::super::stage::{Stage, was};
 
-/// A step of the converter, and half of one.
+/// One and a half steps of the converter.
 const STEP: f64 = 0.22;
-/// Field voltages that a plan sets, and what an input that is on has then.
+/// Field voltages that a plan sets, and the possible voltages of an input that is on.
 const VOLTS: [f64; 5] = [24.0, 36.0, 5.0, 3.0, 0.0];
 
 /// The pins of the modes 1 to 3.
@@ -20,7 +20,7 @@ pub(super) struct Field {
 
 struct Mpg {
     count: Input<i32>,
-    /// What the card's counter can be while `count` is 0, by bit.
+    /// Possible values of the card's counter while `count` is 0.
     zero: [bool; 256],
 }
 
@@ -50,7 +50,7 @@ impl Field {
         }
     }
 
-    /// Compares what is valid with the truth.
+    /// Compares all valid values with the truth.
     pub(super) fn check(
         &mut self,
         (pins, stage, plan): (&Pins, &Stage, &Plan),

@@ -22,12 +22,12 @@ pub(super) struct Remote {
     pub(super) volts: Vec<Output<f64>>,
     /// Of each voltage.
     limits: Vec<Limits>,
-    /// What field I/O has in its other modes.
+    /// The pins of field I/O in its other modes.
     pub(super) field: Option<Field>,
-    /// What it was set to since it was armed.
+    /// Values set since it was armed.
     pub(super) set: Level,
     pub(super) is_armed: bool,
-    /// How often it was disarmed.
+    /// Number of times that it was disarmed.
     pub(super) disarmed: u64,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct GpioPin {
     pub(super) drives: bool,
 }
 
-/// Full scale and limits of a voltage, and what they are.
+/// Parameters for full scale and limits of a voltage, with their values.
 struct Limits {
     params: [Param<f64>; 3],
     values: [f64; 3],
@@ -53,7 +53,7 @@ impl Limits {
         })
     }
 
-    /// What comes out for a value.
+    /// The resulting output for a set value.
     fn applied(&self, millivolts: i32) -> i32 {
         let [full, least, most] = self.values;
         let volts = (f64::from(millivolts) / 1000.0).clamp(least, most);
@@ -70,7 +70,7 @@ fn volts(chance: &mut Chance) -> i32 {
     if chance.one_in(2) { volts } else { -volts }
 }
 
-/// A voltage to set and what becomes of it: of one that is not finite, 0.
+/// A voltage to set and the resulting one: 0 if it is not finite.
 pub(super) fn value(chance: &mut Chance, sets_nan: bool) -> (f64, i32) {
     let millivolts = volts(chance);
     if sets_nan && chance.one_in(20) {
@@ -132,7 +132,7 @@ impl Remote {
         Some(status.state)
     }
 
-    /// Takes whether it is armed now. What it was set to is forgotten while it is not.
+    /// Records the armed state. The set values are forgotten while it is not armed.
     pub(super) fn notice(&mut self, is_armed: bool) {
         self.disarmed += u64::from(self.is_armed && !is_armed);
         self.is_armed = is_armed;
@@ -141,8 +141,8 @@ impl Remote {
         }
     }
 
-    /// Commands something new; now and then a voltage that is no number, which is 0 V. `side`: where
-    /// drives are not always enabled.
+    /// Commands new values; occasionally a voltage that is not a number, which results in 0 V.
+    /// `side`: present where drives are not always enabled.
     pub(super) fn command(
         &self,
         pins: &mut Pins,
@@ -176,7 +176,7 @@ impl Remote {
         level
     }
 
-    /// What becomes of what is set, by the limits of now.
+    /// The outputs that result from the set values with the current limits.
     pub(super) fn sent(&self) -> Level {
         let mut level = self.set;
         for (millivolts, limits) in level.millivolts.iter_mut().zip(&self.limits) {
@@ -203,7 +203,7 @@ impl Remote {
         }
     }
 
-    /// The first limit that takes what is no number.
+    /// The first limit that accepts a value that is not a number.
     pub(super) fn takes_nonsense(&self, pins: &mut Pins) -> Option<String> {
         let mut limits = self.limits.iter();
         let takes = limits.position(|limits| {

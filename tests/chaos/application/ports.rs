@@ -1,4 +1,4 @@
-//! Ports and remotes: switching them, and what the driver says of them.
+//! Ports and remotes: switching them, and their states as reported by the driver.
 
 use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
@@ -8,11 +8,11 @@ use mesa_hal::hal::GroupState;
 use super::Application;
 use super::pins::Remote;
 
-/// What is younger than so many cycles is new.
+/// Data younger than this number of cycles count as new.
 const NEWS: u64 = 4;
 
 impl Application {
-    /// Switches a port off, or on again; whether it is on.
+    /// Switches a port off, or on again; returns true if it is on.
     pub fn switch_port<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
@@ -26,13 +26,13 @@ impl Application {
         is_on
     }
 
-    /// Whether a port is to be off.
+    /// True if a port is commanded off.
     pub fn is_port_off<B: RegisterBus + Clock>(&self, driver: &Driver<B>, port: usize) -> bool {
         let run = self.runs.get(port);
         run.is_some_and(|run| !driver.pins().commanded(*run))
     }
 
-    /// Remotes by number, and whether each is known to have a watchdog.
+    /// Remotes by number, each with true if it is known to have a watchdog.
     pub fn watchdogs<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,
@@ -44,8 +44,8 @@ impl Application {
         })
     }
 
-    /// Those of which the driver has read how long their watchdogs take. Of others it takes the usual
-    /// time, which may be too short for theirs to bite.
+    /// The remotes whose watchdog times the driver has read. For others it assumes the usual time,
+    /// which may be too short for their watchdogs to bite.
     pub fn known_watchdogs<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
         let remotes = self.remotes.iter();
         let known = remotes.filter(|remote| {
@@ -64,7 +64,7 @@ impl Application {
         }
     }
 
-    /// Remotes that run, by number.
+    /// Running remotes, by number.
     pub fn running<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,
@@ -82,7 +82,7 @@ impl Application {
         self.remotes.iter().find(at).map(|remote| remote.number)
     }
 
-    /// Why each remote went offline first, since it was re-armed.
+    /// The first reason of each remote for going offline, since it was re-armed.
     pub fn first_faults<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,
@@ -94,7 +94,7 @@ impl Application {
         })
     }
 
-    /// Whether all remotes have transferred just now, and which has not.
+    /// `Ok` if all remotes have just transferred; otherwise the one that has not.
     pub fn all_have_news<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Result<(), String> {
         let age = |remote: &Remote| {
             driver
@@ -108,7 +108,7 @@ impl Application {
         })
     }
 
-    /// Whether a remote is armed, is valid, and how old its inputs are.
+    /// State of a remote: armed, valid, and the age of its inputs.
     pub fn remote_state<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,

@@ -1,4 +1,4 @@
-//! Commands that go through a queue, and come to the outputs some cycles later.
+//! Commands that pass through a queue, and reach the outputs some cycles later.
 
 use std::collections::VecDeque;
 
@@ -14,7 +14,7 @@ use crate::common::chance::Chance;
 /// More than a cycle takes, so that some wait.
 const CAPACITY: usize = 400;
 
-/// A queue of commands, and what the application knows of it.
+/// A queue of commands, and the application's record of it.
 pub(super) struct Queue {
     commands: CommandQueue,
     sender: CommandSender,
@@ -24,15 +24,15 @@ pub(super) struct Queue {
 
 /// A command that was sent.
 struct Waiting {
-    /// Place of its remote in the application.
+    /// Index of its remote in the application.
     remote: usize,
     output: usize,
     on: bool,
-    /// How often its remote had been disarmed.
+    /// Number of times that its remote had been disarmed.
     after: u64,
 }
 
-/// Whether the outputs of a card are commanded through the queue.
+/// True if the outputs of a card are commanded through the queue.
 pub(super) const fn is_queued(card: Card) -> bool {
     matches!(card, Card::Field | Card::Outputs)
 }
@@ -52,8 +52,9 @@ impl Queue {
         }
     }
 
-    /// Lets the cycle take what is due. What was sent before its remote was disarmed has no effect,
-    /// whoever has re-armed it since; but what switches an output off has, at any time.
+    /// Lets the cycle take the commands that are due. A command from before its remote was disarmed
+    /// has no effect, even if the remote was re-armed since; but a command that switches an output
+    /// off always has.
     pub(super) fn take<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
@@ -72,7 +73,8 @@ impl Queue {
         }
     }
 
-    /// Compares what another thread is shown with what the cycle has; the first input that differs.
+    /// Compares the values published to another thread with those of the cycle; returns the first
+    /// input that differs.
     pub(super) fn shows_another<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
@@ -82,6 +84,10 @@ impl Queue {
         let Ok(seen) = reader.read() else {
             return Some(format!("nothing is shown: {published:?}"));
         };
+        // Freshness is measured on the host's own clock, which a busy computer can stop.
+        if !seen.is_fresh() {
+            return None;
+        }
         let pins = driver.pins();
         let is_input = |id: &PinId| {
             pins.info_of(*id)
@@ -96,7 +102,7 @@ impl Queue {
         })
     }
 
-    /// Sends commands for the cycles to come: now and then many more than one takes.
+    /// Sends commands for the cycles to come: occasionally many more than one takes.
     pub(super) fn send(&mut self, remotes: &[Remote], chance: &mut Chance) {
         let count = if chance.one_in(12) { 250 } else { 10 };
         let queued = |remote: &Remote| is_queued(remote.card);

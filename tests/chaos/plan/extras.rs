@@ -1,47 +1,47 @@
-//! What a machine and its application have besides, from a stream of its own: what is added here
-//! leaves the rest of every plan as it is.
+//! Further properties of a machine and its application, from a random stream of their own:
+//! additions here leave the rest of every plan unchanged.
 
 use super::{Board, FaultKind, MILLI, Plan, Planned, scrambled};
 use crate::common::chance::Chance;
 
-/// Settings that are not as by default, and more.
+/// Settings other than the defaults, and more.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct Extras {
-    /// Failures in a row that make everything safe.
+    /// Number of consecutive failures that make everything safe.
     pub bus_error_limit: u32,
-    /// Cycles without news after which inputs are not valid.
+    /// Number of cycles without new data after which inputs are not valid.
     pub stale_after: u32,
     /// Motors, each with an encoder of its own.
     pub axes: usize,
     /// Counts from index to index.
     pub turn: u32,
-    /// The motors go from mark to mark near the greatest count rate; nobody changes the filter of an
-    /// encoder, which would change that rate.
+    /// The motors go from mark to mark near the greatest count rate; the filter of an encoder is
+    /// never changed, since that would change the rate.
     pub is_fast: bool,
     /// Outputs are commanded through a queue, with more commands than a cycle takes.
     pub is_queued: bool,
-    /// Calls something besides reading and writing in one of so many cycles; 0: never.
+    /// Makes calls other than reading and writing in one of this number of cycles; 0: never.
     pub deeds_one_in: u64,
-    /// Asks for each read ahead.
+    /// Requests each read ahead.
     pub reads_ahead: bool,
-    /// What is expected of remotes: 0 anything, 1 that they may be absent, 2 that they are there.
+    /// Expected presence of remotes: 0 anything, 1 may be absent, 2 present.
     pub presence: u8,
     /// Milliseconds of the remotes' own watchdogs.
     pub remote_watchdog: u64,
     /// PWM generators of a 7I97 dither.
     pub dithers: bool,
-    /// Parts of a million by which the board's clock is faster than its firmware says.
+    /// Parts per million by which the board's clock is faster than its firmware reports.
     pub ppm: i64,
-    /// Another program writes to the board, now and then.
+    /// Another program occasionally writes to the board.
     pub second_master: bool,
-    /// Values that are not numbers are set, now and then.
+    /// Values that are not numbers are occasionally set.
     pub sets_nan: bool,
-    /// Something else answers after the first fault, until all faults end.
+    /// Another board or firmware answers after the first fault, until all faults end.
     pub stranger: Stranger,
 }
 
-/// What answers after a fault instead of the board that was started with.
+/// Replacement for the original board after a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
     None,
@@ -51,7 +51,7 @@ pub enum Stranger {
     Board,
 }
 
-/// Milliseconds that the application writes to a remote's watchdog in the middle.
+/// Milliseconds that the application writes to a remote's watchdog during operation.
 pub const WRITTEN_WATCHDOG: u32 = 50;
 
 /// The greatest count rate of multiplexed encoders with the short filter, at 100 MHz and 14 clocks
@@ -81,13 +81,13 @@ impl Extras {
 }
 
 impl Plan {
-    /// Takes what the extras decide.
+    /// Applies the extras to the plan.
     pub(super) fn with_extras(mut self) -> Self {
         let mut chance = Chance(scrambled(self.seed ^ 0xE87A5));
         self.extras = Extras::new(&mut chance);
         if self.extras.remote_watchdog < 50 && (self.period > MILLI || self.has_bad_wire()) {
-            // In a slow cycle, and on a bad wire, that is shorter than the trial start of a neighbour
-            // (docs/neighbours.md).
+            // In a slow cycle, and on a bad wire, that is shorter than the trial start of a
+            // neighbour (docs/neighbours.md).
             self.extras.remote_watchdog = 50;
         }
         self.extras.second_master &= self.is_network && !self.is_homing && !self.is_minute;
@@ -114,7 +114,7 @@ impl Plan {
     }
 
     /// From mark to mark, which are so far apart that the counter of the board wraps around between
-    /// them, while settings are written and other axes ask for their marks.
+    /// them, while settings are written and indexes of other axes are requested.
     fn goes_far(&mut self, chance: &mut Chance) {
         let speed = FASTEST * chance.of(&[0.6, 0.8, 0.88]);
         let turn = chance.of(&[131_072, 200_000, 300_000, 1_000_000]);
@@ -131,7 +131,7 @@ impl Plan {
         };
         self.habits.index_one_in = 2;
         self.habits.settings_one_in = chance.of(&[0, 2, 2]);
-        // The slowest axis comes to its second mark.
+        // The slowest axis reaches its second mark.
         let second = f64::from(turn) / (speed * self.extras.slowest()) * 1e9;
         self.run = self.run.max(second as u64 + 80 * MILLI);
     }
@@ -152,7 +152,7 @@ impl Plan {
         }];
     }
 
-    /// Another firmware, or another board, is there after a while without power.
+    /// Another firmware, or another board, is present after a while without power.
     fn becomes_another(&mut self, chance: &mut Chance) {
         self.extras.stranger = if self.is_network {
             chance.of(&[Stranger::Firmware, Stranger::Board])
@@ -183,8 +183,8 @@ impl Plan {
         self.speed * part[axis % part.len()]
     }
 
-    /// Where a motor stands at power-up. The mark at 0 is a few tens of milliseconds away when all go
-    /// fast.
+    /// Position of a motor at power-up. The mark at 0 is a few tens of milliseconds away when all
+    /// motors are fast.
     pub fn begins_at(&self, axis: usize) -> f64 {
         if self.extras.is_fast {
             -0.04 * self.speed(axis) - (17 * axis) as f64

@@ -1,42 +1,42 @@
-//! What was added after [`Extras`](super::Extras), from a stream of its own again, so that all plans
-//! before stay as they are.
+//! Properties that were added after [`Extras`](super::Extras), again from a random stream of their
+//! own, so that all earlier plans stay unchanged.
 
 use super::extras::FASTEST;
 use super::{Board, FaultKind, MILLI, Pace, Plan, Stranger, scrambled};
 use crate::common::chance::Chance;
 
-/// What else an application does, and what else its machine is like.
+/// Further actions of an application, and further properties of its machine.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct More {
     /// The second half of its cycles is run by a `Runner`.
     pub runs: bool,
-    /// Clears what made everything safe by pin before it re-arms.
+    /// Clears the safe state by pin before it re-arms.
     pub clears: bool,
-    /// Changes limits, scales and the drive of the isolated outputs, and enables drives one by one, in
-    /// one of so many cycles; 0: never.
+    /// Changes limits, scales and the drive of the isolated outputs, and enables drives one by one,
+    /// in one of this number of cycles; 0: never.
     pub tunes_one_in: u64,
-    /// Switches a port off or on in one of so many cycles; 0: never.
+    /// Switches a port off or on in one of this number of cycles; 0: never.
     pub switches_one_in: u64,
-    /// Proves the watchdogs of its remotes in one of so many cycles; 0: never.
+    /// Proves the watchdogs of its remotes in one of this number of cycles; 0: never.
     pub proves_one_in: u64,
-    /// Where a host stands still that does so within an exchange: before the board gets it, or before
+    /// Place of a host's stop within an exchange: true before the board receives it, false before
     /// the host has the reply.
     pub stalls_before: bool,
-    /// It stands still in a write as well, and not between two exchanges.
+    /// The host stops in a write as well, and not between two exchanges.
     pub stalls_in_write: bool,
     /// A single late reply is followed by another one some cycles later.
     pub is_late_again: bool,
-    /// From the middle on each read is late by up to so many hundredths of a period: the DPLL, which
-    /// follows the reads, loses its lock.
+    /// From the middle on each read is late by up to this number of hundredths of a period: the
+    /// DPLL, which follows the reads, loses its lock.
     pub jitter: u64,
     /// A timer of the DPLL latches the encoders.
     pub is_latched: bool,
-    /// The other program writes in every cycle, for longer than it takes to notice it.
+    /// The other program writes in every cycle, for longer than its detection takes.
     pub master_stays: bool,
 }
 
-/// The DPLL is in step after so many periods, if nothing happens.
+/// Number of undisturbed periods after which the DPLL is locked.
 pub const LOCKED_AFTER: u64 = 260;
 
 impl More {
@@ -72,7 +72,7 @@ impl More {
 }
 
 impl Plan {
-    /// Takes what else is decided.
+    /// Applies the further properties to the plan.
     pub(super) fn with_more(mut self) -> Self {
         let mut chance = Chance(scrambled(self.seed ^ 0x30_4E));
         let more = More::new(&mut chance);
@@ -81,7 +81,8 @@ impl Plan {
             return self;
         }
         self.more = more;
-        // Between the last look at a card and its start, nobody can tell it from another one of its kind.
+        // Between the last look at a card and its start, it cannot be distinguished from another
+        // one of its kind.
         for fault in &mut self.faults {
             if fault.in_build && fault.kind == FaultKind::WireSwapped {
                 fault.kind = FaultKind::WireUnplugged;
@@ -93,19 +94,19 @@ impl Plan {
         if self.extras.is_fast && self.board == Board::I7i92 && chance.one_in(2) {
             self.speed *= self.fastest() / FASTEST;
         }
-        // Where the board paces, it follows nobody.
+        // At the board's pace, the DPLL follows no reads.
         let can_lock = self.pace == Pace::Host && self.has_dpll() && !self.extras.is_fast;
         if !can_lock {
             self.more.jitter = 0;
         }
         self.more.is_latched &= self.has_dpll() && !self.extras.is_fast;
-        // What a disturbed network delays is sampled at a moment that nobody knows.
+        // The sampling time of data delayed by a disturbed network is unknown.
         self.more.is_latched &= self.spares_the_board();
         // A runner reads by itself.
         self.more.runs &= self.spares_the_board();
         self.more.runs &= self.more.jitter == 0 && self.extras.stranger == Stranger::None;
         if self.more.jitter > 0 {
-            // Locked once, and then long enough to be seen without it.
+            // Locked once, and then long enough to be seen without the lock.
             self.run = self.run.max(2 * (LOCKED_AFTER + 60) * self.period);
         }
         self.more.master_stays &= self.extras.second_master;
@@ -115,8 +116,8 @@ impl Plan {
         self
     }
 
-    /// The greatest count rate of its encoders, with the short filter: that of a 7I92 samples twice as
-    /// often.
+    /// The greatest count rate of its encoders, with the short filter: that of a 7I92 samples twice
+    /// as often.
     pub fn fastest(&self) -> f64 {
         match self.board {
             Board::I7i92 => 2.0 * FASTEST,
@@ -124,19 +125,19 @@ impl Plan {
         }
     }
 
-    /// Whether the host is late or stands still.
+    /// True if the host is late or stops.
     pub fn host_stands_still(&self) -> bool {
         let mut faults = self.faults.iter();
         faults.any(|fault| matches!(fault.kind, FaultKind::HostLate | FaultKind::HostStall))
     }
 
-    /// Whether the firmware has a DPLL.
+    /// True if the firmware has a DPLL.
     pub fn has_dpll(&self) -> bool {
         let is_small = matches!(&self.ports[..], [only] if only.len() <= 3);
         self.board == Board::I7i97 || is_small
     }
 
-    /// Whether the application does more in the middle than to read and to write.
+    /// True if the application makes calls other than reading and writing during operation.
     pub fn has_deeds(&self) -> bool {
         let More {
             switches_one_in,
@@ -146,17 +147,18 @@ impl Plan {
         self.extras.deeds_one_in + switches_one_in + proves_one_in > 0
     }
 
-    /// Whether nothing happens to the board, to its host, or between the two.
+    /// True if nothing happens to the board, to its host, or between the two.
     pub fn spares_the_board(&self) -> bool {
-        use mesa_hal_sim::Place;
-        let spares = |kind: FaultKind| matches!(kind.place(), Place::Wire | Place::Remote);
+        use mesa_hal_sim::FaultPlace;
+        let spares =
+            |kind: FaultKind| matches!(kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         self.faults.iter().all(|fault| spares(fault.kind))
             && !self.has_deeds()
             && !self.extras.second_master
     }
 
-    /// Remotes whose own watchdogs never bite: nothing switches their outputs off when they can not be
-    /// reached.
+    /// True if the remotes' own watchdogs never bite: nothing switches their outputs off when they
+    /// cannot be reached.
     pub fn is_without_watchdog(&self) -> bool {
         self.extras.remote_watchdog == 0
     }

@@ -1,4 +1,4 @@
-//! What an application calls besides reading and writing, in the middle of its cycles.
+//! Calls of an application other than reading and writing, during its cycles.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ use crate::common::chance::Chance;
 const OFF_AFTER: u64 = 40;
 
 impl Scenario {
-    /// Does something that is rare, now and then.
+    /// Occasionally makes a rare call.
     pub(super) fn deeds<B: Host>(
         &mut self,
         driver: &mut Driver<B>,
@@ -57,7 +57,7 @@ impl Scenario {
         Ok(())
     }
 
-    /// Does what was added later, of a chance of its own.
+    /// Makes the calls that were added later, from a random stream of their own.
     pub(super) fn more_deeds<B: Host>(
         &mut self,
         driver: &mut Driver<B>,
@@ -92,7 +92,7 @@ impl Scenario {
         Ok(())
     }
 
-    /// Lets remotes go without data: it is found out which of them have a watchdog.
+    /// Leaves remotes without data, to determine which of them have a watchdog.
     fn proves_watchdogs<B: Host>(
         &mut self,
         driver: &mut Driver<B>,
@@ -110,7 +110,7 @@ impl Scenario {
         let mut faults = self.stage.begun().into_iter();
         let is_quiet = faults.all(|fault| fault.ended.is_some_and(|ended| ended < begun));
         let is_quiet = is_quiet && self.host.is_empty() && was_well && done.is_ok();
-        // One that was written in the middle is in use from the next power-up on.
+        // A time written during operation is in use from the next power-up on.
         self.proved_in_trouble |= !is_quiet;
         if self.proved_in_trouble || self.plan.extras.deeds_one_in > 0 {
             return Ok(());
@@ -124,8 +124,8 @@ impl Scenario {
         })
     }
 
-    /// A port that is switched off: none of its remotes is armed, and after some cycles none of them
-    /// transfers or has an output on.
+    /// Checks a port that is switched off: none of its remotes is armed, and after some cycles none
+    /// of them transfers or has an output on.
     pub(super) fn ports_are_off<B: Host>(
         &mut self,
         driver: &Driver<B>,
@@ -137,7 +137,7 @@ impl Scenario {
             return Ok(());
         }
         let is_quiet = self.stage.begun().is_empty();
-        // One that was being restarted is switched off by its own watchdog.
+        // A remote that was being restarted is switched off by its own watchdog.
         let by_watchdog = self.oracle.off_after() / self.plan.period;
         let off_after = by_watchdog + OFF_AFTER;
         for (port, cycles) in self.off.iter_mut().enumerate() {
@@ -180,7 +180,7 @@ impl Scenario {
         let now = self.sim.now();
         application.was_read();
         self.what_is_told.recount(driver);
-        // Nobody has written for so long.
+        // Nothing has been written for longer than the watch.
         self.watch = None;
         self.told = None;
         self.look()?;
@@ -201,8 +201,8 @@ impl Scenario {
         })
     }
 
-    /// Clears what made everything safe, as a panel of LinuxCNC does: by pin, and not by a call. The
-    /// set-up is written with the next write, and nothing is armed by that.
+    /// Clears the safe state by pin, as a panel of LinuxCNC does, not by a call. The set-up is
+    /// written with the next write, and nothing is armed by that.
     pub(super) fn clears_by_pin<B: Host>(&mut self, driver: &mut Driver<B>) {
         let (name, state) = (driver.name().to_owned(), driver.board_state());
         let pins = driver.pins_mut();
@@ -226,7 +226,7 @@ impl Scenario {
         self.is_clearing = true;
     }
 
-    /// After a write: waits for the transfers that it started, and asks for the next read ahead.
+    /// After a write: waits for the transfers that it started, and requests the next read ahead.
     pub(super) fn waits_for_transfers<B: Host>(&mut self, driver: &mut Driver<B>) {
         if std::mem::take(&mut self.waits) {
             let limit = Duration::from_nanos(self.plan.period / 4);

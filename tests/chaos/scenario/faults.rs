@@ -1,9 +1,9 @@
-//! The faults that are not played on the machine itself: of the host, the bus and the network, and
-//! what is there instead of the board.
+//! The faults that are not played on the machine itself: those of the host, the bus and the
+//! network, and the replacement of the board.
 
 use mesa_hal::driver::{Driver, Pace};
-use mesa_hal::transport::udp::Link;
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal::transport::udp::PacketLink;
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::network::{Bad, Host, Life, Sim};
 use super::super::plan::{MICRO, MILLI, Planned};
@@ -15,19 +15,20 @@ impl Scenario {
             kind, lasts, dice, ..
         } = fault;
         match (kind.place(), &self.sim) {
-            (Place::Bus, _) if fault.in_build => {
-                // By the number of the exchange: nobody can act while the driver is built.
+            (FaultPlace::Bus, _) if fault.in_build => {
+                // By the number of the exchange: no time-based fault can start while the driver is
+                // built.
                 self.host.push((0, fault));
                 return;
             }
-            (Place::Bus | Place::Host, _) => self.host.push((at, fault)),
-            (Place::Network, Sim::Network(network)) => {
+            (FaultPlace::Bus | FaultPlace::Host, _) => self.host.push((at, fault)),
+            (FaultPlace::Network, Sim::Network(network)) => {
                 let one_in = [1, 2, 5, 20][(dice % 4) as usize];
                 let longest = match self.plan.pace {
                     Pace::Host if self.plan.is_homing => self.plan.period * 7 / 2,
                     Pace::Host => self.plan.period * 3 / 2,
                     // Where packets also wait in the board, longer delays make a write later than
-                    // it can be told.
+                    // can be reported.
                     Pace::Board => self.plan.period / 2,
                 };
                 network.borrow_mut().add(Bad {
@@ -42,7 +43,7 @@ impl Scenario {
                     delay: longest,
                 });
             }
-            (Place::Fpga, Sim::Network(network)) => match kind {
+            (FaultPlace::Fpga, Sim::Network(network)) => match kind {
                 FaultKind::FpgaReset => network.borrow_mut().link.resets.push((at, 0)),
                 FaultKind::FpgaResetLong => network.borrow_mut().link.resets.push((at, lasts)),
                 _ => {}
@@ -52,7 +53,7 @@ impl Scenario {
         self.stage.schedule(fault, at);
     }
 
-    /// Something else answers from the middle of the first fault on, or the own board again.
+    /// Replaces the board from the middle of the first fault on, or restores the own board.
     pub(super) fn strangers(&mut self, comes: bool) {
         let (at, is_there) = self.stranger;
         if is_there != comes && (!comes || self.sim.now() >= at) {
@@ -61,7 +62,7 @@ impl Scenario {
         }
     }
 
-    /// The application is late or stands still, after its write, before it, or in an exchange.
+    /// The application is late or stops, after its write, before it, or in an exchange.
     pub(super) fn host_faults(&mut self, life: &Life, after_write: bool) {
         let now = self.sim.now();
         let due = |(at, fault): &mut (u64, Planned)| {
@@ -87,15 +88,15 @@ impl Scenario {
                 life.pause(time, more.stalls_before);
                 continue;
             }
-            // Somebody looks all the time, though not the application.
+            // The simulation is observed all the time, though not by the application.
             for _ in 0..time / MILLI {
                 self.sim.pass(MILLI);
             }
         }
     }
 
-    /// Whether the other program writes in this cycle. If it did in every one, nothing that depends on a
-    /// write would ever be taken.
+    /// True if the other program writes in this cycle. With a write in every cycle, data that
+    /// depend on a write would never be taken.
     fn other_writes(&mut self) -> bool {
         self.others.cycles += 1;
         if self.plan.more.master_stays {
@@ -104,7 +105,7 @@ impl Scenario {
         self.chance.one_in(6)
     }
 
-    /// Another program switches an LED of the board, of which no reply comes here.
+    /// Another program switches an LED of the board; its reply does not arrive here.
     pub(super) fn other_master(&mut self) {
         if !self.plan.extras.second_master || !self.other_writes() {
             return;
@@ -118,7 +119,7 @@ impl Scenario {
 
     pub(super) fn bus_faults<B: Host>(&mut self, driver: &mut Driver<B>, now: u64) {
         let due = |(at, fault): &mut (u64, Planned)| {
-            *at > 0 && *at <= now && fault.kind.place() == Place::Bus
+            *at > 0 && *at <= now && fault.kind.place() == FaultPlace::Bus
         };
         for (_, fault) in self.host.extract_if(.., due) {
             let count = (fault.lasts / self.plan.period).clamp(1, 12);

@@ -1,30 +1,30 @@
-//! The DPLL: when it must be in step with the reads, when it can not be, and what follows from that.
+//! The DPLL: times at which it must or cannot be locked to the reads, and the consequences.
 
 use mesa_hal::driver::{BoardState, CycleReport, Pace};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Board, LOCKED_AFTER, Planned};
 use super::Scenario;
 
-/// Reads of different lateness after which it can not be in step any more.
+/// Number of reads of different lateness after which it can no longer be locked.
 const UNLOCKED_AFTER: u64 = 60;
 
-/// What the reads were like.
+/// History of the reads.
 #[derive(Debug, Default)]
 pub(super) struct Lock {
-    /// When the last one began.
+    /// Start of the last read.
     before: Option<u64>,
-    /// So many in a row came at equal intervals, and were good.
+    /// Number of consecutive good reads at equal intervals.
     even: u64,
-    /// So many in a row did not.
+    /// Number of consecutive reads at unequal intervals.
     uneven: u64,
     /// The request was sent ahead.
     is_ahead: bool,
 }
 
 impl Scenario {
-    /// After a read that began at `started`: whether the driver says truly that the DPLL is in step.
+    /// After a read that began at `started`: checks the driver's report of the DPLL's lock.
     pub(super) fn locks(
         &mut self,
         report: Option<CycleReport>,
@@ -39,15 +39,15 @@ impl Scenario {
         })?;
         let before = lock.before.replace(started);
         let interval = before.map_or(0, |before| started - before);
-        // A request that is sent ahead comes to the board at another time.
+        // A request that is sent ahead reaches the board at another time.
         let is_ahead = plan.extras.reads_ahead && is_wild;
         let is_same = std::mem::replace(&mut lock.is_ahead, is_ahead) == is_ahead;
         let is_even = interval.abs_diff(plan.period) * 100 < plan.period && is_same;
         let runs = report.is_some_and(|report| report.board == BoardState::Running);
         lock.even = if is_even && runs { lock.even + 1 } else { 0 };
         if report.is_some() && plan.more.is_latched {
-            // Before it is in step, a sample is not to be relied upon: it may be the one before. And a
-            // single read can be late at any time.
+            // Before the lock, a sample is not reliable: it may be the previous one. And a single
+            // read can be late at any time.
             self.sampled_before = if is_locked && lock.even > LOCKED_AFTER / 2 {
                 plan.period / 4 + plan.period * 3 / 20
             } else {
@@ -56,20 +56,20 @@ impl Scenario {
         }
         let is_jittering = is_wild && now >= self.jitters_from;
         lock.uneven = if is_jittering { lock.uneven + 1 } else { 0 };
-        // What the network delays comes at other times than it was sent.
+        // Packets delayed by the network arrive at other intervals than they were sent.
         let is_delayed = |fault: &Planned| {
-            fault.kind.place() == Place::Network || fault.kind == FaultKind::FpgaResetLong
+            fault.kind.place() == FaultPlace::Network || fault.kind == FaultKind::FpgaResetLong
         };
         let is_sound = plan.pace == Pace::Host && !plan.faults.iter().any(is_delayed);
         if !is_sound || !plan.has_dpll() {
             return Ok(());
         }
         let (even, uneven) = (lock.even, lock.uneven);
-        // A write that is preceded by settings which drive pins is later than others. If it is the last
-        // one that sets the phase, the loop takes seconds to get into step.
+        // A write that is preceded by settings which drive pins is later than others. If such a
+        // write is the last one that sets the phase, the loop takes seconds to lock.
         let may = plan.habits.settings_one_in > 0 || plan.extras.reads_ahead;
         let may = may || !plan.spares_the_board();
-        // So it is with what drives the isolated outputs.
+        // The same holds for the drive of the isolated outputs.
         let may = may || plan.board == Board::I7i97 && plan.more.tunes_one_in > 0;
         let is_right = is_locked || even < LOCKED_AFTER || may;
         ensure(is_right, Promise::Told, now, || {

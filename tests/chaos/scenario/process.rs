@@ -1,4 +1,4 @@
-//! Processes come and go: building the driver, and the ways to end.
+//! Processes: building the driver, and the ways to end.
 
 use std::time::Duration;
 
@@ -16,8 +16,8 @@ use super::super::plan::{Card, MILLI, Moment, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 
 impl Scenario {
-    /// A new process builds its driver. With a fault that may fail, but then everything is off;
-    /// and without it does not.
+    /// A new process builds its driver. With a fault the build may fail, but then everything is
+    /// off; without a fault it must succeed.
     pub(super) fn start<B: Host>(
         &mut self,
         connect: &impl Fn(Life) -> Result<B, String>,
@@ -26,7 +26,7 @@ impl Scenario {
         self.told = None;
         for attempt in 0..2 {
             let at = self.sim.now();
-            // What came before, and made an attempt fail, was told by that.
+            // Earlier events that made an attempt fail were reported by that failure.
             self.look()?;
             self.set_up_begins();
             let active = self.stage.begun().iter().any(|begun| begun.ended.is_none());
@@ -172,7 +172,7 @@ impl Scenario {
         host.any(|(at, fault)| fault.kind == FaultKind::HostKilled && *at <= now)
     }
 
-    /// The process is killed, and after a while somebody starts it again.
+    /// The process is killed, and started again after a while.
     pub(super) fn killed<B: Host>(
         &mut self,
         process: Process<B>,
@@ -184,7 +184,7 @@ impl Scenario {
         self.start(connect)
     }
 
-    /// The process ends: 0 in order, 1 by dropping the driver, else it is killed.
+    /// Ends the process: 0 in order, 1 by dropping the driver, otherwise killed.
     pub(super) fn leave<B: Host>(&mut self, process: Process<B>, how: u64) -> Checked {
         let Process {
             driver,
@@ -213,7 +213,8 @@ impl Scenario {
         self.all_goes_off(&application, left.as_deref())
     }
 
-    /// The driver was stopped in order: everything is off but the remotes that it says it did not reach.
+    /// The driver was stopped in order: everything is off except the remotes that it reports as not
+    /// reached.
     pub(super) fn has_stopped(
         &mut self,
         application: &Application,
@@ -235,14 +236,15 @@ impl Scenario {
         self.only_these_are_on(application, left)
     }
 
-    /// What is on still was said to be on perhaps.
+    /// Checks that every remote that is still on was reported as possibly on.
     fn only_these_are_on(&self, application: &Application, left: Option<&[NotReached]>) -> Checked {
         let Some(left) = left else { return Ok(()) };
         let said = left.iter().filter_map(|one| application.number(one.remote));
         let said: Vec<usize> = said.collect();
         let now = self.sim.now();
-        // Here cards are exchanged in no time: what the other one reports, a bite as after each power-up,
-        // is taken for the own one's, whose watchdog has not bitten yet. By hand it has.
+        // Here cards are exchanged in no time: the report of the other card, a bite as after each
+        // power-up, is taken for that of the own one, whose watchdog has not bitten yet. After an
+        // exchange by hand it has.
         let begun = self.stage.begun();
         let is_swapped = |remote: usize| {
             let mut begun = begun.iter().map(|begun| begun.planned);
@@ -256,7 +258,8 @@ impl Scenario {
         })
     }
 
-    /// The process is gone, and what it left on goes off by the watchdogs, where there are some.
+    /// The process has ended, and outputs that it left on are switched off by the watchdogs, where
+    /// there are some.
     pub(super) fn all_goes_off(
         &mut self,
         application: &Application,

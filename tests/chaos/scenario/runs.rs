@@ -1,4 +1,4 @@
-//! Cycles that a `Runner` runs, and how it ends.
+//! Cycles that a `Runner` runs, and their end.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -11,20 +11,20 @@ use super::super::network::{Host, Life};
 use super::super::oracle::{Checked, Promise, ensure};
 use super::{Process, Scenario};
 
-/// What the application has counted in the cycles of a runner.
+/// The application's own counts in the cycles of a runner.
 #[derive(Debug, Default)]
 struct Seen {
     calls: u64,
     failed_reads: u64,
     failed_writes: u64,
-    /// When the first cycle was planned.
+    /// Planned time of the first cycle.
     first: Option<u64>,
     was_well: bool,
 }
 
 impl Scenario {
-    /// Lets a runner run the cycles up to `end`, or until somebody is to kill the process. It stops the
-    /// driver in order.
+    /// Lets a runner run the cycles up to `end`, or until the process is to be killed. The runner
+    /// stops the driver in order.
     pub(super) fn runs<B: Host>(&mut self, process: Process<B>, end: u64) -> Checked {
         let Process {
             driver,

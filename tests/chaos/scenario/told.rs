@@ -1,7 +1,7 @@
-//! Events, statistics and reasons against what has happened.
+//! Events, statistics and reasons, checked against the true events.
 
 use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::application::Application;
 use super::super::journal::{Event, What};
@@ -10,7 +10,7 @@ use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Planned, Stranger};
 use super::Scenario;
 
-/// What the application has counted by itself, and what has really happened since the driver started.
+/// The application's own counts, and the true events since the driver started.
 #[derive(Debug, Default)]
 pub(super) struct Told {
     events: Option<Events>,
@@ -35,7 +35,7 @@ pub(super) struct Others {
 }
 
 impl Told {
-    /// A new driver tells from here on.
+    /// A new driver reports from here on.
     pub(super) fn begin<B: Host>(&mut self, driver: &Driver<B>) {
         *self = Self {
             events: Some(driver.events()),
@@ -79,21 +79,22 @@ impl Told {
 }
 
 impl Scenario {
-    /// A read has told of so many packets of another program.
+    /// Adds the packets of another program that a read has reported.
     pub(super) fn hears_others(&mut self, count: u32) -> Checked {
         let now = self.sim.now();
         self.others.told += u64::from(count);
         let Others { sent, told, .. } = self.others;
-        // A board that was reset counts anew, and what comes twice counts twice.
+        // A board that was reset restarts its count, and duplicate packets count twice.
         let is_sound = self.plan.spares_the_board() || !self.plan.extras.second_master;
         ensure(told <= sent || !is_sound, Promise::Told, now, || {
             format!("{told} packets of another program, which has sent {sent}")
         })
     }
 
-    /// Who writes all the time is noticed.
+    /// Checks that a program that writes all the time is detected.
     pub(super) fn others_are_told(&self) -> Checked {
-        let wires = |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+        let wires =
+            |fault: &Planned| matches!(fault.kind.place(), FaultPlace::Wire | FaultPlace::Remote);
         let is_sound = self.plan.faults.iter().all(wires) && !self.plan.has_deeds();
         let must = self.plan.more.master_stays && is_sound;
         let Others { sent, told, .. } = self.others;
@@ -102,7 +103,7 @@ impl Scenario {
         })
     }
 
-    /// Compares what the driver tells with what has happened. At the end of a cycle.
+    /// Compares the reports of the driver with the true events, at the end of a cycle.
     pub(super) fn told_truly<B: Host>(
         &mut self,
         driver: &Driver<B>,
@@ -148,21 +149,21 @@ impl Scenario {
             })?;
         }
         let has = |kind| self.plan.faults.iter().any(|fault| fault.kind == kind);
-        // An older setting that comes late looks like one that a reset has left.
+        // An older setting that arrives late looks like one left by a reset.
         let is_late = has(FaultKind::NetworkLate) || has(FaultKind::NetworkDuplicate);
         // A late reply can be one of another kind, whose first byte is no fault byte.
         let is_other = has(FaultKind::WireSwapped) || has(FaultKind::WireLate);
         for event in &events {
             let is_true = match event.kind {
                 EventKind::WatchdogBitten => told.bites > 0,
-                // A bite that comes sooner than a bite can is taken for what a reset does.
+                // A bite that comes sooner than possible is taken for the effect of a reset.
                 EventKind::BoardReset => told.resets + told.bites > 0 || is_late,
                 EventKind::OtherMaster { .. } => self.plan.extras.second_master,
                 EventKind::OtherFirmware => self.plan.extras.stranger != Stranger::None,
                 EventKind::RemoteOffline { remote, reason } => {
                     let remote = application.number(remote);
                     let faults = remote.and_then(|remote| told.faults.get(remote));
-                    // What the other card reports is not the remote's own.
+                    // Faults reported by the other card are not the remote's own.
                     is_other || reason_is_true(reason, faults.copied().unwrap_or_default())
                 }
                 _ => true,
@@ -174,8 +175,8 @@ impl Scenario {
         self.first_reasons(driver, application)
     }
 
-    /// The first reason of a remote whose only fault is one that it reports, on a sound wire, is that
-    /// fault.
+    /// The first reason of a remote whose only fault is one that it reports itself, on a sound
+    /// wire, is that fault.
     fn first_reasons<B: Host>(&self, driver: &Driver<B>, application: &Application) -> Checked {
         let [fault] = &self.plan.faults[..] else {
             return Ok(());
@@ -196,7 +197,7 @@ impl Scenario {
     }
 }
 
-/// Whether a remote that has had these faults can have gone offline for this reason.
+/// True if a remote that has had these faults can have gone offline for this reason.
 fn reason_is_true(reason: OfflineReason, had: u8) -> bool {
     match reason {
         OfflineReason::Watchdog => had & 0x01 != 0,

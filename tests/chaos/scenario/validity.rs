@@ -1,7 +1,7 @@
-//! Validity: what is not known any more is not valid, and what nothing has failed for is.
+//! Validity: unknown values are not valid, and values without a failure are.
 
 use mesa_hal::driver::{BoardState, Driver};
-use mesa_hal_sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::application::Application;
 use super::super::network::Host;
@@ -9,28 +9,28 @@ use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Plan, Planned};
 use super::Scenario;
 
-/// What the checks of validity remember.
+/// State of the validity checks.
 #[derive(Debug, Default)]
 pub(super) struct Validity {
-    /// Cycles in a row whose read has failed.
+    /// Number of consecutive cycles whose read has failed.
     missed: u32,
-    /// Of each remote: it was valid since it runs and the board does.
+    /// For each remote: valid at least once since it and the board have been running.
     was_valid: Vec<bool>,
 }
 
-/// Whether nothing fails on a wire, in a remote, and on the board: all that happens is that the host
-/// does not hear or is not heard.
+/// True if nothing fails on a wire, in a remote, or on the board: the only faults are lost packets
+/// to or from the host.
 fn is_sound(plan: &Plan) -> bool {
     let is_missed = |fault: &Planned| {
         let place = fault.kind.place();
         let is_host = matches!(fault.kind, FaultKind::HostLate);
-        (matches!(place, Place::Network | Place::Bus) || is_host) && !fault.in_build
+        (matches!(place, FaultPlace::Network | FaultPlace::Bus) || is_host) && !fault.in_build
     };
     !plan.has_deeds() && plan.faults.iter().all(is_missed)
 }
 
 impl Scenario {
-    /// After a read, which was `good` or not.
+    /// After a read: `good` if it succeeded.
     pub(super) fn validity<B: Host>(
         &mut self,
         driver: &Driver<B>,

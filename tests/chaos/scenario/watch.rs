@@ -1,4 +1,4 @@
-//! What happened, whether it is noticed in its time, and what the others lose by it.
+//! Detection of events in their time, and their effect on other remotes.
 
 use mesa_hal::driver::{BoardState, Driver, Pace};
 
@@ -9,13 +9,13 @@ use super::super::oracle::{Checked, PACKET, Promise, ensure};
 use super::super::plan::{MILLI, Planned};
 use super::Scenario;
 
-/// While a remote is restarted its port transfers nothing for so long (FACTS 5.7).
+/// Time for which a port transfers nothing while a remote is restarted (FACTS 5.7).
 const ATTEMPT: u64 = 18 * MILLI;
-/// The same while it answers now and then (docs/neighbours.md).
+/// The same while the remote answers only sometimes (docs/neighbours.md).
 const LONG_ATTEMPT: u64 = 30 * MILLI;
 
 impl Scenario {
-    /// Takes what happened since.
+    /// Processes the events since the last call.
     pub(super) fn look(&mut self) -> Checked {
         let events = self.journal.take();
         if events.is_empty() {
@@ -33,8 +33,8 @@ impl Scenario {
         })
     }
 
-    /// The set-up is written from here on. What happened to the board before is over with it: it
-    /// was known, or there was no driver yet.
+    /// The set-up is written from here on. Earlier events of the board are irrelevant after it:
+    /// they were detected, or there was no driver yet.
     pub(super) fn set_up_begins(&mut self) {
         self.watch = None;
         self.told = None;
@@ -43,19 +43,19 @@ impl Scenario {
         self.oracle.set_up(true);
     }
 
-    /// A driver was built. It has written the set-up until the board had it: what happened to the
-    /// board before the last time is over with it.
+    /// A driver was built. It has repeated the set-up until the board had it: events of the board
+    /// before the last time are irrelevant.
     pub(super) fn set_up_ends(&mut self) {
         let opened = self.opened;
-        // A remote that had a fault before it was started has said so then.
+        // A remote that had a fault before it was started has reported it then.
         self.told = None;
         self.watch = self.watch.filter(|(at, ..)| opened <= at + PACKET);
         self.oracle.set_up(false);
     }
 
-    /// A bite or a reset that takes nothing, because the set-up is not there yet: it is written in
-    /// one exchange, which drives the pins at its end. At its beginning it stops the watchdog, which
-    /// bites if it runs (FACTS 12.1); and a reset in the middle takes a part of it.
+    /// True for a bite or a reset without effect, because the set-up is not written yet: it is
+    /// written in one exchange, which drives the pins at its end. At its beginning it stops the
+    /// watchdog, which bites if it runs (FACTS 12.1); and a reset in the middle takes a part of it.
     fn is_before_set_up(&mut self, event: &Event) -> bool {
         let (is_before, what) = match event.what {
             What::Written => {
@@ -65,7 +65,8 @@ impl Scenario {
             What::Opened => {
                 self.is_open |= self.is_written;
                 self.opened = event.at;
-                // A driver sets up what does not run: what happened before is known, or over with it.
+                // A driver sets up a board that does not run: earlier events were detected, or are
+                // irrelevant after it.
                 self.watch = self.watch.filter(|(at, ..)| *at >= event.at);
                 return false;
             }
@@ -95,7 +96,7 @@ impl Scenario {
         }
     }
 
-    /// Whether what has happened was noticed in its time.
+    /// Checks that events were detected in their time.
     pub(super) fn detected<B: Host>(
         &mut self,
         driver: &Driver<B>,
@@ -125,7 +126,7 @@ impl Scenario {
             return Ok(());
         };
         *faults = state.faults;
-        // Until the restart of a neighbour is over, nothing is heard of it, and its age tells so.
+        // During the restart of a neighbour the remote is not read, and its age shows that.
         let restart = *at + LONG_ATTEMPT + 5 * self.plan.period;
         if good && (state.age.cycles == 0 || now > restart) {
             *left -= 1;
@@ -149,7 +150,7 @@ impl Scenario {
         })
     }
 
-    /// While all faults are of one remote, the others lose nothing but what a restart costs.
+    /// While all faults are of one remote, the others lose nothing but the cycles of its restarts.
     pub(super) fn neighbours<B: Host>(
         &mut self,
         driver: &Driver<B>,

@@ -6,9 +6,9 @@ use mesa_hal::lbp::RemoteFaults;
 use mesa_hal_sim::devices::{
     Analog, Device, FieldIo, Outputs48, SignalValue, World, find_cable, find_mut,
 };
-use mesa_hal_sim::remote::{Cable, Remote, Toward, WireFault};
+use mesa_hal_sim::remote::{Cable, SimRemote, Toward, WireFault};
 use mesa_hal_sim::wire::{Nanos, RemoteEnd};
-use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
+use mesa_hal_sim::{ChangeCause, Director, FaultKind, FaultPlace, SimFpga};
 
 use super::super::journal::{Journal, Level, Outputs, PARTS, Parts, What, parts, recorder};
 use super::super::machine::{Gpio, end};
@@ -16,7 +16,8 @@ use super::super::plan::{Board, Card, MICRO, MILLI, Moment, Plan, Planned, scram
 use super::{Act, Begun, History, Stage};
 use crate::common::chance::Chance;
 
-/// Nobody exchanges a card in less: longer than any START takes from its look at a card to the end.
+/// Shortest time for an exchange of cards by hand: longer than any START takes from its look at a
+/// card to the end.
 const EXCHANGE: u64 = 5 * MILLI;
 
 /// Plays a plan on a machine.
@@ -28,13 +29,14 @@ pub struct Player {
     outputs: Outputs,
     journal: Journal,
     chance: Chance,
-    /// What the board drove when it was looked at last.
+    /// Outputs of the board at the last look.
     seen: Parts,
-    /// Whether the board drove any pin then.
+    /// True if the board drove any pin then.
     is_open: bool,
     /// Cards that are unplugged, because another one comes.
     leaving: BTreeSet<usize>,
-    /// When the own card can be plugged in again, where the other one is unplugged already.
+    /// Time at which the own card can be plugged in again, where the other one is unplugged
+    /// already.
     returning: BTreeMap<usize, Nanos>,
     /// Cards that were swapped.
     aside: BTreeMap<usize, Box<dyn RemoteEnd>>,
@@ -57,7 +59,7 @@ impl Player {
         }
     }
 
-    /// All inputs are something else from now on.
+    /// Changes all inputs.
     fn change(&mut self, fpga: &mut SimFpga) {
         let now = SimFpga::now(fpga);
         let next = now + MICRO * (200 + self.chance.below(2_500));
@@ -100,7 +102,7 @@ impl Player {
         }
     }
 
-    /// What the MPG counters of a remote stand at now.
+    /// Records the current MPG counters of a remote.
     fn note_mpgs(&self, fpga: &mut SimFpga, remote: usize, history: &mut History<[u8; 2]>) {
         if self.plan.card(remote) != Card::Field || self.plan.field_mode != 3 {
             return;
@@ -243,7 +245,7 @@ impl Player {
                 } else {
                     fpga.reset_for(lasts);
                 }
-                self.drives(fpga, Cause::Reset);
+                self.drives(fpga, ChangeCause::Reset);
             }
             FaultKind::FpgaWatchdog => {
                 fpga.write_register(0x0C00, 1);
@@ -253,7 +255,8 @@ impl Player {
                 // Of no channel: a transfer would feed a remote's watchdog.
                 fpga.write_register(0x5B00 + 0x40 * port as u16, 0x3000);
             }
-            // The network, the bus, the host, and on Ethernet the board, do the others.
+            // The other faults are played by the network, the bus, the host, and on Ethernet the
+            // board.
             _ => {}
         }
         if let Some(recorder) = recorder(self.end(fpga, target)) {
@@ -279,7 +282,7 @@ impl Player {
             FaultKind::WireShort => WireFault::Short(few as u8),
             FaultKind::WireLong => WireFault::Long(few as u8),
             FaultKind::WireBreak => WireFault::Break,
-            // Several replies in a row that are late by a whole period can not be told from
+            // Several replies in a row that are late by a whole period cannot be distinguished from
             // replies in time: nothing on the wire numbers them.
             _ => {
                 single = chance.one_in(4);
@@ -375,7 +378,7 @@ impl Player {
                 let device = find_mut(self.end(fpga, target)).expect("a device");
                 device.set_power(now, true);
             }
-            kind if kind.place() == Place::Wire => self.mend_cable(fpga, target),
+            kind if kind.place() == FaultPlace::Wire => self.mend_cable(fpga, target),
             _ => {}
         }
         if let Some(recorder) = recorder(self.end(fpga, target)) {
@@ -407,8 +410,8 @@ impl Player {
         }
     }
 
-    /// Whether the own card can be plugged in again; if not, the other one is unplugged, and the fault
-    /// ends later.
+    /// True if the own card can be plugged in again; if not, the other one is unplugged, and the
+    /// fault ends later.
     fn can_come_back(&mut self, fpga: &mut SimFpga, place: usize, target: usize) -> bool {
         let now = SimFpga::now(fpga);
         if !self.aside.contains_key(&target) {
@@ -435,13 +438,13 @@ impl Player {
         fpga.plug(port, channel, Some(own));
         let now = SimFpga::now(fpga);
         self.end(fpga, target).advance(now);
-        // Whatever ended meanwhile ended for the card that is on the channel.
+        // Faults that ended meanwhile ended for the card that is on the channel.
         self.repair(fpga, target);
         self.set_newest(fpga, target);
     }
 
-    /// Gives the inputs of a card the levels that they have now, from the field power of now: switches
-    /// are wired to it.
+    /// Sets the inputs of a card to their current levels, at the current field power, which the
+    /// switches are wired to.
     fn set_newest(&self, fpga: &mut SimFpga, target: usize) {
         if self.plan.card(target) == Card::Field && !self.aside.contains_key(&target) {
             let newest = self.stage.lock().truth.fields[target].last().copied();
@@ -452,7 +455,7 @@ impl Player {
 }
 
 fn set_bit<T: World>(fpga: &mut SimFpga, (port, channel): (usize, usize), bit: RemoteFaults) {
-    if let Some(remote) = fpga.device_mut::<Remote<Device<T>>>(port, channel) {
+    if let Some(remote) = fpga.device_mut::<SimRemote<Device<T>>>(port, channel) {
         let faults = remote.faults() | bit;
         remote.set_faults(faults);
     }
@@ -490,16 +493,16 @@ impl Director for Player {
         }
     }
 
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
         let now = SimFpga::now(fpga);
         match cause {
-            Cause::Bite => self.journal.note(now, What::Bite),
-            Cause::Reset => self.journal.note(now, What::Reset),
-            // While all is well nobody asks who wrote.
-            Cause::Write if self.stage.lock().all_is_well != Some(true) => {
+            ChangeCause::Bite => self.journal.note(now, What::Bite),
+            ChangeCause::Reset => self.journal.note(now, What::Reset),
+            // While all is well the sender of a write is irrelevant.
+            ChangeCause::Write if self.stage.lock().all_is_well != Some(true) => {
                 self.journal.note(now, What::Written);
             }
-            Cause::Write => {}
+            ChangeCause::Write => {}
         }
         let is_open = (0..fpga.firmware().pins.len()).any(|pin| fpga.is_driven(pin));
         if is_open && !std::mem::replace(&mut self.is_open, is_open) {

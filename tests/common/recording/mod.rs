@@ -1,5 +1,5 @@
-//! Recordings of Mesa's gateware in `tests/transcripts`: files of lines with a time each, what a
-//! replay compares with them, and the proof that the comparison can fail.
+//! Recordings of Mesa's gateware in `tests/transcripts`: files of lines with a time each, their
+//! comparison with a replay, and the proof that the comparison can fail.
 
 mod text;
 
@@ -12,13 +12,13 @@ use mesa_hal_sim::wire::Nanos;
 
 pub use text::{decimal, hexadecimal, split};
 
-/// Differences that are shown for each file.
+/// Number of differences that are shown for each file.
 const SHOWN: usize = 12;
 
 /// A file, one line after the other. Nothing is skipped: a line that does not parse is an error
-/// that names file and line.
+/// that contains file and line.
 pub trait Recording: Clone {
-    /// What a line says.
+    /// The content of a line.
     type Event: Clone;
 
     fn new(name: &str) -> Self;
@@ -26,15 +26,15 @@ pub trait Recording: Clone {
     /// File name without directory and extension.
     fn name(&self) -> &str;
 
-    /// Takes one line over; `line` counts from 1.
+    /// Parses and adds one line; `line` counts from 1.
     fn take(&mut self, line: usize, text: &str) -> Result<(), String>;
 
-    /// Whether header and entries are there.
+    /// True if header and entries are present.
     fn is_complete(&self) -> bool;
 
     fn entries_mut(&mut self) -> &mut Vec<Entry<Self::Event>>;
 
-    /// Adds an entry, which does not come before the one before it.
+    /// Adds an entry, whose time must not be before that of the previous one.
     fn push(&mut self, line: usize, time: Nanos, event: Self::Event) -> Result<(), String> {
         let entries = self.entries_mut();
         let previous = entries.last().map_or(0, |entry| entry.time);
@@ -80,32 +80,32 @@ pub trait Recording: Clone {
         Self::parse(&name, &text)
     }
 
-    /// One of the project's own.
+    /// A recording of the project.
     fn own(directory: &str, name: &str) -> Self {
         let path = own_directory(directory).join(format!("{name}.txt"));
         Self::load(&path).unwrap_or_else(|error| panic!("{error}"))
     }
 }
 
-/// One line.
+/// A line of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry<E> {
     /// Line number in the file, from 1.
     pub line: usize,
     /// The time at the beginning of the line.
     pub time: Nanos,
-    /// What happened.
+    /// The content of the line.
     pub event: E,
 }
 
-/// A line that can not be read.
+/// A line that cannot be parsed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unreadable {
     /// File name.
     pub file: String,
     /// Line number, from 1.
     pub line: usize,
-    /// What is wrong with it.
+    /// The defect.
     pub reason: String,
 }
 
@@ -115,28 +115,28 @@ impl fmt::Display for Unreadable {
     }
 }
 
-/// One item that is not as recorded.
+/// An item that differs from the recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// Line of the recording.
     pub line: usize,
-    /// What was recorded.
+    /// The recorded item.
     pub expected: String,
-    /// What was simulated instead.
+    /// The simulated item.
     pub actual: String,
 }
 
-/// How much was compared, and what differs.
+/// Number of comparisons, and the differences.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// Number of things compared.
     pub compared: usize,
-    /// Those that differ.
+    /// The differences.
     pub differences: Vec<Difference>,
 }
 
 impl Outcome {
-    /// Counts one comparison; what is expected and what is actual are told if it differs.
+    /// Counts one comparison; records the expected and the actual item if they differ.
     pub fn compare(
         &mut self,
         same: bool,
@@ -154,12 +154,12 @@ impl Outcome {
         }
     }
 
-    /// Notes something that can not be compared at all, which is a difference, too.
+    /// Records an item that cannot be compared at all, which is a difference, too.
     pub fn fail(&mut self, line: usize, expected: String, reason: String) {
         self.compare(false, line, || (expected, reason));
     }
 
-    /// Adds what another comparison of the same file found.
+    /// Adds the result of another comparison of the same file.
     pub fn add(&mut self, other: Self) {
         self.compared += other.compared;
         self.differences.extend(other.differences);
@@ -167,14 +167,14 @@ impl Outcome {
     }
 }
 
-/// The recordings that belong to the project: a folder of `tests`.
+/// The project's own recordings: a folder of `tests`.
 pub fn own_directory(directory: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests")
         .join(directory)
 }
 
-/// All recordings of a directory, in the order of their names; `index.txt` is none.
+/// All recordings of a directory, sorted by name, without `index.txt`.
 pub fn files(directory: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(directory)
         .unwrap_or_else(|error| panic!("{}: {error}", directory.display()))
@@ -187,9 +187,10 @@ pub fn files(directory: &Path) -> Vec<PathBuf> {
 }
 
 /// Replays every file of a directory, or of the one that an environment variable names. Prints one
-/// line for each, and panics if anything differs, can not be read, or was not compared.
+/// line for each, and panics if anything differs, cannot be read, or was not compared.
 ///
-/// `replay` gives an outcome for each side that it looks at, or why it can not replay the file.
+/// `replay` returns an outcome for each side that it examines, or the reason why the file cannot be
+/// replayed.
 pub fn replay_all<R: Recording>(
     variable: &str,
     directory: &str,
@@ -227,7 +228,7 @@ pub fn replay_all<R: Recording>(
     assert_eq!(failed, 0, "files that differ from their recording");
 }
 
-/// How much was compared in a file, and whether all of it is as recorded.
+/// Prints the result for a file; returns the number of comparisons, and true if all of them match.
 fn print(path: &Path, sides: &[(&str, Outcome)]) -> (usize, bool) {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let compared: usize = sides.iter().map(|(_, outcome)| outcome.compared).sum();
@@ -250,8 +251,8 @@ fn print(path: &Path, sides: &[(&str, Outcome)]) -> (usize, bool) {
     (compared, differing == 0 && compared > 0)
 }
 
-/// Alters one entry after the other; gives how many were altered, and the lines whose alteration
-/// `differs` did not notice.
+/// Alters one entry after the other; returns the number of alterations, and the lines whose
+/// alteration `differs` did not detect.
 pub fn unnoticed<R: Recording>(
     original: &R,
     differs: impl Fn(&R) -> bool,

@@ -1,5 +1,5 @@
-//! Recordings of the SSLBP gateware. The format is described in `tests/transcripts/index.txt`; times
-//! are nanoseconds.
+//! Recordings of the SSLBP gateware. The format is described in `tests/transcripts/index.txt`;
+//! times are nanoseconds.
 
 use mesa_hal_sim::sslbp::Register;
 use mesa_hal_sim::wire::Nanos;
@@ -8,7 +8,7 @@ use super::{Recording, decimal, hexadecimal, split};
 
 pub type Entry = super::Entry<Event>;
 
-/// One file.
+/// A recorded file.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     /// File name without directory and extension.
@@ -21,7 +21,7 @@ pub struct Transcript {
     pub entries: Vec<Entry>,
 }
 
-/// What a line says.
+/// The content of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The host wrote a register.
@@ -47,9 +47,9 @@ pub enum Event {
         is_break: bool,
         bytes: Vec<u8>,
     },
-    /// Set-up of a remote, or an event in it: what follows `sim remote<n> `.
+    /// Set-up of a remote, or an event in it: the text after `sim remote<n> `.
     Remote { remote: u8, text: String },
-    /// From here on chatter on the wire is not written down.
+    /// Chatter on the wire is not recorded from here on.
     WireLogOff,
     /// A remark.
     Note(String),
@@ -93,7 +93,7 @@ impl Recording for Transcript {
 }
 
 impl Transcript {
-    /// Takes channels and clock from `gateware ..., 8 channels, ClockLow=ClockMed=100 MHz, ...`.
+    /// Parses channels and clock from `gateware ..., 8 channels, ClockLow=ClockMed=100 MHz, ...`.
     fn header(&mut self, comment: &str) -> Result<(), String> {
         for part in comment.split(',').map(str::trim) {
             if let Some(channels) = part

@@ -1,4 +1,4 @@
-//! What is damaged, and what is not there, has its own error each.
+//! Damaged and missing data each have their own error.
 
 use super::*;
 
@@ -40,7 +40,7 @@ fn each_kind_of_damage_has_its_own_error() {
     );
 }
 
-/// Its place among the process data is certain, so that it can run.
+/// The place of the record among the process data is certain, so that the remote can run.
 #[test]
 fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
     for (record, text) in [
@@ -67,8 +67,8 @@ fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
     }
 }
 
-/// A remote that shows something else in the place of its tables, such as erased or zeroed memory,
-/// must not run without pins as if that were right.
+/// A remote that shows other contents in the place of its tables, such as erased or zeroed memory,
+/// must not run without pins.
 #[test]
 fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
     let (mut image, remote) = with_records(&[], 5, 2);
@@ -81,7 +81,7 @@ fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
     };
     assert_eq!(kinds(&found), [sizes]);
     assert!(found.plan.is_err());
-    // One byte is the fault byte of a remote that has nothing to say.
+    // One byte is the fault byte of a remote without data.
     let (mut image, remote) = with_records(&[], 1, 0);
     assert_eq!(run(&mut image, &remote).problems, []);
 }
@@ -117,7 +117,7 @@ fn process_data_that_does_not_fit_is_reported_for_each_direction() {
         }]
     );
 
-    // RX 5 carries four bytes of data
+    // RX 5 carries four bytes of data.
     let (mut image, remote) = with_records(&[data(33, 1, 0, [0.0; 2], "x")], 5, 0);
     let found = run(&mut image, &remote);
     assert_eq!(
@@ -141,7 +141,7 @@ fn a_table_that_loops_or_never_ends_is_cut_off() {
     assert_eq!(kinds(&found), [ProblemKind::RepeatedEntry { entry: 1 }]);
     assert_eq!(found.descriptor.process_data.len(), 1);
 
-    // every word points to a record of its own, for the whole memory
+    // Every word points to a record of its own, for the whole memory.
     let words: Vec<u16> = (0..0x400).map(|n| 0x1000 + n).collect();
     image.put_words(0x8000, &words);
     let found = run(&mut image, &started(0x8000, 0, 13, 12));
@@ -205,7 +205,7 @@ fn a_remote_that_is_gone_is_given_up_soon() {
     assert!(found.accesses <= 6);
 }
 
-/// Of a hundred records none can be read: four are tried.
+/// Of a hundred unreadable records, four are tried.
 #[test]
 fn giving_up_is_said_once() {
     let mut image = Image::default();

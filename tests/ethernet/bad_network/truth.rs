@@ -1,4 +1,4 @@
-//! What really became of the packets, by the simulator's own record.
+//! The true fate of the packets, from the simulator's own record.
 
 use std::collections::BTreeSet;
 
@@ -6,13 +6,13 @@ use mesa_hal::bus::BusStatistics;
 
 use crate::common::ethernet::{Sent, SimLink};
 
-/// What the driver can know of the writes, and when: by the replies it has taken.
+/// Knowledge about the writes that the driver can derive from the replies it has taken.
 pub struct Truth {
     /// The first packet that counts.
     first: usize,
-    /// When the board executed the request whose reply was taken last.
+    /// Time at which the board executed the request whose reply was taken last.
     heard: u64,
-    /// Writes that a reply has shown missing.
+    /// Writes that a reply has shown as missing.
     missing: BTreeSet<usize>,
     late: u64,
 }
@@ -32,8 +32,9 @@ impl Truth {
         packets.filter(|(_, sent)| sent.is_write)
     }
 
-    /// The reply to the newest request was taken. Whether the board had executed, since the reply
-    /// before, exactly the writes that were sent since, its own included, in their order.
+    /// Records that the reply to the newest request was taken. True if the board had executed,
+    /// since the previous reply, exactly the writes that were sent since, its own included, in
+    /// their order.
     pub fn heard(&mut self, link: &SimLink) -> bool {
         let newest = link.journal.iter().rposition(|sent| sent.is_request);
         let newest = newest.expect("a request was sent");
@@ -65,7 +66,7 @@ impl Truth {
         let executed: BTreeSet<usize> = order.iter().map(|(_, n)| *n).collect();
         self.missing
             .extend(due.iter().filter(|n| !executed.contains(n)));
-        // The last one came for the first time, and behind a newer one.
+        // The last one was executed for the first time, and behind a newer one.
         let last = order.last().map(|(_, n)| *n);
         let is_behind = last
             .is_some_and(|last| due.contains(&last) && executed.iter().any(|other| *other > last));
@@ -73,7 +74,7 @@ impl Truth {
         since == due
     }
 
-    /// Compares everything with what the driver has counted.
+    /// Compares all counts with the driver's statistics.
     pub fn check(&self, link: &SimLink, before: BusStatistics, after: BusStatistics, seed: u64) {
         let packets = &link.journal[self.first..];
         let requests = packets.iter().filter(|sent| sent.is_request);
@@ -85,7 +86,7 @@ impl Truth {
         let (mut lost_writes, mut repeated) = (0, 0);
         for (_, write) in self.writes(link) {
             lost_writes += u64::from(write.executed.is_empty());
-            // One that is answered, as a whole cycle is, shows by its second reply.
+            // An answered write, such as a whole cycle, is detected by its second reply.
             let again = write.executed.len().saturating_sub(1) as u64;
             repeated += if write.is_request { 0 } else { again };
         }

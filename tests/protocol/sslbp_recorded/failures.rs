@@ -1,4 +1,4 @@
-//! What failed when it was recorded fails as it did.
+//! Recorded failures are reproduced.
 
 use super::*;
 use mesa_hal::sslbp::{StartFailure, StartedRemote};
@@ -80,7 +80,7 @@ fn absent_channels_do_not_fail_the_others() {
     for outcome in &report[1..] {
         assert_eq!(outcome.unwrap_err().reason, StartFailureReason::NoReply);
     }
-    // the counters at B6..BC, as the transcript reads them
+    // The counters at B6..BC, as the transcript reads them.
     let counters: [u8; 7] = port
         .on(&mut bus)
         .read_variable(Channel::ALL[1], ChannelVariable::ErrorCounters)
@@ -101,7 +101,7 @@ fn a_port_that_is_stuck_is_freed_and_then_stopped() {
     assert_eq!(port.state(), PortState::Stopped);
 }
 
-/// Every wait is bounded, and says what it waited for.
+/// Every wait is bounded, and its error contains the awaited condition.
 #[test]
 fn a_command_that_never_completes_is_an_error_with_the_registers() {
     let stuck = Segment {
@@ -123,7 +123,7 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
     let PortError::Timeout { waited, .. } = error else {
         panic!("expected a wait that ended, got {error}");
     };
-    let longest = Operation::Start(StartMode::Normal, ZERO.mask())
+    let longest = PortOperation::Start(StartMode::Normal, ZERO.mask())
         .times()
         .longest;
     assert!(waited >= longest && waited < longest * 11 / 10);

@@ -51,7 +51,7 @@ fn what_is_absent_or_broken_does_not_hide_the_others() {
     );
 }
 
-/// A reply that is lost costs time and nothing else; one that never comes ends the walk.
+/// A lost reply costs time and nothing else; one that never arrives ends the walk.
 #[test]
 fn lost_replies_during_discovery_are_asked_for_again() {
     let (mut fpga, mut port) = machine();
@@ -114,8 +114,8 @@ fn a_nonvolatile_parameter_survives_a_power_cycle() {
     assert!(unit.write_parameter(&mut memory, 1.0).is_err());
 }
 
-/// A remote that dies in the middle of a non-volatile access: the error says that the selection
-/// could not be taken back.
+/// A remote that dies in the middle of a non-volatile access: the error reports that the selection
+/// could not be reverted.
 #[test]
 fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
     let (mut fpga, mut port) = machine();

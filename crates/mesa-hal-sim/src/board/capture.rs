@@ -24,7 +24,7 @@ const IPV4: u16 = 0x0800;
 const UDP_PROTOCOL: u8 = 17;
 
 /// Maximum payload of a UDP packet.
-const MOST_BYTES: usize = 65_507;
+const MAX_BYTES: usize = 65_507;
 
 /// One end of a packet's path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,7 +89,7 @@ impl<W: Write> PcapWriter<W> {
         to: Endpoint,
         payload: &[u8],
     ) -> io::Result<bool> {
-        let payload = payload.get(..MOST_BYTES).unwrap_or(payload);
+        let payload = payload.get(..MAX_BYTES).unwrap_or(payload);
         let frame = (HEADERS + payload.len()) as u32;
         let size = u64::from(frame) + RECORD as u64;
         if size > self.left {

@@ -78,7 +78,7 @@ pub struct UdpFace {
     start: Instant,
     mishaps: Mishaps,
     dice: Dice,
-    held: VecDeque<Held>,
+    held: VecDeque<HeldPacket>,
     received: UdpCounters,
     sent: UdpCounters,
     clients: Vec<UdpClient>,
@@ -89,7 +89,7 @@ pub struct UdpFace {
 
 /// A packet in flight.
 #[derive(Debug)]
-struct Held {
+struct HeldPacket {
     due: Nanos,
     peer: SocketAddr,
     is_reply: bool,
@@ -300,7 +300,7 @@ impl UdpFace {
 
     fn hold(&mut self, due: Nanos, peer: SocketAddr, is_reply: bool, bytes: &[u8]) {
         if self.held.len() < MAX_HELD {
-            self.held.push_back(Held {
+            self.held.push_back(HeldPacket {
                 due,
                 peer,
                 is_reply,

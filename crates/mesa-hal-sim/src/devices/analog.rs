@@ -1,7 +1,7 @@
 //! The analog section of a 7I77: six outputs of +-10 V and their enables.
 
-use super::{Description, DescriptionError, Device, Layout, SignalValue, World};
-use crate::remote::{Memory, Remote};
+use super::{Description, DescriptionError, Device, SignalValue, SimLayout, World};
+use crate::remote::{SimMemory, SimRemote};
 
 /// FACTS 8.1 and 8.3. Type and limits of the analog elements are not confirmed.
 const DESCRIPTION: &str = "
@@ -59,7 +59,7 @@ struct Places {
 
 impl Analog {
     /// A 7I77's analog section.
-    pub fn i7i77() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i77() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Device::remote(&Self::description()?, Self::default())
     }
 
@@ -86,7 +86,7 @@ impl Analog {
 }
 
 impl World for Analog {
-    fn power_up(&mut self, layout: &Layout, _memory: &Memory) {
+    fn power_up(&mut self, layout: &SimLayout, _memory: &SimMemory) {
         let at = |name: &str| layout.address(name).unwrap_or_default();
         self.places = Places {
             raw: NAMES.map(at),
@@ -95,9 +95,9 @@ impl World for Analog {
         };
     }
 
-    fn sample(&mut self, _mode: u8, _layout: &Layout, _memory: &mut Memory) {}
+    fn sample(&mut self, _mode: u8, _layout: &SimLayout, _memory: &mut SimMemory) {}
 
-    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+    fn drive(&mut self, _layout: &SimLayout, memory: &SimMemory) {
         let places = self.places;
         for (raw, address) in self.raw.iter_mut().zip(places.raw) {
             // 13 bits, sign extended.
@@ -115,11 +115,11 @@ impl World for Analog {
         };
     }
 
-    fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn inputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         Vec::new()
     }
 
-    fn outputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn outputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let volts = (0..CHANNELS).filter_map(|n| Some((n, self.volts(n)?)));
         let volts = volts.map(|(n, volts)| (format!("analogout{n}"), SignalValue::Volts(volts)));
         let enables = [("analogena", self.ena), ("spinena", self.spin_ena)];

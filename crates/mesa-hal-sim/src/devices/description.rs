@@ -41,9 +41,9 @@ pub struct Description {
     /// Hardware mode: index and name.
     pub hardware: (u8, String),
     /// Software modes.
-    pub modes: Vec<Mode>,
+    pub modes: Vec<SimMode>,
     /// Parameters, in the order of the GTOC.
-    pub parameters: Vec<Parameter>,
+    pub parameters: Vec<SimParameter>,
     /// Working copies.
     pub working: Vec<Working>,
     /// Name of the working watchdog time.
@@ -62,7 +62,7 @@ pub struct Description {
 
 /// A software mode.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Mode {
+pub struct SimMode {
     /// Its number.
     pub index: u8,
     /// Its name.
@@ -114,7 +114,7 @@ impl Record {
 
 /// A parameter.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameter {
+pub struct SimParameter {
     /// Its record.
     pub record: Record,
     /// Raw factory value.
@@ -266,7 +266,7 @@ impl Description {
             ("hardware", [index, name]) => {
                 self.hardware = (number(line, index, 0xFF)? as u8, (*name).to_owned());
             }
-            ("mode", [index, name]) => self.modes.push(Mode {
+            ("mode", [index, name]) => self.modes.push(SimMode {
                 index: number(line, index, crate::remote::MAX_MODES as u64 - 1)? as u8,
                 name: (*name).to_owned(),
                 data: Vec::new(),
@@ -282,7 +282,7 @@ impl Description {
                     words => (words, 0),
                 };
                 let record = record(line, words)?;
-                self.parameters.push(Parameter { record, value });
+                self.parameters.push(SimParameter { record, value });
             }
             ("working", [name, bits, from]) => self.working.push(Working {
                 name: (*name).to_owned(),

@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
-use super::{Description, DescriptionError, Layout, image};
+use super::{Description, DescriptionError, SimLayout, image};
 use crate::{
-    remote::{Application, Flash, Memory, Remote, ReplyFaults},
+    remote::{Application, ReplyFaults, SimFlash, SimMemory, SimRemote},
     wire::{BIT_2M5, Nanos, RemoteEnd},
 };
 use mesa_wire::lbp::RemoteFaults;
@@ -67,15 +67,15 @@ impl core::fmt::Display for SignalValue {
 /// Voltages and other inputs apply from the time at which they are set.
 pub trait World: core::fmt::Debug + Send + 'static {
     /// Called after power-up.
-    fn power_up(&mut self, layout: &Layout, memory: &Memory) {
+    fn power_up(&mut self, layout: &SimLayout, memory: &SimMemory) {
         let _ = (layout, memory);
     }
 
     /// Copies the inputs into memory, at the addresses of their layout.
-    fn sample(&mut self, mode: u8, layout: &Layout, memory: &mut Memory);
+    fn sample(&mut self, mode: u8, layout: &SimLayout, memory: &mut SimMemory);
 
     /// Applies the outputs in memory.
-    fn drive(&mut self, layout: &Layout, memory: &Memory);
+    fn drive(&mut self, layout: &SimLayout, memory: &SimMemory);
 
     /// Switches all outputs off.
     fn off(&mut self);
@@ -124,10 +124,10 @@ pub trait World: core::fmt::Debug + Send + 'static {
     }
 
     /// The inputs by name, as sensed.
-    fn inputs(&self, layout: &Layout) -> Vec<(String, SignalValue)>;
+    fn inputs(&self, layout: &SimLayout) -> Vec<(String, SignalValue)>;
 
     /// The outputs by name, as driven: faults and power considered.
-    fn outputs(&self, layout: &Layout) -> Vec<(String, SignalValue)>;
+    fn outputs(&self, layout: &SimLayout) -> Vec<(String, SignalValue)>;
 
     /// Digital output `n` as driven.
     fn output(&self, n: usize) -> Option<bool> {
@@ -145,19 +145,22 @@ pub trait World: core::fmt::Debug + Send + 'static {
 /// The application of a described remote: its layout and its world.
 #[derive(Clone, Debug)]
 pub struct Device<W> {
-    layout: Layout,
+    layout: SimLayout,
     world: W,
 }
 
 impl<W: World> Device<W> {
     /// Creates a remote from `description`, in `world`.
-    pub fn remote(description: &Description, world: W) -> Result<Remote<Self>, DescriptionError> {
+    pub fn remote(
+        description: &Description,
+        world: W,
+    ) -> Result<SimRemote<Self>, DescriptionError> {
         let (config, layout) = image::build(description)?;
-        Ok(Remote::new(config, Self { layout, world }))
+        Ok(SimRemote::new(config, Self { layout, world }))
     }
 
     /// Addresses of its values in memory.
-    pub const fn layout(&self) -> &Layout {
+    pub const fn layout(&self) -> &SimLayout {
         &self.layout
     }
 
@@ -173,15 +176,15 @@ impl<W: World> Device<W> {
 }
 
 impl<W: World> Application for Device<W> {
-    fn power_up(&mut self, memory: &mut Memory) {
+    fn power_up(&mut self, memory: &mut SimMemory) {
         self.world.power_up(&self.layout, memory);
     }
 
-    fn sample(&mut self, mode: u8, memory: &mut Memory) {
+    fn sample(&mut self, mode: u8, memory: &mut SimMemory) {
         self.world.sample(mode, &self.layout, memory);
     }
 
-    fn inputs(&mut self, mode: u8, memory: &mut Memory, data: &mut [u8]) {
+    fn inputs(&mut self, mode: u8, memory: &mut SimMemory, data: &mut [u8]) {
         self.layout.pack(mode, memory, data);
     }
 
@@ -192,18 +195,18 @@ impl<W: World> Application for Device<W> {
         })
     }
 
-    fn outputs(&mut self, mode: u8, memory: &mut Memory, data: &[u8]) {
+    fn outputs(&mut self, mode: u8, memory: &mut SimMemory, data: &[u8]) {
         self.layout.unpack(mode, memory, data);
         self.world.drive(&self.layout, memory);
     }
 
-    fn written(&mut self, _mode: u8, memory: &mut Memory, faulty: bool) {
+    fn written(&mut self, _mode: u8, memory: &mut SimMemory, faulty: bool) {
         if !faulty {
             self.world.drive(&self.layout, memory);
         }
     }
 
-    fn outputs_off(&mut self, memory: &mut Memory) {
+    fn outputs_off(&mut self, memory: &mut SimMemory) {
         self.layout.clear_outputs(memory);
         self.world.off();
     }
@@ -280,10 +283,10 @@ pub trait SimDevice: RemoteEnd {
     fn parameters(&self) -> Vec<(String, u64)>;
 
     /// The cells of its EEPROM.
-    fn nonvolatile(&self) -> &Memory;
+    fn nonvolatile(&self) -> &SimMemory;
 
     /// Mutable access to the cells of its EEPROM, to restore them.
-    fn nonvolatile_mut(&mut self) -> &mut Memory;
+    fn nonvolatile_mut(&mut self) -> &mut SimMemory;
 
     /// The cells of its program flash, if it can be updated.
     fn program(&self) -> Option<&[u8]>;
@@ -295,7 +298,7 @@ pub trait SimDevice: RemoteEnd {
     fn nonvolatile_changes(&self) -> u64;
 }
 
-impl<W: World> SimDevice for Remote<Device<W>> {
+impl<W: World> SimDevice for SimRemote<Device<W>> {
     fn card(&self) -> [u8; 4] {
         self.config().name
     }
@@ -413,16 +416,16 @@ impl<W: World> SimDevice for Remote<Device<W>> {
             .collect()
     }
 
-    fn nonvolatile(&self) -> &Memory {
+    fn nonvolatile(&self) -> &SimMemory {
         self.eeprom().cells()
     }
 
-    fn nonvolatile_mut(&mut self) -> &mut Memory {
+    fn nonvolatile_mut(&mut self) -> &mut SimMemory {
         self.eeprom_mut().cells_mut()
     }
 
     fn program(&self) -> Option<&[u8]> {
-        self.flash().map(Flash::cells)
+        self.flash().map(SimFlash::cells)
     }
 
     fn load_program(&mut self, cells: &[u8]) {
@@ -432,7 +435,7 @@ impl<W: World> SimDevice for Remote<Device<W>> {
     }
 
     fn nonvolatile_changes(&self) -> u64 {
-        self.eeprom().changes() + self.flash().map_or(0, Flash::changes)
+        self.eeprom().changes() + self.flash().map_or(0, SimFlash::changes)
     }
 }
 

@@ -2,11 +2,11 @@
 //! voltage, two MPGs.
 
 use super::{
-    Description, DescriptionError, Device, Layout, SignalValue, World, WorldError,
+    Description, DescriptionError, Device, SignalValue, SimLayout, World, WorldError,
     drivers::{Drivers, FieldPower},
     spindle::Spindle,
 };
-use crate::remote::{Memory, Remote};
+use crate::remote::{SimMemory, SimRemote};
 use mesa_wire::lbp::RemoteFaults;
 
 /// FACTS 8.1 and 8.2. The width of the MPG counters is not confirmed.
@@ -95,7 +95,7 @@ struct Places {
 }
 
 impl Places {
-    fn new(layout: &Layout) -> Self {
+    fn new(layout: &SimLayout) -> Self {
         let at = |name: &str| layout.address(name).unwrap_or_default();
         Self {
             output: at("Output"),
@@ -109,12 +109,12 @@ impl Places {
 
 impl FieldIo {
     /// A 7I77's field I/O: outputs are high-side drivers.
-    pub fn i7i77() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i77() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Device::remote(&Self::description()?, Self::new(false))
     }
 
     /// A 7I77D's field I/O: outputs are low-side drivers.
-    pub fn i7i77d() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i77d() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Device::remote(&Self::description()?, Self::new(true))
     }
 
@@ -225,7 +225,7 @@ impl FieldIo {
 }
 
 impl World for FieldIo {
-    fn power_up(&mut self, layout: &Layout, memory: &Memory) {
+    fn power_up(&mut self, layout: &SimLayout, memory: &SimMemory) {
         self.places = Places::new(layout);
         if let Some(spindle) = &mut self.spindle {
             spindle.power_up(layout);
@@ -240,7 +240,7 @@ impl World for FieldIo {
         }
     }
 
-    fn sample(&mut self, mode: u8, _layout: &Layout, memory: &mut Memory) {
+    fn sample(&mut self, mode: u8, _layout: &SimLayout, memory: &mut SimMemory) {
         if self.mode != mode {
             self.mode = mode;
             self.sense_all();
@@ -256,7 +256,7 @@ impl World for FieldIo {
         }
     }
 
-    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+    fn drive(&mut self, _layout: &SimLayout, memory: &SimMemory) {
         self.drivers.command(memory.word(self.places.output, 2));
         if let Some(spindle) = &mut self.spindle {
             spindle.drive(memory);
@@ -310,7 +310,7 @@ impl World for FieldIo {
         self.drivers.set_hot(n, hot)
     }
 
-    fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn inputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let bits = (0..INPUTS).map(|n| {
             let on = self.sensed >> n & 1 != 0;
             (format!("input-{n:02}"), SignalValue::Bool(on))
@@ -326,7 +326,7 @@ impl World for FieldIo {
         bits.chain(analog).chain([field]).chain(mpgs).collect()
     }
 
-    fn outputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn outputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let outputs = (0..OUTPUTS).map(|n| {
             let on = self.output(n) == Some(true);
             (format!("output-{n:02}"), SignalValue::Bool(on))

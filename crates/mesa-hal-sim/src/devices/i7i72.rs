@@ -1,10 +1,10 @@
 //! The 7I72: 48 outputs.
 
 use super::{
-    Description, DescriptionError, Device, Layout, SignalValue, World, WorldError,
+    Description, DescriptionError, Device, SignalValue, SimLayout, World, WorldError,
     drivers::{Drivers, FieldPower},
 };
-use crate::remote::{Memory, Remote};
+use crate::remote::{SimMemory, SimRemote};
 use mesa_wire::lbp::RemoteFaults;
 
 /// FACTS 8.4. The scale of the field voltage and the names of the modes are not confirmed.
@@ -50,7 +50,7 @@ impl Default for Outputs48 {
 
 impl Outputs48 {
     /// A 7I72.
-    pub fn i7i72() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i72() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Device::remote(&Self::description()?, Self::default())
     }
 
@@ -61,14 +61,14 @@ impl Outputs48 {
 }
 
 impl World for Outputs48 {
-    fn sample(&mut self, _mode: u8, layout: &Layout, memory: &mut Memory) {
+    fn sample(&mut self, _mode: u8, layout: &SimLayout, memory: &mut SimMemory) {
         if let Some(address) = layout.address("FieldVoltage") {
             let raw = (self.power.volts / FULL_SCALE * 65535.0).round();
             memory.set_word(address, 2, raw.clamp(0.0, 65535.0) as u64);
         }
     }
 
-    fn drive(&mut self, layout: &Layout, memory: &Memory) {
+    fn drive(&mut self, layout: &SimLayout, memory: &SimMemory) {
         if let Some(address) = layout.address("Output") {
             self.drivers.command(memory.word(address, 6));
         }
@@ -99,14 +99,14 @@ impl World for Outputs48 {
         self.drivers.set_hot(n, hot)
     }
 
-    fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn inputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         vec![(
             "fieldvoltage".to_owned(),
             SignalValue::Volts(self.power.volts),
         )]
     }
 
-    fn outputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn outputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let outputs = (0..self.drivers.count()).map(|n| {
             let on = self.output(n) == Some(true);
             (format!("output-{n:02}"), SignalValue::Bool(on))

@@ -1,7 +1,7 @@
 //! Memory image and data layout, built from a description.
 
 use super::{Description, DescriptionError, Record};
-use crate::remote::{Memory, ParameterPlace, RemoteConfig, WorkingCopy};
+use crate::remote::{ParameterPlace, SimMemory, SimRemoteConfig, WorkingCopy};
 use mesa_wire::lbp::{Capabilities, DiscoveryReply};
 
 /// Address of the first value in memory.
@@ -10,7 +10,7 @@ const VALUES: u16 = 0x0010;
 const RECORDS: u16 = 0x0400;
 const END: u16 = 0x8000;
 /// Maximum number of bytes of process data in each direction, fault byte and CRC excluded.
-const MOST_DATA: usize = 30;
+const MAX_DATA: usize = 30;
 
 /// The parameter that holds the software revision.
 const REVISION: &str = "SwRevision";
@@ -20,7 +20,7 @@ const EEPROM_WRITE_TIME: u64 = 4_000_000;
 
 /// A value in the remote's memory.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Element {
+pub struct SimElement {
     /// Its record.
     pub record: Record,
     /// Address of its value.
@@ -29,27 +29,27 @@ pub struct Element {
 
 /// Addresses of the values in the memory of a remote, and the process data of each mode.
 #[derive(Clone, Debug, Default)]
-pub struct Layout {
-    elements: Vec<Element>,
+pub struct SimLayout {
+    elements: Vec<SimElement>,
     modes: Vec<(u8, Vec<usize>)>,
-    parameters: Vec<Element>,
+    parameters: Vec<SimElement>,
     hidden: Vec<(String, u16)>,
     pub(super) clear_faults: Option<(u8, u8)>,
 }
 
-impl Layout {
+impl SimLayout {
     /// All process data of all modes, in the order of the description.
-    pub fn elements(&self) -> &[Element] {
+    pub fn elements(&self) -> &[SimElement] {
         &self.elements
     }
 
     /// The parameters.
-    pub fn parameters(&self) -> &[Element] {
+    pub fn parameters(&self) -> &[SimElement] {
         &self.parameters
     }
 
     /// Process data of `mode`, in order.
-    pub fn mode(&self, mode: u8) -> impl Iterator<Item = &Element> {
+    pub fn mode(&self, mode: u8) -> impl Iterator<Item = &SimElement> {
         let order = self.modes.iter().find(|(index, _)| *index == mode);
         let order = order.map_or(&[][..], |(_, order)| order.as_slice());
         order.iter().filter_map(|&index| self.elements.get(index))
@@ -66,7 +66,7 @@ impl Layout {
     }
 
     /// Packs the inputs of `mode` out of memory.
-    pub fn pack(&self, mode: u8, memory: &Memory, data: &mut [u8]) {
+    pub fn pack(&self, mode: u8, memory: &SimMemory, data: &mut [u8]) {
         let mut at = 0;
         for element in self.mode(mode).filter(|e| e.record.is_input()) {
             for bit in 0..u16::from(element.record.bits) {
@@ -80,7 +80,7 @@ impl Layout {
     }
 
     /// Unpacks the outputs of `mode` into memory.
-    pub fn unpack(&self, mode: u8, memory: &mut Memory, data: &[u8]) {
+    pub fn unpack(&self, mode: u8, memory: &mut SimMemory, data: &[u8]) {
         let mut at = 0;
         for element in self.mode(mode).filter(|e| e.record.is_output()) {
             let mut value = 0;
@@ -97,7 +97,7 @@ impl Layout {
     }
 
     /// Sets all outputs in memory to zero.
-    pub fn clear_outputs(&self, memory: &mut Memory) {
+    pub fn clear_outputs(&self, memory: &mut SimMemory) {
         for element in self.elements.iter().filter(|e| e.record.is_output()) {
             for offset in 0..element.record.bytes() as u16 {
                 memory.set_byte(element.address.wrapping_add(offset), 0);
@@ -106,15 +106,15 @@ impl Layout {
     }
 }
 
-/// Builds the configuration of a [`Remote`](crate::remote::Remote), and its layout.
-pub fn build(description: &Description) -> Result<(RemoteConfig, Layout), DescriptionError> {
+/// Builds the configuration of a [`SimRemote`](crate::remote::SimRemote), and its layout.
+pub fn build(description: &Description) -> Result<(SimRemoteConfig, SimLayout), DescriptionError> {
     Builder::default().build(description)
 }
 
 #[derive(Default)]
 struct Builder {
-    image: Memory,
-    layout: Layout,
+    image: SimMemory,
+    layout: SimLayout,
     next_value: u16,
     next_record: u16,
 }
@@ -123,11 +123,11 @@ impl Builder {
     fn build(
         mut self,
         description: &Description,
-    ) -> Result<(RemoteConfig, Layout), DescriptionError> {
+    ) -> Result<(SimRemoteConfig, SimLayout), DescriptionError> {
         self.next_value = VALUES;
         self.next_record = RECORDS;
         self.place_values(description)?;
-        let mut config = RemoteConfig {
+        let mut config = SimRemoteConfig {
             name: description.name,
             unit_number: description.unit,
             hardware_mode: description.hardware.0,
@@ -138,7 +138,7 @@ impl Builder {
             no_fault_byte: description.no_fault_byte,
             ignores_modes: description.no_discovery,
             initial_mode: description.modes.iter().map(|m| m.index).min().unwrap_or(0),
-            ..RemoteConfig::default()
+            ..SimRemoteConfig::default()
         };
         self.place_records(description, &mut config)?;
         self.link(description, &mut config)?;
@@ -164,7 +164,7 @@ impl Builder {
                     Some(_) => return Err(DescriptionError::Conflict),
                     None => {
                         let address = allocate(&mut self.next_value, record.bytes())?;
-                        known.push(Element {
+                        known.push(SimElement {
                             record: record.clone(),
                             address,
                         });
@@ -184,7 +184,7 @@ impl Builder {
                 parameter.value
             };
             self.image.set_word(address, record.bytes(), value);
-            self.layout.parameters.push(Element {
+            self.layout.parameters.push(SimElement {
                 record: record.clone(),
                 address,
             });
@@ -195,7 +195,7 @@ impl Builder {
     fn place_records(
         &mut self,
         description: &Description,
-        config: &mut RemoteConfig,
+        config: &mut SimRemoteConfig,
     ) -> Result<(), DescriptionError> {
         if description.no_discovery {
             for mode in &description.modes {
@@ -236,7 +236,7 @@ impl Builder {
 
     fn set_mode(
         &self,
-        config: &mut RemoteConfig,
+        config: &mut SimRemoteConfig,
         mode: u8,
         ptoc: u16,
         gtoc: u16,
@@ -249,7 +249,7 @@ impl Builder {
                 .div_ceil(8)
         };
         let (rx, tx) = (bytes(Record::is_input), bytes(Record::is_output));
-        if rx > MOST_DATA || tx > MOST_DATA {
+        if rx > MAX_DATA || tx > MAX_DATA {
             return Err(DescriptionError::TooMuchData { mode });
         }
         if let Some(slot) = config.modes.get_mut(usize::from(mode)) {
@@ -268,11 +268,11 @@ impl Builder {
     fn link(
         &mut self,
         description: &Description,
-        config: &mut RemoteConfig,
+        config: &mut SimRemoteConfig,
     ) -> Result<(), DescriptionError> {
         for working in &description.working {
             let bytes = usize::from(working.bits).div_ceil(8);
-            let find = |layout: &Layout, name: &str| {
+            let find = |layout: &SimLayout, name: &str| {
                 let parameter = layout.parameters.iter().find(|p| p.record.name == name);
                 parameter.map(|p| (p.address, p.record.bytes()))
             };
@@ -328,9 +328,9 @@ impl Builder {
         Ok(())
     }
 
-    fn data_records(&mut self, elements: &[Element]) -> Result<Vec<u16>, DescriptionError> {
+    fn data_records(&mut self, elements: &[SimElement]) -> Result<Vec<u16>, DescriptionError> {
         let mut addresses = Vec::new();
-        for Element { record, address } in elements {
+        for SimElement { record, address } in elements {
             let mut bytes = vec![0xA0, record.bits, record.kind, record.direction];
             bytes.extend(record.min.to_le_bytes());
             bytes.extend(record.max.to_le_bytes());

@@ -1,7 +1,7 @@
 //! Simulated devices: remotes with terminals, made from a description.
 //!
-//! All of them are [`Remote`]s around a [`Device`]: a [`Layout`] from a [`Description`], and a
-//! [`World`] at the terminals. A plugged device is accessible through [`find`] and [`find_mut`],
+//! All of them are [`SimRemote`]s around a [`Device`]: a [`SimLayout`] from a [`Description`], and
+//! a [`World`] at the terminals. A plugged device is accessible through [`find`] and [`find_mut`],
 //! behind cables and wrappers.
 
 mod analog;
@@ -18,17 +18,17 @@ mod spindle;
 mod tests;
 
 pub use analog::Analog;
-pub use description::{Description, DescriptionError, Mode, Parameter, Record, Working};
+pub use description::{Description, DescriptionError, Record, SimMode, SimParameter, Working};
 pub use device::{Device, SignalValue, SimDevice, World, WorldError};
 pub use field_io::FieldIo;
 pub use i7i72::Outputs48;
-pub use image::{Element, Layout};
+pub use image::{SimElement, SimLayout};
 pub use plain::Plain;
 
 use core::any::Any;
 
 use super::{
-    remote::{Cable, Remote},
+    remote::{Cable, SimRemote},
     wire::RemoteEnd,
 };
 
@@ -67,11 +67,11 @@ pub fn find_cable(end: &mut dyn RemoteEnd) -> Option<&mut Cable> {
 }
 
 fn as_device<W: World>(any: &dyn Any) -> Option<&dyn SimDevice> {
-    let remote: &Remote<Device<W>> = any.downcast_ref()?;
+    let remote: &SimRemote<Device<W>> = any.downcast_ref()?;
     Some(remote)
 }
 
 fn as_device_mut<W: World>(any: &mut dyn Any) -> Option<&mut dyn SimDevice> {
-    let remote: &mut Remote<Device<W>> = any.downcast_mut()?;
+    let remote: &mut SimRemote<Device<W>> = any.downcast_mut()?;
     Some(remote)
 }

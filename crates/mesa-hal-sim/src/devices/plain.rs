@@ -1,9 +1,10 @@
 //! A device from a description, without a world of its own: values in, values out.
 
 use super::{
-    Description, DescriptionError, Device, Element, Layout, SignalValue, World, WorldError, image,
+    Description, DescriptionError, Device, SignalValue, SimElement, SimLayout, World, WorldError,
+    image,
 };
-use crate::remote::{Memory, Remote};
+use crate::remote::{SimMemory, SimRemote};
 
 /// The 7I64: 24 inputs, 24 outputs, analog inputs of 3.3 V; a remote without discovery. FACTS 4.7;
 /// the elements are those of the built-in table of LinuxCNC. They fill the 8 bytes of RXSize, and
@@ -25,7 +26,7 @@ clear-faults 3 3
 ";
 
 /// Maximum length of an element in bytes.
-const MOST_BYTES: usize = 32;
+const MAX_BYTES: usize = 32;
 
 const BITS: u8 = 0x01;
 const UNSIGNED: u8 = 0x02;
@@ -41,9 +42,9 @@ pub struct Plain {
 
 #[derive(Clone, Debug)]
 struct Slot {
-    element: Element,
-    input: [u8; MOST_BYTES],
-    output: [u8; MOST_BYTES],
+    element: SimElement,
+    input: [u8; MAX_BYTES],
+    output: [u8; MAX_BYTES],
 }
 
 impl Slot {
@@ -129,24 +130,24 @@ impl Slot {
 
 impl Plain {
     /// Creates the device from a description in text form.
-    pub fn from_description(text: &str) -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn from_description(text: &str) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Self::remote(&Description::parse(text)?)
     }
 
     /// Creates the device from `description`.
-    pub fn remote(description: &Description) -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn remote(description: &Description) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let (_, layout) = image::build(description)?;
         let slots = layout.elements().iter().map(|element| Slot {
             element: element.clone(),
-            input: [0; MOST_BYTES],
-            output: [0; MOST_BYTES],
+            input: [0; MAX_BYTES],
+            output: [0; MAX_BYTES],
         });
         let slots = slots.collect();
         Device::remote(description, Self { slots })
     }
 
     /// A 7I64.
-    pub fn i7i64() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i64() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Self::from_description(I7I64)
     }
 
@@ -155,7 +156,7 @@ impl Plain {
         let mut slots = self.slots.iter_mut();
         let slot = slots.find(|s| s.element.record.name == name && s.element.record.is_input());
         let slot = slot.ok_or(WorldError::NotThere)?;
-        slot.input = [0; MOST_BYTES];
+        slot.input = [0; MAX_BYTES];
         for (to, &from) in slot.input.iter_mut().zip(value) {
             *to = from;
         }
@@ -171,7 +172,7 @@ impl Plain {
 }
 
 impl World for Plain {
-    fn sample(&mut self, _mode: u8, _layout: &Layout, memory: &mut Memory) {
+    fn sample(&mut self, _mode: u8, _layout: &SimLayout, memory: &mut SimMemory) {
         for slot in self.slots.iter().filter(|s| s.element.record.is_input()) {
             // Bidirectional elements: the host reads the value from the world's side.
             for (offset, &byte) in (0..slot.element.record.bytes() as u16).zip(&slot.input) {
@@ -180,7 +181,7 @@ impl World for Plain {
         }
     }
 
-    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+    fn drive(&mut self, _layout: &SimLayout, memory: &SimMemory) {
         for slot in self
             .slots
             .iter_mut()
@@ -194,7 +195,7 @@ impl World for Plain {
 
     fn off(&mut self) {
         for slot in &mut self.slots {
-            slot.output = [0; MOST_BYTES];
+            slot.output = [0; MAX_BYTES];
         }
     }
 
@@ -226,12 +227,12 @@ impl World for Plain {
         Ok(())
     }
 
-    fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn inputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let slots = self.slots.iter().filter(|s| s.element.record.is_input());
         slots.flat_map(|slot| slot.signals(&slot.input)).collect()
     }
 
-    fn outputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {
+    fn outputs(&self, _layout: &SimLayout) -> Vec<(String, SignalValue)> {
         let slots = self.slots.iter().filter(|s| s.element.record.is_output());
         slots.flat_map(|slot| slot.signals(&slot.output)).collect()
     }

@@ -5,7 +5,7 @@
 //! parameters are the 7I77's: no listing of either is public.
 
 use super::{Description, DescriptionError, Device, FieldIo, spindle::Spindle};
-use crate::remote::Remote;
+use crate::remote::SimRemote;
 
 /// The unit number is unknown.
 const I7I84: &str = "
@@ -112,7 +112,7 @@ impl FieldIo {
     ///
     /// # Errors
     /// None: a test proves that its description is valid.
-    pub fn i7i84() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i84() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let description = Description::parse(I7I84)?;
         Device::remote(&description, Self::of_relative(MPG_MODE, None))
     }
@@ -121,7 +121,7 @@ impl FieldIo {
     ///
     /// # Errors
     /// None: a test proves that its description is valid.
-    pub fn i7i76() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i76() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         Self::with_spindle(&Description::parse(I7I76)?)
     }
 
@@ -129,7 +129,7 @@ impl FieldIo {
     ///
     /// # Errors
     /// None: a test proves that its description is valid.
-    pub fn i7i76e() -> Result<Remote<Device<Self>>, DescriptionError> {
+    pub fn i7i76e() -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let mut description = Description::parse(I7I76)?;
         description.unit = description.unit & 0x00FF_FFFF | CLASS_7I76E << 24;
         for parameter in &mut description.parameters {
@@ -141,7 +141,9 @@ impl FieldIo {
         Self::with_spindle(&description)
     }
 
-    fn with_spindle(description: &Description) -> Result<Remote<Device<Self>>, DescriptionError> {
+    fn with_spindle(
+        description: &Description,
+    ) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let spindle = Some(Spindle::default());
         Device::remote(description, Self::of_relative(MPG_MODE, spindle))
     }

@@ -1,7 +1,7 @@
 //! The spindle output of a 7I76: an analog output, an enable and a direction.
 
-use super::{Layout, SignalValue};
-use crate::remote::Memory;
+use super::{SignalValue, SimLayout};
+use crate::remote::SimMemory;
 
 /// Addresses and state of `SpinOut`, `SpinEna` and `SpinDir`. The names are those of LinuxCNC's
 /// pins; type, width and range of `SpinOut` are unknown, and assumed to be those of a 7I77's analog
@@ -16,12 +16,12 @@ pub(super) struct Spindle {
 }
 
 impl Spindle {
-    pub(super) fn power_up(&mut self, layout: &Layout) {
+    pub(super) fn power_up(&mut self, layout: &SimLayout) {
         let at = |name: &str| layout.address(name).unwrap_or_default();
         self.places = ["SpinOut", "SpinEna", "SpinDir"].map(at);
     }
 
-    pub(super) fn drive(&mut self, memory: &Memory) {
+    pub(super) fn drive(&mut self, memory: &SimMemory) {
         let [out, enable, reverse] = self.places;
         // 13 bits, sign extended.
         self.raw = (memory.word(out, 2) as u16) as i16;

@@ -4,8 +4,7 @@ use core::time::Duration;
 
 use super::SimFpga;
 use mesa_wire::bus::{
-    Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
-    RegisterBus, Reply,
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Instant, RegisterBus,
 };
 
 /// An access list that the simulated FPGA rejects.
@@ -50,7 +49,6 @@ impl BusError for SimError {
 
 impl RegisterBus for SimFpga {
     type Error = SimError;
-    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         for access in accesses {
@@ -69,15 +67,6 @@ impl RegisterBus for SimFpga {
             }
         }
         Ok(())
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(accesses.into())
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list, words)?;
-        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {

@@ -1,6 +1,6 @@
 //! Address decoder: the register at each address.
 
-use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, ModuleDescriptor, gtag};
+use super::firmware::{COOKIE_ADDRESS, IDROM_ADDRESS, SimFirmware, SimModuleDescriptor, gtag};
 
 /// Maximum number of ports of a serial module.
 pub(super) const MAX_PORTS: u8 = 4;
@@ -34,7 +34,7 @@ pub(crate) struct AddressMap {
 
 impl AddressMap {
     /// The map of a firmware. `rom` is the number of words of identification and IDROM.
-    pub(crate) fn new(firmware: &Firmware, idrom_words: usize) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, idrom_words: usize) -> Self {
         let mut map = Self {
             targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
         };
@@ -46,7 +46,7 @@ impl AddressMap {
             if module.gtag == gtag::MUX_SELECT || module.instances == 0 {
                 continue;
             }
-            let (register_stride, instance_stride) = Firmware::strides(module);
+            let (register_stride, instance_stride) = SimFirmware::strides(module);
             let serial = matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B);
             for register in 0..registers(firmware, module).min(32) {
                 let multiple = module.multiple >> register & 1 != 0;
@@ -120,7 +120,7 @@ impl AddressMap {
 
 /// Number of registers of a module. With a DPLL, encoders have one more than their descriptor
 /// counts: the selection of the timer that latches them.
-fn registers(firmware: &Firmware, module: &ModuleDescriptor) -> u8 {
+fn registers(firmware: &SimFirmware, module: &SimModuleDescriptor) -> u8 {
     let is_encoder = matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER);
     let has_timer = is_encoder && firmware.module(gtag::DPLL).is_some();
     module.registers + u8::from(has_timer)

@@ -5,7 +5,7 @@ use crate::wire::Nanos;
 
 /// Cause of a possible change of the driven outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Cause {
+pub enum ChangeCause {
     /// The host wrote a register that outputs depend on, or a written word takes effect.
     Write,
     /// The watchdog has bitten.
@@ -27,7 +27,7 @@ pub trait Director: core::fmt::Debug + Send {
     fn act(&mut self, fpga: &mut SimFpga);
 
     /// Called when the driven outputs may have changed.
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause);
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause);
 }
 
 impl SimFpga {
@@ -51,7 +51,7 @@ impl SimFpga {
     }
 
     /// Reports the driven outputs to the director.
-    pub(super) fn show(&mut self, cause: Cause) {
+    pub(super) fn show(&mut self, cause: ChangeCause) {
         if let Some(mut director) = self.director.take() {
             director.drives(self, cause);
             self.director.get_or_insert(director);
@@ -74,7 +74,7 @@ mod tests {
 
     #[derive(Debug, Default)]
     struct Notes {
-        seen: Vec<(Nanos, bool, Cause)>,
+        seen: Vec<(Nanos, bool, ChangeCause)>,
         acted: Vec<Nanos>,
     }
 
@@ -95,7 +95,7 @@ mod tests {
             fpga.drive_pin(33, Some(false));
         }
 
-        fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+        fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
             let driven = fpga.is_driven(20);
             let mut notes = self.notes.lock().unwrap();
             notes.seen.push((fpga.now(), driven, cause));
@@ -140,10 +140,10 @@ mod tests {
             .map(|(_, driven, cause)| (*driven, *cause))
             .collect();
         let expected = [
-            (true, Cause::Write),
-            (false, Cause::Bite),
-            (true, Cause::Write),
-            (false, Cause::Reset),
+            (true, ChangeCause::Write),
+            (false, ChangeCause::Bite),
+            (true, ChangeCause::Write),
+            (false, ChangeCause::Reset),
         ];
         assert_eq!(causes, expected);
         assert!((1_000..1_100).contains(&seen[1].0), "{seen:?}");

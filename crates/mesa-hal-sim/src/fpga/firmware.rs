@@ -60,7 +60,7 @@ pub(crate) const IDROM_WORDS: usize = 256;
 
 /// A module descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ModuleDescriptor {
+pub struct SimModuleDescriptor {
     /// Kind of module; see [`gtag`].
     pub gtag: u8,
     /// Version of the module.
@@ -79,7 +79,7 @@ pub struct ModuleDescriptor {
     pub multiple: u32,
 }
 
-impl ModuleDescriptor {
+impl SimModuleDescriptor {
     /// A descriptor, in the order of the table in FACTS 9.2.
     #[expect(clippy::too_many_arguments, reason = "a table row, written as one")]
     pub const fn new(
@@ -115,7 +115,7 @@ impl ModuleDescriptor {
 
 /// A pin descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PinDescriptor {
+pub struct SimPinDescriptor {
     /// Primary tag; 3 (I/O port) on every pin of a valid firmware.
     pub primary: u8,
     /// GTAG of the module that can use the pin instead, or 0.
@@ -126,7 +126,7 @@ pub struct PinDescriptor {
     pub pin: u8,
 }
 
-impl PinDescriptor {
+impl SimPinDescriptor {
     /// A pin that a module can use.
     pub const fn new(secondary: u8, unit: u8, pin: u8) -> Self {
         Self {
@@ -159,7 +159,7 @@ impl PinDescriptor {
 ///
 /// The image is not validated: a test of a driver may need an inconsistent one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Firmware {
+pub struct SimFirmware {
     /// Type of the IDROM: 2 or 3.
     pub idrom_type: u32,
     /// Name of the board, eight characters.
@@ -184,18 +184,18 @@ pub struct Firmware {
     /// only the number is simulated.
     pub sslbp_minor: u8,
     /// The modules, at most 31, up to the null descriptor that ends the list.
-    pub modules: Vec<ModuleDescriptor>,
+    pub modules: Vec<SimModuleDescriptor>,
     /// Descriptors after that end, each with its slot (0 to 31): charge pump and hints. They are
     /// only listed, not simulated.
-    pub behind_end: Vec<(u8, ModuleDescriptor)>,
+    pub behind_end: Vec<(u8, SimModuleDescriptor)>,
     /// The pins, port by port, at most 144.
-    pub pins: Vec<PinDescriptor>,
+    pub pins: Vec<SimPinDescriptor>,
     /// Pins of the board itself, which follow those of the ports: at most 144 together. They are
     /// only listed, not simulated.
-    pub local_pins: Vec<PinDescriptor>,
+    pub local_pins: Vec<SimPinDescriptor>,
 }
 
-impl Firmware {
+impl SimFirmware {
     /// The frequency of a clock tag in hertz; ClockLow for a tag that does not exist.
     pub fn clock(&self, tag: u8) -> u32 {
         if tag == 2 {
@@ -207,13 +207,13 @@ impl Firmware {
 
     /// The first module with this GTAG that has instances: a descriptor without instances is not a
     /// module.
-    pub fn module(&self, gtag: u8) -> Option<&ModuleDescriptor> {
+    pub fn module(&self, gtag: u8) -> Option<&SimModuleDescriptor> {
         let mut modules = self.modules.iter();
         modules.find(|module| module.gtag == gtag && module.instances > 0)
     }
 
     /// Mutable access to the first descriptor with this GTAG.
-    pub fn module_mut(&mut self, gtag: u8) -> Option<&mut ModuleDescriptor> {
+    pub fn module_mut(&mut self, gtag: u8) -> Option<&mut SimModuleDescriptor> {
         self.modules.iter_mut().find(|module| module.gtag == gtag)
     }
 
@@ -225,7 +225,7 @@ impl Firmware {
     }
 
     /// Register stride and instance stride of a module in bytes.
-    pub(crate) fn strides(module: &ModuleDescriptor) -> (u16, u16) {
+    pub(crate) fn strides(module: &SimModuleDescriptor) -> (u16, u16) {
         // FACTS 9.1: instance strides 4 and 0x40; both register strides are 0x100.
         let instance = if module.strides >> 4 == 0 { 4 } else { 0x40 };
         (0x100, instance)
@@ -288,12 +288,12 @@ mod tests {
 
     #[test]
     fn descriptor_words_have_the_layout_of_facts_9_1() {
-        let encoder = ModuleDescriptor::new(0x0C, 4, 1, 6, 0x3600, 5, 0x00, 3);
+        let encoder = SimModuleDescriptor::new(0x0C, 4, 1, 6, 0x3600, 5, 0x00, 3);
         assert_eq!(encoder.words(), [0x0601_040C, 0x0005_3600, 3]);
-        let sserial = ModuleDescriptor::new(0xC1, 0, 1, 2, 0x5B00, 6, 0x10, 0x3C);
+        let sserial = SimModuleDescriptor::new(0xC1, 0, 1, 2, 0x5B00, 6, 0x10, 0x3C);
         assert_eq!(sserial.words(), [0x0201_00C1, 0x1006_5B00, 0x3C]);
-        assert_eq!(PinDescriptor::new(0xC1, 0, 0x91).word(), 0x0300_C191);
-        assert_eq!(PinDescriptor::gpio().word(), 0x0300_0000);
-        assert_eq!(PinDescriptor::local(0xC4, 0, 0x82).word(), 0x4000_C482);
+        assert_eq!(SimPinDescriptor::new(0xC1, 0, 0x91).word(), 0x0300_C191);
+        assert_eq!(SimPinDescriptor::gpio().word(), 0x0300_0000);
+        assert_eq!(SimPinDescriptor::local(0xC4, 0, 0x82).word(), 0x4000_C482);
     }
 }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::firmware::{
-    COOKIE, COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, IDROM_WORDS, ModuleDescriptor, PinDescriptor,
-    gtag,
+    COOKIE, COOKIE_ADDRESS, IDROM_ADDRESS, IDROM_WORDS, SimFirmware, SimModuleDescriptor,
+    SimPinDescriptor, gtag,
 };
 use super::{SimFpga, UNDRIVEN};
 use crate::modules::ForeignModule;
@@ -24,7 +24,7 @@ pub struct FirmwareImage {
 /// A text that is not the identity memory of a firmware.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ImageError {
+pub enum FirmwareImageError {
     /// A line is not a word.
     #[error("line {line}: `{text}`, expected ADDR VALUE, both hexadecimal, ADDR a multiple of 4")]
     Line {
@@ -64,7 +64,7 @@ const SIMULATED: [u8; 14] = [
 ];
 
 /// Descriptors after the end of the list, each with its slot.
-type BehindEnd = Vec<(u8, ModuleDescriptor)>;
+type BehindEnd = Vec<(u8, SimModuleDescriptor)>;
 
 /// The rate of the encoders' multiplexer after configuration. FACTS 12.6.
 const MUX_RATE: u32 = 11;
@@ -73,8 +73,8 @@ impl FirmwareImage {
     /// Parses the text form.
     ///
     /// # Errors
-    /// [`ImageError::Line`].
-    pub fn parse(text: &str) -> Result<Self, ImageError> {
+    /// [`FirmwareImageError::Line`].
+    pub fn parse(text: &str) -> Result<Self, FirmwareImageError> {
         let mut words = BTreeMap::new();
         for (number, text) in (1..).zip(text.lines()) {
             let text = text.trim();
@@ -87,7 +87,7 @@ impl FirmwareImage {
                 let value = u32::from_str_radix(value.trim(), 16).ok()?;
                 address.is_multiple_of(4).then_some((address, value))
             };
-            let word = parse().ok_or_else(|| ImageError::Line {
+            let word = parse().ok_or_else(|| FirmwareImageError::Line {
                 line: number,
                 text: text.into(),
             })?;
@@ -104,14 +104,14 @@ impl FirmwareImage {
     /// Decodes the described firmware.
     ///
     /// # Errors
-    /// [`ImageError::Word`]: its cookie, the place of its IDROM, or its I/O ports.
-    pub fn firmware(&self) -> Result<Firmware, ImageError> {
+    /// [`FirmwareImageError::Word`]: its cookie, the place of its IDROM, or its I/O ports.
+    pub fn firmware(&self) -> Result<SimFirmware, FirmwareImageError> {
         let expect = |address, is_right: bool, expected| {
             let found = self.word(address);
             if is_right {
                 Ok(())
             } else {
-                Err(ImageError::Word {
+                Err(FirmwareImageError::Word {
                     address,
                     found,
                     expected,
@@ -153,7 +153,7 @@ impl FirmwareImage {
         let [b0, b1, b2, b3] = header(3).to_le_bytes();
         let [b4, b5, b6, b7] = header(4).to_le_bytes();
         let (modules, behind_end) = self.modules(modules as u16, pins as u16);
-        Ok(Firmware {
+        Ok(SimFirmware {
             idrom_type: header(0),
             board: [b0, b1, b2, b3, b4, b5, b6, b7],
             fpga_size: header(5),
@@ -174,7 +174,7 @@ impl FirmwareImage {
     }
 
     /// The module descriptors up to the first empty slot, and those after it with their slots.
-    fn modules(&self, first: u16, pins: u16) -> (Vec<ModuleDescriptor>, BehindEnd) {
+    fn modules(&self, first: u16, pins: u16) -> (Vec<SimModuleDescriptor>, BehindEnd) {
         let slots = if pins > first {
             (pins - first) / 12
         } else {
@@ -188,7 +188,7 @@ impl FirmwareImage {
             let [b0, b1, registers, strides] = word(1).to_le_bytes();
             has_ended |= tag == 0;
             let base = u16::from_le_bytes([b0, b1]);
-            let module = ModuleDescriptor::new(
+            let module = SimModuleDescriptor::new(
                 tag,
                 version,
                 clock,
@@ -207,10 +207,10 @@ impl FirmwareImage {
         (modules, behind)
     }
 
-    fn pins(&self, first: u16, count: u32) -> Vec<PinDescriptor> {
+    fn pins(&self, first: u16, count: u32) -> Vec<SimPinDescriptor> {
         let address = |n: u32| IDROM_ADDRESS + first + 4 * n as u16;
         let pins = (0..count).map(|n| self.word(address(n)).to_le_bytes());
-        let pins = pins.map(|[pin, secondary, unit, primary]| PinDescriptor {
+        let pins = pins.map(|[pin, secondary, unit, primary]| SimPinDescriptor {
             primary,
             secondary,
             unit,
@@ -225,8 +225,8 @@ impl SimFpga {
     /// does not implement keep the words written to their registers, and return them to reads.
     ///
     /// # Errors
-    /// [`ImageError`]: the image does not describe a firmware.
-    pub fn from_image(image: &FirmwareImage) -> Result<Self, ImageError> {
+    /// [`FirmwareImageError`]: the image does not describe a firmware.
+    pub fn from_image(image: &FirmwareImage) -> Result<Self, FirmwareImageError> {
         let mut fpga = Self::new(image.firmware()?);
         for n in 0..IDROM_WORDS as u16 {
             let address = IDROM_ADDRESS + 4 * n;

@@ -2,7 +2,7 @@
 
 use super::SimFpga;
 use crate::devices::find_mut;
-use crate::world::{Change, EstopConfig, Switch, SwitchConfig, Terminal, Wheel, WheelConfig};
+use crate::world::{Change, EstopConfig, SimTerminal, Switch, SwitchConfig, Wheel, WheelConfig};
 
 /// Field power of a remote while an emergency stop does not cut it.
 const FIELD_VOLTS: f64 = 24.0;
@@ -88,7 +88,7 @@ impl SimFpga {
     }
 
     /// Sets the signal at an input from now on, like a wire.
-    pub fn set_terminal(&mut self, terminal: Terminal, on: bool) {
+    pub fn set_terminal(&mut self, terminal: SimTerminal, on: bool) {
         self.settle();
         self.put_on(&Change {
             at: self.now,
@@ -107,7 +107,7 @@ impl SimFpga {
     fn put_on(&mut self, change: &Change) {
         let &Change { at, terminal, on } = change;
         match terminal {
-            Terminal::Remote {
+            SimTerminal::Remote {
                 port,
                 channel,
                 input,
@@ -116,12 +116,12 @@ impl SimFpga {
                 // A wire to an input that the card does not have has no effect.
                 let _ = device.map(|device| device.set_input(input, on));
             }
-            Terminal::Board { input } => {
+            SimTerminal::Board { input } => {
                 if let Some(inputs) = self.in_mux.as_mut().or(self.in_m.as_mut()) {
                     inputs.set_terminal(at, input, on);
                 }
             }
-            Terminal::Pin { pin } => self.io.drive(pin, Some(on)),
+            SimTerminal::Pin { pin } => self.io.drive(pin, Some(on)),
         }
     }
 
@@ -142,17 +142,17 @@ mod tests {
 
     const MS: Nanos = 1_000_000;
     const CHANNEL: usize = 0;
-    const ON_BOARD: Terminal = Terminal::Board { input: 3 };
+    const ON_BOARD: SimTerminal = SimTerminal::Board { input: 3 };
 
-    fn on_remote(input: usize) -> Terminal {
-        Terminal::Remote {
+    fn on_remote(input: usize) -> SimTerminal {
+        SimTerminal::Remote {
             port: 0,
             channel: CHANNEL,
             input,
         }
     }
 
-    fn switch(from: f64, terminal: Terminal) -> SwitchConfig {
+    fn switch(from: f64, terminal: SimTerminal) -> SwitchConfig {
         SwitchConfig {
             axis: 0,
             from,
@@ -221,7 +221,7 @@ mod tests {
     fn an_emergency_stop_cuts_everything_in_one_moment() {
         let mut fpga = machine();
         fpga.set_estop(EstopConfig {
-            inputs: vec![Terminal::Board { input: 9 }, on_remote(20)],
+            inputs: vec![SimTerminal::Board { input: 9 }, on_remote(20)],
             cuts_drives: true,
             cuts_field: vec![(0, CHANNEL)],
         });

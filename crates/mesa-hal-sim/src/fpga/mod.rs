@@ -12,14 +12,15 @@ mod reload;
 mod world_side;
 
 pub use bus::SimError;
-pub use director::{Cause, Director};
-pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
-pub use image::{FirmwareImage, ImageError};
+pub use director::{ChangeCause, Director};
+pub use firmware::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};
+pub use image::{FirmwareImage, FirmwareImageError};
 pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
 pub(crate) use world_side::device;
 
 use crate::modules::{
-    Dpll, ForeignModules, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+    ForeignModules, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm, SimWatchdog,
+    SmartSerial,
 };
 use crate::wire::Nanos;
 use decode::{AddressMap, Target};
@@ -54,22 +55,22 @@ pub struct AccessCounters {
 /// after construction, and two runs with the same accesses give the same results.
 #[derive(Debug)]
 pub struct SimFpga {
-    firmware: Firmware,
+    firmware: SimFirmware,
     map: AddressMap,
     rom: Vec<u32>,
     now: Nanos,
     access_cost: Nanos,
     exchanges: u64,
     counters: AccessCounters,
-    io: IoPorts,
-    watchdog: Watchdog,
-    pwm: Option<Pwm>,
+    io: SimIoPorts,
+    watchdog: SimWatchdog,
+    pwm: Option<SimPwm>,
     in_mux: Option<Inputs>,
     in_m: Option<Inputs>,
-    ssr: Option<Outputs>,
-    out_m: Option<Outputs>,
-    dpll: Option<Dpll>,
-    leds: Leds,
+    ssr: Option<SimOutputs>,
+    out_m: Option<SimOutputs>,
+    dpll: Option<SimDpll>,
+    leds: SimLeds,
     serial: Vec<SmartSerial>,
     foreign: ForeignModules,
     plant: Plant,
@@ -80,13 +81,13 @@ pub struct SimFpga {
 
 impl SimFpga {
     /// An FPGA at power-up, with nothing plugged in.
-    pub fn new(firmware: Firmware) -> Self {
+    pub fn new(firmware: SimFirmware) -> Self {
         Self::configured_at(firmware, 0)
     }
 
     /// An FPGA that is configured at a time, from which its dividers run.
-    fn configured_at(firmware: Firmware, now: Nanos) -> Self {
-        let mut rom = Firmware::identification().to_vec();
+    fn configured_at(firmware: SimFirmware, now: Nanos) -> Self {
+        let mut rom = SimFirmware::identification().to_vec();
         let idrom = firmware.idrom();
         let map = AddressMap::new(&firmware, idrom.len());
         rom.extend(idrom);
@@ -101,10 +102,10 @@ impl SimFpga {
         };
         let outputs = |tag| {
             let module = firmware.module(tag);
-            module.map(|module| Outputs::new(&firmware, module, now))
+            module.map(|module| SimOutputs::new(&firmware, module, now))
         };
         let pwm = firmware.module(gtag::PWM);
-        let io = IoPorts::new(firmware.ports, firmware.port_width);
+        let io = SimIoPorts::new(firmware.ports, firmware.port_width);
         let mut plant = Plant::new(&firmware);
         plant.pins_changed(&io);
         Self {
@@ -115,16 +116,16 @@ impl SimFpga {
             exchanges: 0,
             counters: AccessCounters::default(),
             io,
-            watchdog: Watchdog::new(clock(gtag::WATCHDOG), firmware.starts_bitten),
-            pwm: pwm.map(|module| Pwm::new(&firmware, module, now)),
+            watchdog: SimWatchdog::new(clock(gtag::WATCHDOG), firmware.starts_bitten),
+            pwm: pwm.map(|module| SimPwm::new(&firmware, module, now)),
             in_mux: inputs(gtag::IN_MUX),
             in_m: inputs(gtag::IN_M),
             ssr: outputs(gtag::SSR),
             out_m: outputs(gtag::OUT_M),
             dpll: firmware
                 .module(gtag::DPLL)
-                .map(|module| Dpll::new(firmware.clock(module.clock))),
-            leds: Leds::default(),
+                .map(|module| SimDpll::new(firmware.clock(module.clock))),
+            leds: SimLeds::default(),
             plant,
             serial,
             foreign: ForeignModules::default(),
@@ -159,7 +160,7 @@ impl SimFpga {
                 self.settle();
                 self.io.make_inputs();
                 self.pins_changed();
-                self.show(Cause::Bite);
+                self.show(ChangeCause::Bite);
             }
         }
         self.run_to(to);
@@ -167,7 +168,7 @@ impl SimFpga {
 
     /// Time of the next spontaneous change of the driven outputs.
     fn next_event(&self) -> Option<Nanos> {
-        let pwm = self.pwm.as_ref().and_then(Pwm::next_event);
+        let pwm = self.pwm.as_ref().and_then(SimPwm::next_event);
         [self.watchdog.next_event(), pwm]
             .into_iter()
             .flatten()
@@ -176,14 +177,14 @@ impl SimFpga {
 
     /// Applies a written PWM value at the end of its period.
     fn take_pwm_values(&mut self) {
-        let due = self.pwm.as_ref().and_then(Pwm::next_event);
+        let due = self.pwm.as_ref().and_then(SimPwm::next_event);
         if due.is_some_and(|due| due <= self.now) {
             self.settle();
             if let Some(pwm) = &mut self.pwm {
                 pwm.event(self.now);
                 self.plant.pwm_changed(pwm, &self.io);
             }
-            self.show(Cause::Write);
+            self.show(ChangeCause::Write);
         }
     }
 
@@ -225,7 +226,7 @@ impl SimFpga {
             } => {
                 self.write_module(gtag, register, instance, port, value);
                 if Self::is_driving(gtag) {
-                    self.show(Cause::Write);
+                    self.show(ChangeCause::Write);
                 }
             }
         }
@@ -329,7 +330,7 @@ impl SimFpga {
 }
 
 /// The smart serial ports of a firmware: all instances of SSerial, then those of SSerialB.
-fn serial_ports(firmware: &Firmware) -> Vec<SmartSerial> {
+fn serial_ports(firmware: &SimFirmware) -> Vec<SmartSerial> {
     let modules = firmware.modules.iter();
     modules
         .filter(|module| matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B))

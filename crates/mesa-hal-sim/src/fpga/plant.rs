@@ -1,10 +1,10 @@
 //! The plant around the FPGA, besides the remotes: drives, motors and their encoders.
 
-use super::firmware::{Firmware, gtag};
+use super::firmware::{SimFirmware, gtag};
 use crate::devices::find_mut;
-use crate::modules::{EncoderBank, ForeignModules, IoPorts, Pwm, SelectLine, Watcher};
+use crate::modules::{EncoderBank, ForeignModules, SelectLine, SimIoPorts, SimPwm, Watcher};
 use crate::wire::{Nanos, RemoteEnd};
-use crate::world::{Change, Installation, Motor, Terminal};
+use crate::world::{Change, Installation, Motor, SimTerminal};
 
 /// Longest step of the motors' simulation.
 const GRAIN: Nanos = 1_000_000;
@@ -83,7 +83,7 @@ pub(crate) struct Plant {
 }
 
 impl Plant {
-    pub(crate) fn new(firmware: &Firmware) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware) -> Self {
         let modules = firmware.modules.iter();
         let banks = modules
             .filter(|module| matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER))
@@ -96,7 +96,7 @@ impl Plant {
         }
     }
 
-    pub(super) fn add(&mut self, wiring: AxisWiring, io: &IoPorts) -> usize {
+    pub(super) fn add(&mut self, wiring: AxisWiring, io: &SimIoPorts) -> usize {
         let motor = wiring.motor;
         let per_revolution = motor.config().counts_per_revolution;
         let counts = libm::floor(motor.counts()) as i64;
@@ -186,7 +186,7 @@ impl Plant {
     /// Determines the encoder that each counter sees: without its select line, a multiplexer stays
     /// at one encoder of each pair (the odd one, because the line is pulled up), and both counters
     /// see that one.
-    pub(super) fn pins_changed(&mut self, io: &IoPorts) {
+    pub(super) fn pins_changed(&mut self, io: &SimIoPorts) {
         for bank in self.banks.iter_mut().filter(|bank| bank.is_multiplexed()) {
             for encoder in 0..bank.encoders() {
                 let Some(pin) = bank.select_pin(encoder) else {
@@ -202,7 +202,7 @@ impl Plant {
     }
 
     /// Applies the outputs of the PWM generators.
-    pub(super) fn pwm_changed(&mut self, pwm: &Pwm, io: &IoPorts) {
+    pub(super) fn pwm_changed(&mut self, pwm: &SimPwm, io: &SimIoPorts) {
         for axis in &mut self.axes {
             if let DriveSource::Pwm { unit } = axis.source {
                 let enabled = pwm.drive_enabled(unit, io);
@@ -212,7 +212,7 @@ impl Plant {
     }
 
     /// Applies the outputs of foreign modules.
-    pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &IoPorts) {
+    pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &SimIoPorts) {
         for axis in &mut self.axes {
             if let DriveSource::Module { gtag, output } = axis.source {
                 let signal = modules.drive_signal(gtag, self.now, output, io);
@@ -285,7 +285,7 @@ impl Watcher for PortWatcher<'_> {
 
 /// Applies a signal to the input of a remote.
 fn put_on(remote: &mut dyn RemoteEnd, change: &Change) {
-    if let Terminal::Remote { input, .. } = change.terminal
+    if let SimTerminal::Remote { input, .. } = change.terminal
         && let Some(device) = find_mut(remote)
     {
         // A wire to an input that the card does not have has no effect.

@@ -1,7 +1,7 @@
 //! Reload of the FPGA, while the world around it continues.
 
-use super::{Cause, SimFpga, gtag};
-use crate::modules::{Inputs, Leds};
+use super::{ChangeCause, SimFpga, gtag};
+use crate::modules::{Inputs, SimLeds};
 use crate::wire::Nanos;
 
 impl SimFpga {
@@ -34,7 +34,7 @@ impl SimFpga {
         self.ssr = fresh.ssr;
         self.out_m = fresh.out_m;
         self.dpll = fresh.dpll;
-        self.leds = Leds::default();
+        self.leds = SimLeds::default();
         self.foreign.reload(self.now);
         for bank in &mut self.plant.banks {
             bank.reload(self.now, &self.firmware);
@@ -57,7 +57,7 @@ impl SimFpga {
             }
         }
         self.pins_changed();
-        self.show(Cause::Reset);
+        self.show(ChangeCause::Reset);
     }
 
     /// True while the FPGA has no configuration.

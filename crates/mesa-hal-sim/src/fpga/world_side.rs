@@ -1,16 +1,17 @@
 //! The outside of the FPGA: pins, sockets, motors, inputs and outputs.
 
 use super::plant::{AxisWiring, DriveSignal, DriveSource};
-use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
+use super::{AccessCounters, SimFirmware, SimFpga, Target, gtag};
 use crate::modules::{
-    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+    EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
+    SimWatchdog, SmartSerial,
 };
 use crate::wire::{Nanos, RemoteEnd};
 use crate::world::Motor;
 
 impl SimFpga {
     /// The firmware of the FPGA.
-    pub fn firmware(&self) -> &Firmware {
+    pub fn firmware(&self) -> &SimFirmware {
         &self.firmware
     }
 
@@ -35,7 +36,7 @@ impl SimFpga {
     }
 
     /// The I/O ports.
-    pub fn io(&self) -> &IoPorts {
+    pub fn io(&self) -> &SimIoPorts {
         &self.io
     }
 
@@ -93,7 +94,7 @@ impl SimFpga {
     }
 
     /// The watchdog.
-    pub fn watchdog(&self) -> &Watchdog {
+    pub fn watchdog(&self) -> &SimWatchdog {
         &self.watchdog
     }
 
@@ -190,7 +191,7 @@ impl SimFpga {
     }
 
     /// The PWM generators.
-    pub fn pwm(&self) -> Option<&Pwm> {
+    pub fn pwm(&self) -> Option<&SimPwm> {
         self.pwm.as_ref()
     }
 
@@ -224,22 +225,22 @@ impl SimFpga {
     }
 
     /// The plain output module.
-    pub fn out_m(&self) -> Option<&Outputs> {
+    pub fn out_m(&self) -> Option<&SimOutputs> {
         self.out_m.as_ref()
     }
 
     /// The solid-state relay module.
-    pub fn ssr(&self) -> Option<&Outputs> {
+    pub fn ssr(&self) -> Option<&SimOutputs> {
         self.ssr.as_ref()
     }
 
     /// The LEDs.
-    pub fn leds(&self) -> Leds {
+    pub fn leds(&self) -> SimLeds {
         self.leds
     }
 
     /// The phase-locked loop.
-    pub fn dpll(&self) -> Option<&Dpll> {
+    pub fn dpll(&self) -> Option<&SimDpll> {
         self.dpll.as_ref()
     }
 }

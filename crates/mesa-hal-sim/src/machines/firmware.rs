@@ -1,7 +1,7 @@
 //! The firmware of the machines.
 
 use super::MAX_CHANNELS;
-use crate::fpga::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
+use crate::fpga::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};
 use crate::sslbp::MINOR_REVISION;
 
 /// TX of channel 0 in a secondary pin; RX is without [`OUTPUT_PIN`].
@@ -13,47 +13,47 @@ const TXEN: u8 = OUTPUT_PIN | 0x11;
 const fn module(
     (gtag, version, clock, instances): (u8, u8, u8, u8),
     (base, registers, strides, multiple): (u16, u8, u8, u32),
-) -> ModuleDescriptor {
-    ModuleDescriptor::new(
+) -> SimModuleDescriptor {
+    SimModuleDescriptor::new(
         gtag, version, clock, instances, base, registers, strides, multiple,
     )
 }
 
-const fn watchdog() -> ModuleDescriptor {
+const fn watchdog() -> SimModuleDescriptor {
     module((gtag::WATCHDOG, 0, 1, 1), (0x0C00, 3, 0x00, 0))
 }
 
-const fn io_ports(ports: u8) -> ModuleDescriptor {
+const fn io_ports(ports: u8) -> SimModuleDescriptor {
     module((gtag::IO_PORT, 0, 1, ports), (0x1000, 5, 0x00, 0x1F))
 }
 
-const fn muxed_encoders(count: u8) -> ModuleDescriptor {
+const fn muxed_encoders(count: u8) -> SimModuleDescriptor {
     module((gtag::MUXED_ENCODER, 4, 1, count), (0x3600, 5, 0x00, 0x03))
 }
 
-const fn mux_select() -> ModuleDescriptor {
+const fn mux_select() -> SimModuleDescriptor {
     module((gtag::MUX_SELECT, 0, 1, 1), (0, 0, 0x00, 0))
 }
 
-const fn smart_serial(ports: u8) -> ModuleDescriptor {
+const fn smart_serial(ports: u8) -> SimModuleDescriptor {
     module((gtag::SSERIAL, 0, 1, ports), (0x5B00, 6, 0x10, 0x3C))
 }
 
-const fn dpll() -> ModuleDescriptor {
+const fn dpll() -> SimModuleDescriptor {
     module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0))
 }
 
-const fn pwm(count: u8) -> ModuleDescriptor {
+const fn pwm(count: u8) -> SimModuleDescriptor {
     module((gtag::PWM, 0, 2, count), (0x4100, 5, 0x00, 0x03))
 }
 
-const fn led() -> ModuleDescriptor {
+const fn led() -> SimModuleDescriptor {
     module((gtag::LED, 0, 1, 1), (0x0200, 1, 0x00, 0))
 }
 
 /// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O. It
 /// has a DPLL, and a PWM descriptor without instances, like firmware in use. FACTS 8.1, 9.3.
-pub fn firmware_7i92_7i77() -> Firmware {
+pub fn firmware_7i92_7i77() -> SimFirmware {
     let mut firmware = two_connectors(*b"MESA7I92", 100_000_000, 1);
     firmware.modules.insert(0, dpll());
     let led = firmware.modules.len() - 1;
@@ -62,12 +62,12 @@ pub fn firmware_7i92_7i77() -> Firmware {
 }
 
 /// The firmware of a 7I92 with a 7I77 on each of its connectors: six serial channels.
-pub fn firmware_7i92_7i77x2() -> Firmware {
+pub fn firmware_7i92_7i77x2() -> SimFirmware {
     two_connectors(*b"MESA7I92", 100_000_000, 2)
 }
 
 /// The firmware of a 5I25 (PCI, ClockLow 33.33 MHz) with a 7I77 on its first connector.
-pub fn firmware_5i25_7i77() -> Firmware {
+pub fn firmware_5i25_7i77() -> SimFirmware {
     two_connectors(*b"MESA5I25", 33_333_333, 1)
 }
 
@@ -75,38 +75,38 @@ pub fn firmware_5i25_7i77() -> Firmware {
 ///
 /// Its serial port has one channel, on TB4. With more `channels` (up to 8) the port is extended
 /// over pins of P1, two for each channel.
-pub fn firmware_7i97(channels: u8) -> Firmware {
+pub fn firmware_7i97(channels: u8) -> SimFirmware {
     let mut pins = Vec::with_capacity(51);
     for unit in 0..4 {
-        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
     }
     for unit in 4..6 {
-        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
-        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x83));
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x81));
+        pins.push(SimPinDescriptor::new(gtag::PWM, unit, 0x83));
     }
     // ENA0 to ENA3 have a common switch, the enable of output 0.
-    pins.push(PinDescriptor::new(gtag::PWM, 0, 0x83));
+    pins.push(SimPinDescriptor::new(gtag::PWM, 0, 0x83));
     for unit in 0..3 {
         pins.extend(encoder_pins(unit));
     }
-    pins.push(PinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
+    pins.push(SimPinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
     for output in 0..6 {
-        pins.push(PinDescriptor::new(gtag::SSR, 0, 0x81 + output));
+        pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0x81 + output));
     }
-    pins.push(PinDescriptor::new(gtag::SSR, 0, 0xA0));
+    pins.push(SimPinDescriptor::new(gtag::SSR, 0, 0xA0));
     for address in 0..4 {
-        pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
+        pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
     }
-    pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x01));
+    pins.push(SimPinDescriptor::new(gtag::IN_MUX, 0, 0x01));
     for pin in [RX, TX, TXEN] {
-        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, pin));
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, pin));
     }
     for channel in 1..channels.min(MAX_CHANNELS) {
-        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
-        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
     }
-    pins.resize(51, PinDescriptor::gpio());
-    Firmware {
+    pins.resize(51, SimPinDescriptor::gpio());
+    SimFirmware {
         idrom_type: 3,
         board: *b"MESA7I97",
         fpga_size: 9,
@@ -143,8 +143,8 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
         ],
         pins,
         local_pins: vec![
-            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),
-            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x81),
+            SimPinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),
+            SimPinDescriptor::local(gtag::CP_DRIVE, 0, 0x81),
         ],
     }
 }
@@ -153,7 +153,7 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
 /// generators that can dither (version 1). The name in its IDROM is that of a 7I97.
 ///
 /// Its identification follows the output of such a board; FACTS 9.6.
-pub fn firmware_7i97t(channels: u8) -> Firmware {
+pub fn firmware_7i97t(channels: u8) -> SimFirmware {
     let mut firmware = firmware_7i97(channels);
     firmware.fpga_size = 20;
     firmware.fpga_pins = 256;
@@ -168,7 +168,7 @@ pub fn firmware_7i97t(channels: u8) -> Firmware {
 /// the board's own. No such firmware is public. Firmware of a 7I97 with a 7I74 keeps channel 0 on
 /// TB4 as well, and firmware of a 7I92 numbers the encoders and select lines of a second 7I77 in
 /// this way.
-pub fn firmware_7i97_7i77() -> Firmware {
+pub fn firmware_7i97_7i77() -> SimFirmware {
     let mut firmware = firmware_7i97(1);
     if let Some(encoders) = firmware.module_mut(gtag::MUXED_ENCODER) {
         *encoders = muxed_encoders(12);
@@ -185,7 +185,7 @@ pub fn firmware_7i97_7i77() -> Firmware {
 /// Without multiplexing the 16 inputs have a pin each, on a fourth port after the expansion pins;
 /// the pins of multiplexer and SSR reference are free. Everything else is as in [`firmware_7i97`].
 /// The pins of a real firmware are unknown.
-pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
+pub fn firmware_7i97_inm_outm(channels: u8) -> SimFirmware {
     let mut firmware = firmware_7i97(channels);
     firmware.ports = 4;
     if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
@@ -203,30 +203,38 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
     }
     for pin in &mut firmware.pins {
         match (pin.secondary, pin.pin) {
-            (gtag::SSR, 0xA0) | (gtag::IN_MUX, _) => *pin = PinDescriptor::gpio(),
-            (gtag::SSR, output) => *pin = PinDescriptor::new(gtag::OUT_M, 0, output),
+            (gtag::SSR, 0xA0) | (gtag::IN_MUX, _) => *pin = SimPinDescriptor::gpio(),
+            (gtag::SSR, output) => *pin = SimPinDescriptor::new(gtag::OUT_M, 0, output),
             _ => {}
         }
     }
     for input in 0..16 {
         firmware
             .pins
-            .push(PinDescriptor::new(gtag::IN_M, 0, 0x01 + input));
+            .push(SimPinDescriptor::new(gtag::IN_M, 0, 0x01 + input));
     }
-    firmware.pins.push(PinDescriptor::gpio());
+    firmware.pins.push(SimPinDescriptor::gpio());
     firmware
 }
 
 /// A firmware with only smart serial ports, at most four, with the given numbers of channels.
-pub fn firmware_serial(channels: &[u8]) -> Firmware {
+pub fn firmware_serial(channels: &[u8]) -> SimFirmware {
     let mut pins = Vec::with_capacity(72);
     for (unit, &count) in channels.iter().take(4).enumerate() {
         for channel in 0..count.min(MAX_CHANNELS) {
-            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, RX + channel));
-            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, TX + channel));
+            pins.push(SimPinDescriptor::new(
+                gtag::SSERIAL,
+                unit as u8,
+                RX + channel,
+            ));
+            pins.push(SimPinDescriptor::new(
+                gtag::SSERIAL,
+                unit as u8,
+                TX + channel,
+            ));
         }
     }
-    pins.resize(72, PinDescriptor::gpio());
+    pins.resize(72, SimPinDescriptor::gpio());
     let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 0);
     firmware.ports = 3;
     firmware.port_width = 24;
@@ -243,7 +251,7 @@ pub fn firmware_serial(channels: &[u8]) -> Firmware {
 /// An older firmware of a 7I80DB, with the addresses and versions of Mesa's firmware until about
 /// 2016: a 7I77 on the first of its four connectors, and two PWM generators on the second (output,
 /// direction and enable of each). The PWM pins of a real firmware are unknown.
-pub fn firmware_7i80_of_2016() -> Firmware {
+pub fn firmware_7i80_of_2016() -> SimFirmware {
     let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 1);
     firmware.fpga_size = 16;
     firmware.fpga_pins = 256;
@@ -256,9 +264,9 @@ pub fn firmware_7i80_of_2016() -> Firmware {
         (1, 0x82),
         (1, 0x83),
     ]) {
-        *pin = PinDescriptor::new(gtag::PWM, unit, signal);
+        *pin = SimPinDescriptor::new(gtag::PWM, unit, signal);
     }
-    firmware.pins.resize(4 * 17, PinDescriptor::gpio());
+    firmware.pins.resize(4 * 17, SimPinDescriptor::gpio());
     firmware.modules = vec![
         watchdog(),
         io_ports(4),
@@ -274,7 +282,7 @@ pub fn firmware_7i80_of_2016() -> Firmware {
 /// The same firmware with the newer smart serial module: seven interface registers, GTAG 0xC6.
 /// FACTS 2.1.
 #[must_use]
-pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
+pub fn with_seven_interface_registers(mut firmware: SimFirmware) -> SimFirmware {
     if let Some(module) = firmware.module_mut(gtag::SSERIAL) {
         module.gtag = gtag::SSERIAL_B;
         module.registers = 10;
@@ -289,13 +297,13 @@ pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
 }
 
 /// A board with two connectors of 17 pins; a 7I77 is on the first `cards` of them.
-fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
+fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> SimFirmware {
     let mut pins = Vec::with_capacity(34);
     for card in 0..cards {
         pins.extend(card_7i77(card, 3 * card));
     }
-    pins.resize(34, PinDescriptor::gpio());
-    Firmware {
+    pins.resize(34, SimPinDescriptor::gpio());
+    SimFirmware {
         idrom_type: 3,
         board,
         fpga_size: 9,
@@ -324,8 +332,9 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
 
 /// The seventeen pins of a 7I77 with the `card`th six encoders of the firmware, and serial channels
 /// from `first` on. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
-fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
-    let serial = |pin: u8, channel: u8| PinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
+fn card_7i77(card: u8, first: u8) -> Vec<SimPinDescriptor> {
+    let serial =
+        |pin: u8, channel: u8| SimPinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
     let mut pins = vec![
         serial(TXEN, 2),
         serial(TX, 2),
@@ -335,7 +344,7 @@ fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
         serial(TX, 0),
         serial(RX, 0),
         // The same signal on both cards, but with another unit: FACTS 12.7.
-        PinDescriptor::new(gtag::MUX_SELECT, 6 * card, 0x81),
+        SimPinDescriptor::new(gtag::MUX_SELECT, 6 * card, 0x81),
     ];
     for pair in 0..3 {
         pins.extend(encoder_pins(3 * card + pair));
@@ -344,6 +353,6 @@ fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
 }
 
 /// A, B and index of a pair of multiplexed encoders.
-fn encoder_pins(pair: u8) -> [PinDescriptor; 3] {
-    [1, 2, 3].map(|pin| PinDescriptor::new(gtag::MUXED_ENCODER, pair, pin))
+fn encoder_pins(pair: u8) -> [SimPinDescriptor; 3] {
+    [1, 2, 3].map(|pin| SimPinDescriptor::new(gtag::MUXED_ENCODER, pair, pin))
 }

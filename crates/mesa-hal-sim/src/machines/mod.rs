@@ -26,7 +26,7 @@ pub use firmware::*;
 
 use crate::devices::{Analog, DescriptionError, Device, FieldIo, Outputs48};
 use crate::fpga::{AxisWiring, DriveSignal, DriveSource, SimFpga, device};
-use crate::remote::{Application, Cable, Remote};
+use crate::remote::{Application, Cable, SimRemote};
 use crate::wire::RemoteEnd;
 use crate::world::Motor;
 
@@ -193,7 +193,7 @@ fn plug<A: Application>(
     fpga: &mut SimFpga,
     port: usize,
     channel: usize,
-    remote: Result<Remote<A>, DescriptionError>,
+    remote: Result<SimRemote<A>, DescriptionError>,
 ) {
     if let Ok(remote) = remote {
         let seed = (port * usize::from(MAX_CHANNELS) + channel) as u64;
@@ -204,7 +204,7 @@ fn plug<A: Application>(
 
 /// Reads an analog output of a 7I77 and its enable, as a drive sees them.
 fn analog_output(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
-    let Some(remote) = device::<Remote<Device<Analog>>>(end) else {
+    let Some(remote) = device::<SimRemote<Device<Analog>>>(end) else {
         return DriveSignal::default();
     };
     let analog = remote.application().world();
@@ -227,12 +227,15 @@ mod tests {
             six_axes_7i97(motor),
         ] {
             assert!(
-                fpga.device::<Remote<Device<FieldIo>>>(0, FIELD_IO)
+                fpga.device::<SimRemote<Device<FieldIo>>>(0, FIELD_IO)
                     .is_some()
             );
-            assert!(fpga.device::<Remote<Device<Analog>>>(0, ANALOG).is_some());
             assert!(
-                fpga.device::<Remote<Device<Outputs48>>>(0, EXPANSION)
+                fpga.device::<SimRemote<Device<Analog>>>(0, ANALOG)
+                    .is_some()
+            );
+            assert!(
+                fpga.device::<SimRemote<Device<Outputs48>>>(0, EXPANSION)
                     .is_some()
             );
             assert_eq!(fpga.axes(), 6);

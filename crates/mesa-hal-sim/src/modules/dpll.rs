@@ -27,12 +27,12 @@ const SECOND: u128 = 1_000_000_000;
 /// The simulation is exact to the clock, and its cost is proportional to the steps of its filter
 /// rather than to clocks.
 #[derive(Clone, Copy, Debug)]
-pub struct Dpll {
+pub struct SimDpll {
     clock: u32,
     phase_loop: PhaseLoop,
 }
 
-impl Dpll {
+impl SimDpll {
     pub(crate) fn new(clock: u32) -> Self {
         Self {
             clock: clock.max(1),

@@ -8,11 +8,11 @@ mod clocks;
 mod counter;
 
 use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
 use crate::wire::Nanos;
 use crate::world::Segment;
 use clocks::{Clock, Clocks, Divider, Stamps, period};
-use counter::{Abz, Change, Counter, Place, TO_SELECT};
+use counter::{Abz, CountChange, CountPlace, Counter, TO_SELECT};
 
 const COUNT: u8 = 0;
 const CONTROL: u8 = 1;
@@ -86,7 +86,7 @@ pub(crate) enum SelectLine {
 }
 
 impl EncoderBank {
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor) -> Self {
         let multiplexed = module.gtag == gtag::MUXED_ENCODER;
         let has_pin = |pin| {
             let mut pins = firmware.pins.iter();
@@ -116,11 +116,11 @@ impl EncoderBank {
     }
 
     /// Reloads the FPGA: registers as after configuration. Shafts and lines keep their positions.
-    pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
+    pub(crate) fn reload(&mut self, now: Nanos, firmware: &SimFirmware) {
         self.configure(firmware, now);
     }
 
-    fn configure(&mut self, firmware: &Firmware, now: Nanos) {
+    fn configure(&mut self, firmware: &SimFirmware, now: Nanos) {
         self.clock.restart(now);
         self.now = now;
         self.stamps = Stamps::new();
@@ -141,9 +141,9 @@ impl EncoderBank {
         self.counters
             .extend(self.sees.iter().enumerate().map(|(number, &source)| {
                 let place = match (self.multiplexed, number % 2) {
-                    (false, _) => Place::Plain,
-                    (true, 0) => Place::Even,
-                    (true, _) => Place::Odd,
+                    (false, _) => CountPlace::Plain,
+                    (true, 0) => CountPlace::Even,
+                    (true, _) => CountPlace::Odd,
                 };
                 let line = lines.get(source).copied().unwrap_or_default();
                 Counter::new(place, divider, has_probe, mask, probe).with_lines(line)
@@ -240,8 +240,8 @@ impl EncoderBank {
         self.advance(now);
         let clock = self.clock.passed(now);
         let change = match register {
-            COUNT => Change::Clear,
-            CONTROL => Change::Control(value),
+            COUNT => CountChange::Clear,
+            CONTROL => CountChange::Control(value),
             STAMP_DIVIDER => return self.stamps.write(clock, value as u16),
             RATE => return self.set_rate(now, value),
             TIMER => return self.set_timer(now, value),
@@ -409,7 +409,7 @@ impl EncoderBank {
         self.probe = level;
         let next = self.clock.next(self.now);
         for counter in &mut self.counters {
-            counter.change(next, Change::Probe(level), &self.stamps);
+            counter.change(next, CountChange::Probe(level), &self.stamps);
         }
     }
 
@@ -419,7 +419,11 @@ impl EncoderBank {
         let next = self.clock.next(self.now);
         let counter = self.counters.get_mut(instance).filter(|_| self.has_mask);
         if let Some(counter) = counter {
-            counter.change(next.saturating_sub(1), Change::Mask(level), &self.stamps);
+            counter.change(
+                next.saturating_sub(1),
+                CountChange::Mask(level),
+                &self.stamps,
+            );
         }
     }
 
@@ -430,7 +434,7 @@ impl EncoderBank {
 }
 
 /// The select pin of each encoder: one pin for each connector of six encoders.
-fn select_pins(firmware: &Firmware, encoders: usize) -> Vec<Option<usize>> {
+fn select_pins(firmware: &SimFirmware, encoders: usize) -> Vec<Option<usize>> {
     let pins = firmware.pins.iter().enumerate();
     let selects: Vec<usize> = pins
         .filter(|(_, pin)| pin.secondary == gtag::MUX_SELECT)

@@ -3,15 +3,16 @@
 use core::any::Any;
 use core::fmt;
 
-use super::IoPorts;
+use super::SimIoPorts;
 use crate::fpga::DriveSignal;
 use crate::wire::Nanos;
 
 /// A module of a user's own gateware, for the address space of a [`SimFpga`](crate::SimFpga).
 ///
-/// The [`Firmware`](crate::Firmware) needs a [`ModuleDescriptor`](crate::ModuleDescriptor) with its
-/// GTAG, which gives the place of its registers, and [`PinDescriptor`](crate::PinDescriptor)s for
-/// the I/O pins that the module can use.
+/// The [`SimFirmware`](crate::SimFirmware) needs a
+/// [`SimModuleDescriptor`](crate::SimModuleDescriptor) with its GTAG, which gives the place of its
+/// registers, and [`SimPinDescriptor`](crate::SimPinDescriptor)s for the I/O pins that the module
+/// can use.
 pub trait ForeignModule: Any + fmt::Debug + Send {
     /// Reads register `register` of an instance.
     fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32;
@@ -29,14 +30,14 @@ pub trait ForeignModule: Any + fmt::Debug + Send {
     /// an axis whose [`DriveSource`](crate::DriveSource) is this module. The module numbers its own
     /// outputs.
     ///
-    /// `io` gives the source of the circuit's pins by [`IoPorts::source`]: a module's signal does
-    /// not reach a pin that is an input, as after a bite of the watchdog.
+    /// `io` gives the source of the circuit's pins by [`SimIoPorts::source`]: a module's signal
+    /// does not reach a pin that is an input, as after a bite of the watchdog.
     ///
     /// The simulator takes the signal after the host has accessed the module, after a change of a
     /// pin's set-up or a bite of the watchdog, each millisecond, and at
     /// [`next_change`](Self::next_change). Without an implementation the drive has 0 V and is not
     /// enabled.
-    fn drive_signal(&self, now: Nanos, output: u8, io: &IoPorts) -> DriveSignal {
+    fn drive_signal(&self, now: Nanos, output: u8, io: &SimIoPorts) -> DriveSignal {
         let _ = (now, output, io);
         DriveSignal::default()
     }
@@ -75,7 +76,7 @@ impl ForeignModules {
         gtag: u8,
         now: Nanos,
         output: u8,
-        io: &IoPorts,
+        io: &SimIoPorts,
     ) -> DriveSignal {
         let module = self.get(gtag);
         module.map_or(DriveSignal::default(), |module| {

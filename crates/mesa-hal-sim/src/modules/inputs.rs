@@ -2,8 +2,8 @@
 
 mod scanner;
 
-use super::IoPorts;
-use crate::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use super::SimIoPorts;
+use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
 use crate::wire::Nanos;
 use scanner::{MAX_INPUTS, Scanner};
 
@@ -15,7 +15,7 @@ const MPG: u8 = 4;
 
 /// The number of inputs of an instance, if a descriptor after the end of the list holds it: tags 1F
 /// to 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
-fn width(firmware: &Firmware, gtag: u8, instance: u8) -> Option<usize> {
+fn width(firmware: &SimFirmware, gtag: u8, instance: u8) -> Option<usize> {
     let first = if gtag == gtag::IN_MUX {
         gtag::IN_MUX_WIDTH
     } else {
@@ -56,7 +56,7 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor) -> Self {
         let multiplexed = module.gtag == gtag::IN_MUX;
         let pin = |number: u8| firmware.pin(module.gtag, 0, number);
         let address = core::array::from_fn(|line| {
@@ -86,7 +86,7 @@ impl Inputs {
     /// The word that instance `instance` of a module reads where the first instance reads `word`:
     /// instances differ only in the number of their inputs.
     pub(crate) fn word_of(
-        firmware: &Firmware,
+        firmware: &SimFirmware,
         (gtag, instance): (u8, u8),
         register: u8,
         word: u32,
@@ -158,7 +158,7 @@ impl Inputs {
     }
 
     /// Updates the stuck address lines: a line is driven only while its pin is set up for it.
-    pub(crate) fn pins_changed(&mut self, now: Nanos, io: &IoPorts) {
+    pub(crate) fn pins_changed(&mut self, now: Nanos, io: &SimIoPorts) {
         if !self.multiplexed {
             return;
         }

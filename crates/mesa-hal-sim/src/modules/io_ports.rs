@@ -34,13 +34,13 @@ pub enum Source {
 
 /// All I/O ports of the FPGA, and the levels that the outside world drives on the pins.
 #[derive(Clone, Debug)]
-pub struct IoPorts {
+pub struct SimIoPorts {
     ports: Vec<Port>,
     width: u32,
     outside: Vec<Option<bool>>,
 }
 
-impl IoPorts {
+impl SimIoPorts {
     /// Ports at power-up: every pin is an input with a pull-up.
     pub(crate) fn new(ports: u32, width: u32) -> Self {
         let width = width.clamp(1, 32);

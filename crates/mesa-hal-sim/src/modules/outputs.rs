@@ -1,9 +1,9 @@
 //! Isolated outputs: SSR and OutM; and LEDs.
 
-use super::IoPorts;
+use super::SimIoPorts;
 use super::io_ports::Source;
 use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
 use crate::wire::Nanos;
 
 const DATA: u8 = 0;
@@ -21,7 +21,7 @@ const RATE_AT_RESET: u32 = 0x030;
 
 /// The outputs of an SSR or OutM module. FACTS 12.10, 13.7.
 #[derive(Clone, Debug)]
-pub struct Outputs {
+pub struct SimOutputs {
     driven_by_ac: bool,
     data: u32,
     rate: u32,
@@ -30,9 +30,9 @@ pub struct Outputs {
     reference: Option<usize>,
 }
 
-impl Outputs {
+impl SimOutputs {
     /// Outputs after the configuration of the FPGA at `now`.
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, now: Nanos) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
         Self {
             driven_by_ac: module.gtag == gtag::SSR,
             data: 0,
@@ -76,7 +76,7 @@ impl Outputs {
 
     /// True if an output conducts. An SSR conducts while its AC runs on the reference, and its own
     /// pin is not in phase with it.
-    pub fn is_on(&self, output: usize, io: &IoPorts) -> bool {
+    pub fn is_on(&self, output: usize, io: &SimIoPorts) -> bool {
         let source = io.source(self.pins.get(output).copied().flatten());
         let wanted = self.data >> output & 1 != 0;
         if !self.driven_by_ac {
@@ -179,11 +179,11 @@ const LEDS: usize = 4;
 
 /// The LEDs: the top bits of one register. FACTS 12.10, 13.9.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Leds {
+pub struct SimLeds {
     word: u32,
 }
 
-impl Leds {
+impl SimLeds {
     pub(crate) fn write(&mut self, value: u32) {
         self.word = value & 0xF000_0000;
     }

@@ -1,7 +1,7 @@
 //! Smart serial: the SSLBP ports, their pins and the remotes plugged into them.
 
-use super::IoPorts;
-use crate::fpga::firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, gtag};
+use super::SimIoPorts;
+use crate::fpga::firmware::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, gtag};
 use crate::sslbp::{InterfaceRegisters, Lines, PortConfig, Register, SslbpPort};
 use crate::wire::{Burst, Nanos, RemoteEnd};
 
@@ -44,7 +44,7 @@ pub struct SmartSerial {
 
 impl SmartSerial {
     /// Instance `instance` of a module; the pin descriptors determine the number of channels.
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, instance: u8) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, instance: u8) -> Self {
         let layout = if module.gtag == gtag::SSERIAL_B {
             InterfaceRegisters::Seven
         } else {
@@ -140,7 +140,7 @@ impl SmartSerial {
 
     /// Advances all remotes to `now`, and lets the port sample the levels of their lines. No
     /// earlier event may be due.
-    pub(crate) fn visit_remotes(&mut self, now: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
+    pub(crate) fn visit_remotes(&mut self, now: Nanos, io: &SimIoPorts, watcher: &mut dyn Watcher) {
         for (channel, socket) in self.sockets.iter_mut().enumerate() {
             if let Some(remote) = socket {
                 remote.advance(now);
@@ -161,7 +161,7 @@ impl SmartSerial {
     }
 
     /// Advances to `to`, over the lines that the pins permit.
-    pub(crate) fn advance(&mut self, to: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
+    pub(crate) fn advance(&mut self, to: Nanos, io: &SimIoPorts, watcher: &mut dyn Watcher) {
         let mut lines = PinnedLines {
             pins: &self.pins,
             sockets: &mut self.sockets,
@@ -189,7 +189,7 @@ impl SmartSerial {
 struct PinnedLines<'a> {
     pins: &'a [ChannelPins; CHANNELS],
     sockets: &'a mut [Option<Box<dyn RemoteEnd>>; CHANNELS],
-    io: &'a IoPorts,
+    io: &'a SimIoPorts,
     watcher: &'a mut dyn Watcher,
     /// True if a transmission has reached a remote.
     talked: bool,

@@ -18,7 +18,7 @@ const COOKIE: u32 = 0x5A;
 /// The status is set one clock after the bit has risen, and the pins become inputs one clock after
 /// that.
 #[derive(Clone, Copy, Debug)]
-pub struct Watchdog {
+pub struct SimWatchdog {
     clock: u32,
     /// The time register, which the cookie loads into the counter.
     time: u32,
@@ -32,7 +32,7 @@ pub struct Watchdog {
     bitten: bool,
 }
 
-impl Watchdog {
+impl SimWatchdog {
     /// A watchdog after configuration of the FPGA: its counter is stopped. Older firmware starts
     /// with `bitten`.
     pub(crate) fn new(clock: u32, bitten: bool) -> Self {

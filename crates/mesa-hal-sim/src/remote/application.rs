@@ -1,6 +1,6 @@
 //! The application of a remote: the part behind the protocol.
 
-use super::Memory;
+use super::SimMemory;
 use crate::wire::Nanos;
 use mesa_wire::lbp::RemoteFaults;
 
@@ -10,23 +10,23 @@ use mesa_wire::lbp::RemoteFaults;
 /// order. `mode` is the software mode.
 pub trait Application: core::fmt::Debug + Send + 'static {
     /// Called after power-up, with the working parameters loaded.
-    fn power_up(&mut self, memory: &mut Memory) {
+    fn power_up(&mut self, memory: &mut SimMemory) {
         let _ = memory;
     }
 
     /// Advances to `now`.
-    fn advance(&mut self, now: Nanos, mode: u8, memory: &Memory) {
+    fn advance(&mut self, now: Nanos, mode: u8, memory: &SimMemory) {
         let _ = (now, mode, memory);
     }
 
     /// Copies the inputs into memory, before the line reads them.
-    fn sample(&mut self, mode: u8, memory: &mut Memory) {
+    fn sample(&mut self, mode: u8, memory: &mut SimMemory) {
         let _ = (mode, memory);
     }
 
     /// Fills in the input data of a process-data reply, without the fault byte; initially all
     /// zeros.
-    fn inputs(&mut self, mode: u8, memory: &mut Memory, data: &mut [u8]);
+    fn inputs(&mut self, mode: u8, memory: &mut SimMemory, data: &mut [u8]);
 
     /// True if this output data clears the faults, as on remotes without E7.
     fn clears_faults(&self, data: &[u8]) -> bool {
@@ -35,16 +35,16 @@ pub trait Application: core::fmt::Debug + Send + 'static {
     }
 
     /// Applies the output data of a process-data request. Not called while a fault is set.
-    fn outputs(&mut self, mode: u8, memory: &mut Memory, data: &[u8]);
+    fn outputs(&mut self, mode: u8, memory: &mut SimMemory, data: &[u8]);
 
     /// Called after a memory write from the line. `faulty`: a fault is set, and outputs must not
     /// change.
-    fn written(&mut self, mode: u8, memory: &mut Memory, faulty: bool) {
+    fn written(&mut self, mode: u8, memory: &mut SimMemory, faulty: bool) {
         let _ = (mode, memory, faulty);
     }
 
     /// Switches all outputs off: the watchdog has bitten, or power has failed.
-    fn outputs_off(&mut self, memory: &mut Memory) {
+    fn outputs_off(&mut self, memory: &mut SimMemory) {
         let _ = memory;
     }
 
@@ -97,20 +97,20 @@ impl FixedData {
 }
 
 impl Application for FixedData {
-    fn inputs(&mut self, _mode: u8, _memory: &mut Memory, data: &mut [u8]) {
+    fn inputs(&mut self, _mode: u8, _memory: &mut SimMemory, data: &mut [u8]) {
         for (to, from) in data.iter_mut().zip(self.inputs) {
             *to = from;
         }
     }
 
-    fn outputs(&mut self, _mode: u8, _memory: &mut Memory, data: &[u8]) {
+    fn outputs(&mut self, _mode: u8, _memory: &mut SimMemory, data: &[u8]) {
         self.outputs_len = data.len().min(self.outputs.len());
         for (to, &from) in self.outputs.iter_mut().zip(data) {
             *to = from;
         }
     }
 
-    fn outputs_off(&mut self, _memory: &mut Memory) {
+    fn outputs_off(&mut self, _memory: &mut SimMemory) {
         self.outputs_len = 0;
     }
 }

@@ -32,12 +32,12 @@ pub enum RemoteEvent {
 
 /// A reply's data.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reply {
+pub(super) struct ReplyBuffer {
     bytes: [u8; MAX_FRAME],
     len: usize,
 }
 
-impl Reply {
+impl ReplyBuffer {
     pub(super) const EMPTY: Self = Self {
         bytes: [0; MAX_FRAME],
         len: 0,
@@ -86,11 +86,11 @@ impl Queue {
 
 /// The newest events.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Events {
+pub(super) struct RemoteEvents {
     ring: [Option<(Nanos, RemoteEvent)>; EVENTS],
 }
 
-impl Events {
+impl RemoteEvents {
     /// Stores an event; the oldest one is dropped if the buffer is full.
     pub(super) fn push(&mut self, at: Nanos, event: RemoteEvent) {
         if self.ring.iter().all(Option::is_some) {

@@ -1,6 +1,6 @@
 //! Configuration of a remote: name, modes, memory, and misbehaviour.
 
-use super::Memory;
+use super::SimMemory;
 use crate::wire::{BIT_2M5, Nanos};
 use mesa_wire::lbp::{Capabilities, DiscoveryReply, LbpStatus, RemoteFaults};
 
@@ -52,7 +52,7 @@ pub struct ReplyFaults {
     clippy::struct_excessive_bools,
     reason = "each is a fault of its own that a remote can have"
 )]
-pub struct RemoteConfig {
+pub struct SimRemoteConfig {
     /// True if there is a remote on the line.
     pub present: bool,
     /// The four characters D0..D3.
@@ -77,7 +77,7 @@ pub struct RemoteConfig {
     /// DA.
     pub lbp_version: u8,
     /// Contents of working memory after power-up, except for the working copies.
-    pub image: Memory,
+    pub image: SimMemory,
     /// Copies from the EEPROM at power-up.
     pub working_copies: Vec<WorkingCopy>,
     /// Duration of an access that writes the EEPROM; the reply follows afterwards.
@@ -122,7 +122,7 @@ pub struct RemoteConfig {
     pub idles_low: bool,
 }
 
-impl Default for RemoteConfig {
+impl Default for SimRemoteConfig {
     fn default() -> Self {
         Self {
             present: true,
@@ -136,7 +136,7 @@ impl Default for RemoteConfig {
             revision_place: None,
             capabilities: Capabilities::CRC.union(Capabilities::EEPROM),
             lbp_version: 0,
-            image: Memory::default(),
+            image: SimMemory::default(),
             working_copies: Vec::new(),
             eeprom_write_time: 0,
             latency: 10_000,
@@ -161,7 +161,7 @@ impl Default for RemoteConfig {
     }
 }
 
-impl RemoteConfig {
+impl SimRemoteConfig {
     /// The reply to BB in `mode`, if the remote has that mode.
     pub fn mode(&self, mode: u8) -> Option<DiscoveryReply> {
         self.modes.get(usize::from(mode)).copied().flatten()

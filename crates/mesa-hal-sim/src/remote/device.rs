@@ -1,8 +1,8 @@
 //! A simulated remote: the protocol around an [`Application`].
 
 use super::{
-    Application, Eeprom, Flash, Memory, ParameterPlace, RemoteConfig, ReplyFaults,
-    buffers::{Events, MAX_FRAME, Queue, RemoteEvent, Reply},
+    Application, ParameterPlace, ReplyFaults, SimEeprom, SimFlash, SimMemory, SimRemoteConfig,
+    buffers::{MAX_FRAME, Queue, RemoteEvent, RemoteEvents, ReplyBuffer},
     config::{WorkingCopy, bit_of_index},
     line,
     parser::{Parsed, Parser, ReceivedRequest},
@@ -25,26 +25,26 @@ const SETUP_FRAME_TIMEOUT: u8 = 255;
 /// # Real time
 /// Allocates when it is created, but not for a frame.
 #[derive(Debug)]
-pub struct Remote<A> {
-    pub(super) config: RemoteConfig,
+pub struct SimRemote<A> {
+    pub(super) config: SimRemoteConfig,
     pub(super) application: A,
-    pub(super) state: State,
-    pub(super) memory: Memory,
-    pub(super) eeprom: Eeprom,
-    pub(super) flash: Option<Flash>,
+    pub(super) state: RemoteProgress,
+    pub(super) memory: SimMemory,
+    pub(super) eeprom: SimEeprom,
+    pub(super) flash: Option<SimFlash>,
     pub(super) reply_faults: ReplyFaults,
     parser: Parser,
-    watchdog: Watchdog,
+    watchdog: RemoteTimer,
     powered: bool,
     now: Nanos,
     line_free: Nanos,
     queue: Queue,
-    events: Events,
+    events: RemoteEvents,
 }
 
 /// State that a power cycle resets.
 #[derive(Clone, Debug)]
-pub(super) struct State {
+pub(super) struct RemoteProgress {
     pub(super) mode: u8,
     pub(super) faults: RemoteFaults,
     pub(super) status: LbpStatus,
@@ -66,8 +66,8 @@ pub(super) struct State {
     pub(super) revision: u8,
 }
 
-impl State {
-    fn power_up(config: &RemoteConfig) -> Self {
+impl RemoteProgress {
+    fn power_up(config: &SimRemoteConfig) -> Self {
         Self {
             mode: config.initial_mode,
             faults: config.initial_faults,
@@ -90,14 +90,14 @@ impl State {
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Watchdog {
+struct RemoteTimer {
     deadline: Option<Nanos>,
 }
 
-impl<A: Application> Remote<A> {
+impl<A: Application> SimRemote<A> {
     /// A remote that was powered up at time 0.
-    pub fn new(config: RemoteConfig, application: A) -> Self {
-        let mut eeprom = Eeprom::new(config.eeprom_write_time);
+    pub fn new(config: SimRemoteConfig, application: A) -> Self {
+        let mut eeprom = SimEeprom::new(config.eeprom_write_time);
         // Until other values are stored, the EEPROM holds the initial values of the working copies.
         for copy in &config.working_copies {
             for offset in 0..copy.bytes {
@@ -112,20 +112,20 @@ impl<A: Application> Remote<A> {
             .contains(Capabilities::FLASH)
             .then(|| program::factory(config.name, config.software_revision));
         let mut remote = Self {
-            state: State::power_up(&config),
+            state: RemoteProgress::power_up(&config),
             parser: Parser::new(config.bit),
-            memory: Memory::default(),
+            memory: SimMemory::default(),
             config,
             application,
             eeprom,
             flash,
             reply_faults: ReplyFaults::default(),
-            watchdog: Watchdog::default(),
+            watchdog: RemoteTimer::default(),
             powered: true,
             now: 0,
             line_free: 0,
             queue: Queue::default(),
-            events: Events::default(),
+            events: RemoteEvents::default(),
         };
         remote.power_up();
         remote
@@ -160,7 +160,7 @@ impl<A: Application> Remote<A> {
         if let Some(address) = self.config.baud_address {
             self.config.bit = bit_of_index(self.memory.byte(address));
         }
-        self.state = State::power_up(&self.config);
+        self.state = RemoteProgress::power_up(&self.config);
         if self.config.setup_jumper {
             self.config.bit = SETUP_BIT;
             self.state.frame_timeout = SETUP_FRAME_TIMEOUT;
@@ -186,12 +186,12 @@ impl<A: Application> Remote<A> {
     }
 
     /// The configuration of the remote.
-    pub const fn config(&self) -> &RemoteConfig {
+    pub const fn config(&self) -> &SimRemoteConfig {
         &self.config
     }
 
     /// Changes the configuration. Memory and power-up values apply from the next power-up on.
-    pub fn configure(&mut self, change: impl FnOnce(&mut RemoteConfig)) {
+    pub fn configure(&mut self, change: impl FnOnce(&mut SimRemoteConfig)) {
         change(&mut self.config);
         self.parser.bit = self.config.bit;
     }
@@ -212,37 +212,37 @@ impl<A: Application> Remote<A> {
     }
 
     /// Working memory.
-    pub const fn memory(&self) -> &Memory {
+    pub const fn memory(&self) -> &SimMemory {
         &self.memory
     }
 
     /// Mutable access to working memory, bypassing the line.
-    pub const fn memory_mut(&mut self) -> &mut Memory {
+    pub const fn memory_mut(&mut self) -> &mut SimMemory {
         &mut self.memory
     }
 
     /// The EEPROM.
-    pub const fn eeprom(&self) -> &Eeprom {
+    pub const fn eeprom(&self) -> &SimEeprom {
         &self.eeprom
     }
 
     /// Mutable access to the EEPROM, to prepare it.
-    pub const fn eeprom_mut(&mut self) -> &mut Eeprom {
+    pub const fn eeprom_mut(&mut self) -> &mut SimEeprom {
         &mut self.eeprom
     }
 
     /// The program flash, if it can be updated.
-    pub const fn flash(&self) -> Option<&Flash> {
+    pub const fn flash(&self) -> Option<&SimFlash> {
         self.flash.as_ref()
     }
 
     /// Mutable access to the program flash, to prepare or damage it.
-    pub const fn flash_mut(&mut self) -> Option<&mut Flash> {
+    pub const fn flash_mut(&mut self) -> Option<&mut SimFlash> {
         self.flash.as_mut()
     }
 
     /// Removes the program flash: the remote cannot be updated from now on.
-    pub fn take_flash(&mut self) -> Option<Flash> {
+    pub fn take_flash(&mut self) -> Option<SimFlash> {
         self.flash.take()
     }
 
@@ -378,7 +378,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn send(&mut self, at: Nanos, reply: &Reply) {
+    fn send(&mut self, at: Nanos, reply: &ReplyBuffer) {
         let faults = &mut self.reply_faults;
         if faults.drop > 0 {
             faults.drop -= 1;
@@ -424,7 +424,7 @@ impl<A: Application> Remote<A> {
     }
 }
 
-impl<A: Application> RemoteEnd for Remote<A> {
+impl<A: Application> RemoteEnd for SimRemote<A> {
     fn advance(&mut self, now: Nanos) {
         self.pass_time(now);
     }

@@ -1,9 +1,9 @@
 //! Execution of requests by a remote.
 
 use super::{
-    Application, Remote,
-    buffers::Reply,
-    parser::{Access, ReceivedRequest},
+    Application, SimRemote,
+    buffers::ReplyBuffer,
+    parser::{MemoryAccess, ReceivedRequest},
     rpc::{RPC_PITCH, RPC_TABLE_SIZE, RpcMemory},
 };
 use crate::wire::Nanos;
@@ -16,7 +16,7 @@ const FLASH: u8 = NonvolatileMemory::Flash as u8;
 
 /// Memory that the line can access: working memory, EEPROM, flash or the RPC table.
 struct Reach<'a, A> {
-    remote: &'a mut Remote<A>,
+    remote: &'a mut SimRemote<A>,
     at: Nanos,
 }
 
@@ -44,26 +44,25 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
     }
 }
 
-impl<A: Application> Remote<A> {
+impl<A: Application> SimRemote<A> {
     /// Executes a request; `None` without a reply.
-    pub(super) fn execute(&mut self, at: Nanos, request: &ReceivedRequest) -> Option<Reply> {
+    pub(super) fn execute(&mut self, at: Nanos, request: &ReceivedRequest) -> Option<ReplyBuffer> {
         let location = LocalLocation::new(request.command & 0x1F);
         match (request.command, location) {
             // A bootloader has no remote procedures.
             (0x80..=0xBF, _) if self.state.in_bootloader => None,
             (DISCOVERY, _) => (!self.config.no_discovery)
-                .then(|| Reply::new(&self.config.sizes(self.state.mode).to_bytes())),
-            (UNIT_NUMBER, _) => {
-                (!self.config.no_unit_number).then(|| Reply::new(&self.unit_number().to_le_bytes()))
-            }
+                .then(|| ReplyBuffer::new(&self.config.sizes(self.state.mode).to_bytes())),
+            (UNIT_NUMBER, _) => (!self.config.no_unit_number)
+                .then(|| ReplyBuffer::new(&self.unit_number().to_le_bytes())),
             (PROCESS_DATA, _) => Some(self.process_data(at, request.data())),
             (command @ 0x80..=0xBF, _) => Some(self.stored(at, command, request.data())),
-            (0xC0..=0xDF, Some(location)) => Some(Reply::new(&[self.local_read(location)])),
+            (0xC0..=0xDF, Some(location)) => Some(ReplyBuffer::new(&[self.local_read(location)])),
             (0xE0..=0xFF, Some(location)) => {
                 self.local_write(at, location, request.byte());
-                Some(Reply::EMPTY)
+                Some(ReplyBuffer::EMPTY)
             }
-            (command, _) => Some(self.access(at, Access::from_byte(command)?, request)),
+            (command, _) => Some(self.access(at, MemoryAccess::from_byte(command)?, request)),
         }
     }
 
@@ -74,7 +73,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn process_data(&mut self, at: Nanos, data: &[u8]) -> Reply {
+    fn process_data(&mut self, at: Nanos, data: &[u8]) -> ReplyBuffer {
         self.feed_watchdog(at);
         let mode = self.state.mode;
         if self.application.clears_faults(data) {
@@ -89,9 +88,9 @@ impl<A: Application> Remote<A> {
         let rx_size = self.config.sizes(mode).rx_size;
         // With an RX size of 0 the reply is only its CRC. FACTS 11.5.
         let mut reply = if self.config.no_fault_byte || rx_size == 0 {
-            Reply::EMPTY
+            ReplyBuffer::EMPTY
         } else {
-            Reply::new(&[self.state.faults.bits()])
+            ReplyBuffer::new(&[self.state.faults.bits()])
         };
         let mut inputs = [0; 32];
         let fault_bytes = usize::from(!self.config.no_fault_byte);
@@ -102,7 +101,12 @@ impl<A: Application> Remote<A> {
         reply
     }
 
-    fn access(&mut self, at: Nanos, access: Access, request: &ReceivedRequest) -> Reply {
+    fn access(
+        &mut self,
+        at: Nanos,
+        access: MemoryAccess,
+        request: &ReceivedRequest,
+    ) -> ReplyBuffer {
         let address = request.address.unwrap_or(self.state.current);
         self.state.current = address.wrapping_add(access.step());
         if access.is_write() {
@@ -111,10 +115,10 @@ impl<A: Application> Remote<A> {
                 self.note(result);
             }
             self.written();
-            return Reply::EMPTY;
+            return ReplyBuffer::EMPTY;
         }
         self.application.sample(self.state.mode, &mut self.memory);
-        let mut reply = Reply::EMPTY;
+        let mut reply = ReplyBuffer::EMPTY;
         for offset in 0..access.bytes() {
             let result = self.read(at, address.wrapping_add(offset as u16));
             reply.extend(&[*result.as_ref().unwrap_or(&0)]);
@@ -152,7 +156,7 @@ impl<A: Application> Remote<A> {
     }
 
     /// Executes an RPC of the table. A list that fails gives a reply of only the CRC.
-    fn stored(&mut self, at: Nanos, command: u8, data: &[u8]) -> Reply {
+    fn stored(&mut self, at: Nanos, command: u8, data: &[u8]) -> ReplyBuffer {
         self.application.sample(self.state.mode, &mut self.memory);
         let table = self.state.rpc_table.clone();
         let mut current = self.state.current;
@@ -162,7 +166,7 @@ impl<A: Application> Remote<A> {
         self.written();
         result.unwrap_or_else(|status| {
             self.state.status |= status;
-            Reply::EMPTY
+            ReplyBuffer::EMPTY
         })
     }
 

@@ -51,7 +51,7 @@ pub struct CableCounts {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Planned {
+struct PlannedFault {
     fault: WireFault,
     /// Remaining bursts; `None`: by chance.
     left: Option<u32>,
@@ -62,8 +62,8 @@ struct Planned {
 const PLANS: usize = 8;
 
 #[derive(Clone, Debug, Default)]
-struct Direction {
-    plans: [Option<Planned>; PLANS],
+struct LineDirection {
+    plans: [Option<PlannedFault>; PLANS],
     counts: CableCounts,
 }
 
@@ -76,8 +76,8 @@ pub struct Cable {
     far_end: Box<dyn RemoteEnd>,
     plugged: bool,
     low_when_unplugged: bool,
-    to_remote: Direction,
-    to_fpga: Direction,
+    to_remote: LineDirection,
+    to_fpga: LineDirection,
     random: u64,
 }
 
@@ -88,8 +88,8 @@ impl Cable {
             far_end,
             plugged: true,
             low_when_unplugged: false,
-            to_remote: Direction::default(),
-            to_fpga: Direction::default(),
+            to_remote: LineDirection::default(),
+            to_fpga: LineDirection::default(),
             random: seed,
         }
     }
@@ -100,7 +100,7 @@ impl Cable {
         bursts == 0
             || self.plan(
                 toward,
-                Planned {
+                PlannedFault {
                     fault,
                     left: Some(bursts),
                     probability: 0,
@@ -113,7 +113,7 @@ impl Cable {
         let probability = (probability.clamp(0.0, 1.0) * f64::from(u32::MAX)).round() as u32;
         self.plan(
             toward,
-            Planned {
+            PlannedFault {
                 fault,
                 left: None,
                 probability,
@@ -121,7 +121,7 @@ impl Cable {
         )
     }
 
-    fn plan(&mut self, toward: Toward, planned: Planned) -> bool {
+    fn plan(&mut self, toward: Toward, planned: PlannedFault) -> bool {
         let plans = &mut self.direction(toward).plans;
         match plans.iter_mut().find(|slot| slot.is_none()) {
             Some(slot) => {
@@ -167,7 +167,7 @@ impl Cable {
         }
     }
 
-    fn direction(&mut self, toward: Toward) -> &mut Direction {
+    fn direction(&mut self, toward: Toward) -> &mut LineDirection {
         match toward {
             Toward::Remote => &mut self.to_remote,
             Toward::Fpga => &mut self.to_fpga,
@@ -300,10 +300,10 @@ impl RemoteEnd for Cable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::remote::Remote;
+    use crate::remote::SimRemote;
 
     fn cable(seed: u64) -> Cable {
-        let mut remote = Remote::model();
+        let mut remote = SimRemote::model();
         remote.apply("present=1 name=TEST mode0=1,0,0,0").unwrap();
         Cable::new(Box::new(remote), seed)
     }

@@ -9,12 +9,12 @@ const SIZE: usize = 0x1_0000;
 
 /// 64 KiB of working memory, part of it write-protected against the line.
 #[derive(Clone, Debug)]
-pub struct Memory {
+pub struct SimMemory {
     bytes: Box<[u8]>,
     protected: Range<u16>,
 }
 
-impl Default for Memory {
+impl Default for SimMemory {
     fn default() -> Self {
         Self {
             bytes: vec![0; SIZE].into_boxed_slice(),
@@ -23,7 +23,7 @@ impl Default for Memory {
     }
 }
 
-impl Memory {
+impl SimMemory {
     /// One byte.
     pub fn byte(&self, address: u16) -> u8 {
         self.bytes
@@ -78,8 +78,8 @@ impl Memory {
 
 /// The EEPROM: a write takes effect after the write time, and survives a power cycle.
 #[derive(Clone, Debug)]
-pub struct Eeprom {
-    bytes: Memory,
+pub struct SimEeprom {
+    bytes: SimMemory,
     write_time: Nanos,
     pending: [(u16, u8); 8],
     pending_len: usize,
@@ -87,11 +87,11 @@ pub struct Eeprom {
     changes: u64,
 }
 
-impl Eeprom {
+impl SimEeprom {
     /// An EEPROM of zeros with a `write_time` for each access that writes.
     pub fn new(write_time: Nanos) -> Self {
         Self {
-            bytes: Memory::default(),
+            bytes: SimMemory::default(),
             write_time,
             pending: [(0, 0); 8],
             pending_len: 0,
@@ -101,7 +101,7 @@ impl Eeprom {
     }
 
     /// The cells.
-    pub const fn cells(&self) -> &Memory {
+    pub const fn cells(&self) -> &SimMemory {
         &self.bytes
     }
 
@@ -111,7 +111,7 @@ impl Eeprom {
     }
 
     /// Mutable access to the cells, for factory values.
-    pub const fn cells_mut(&mut self) -> &mut Memory {
+    pub const fn cells_mut(&mut self) -> &mut SimMemory {
         &mut self.bytes
     }
 
@@ -155,7 +155,7 @@ impl Eeprom {
 ///
 /// Accesses below [`flash::OFFSET`] read the flash at the offset and write the page buffer.
 #[derive(Clone, Debug)]
-pub struct Flash {
+pub struct SimFlash {
     cells: Box<[u8]>,
     page: Box<[u8]>,
     offset: u32,
@@ -175,7 +175,7 @@ const ERASE_TIME: Nanos = 20_000_000;
 /// Duration of the write of a page.
 const PROGRAM_TIME: Nanos = 2_000_000;
 
-impl Flash {
+impl SimFlash {
     /// An erased flash. Sizes are powers of two.
     pub fn new(size: usize, log2_erase: u8, log2_write: u8) -> Self {
         Self {
@@ -310,7 +310,7 @@ mod tests {
 
     #[test]
     fn a_power_cut_loses_an_unfinished_eeprom_write_only() {
-        let mut eeprom = Eeprom::new(4_000_000);
+        let mut eeprom = SimEeprom::new(4_000_000);
         assert_eq!(eeprom.write(0, 0x24, 100), 4_000_000);
         eeprom.advance(4_000_000);
         eeprom.write(5_000_000, 0x26, 7);
@@ -323,8 +323,8 @@ mod tests {
 
     #[test]
     fn flash_is_erased_and_written_through_its_registers() {
-        let mut flash = Flash::new(0x1_0000, 12, 8);
-        let set = |flash: &mut Flash, offset: u32| {
+        let mut flash = SimFlash::new(0x1_0000, 12, 8);
+        let set = |flash: &mut SimFlash, offset: u32| {
             for (at, byte) in (flash::OFFSET..).zip(offset.to_le_bytes()) {
                 flash.write(0, at, byte).unwrap();
             }
@@ -347,7 +347,7 @@ mod tests {
 
     #[test]
     fn a_power_cut_in_an_erase_leaves_half_of_the_block() {
-        let mut flash = Flash::new(0x1000, 8, 4);
+        let mut flash = SimFlash::new(0x1000, 8, 4);
         flash.load(&[0; 0x1000]);
         let busy = flash
             .write(1_000, flash::COMMIT, flash::COMMIT_ERASE)

@@ -1,7 +1,7 @@
 //! Simulated remotes: the LBP protocol of a device around its application.
 //!
-//! A [`Remote`] implements [`RemoteEnd`](super::wire::RemoteEnd); the part behind the protocol is
-//! its [`Application`]. [`Remote::model`] is the remote of the gateware transcripts.
+//! A [`SimRemote`] implements [`RemoteEnd`](super::wire::RemoteEnd); the part behind the protocol
+//! is its [`Application`]. [`SimRemote::model`] is the remote of the gateware transcripts.
 
 mod application;
 mod buffers;
@@ -18,10 +18,10 @@ mod rpc;
 
 pub use application::{Application, FixedData};
 pub use buffers::RemoteEvent;
-pub use config::{MAX_MODES, ParameterPlace, RemoteConfig, ReplyFaults, WorkingCopy};
-pub use device::Remote;
+pub use config::{MAX_MODES, ParameterPlace, ReplyFaults, SimRemoteConfig, WorkingCopy};
+pub use device::SimRemote;
 pub use faults::{Cable, CableCounts, Toward, WireFault};
-pub use memory::{Eeprom, Flash, Memory};
+pub use memory::{SimEeprom, SimFlash, SimMemory};
 pub use model::ModelError;
 pub use program::firmware_file;
 

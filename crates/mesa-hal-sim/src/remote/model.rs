@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::{FixedData, MAX_MODES, Remote, RemoteConfig};
+use super::{FixedData, MAX_MODES, SimRemote, SimRemoteConfig};
 use crate::wire::Nanos;
 use mesa_wire::lbp::{DiscoveryReply, LbpStatus, RemoteFaults};
 
@@ -33,12 +33,12 @@ pub enum ModelError {
     BadMemory,
 }
 
-impl Remote<FixedData> {
+impl SimRemote<FixedData> {
     /// An absent remote; [`apply`](Self::apply) configures it.
     pub fn model() -> Self {
-        let config = RemoteConfig {
+        let config = SimRemoteConfig {
             present: false,
-            ..RemoteConfig::default()
+            ..SimRemoteConfig::default()
         };
         Self::new(config, FixedData::default())
     }
@@ -148,7 +148,7 @@ enum Change {
 }
 
 impl Change {
-    fn apply(self, config: &mut RemoteConfig) {
+    fn apply(self, config: &mut SimRemoteConfig) {
         match self {
             Self::Present(value) => config.present = value,
             Self::Name(value) => config.name = value,
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn all_keys_of_the_remote_model_are_understood() {
-        let mut remote = Remote::model();
+        let mut remote = SimRemote::model();
         for line in [
             "mem 0x0020 aa77000032000900",
             "nvm 0x0024 32000900",
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn a_line_that_is_not_understood_changes_nothing() {
-        let mut remote = Remote::model();
+        let mut remote = SimRemote::model();
         assert_eq!(
             remote.apply("present=1 colour=red"),
             Err(ModelError::UnknownKey { word: 2 })
@@ -310,7 +310,7 @@ mod tests {
     proptest! {
         #[test]
         fn arbitrary_lines_never_panic(line in ".{0,60}") {
-            let _ = Remote::model().apply(&line);
+            let _ = SimRemote::model().apply(&line);
         }
     }
 }

@@ -11,9 +11,9 @@ pub(super) const DEFAULT_TIMEOUT: u8 = 40;
 ///
 /// Manual: 7I77, "LBP DATA READ/WRITE COMMAND".
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Access(u8);
+pub(super) struct MemoryAccess(u8);
 
-impl Access {
+impl MemoryAccess {
     /// `None` for any other command.
     pub(super) const fn from_byte(byte: u8) -> Option<Self> {
         if byte & 0xC0 == 0x40 {
@@ -72,7 +72,7 @@ pub(super) struct ReceivedRequest {
 impl ReceivedRequest {
     fn new(body: &[u8]) -> Option<Self> {
         let (&command, rest) = body.split_first()?;
-        let (address, rest) = match (Access::from_byte(command), rest) {
+        let (address, rest) = match (MemoryAccess::from_byte(command), rest) {
             (Some(access), [low, high, rest @ ..]) if access.has_address() => {
                 (Some(u16::from_le_bytes([*low, *high])), rest)
             }
@@ -182,7 +182,7 @@ impl Parser {
                     return Parsed::NotACommand;
                 }
                 0x40..=0x7F => {
-                    let access = Access(byte);
+                    let access = MemoryAccess(byte);
                     2 + 2 * usize::from(access.has_address()) + access.data_len()
                 }
                 0x80..=0xBF => 2 + rpc_len(byte),

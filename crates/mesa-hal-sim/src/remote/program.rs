@@ -2,7 +2,7 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
-use super::Flash;
+use super::SimFlash;
 
 /// log2 of the size of an erase block and of a write block.
 pub(super) const LOG2_ERASE: u8 = 12;
@@ -53,14 +53,14 @@ pub fn firmware_file(card: [u8; 4], revision: u8, body: usize) -> Vec<u8> {
 }
 
 /// A flash memory in factory state.
-pub(super) fn factory(card: [u8; 4], revision: u8) -> Flash {
-    let mut flash = Flash::new(SIZE, LOG2_ERASE, LOG2_WRITE);
+pub(super) fn factory(card: [u8; 4], revision: u8) -> SimFlash {
+    let mut flash = SimFlash::new(SIZE, LOG2_ERASE, LOG2_WRITE);
     flash.load(&firmware_file(card, revision, FACTORY));
     flash
 }
 
 /// The revision of a valid program for this card; `None`: the bootloader does not start one.
-pub(super) fn revision(flash: &Flash, card: [u8; 4]) -> Option<u8> {
+pub(super) fn revision(flash: &SimFlash, card: [u8; 4]) -> Option<u8> {
     let program = flash.cells().get(START..)?;
     let (header, body) = program.split_at_checked(HEADER)?;
     let word = |at: usize| -> Option<[u8; 4]> { header.get(at..at + 4)?.try_into().ok() };
@@ -81,7 +81,7 @@ mod tests {
         assert_eq!(revision(&factory(card, 14), card), Some(14));
         assert_eq!(revision(&factory(*b"7I72", 14), card), None);
         let mut file = firmware_file(card, 15, 3000);
-        let mut flash = Flash::new(SIZE, LOG2_ERASE, LOG2_WRITE);
+        let mut flash = SimFlash::new(SIZE, LOG2_ERASE, LOG2_WRITE);
         flash.load(&file);
         assert_eq!(revision(&flash, card), Some(15));
         let last = file.len() - 1;

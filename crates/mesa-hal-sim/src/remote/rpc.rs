@@ -1,8 +1,8 @@
 //! The programmable RPC table of a remote.
 
 use super::{
-    buffers::{MAX_FRAME, Reply},
-    parser::Access,
+    buffers::{MAX_FRAME, ReplyBuffer},
+    parser::MemoryAccess,
 };
 use mesa_wire::lbp::LbpStatus;
 
@@ -44,7 +44,7 @@ impl Default for RpcTable {
 /// An entry of a list.
 #[derive(Clone, Copy, Debug)]
 struct Entry<'a> {
-    access: Access,
+    access: MemoryAccess,
     address: Option<u16>,
     included: &'a [u8],
 }
@@ -90,11 +90,11 @@ impl RpcTable {
         data: &[u8],
         current: &mut u16,
         memory: &mut impl RpcMemory,
-    ) -> Result<Reply, LbpStatus> {
+    ) -> Result<ReplyBuffer, LbpStatus> {
         if data.len() != self.request_len(command)? {
             return Err(LbpStatus::INVALID_ADDRESS);
         }
-        let mut reply = Reply::EMPTY;
+        let mut reply = ReplyBuffer::EMPTY;
         let mut stream = data;
         let mut at = start(command);
         while let Some((entry, next)) = self.entry(at)? {
@@ -129,7 +129,7 @@ impl RpcTable {
             None | Some((0, _)) => return Ok(None),
             Some((&byte, rest)) => (byte, rest),
         };
-        let access = Access::from_byte(byte).ok_or(error)?;
+        let access = MemoryAccess::from_byte(byte).ok_or(error)?;
         let mut address = None;
         if access.has_address() {
             let (&bytes, behind) = rest.split_first_chunk().ok_or(error)?;

@@ -2,19 +2,19 @@
 
 use std::collections::VecDeque;
 
-use super::switch::{Change, Switch, SwitchConfig, Terminal};
+use super::switch::{Change, SimTerminal, Switch, SwitchConfig};
 use super::wheel::{Wheel, WheelConfig};
 use crate::wire::Nanos;
 
 /// Maximum number of pending changes. Above it, a new change replaces the last one of the same
 /// input.
-const MOST_CHANGES: usize = 4096;
+const MAX_CHANGES: usize = 4096;
 
 /// An emergency-stop chain. While it is closed, its inputs are on; pressing it opens it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EstopConfig {
     /// Inputs that go off together.
-    pub inputs: Vec<Terminal>,
+    pub inputs: Vec<SimTerminal>,
     /// Cuts the power of all drives: their motors coast.
     pub cuts_drives: bool,
     /// Remotes, by port and channel, whose field power it cuts, and with it the supply of the
@@ -102,7 +102,7 @@ impl Installation {
         let due = self.changes.iter().take_while(|change| change.at <= now);
         let mut wanted = due.enumerate().filter(|(_, change)| {
             remote.is_none_or(|(port, channel)| {
-                matches!(change.terminal, Terminal::Remote { port: p, channel: c, .. }
+                matches!(change.terminal, SimTerminal::Remote { port: p, channel: c, .. }
                     if (p, c) == (port, channel))
             })
         });
@@ -117,8 +117,8 @@ impl Installation {
 
     /// True if a signal is wired to the remote on a channel.
     pub(crate) fn is_wired_to(&self, port: usize, channel: usize) -> bool {
-        let there = |terminal: Terminal| {
-            matches!(terminal, Terminal::Remote { port: p, channel: c, .. }
+        let there = |terminal: SimTerminal| {
+            matches!(terminal, SimTerminal::Remote { port: p, channel: c, .. }
                 if (p, c) == (port, channel))
         };
         self.switches
@@ -140,16 +140,16 @@ impl Installation {
     }
 }
 
-fn is_supplied_by(estop: &EstopConfig, terminal: Terminal) -> bool {
+fn is_supplied_by(estop: &EstopConfig, terminal: SimTerminal) -> bool {
     match terminal {
-        Terminal::Remote { port, channel, .. } => estop.cuts_field.contains(&(port, channel)),
-        Terminal::Board { .. } | Terminal::Pin { .. } => false,
+        SimTerminal::Remote { port, channel, .. } => estop.cuts_field.contains(&(port, channel)),
+        SimTerminal::Board { .. } | SimTerminal::Pin { .. } => false,
     }
 }
 
 /// Inserts a change in order of time.
 fn put(changes: &mut VecDeque<Change>, change: Change) {
-    if changes.len() >= MOST_CHANGES {
+    if changes.len() >= MAX_CHANGES {
         let mut same = changes.iter_mut().rev();
         if let Some(last) = same.find(|other| other.terminal == change.terminal) {
             last.on = change.on;

@@ -11,5 +11,5 @@ pub use installation::EstopConfig;
 pub(crate) use installation::Installation;
 pub use motor::{Motor, MotorConfig, MotorError, Segment};
 pub(crate) use switch::Change;
-pub use switch::{Switch, SwitchConfig, Terminal};
+pub use switch::{SimTerminal, Switch, SwitchConfig};
 pub use wheel::{Wheel, WheelConfig};

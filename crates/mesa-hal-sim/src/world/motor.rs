@@ -12,7 +12,7 @@ const LONGEST_SEGMENT: Nanos = 100_000;
 const STANDSTILL: f64 = 1e-9;
 
 /// Maximum number of changes of the forces in one segment; further ones follow later.
-const MOST_PIECES: usize = 16;
+const MAX_PIECES: usize = 16;
 
 /// Properties of a motor, its drive, its encoder and its axis. Positions are in machine units,
 /// forces in any unit, the same for all: with millimetres and newtons an inertia of 1 is 1000 kg.
@@ -362,13 +362,13 @@ impl Motor {
         let mut left = (end - self.now) as f64 * 1e-9;
         let mut start = self.now;
         let mut from = self.state.position;
-        for turn in 1..=MOST_PIECES {
+        for turn in 1..=MAX_PIECES {
             let Some(piece) = self.piece() else {
                 break;
             };
             left -= self.follow(&piece, left);
             let at = end - ((left.max(0.0) * 1e9) as Nanos).min(end);
-            let at = if left <= 0.0 || turn == MOST_PIECES {
+            let at = if left <= 0.0 || turn == MAX_PIECES {
                 end
             } else {
                 at

@@ -4,7 +4,7 @@ use crate::wire::Nanos;
 
 /// Destination of a signal: a terminal of the machine's electronics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Terminal {
+pub enum SimTerminal {
     /// A digital input of a remote.
     Remote {
         /// Smart serial port.
@@ -30,7 +30,7 @@ pub enum Terminal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Change {
     pub(crate) at: Nanos,
-    pub(crate) terminal: Terminal,
+    pub(crate) terminal: SimTerminal,
     pub(crate) on: bool,
 }
 
@@ -51,7 +51,7 @@ pub struct SwitchConfig {
     /// True if its input is on while the switch is not actuated (normally closed).
     pub normally_closed: bool,
     /// The input.
-    pub terminal: Terminal,
+    pub terminal: SimTerminal,
 }
 
 /// A switch on an axis.
@@ -148,7 +148,7 @@ impl Switch {
 mod tests {
     use super::*;
 
-    const TERMINAL: Terminal = Terminal::Board { input: 3 };
+    const TERMINAL: SimTerminal = SimTerminal::Board { input: 3 };
 
     fn switch(from: f64, to: f64, hysteresis: f64, bounce: Nanos) -> Switch {
         let config = SwitchConfig {

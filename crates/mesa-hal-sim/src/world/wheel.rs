@@ -1,18 +1,18 @@
 //! A handwheel: a manual pulse generator.
 
-use super::switch::{Change, Terminal};
+use super::switch::{Change, SimTerminal};
 use crate::wire::Nanos;
 
 /// Maximum number of clicks that can be pending.
-const MOST_CLICKS: i64 = 1_000_000;
+const MAX_CLICKS: i64 = 1_000_000;
 
 /// A handwheel and the two inputs that its quadrature is wired to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WheelConfig {
     /// Its signal A.
-    pub a: Terminal,
+    pub a: SimTerminal,
     /// Its signal B. A leads B when turning up.
-    pub b: Terminal,
+    pub b: SimTerminal,
     /// Speed of turning in clicks per second. A click is a whole cycle of A and B: four edges.
     pub speed: f64,
 }
@@ -56,7 +56,7 @@ impl Wheel {
     }
 
     /// The levels of its signals: A, then B.
-    pub(crate) fn signals(&self) -> [(Terminal, bool); 2] {
+    pub(crate) fn signals(&self) -> [(SimTerminal, bool); 2] {
         let phase = self.edges.rem_euclid(EDGES);
         let WheelConfig { a, b, .. } = self.config;
         [(a, matches!(phase, 1 | 2)), (b, matches!(phase, 2 | 3))]
@@ -65,7 +65,7 @@ impl Wheel {
     /// Adds clicks after those that are still pending. `false` if there would be too many.
     pub(crate) fn turn(&mut self, now: Nanos, clicks: i64) -> bool {
         let edges = clicks.saturating_mul(EDGES).saturating_add(self.left);
-        if edges.unsigned_abs() > (MOST_CLICKS * EDGES).unsigned_abs() {
+        if edges.unsigned_abs() > (MAX_CLICKS * EDGES).unsigned_abs() {
             return false;
         }
         if !self.is_turning() {
@@ -106,8 +106,8 @@ impl Wheel {
 mod tests {
     use super::*;
 
-    const A: Terminal = Terminal::Board { input: 0 };
-    const B: Terminal = Terminal::Board { input: 1 };
+    const A: SimTerminal = SimTerminal::Board { input: 0 };
+    const B: SimTerminal = SimTerminal::Board { input: 1 };
 
     fn turned(wheel: &mut Wheel, now: Nanos, clicks: i64) -> Vec<(Nanos, char, bool)> {
         assert!(wheel.turn(now, clicks));
@@ -154,7 +154,7 @@ mod tests {
         });
         assert!(!wheel.turn(0, i64::MAX));
         assert!(!wheel.turn(0, i64::MIN));
-        assert!(wheel.turn(0, MOST_CLICKS));
+        assert!(wheel.turn(0, MAX_CLICKS));
         assert!(!wheel.turn(0, 1));
     }
 }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{Finding, RoundTrips, Verdict};
+use super::{FigureVerdict, Finding, RoundTrips};
 use mesa_hal::Rounded;
 use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
@@ -24,7 +24,7 @@ pub fn firmware(identity: &Identity) -> Finding {
         return Finding::good("firmware", figure);
     };
     let advice = format!("{lacks}: ask Mesa for a newer one, `mesa flash write` writes it");
-    Finding::new(Verdict::Look, "firmware", figure, advice)
+    Finding::new(FigureVerdict::Look, "firmware", figure, advice)
 }
 
 /// Judges the board's error counters.
@@ -50,7 +50,7 @@ pub fn errors(counters: &Counters) -> Finding {
     } else {
         "a program asks for what the board does not have, such as a wrong address by `mesa raw`"
     };
-    Finding::new(Verdict::Look, check, some.join(", "), advice)
+    Finding::new(FigureVerdict::Look, check, some.join(", "), advice)
 }
 
 /// Judges lost packets and response times.
@@ -62,10 +62,10 @@ fn loss(trips: &RoundTrips) -> Finding {
     let check = "packet loss";
     let figure = format!("{} of {} lost", trips.lost, trips.asked());
     let verdict = match trips.lost {
-        _ if trips.asked() == 0 => Verdict::Unknown,
+        _ if trips.asked() == 0 => FigureVerdict::Unknown,
         0 => return Finding::good(check, figure),
-        lost if lost.saturating_mul(LOSS) <= trips.asked() => Verdict::Look,
-        _ => Verdict::Bad,
+        lost if lost.saturating_mul(LOSS) <= trips.asked() => FigureVerdict::Look,
+        _ => FigureVerdict::Bad,
     };
     let advice = "nothing may be lost on a direct cable: check cable and plugs, leave switches out, and \
                   look for other traffic";
@@ -86,13 +86,13 @@ fn latency(trips: &RoundTrips, period: Duration) -> Finding {
     // Deadline that the driver sets for a reply.
     let room = period * 4 / 5;
     let verdict = if trips.asked() == trips.lost {
-        Verdict::Unknown
+        FigureVerdict::Unknown
     } else if trips.late == 0 && max <= room {
         return Finding::good(check, figure);
     } else if p99 <= room && trips.late.saturating_mul(LOSS) <= trips.asked() {
-        Verdict::Look
+        FigureVerdict::Look
     } else {
-        Verdict::Bad
+        FigureVerdict::Bad
     };
     let advice = format!(
         "answers must come within {}: see what is said of kernel, CPUs and network card, or take a \
@@ -112,20 +112,20 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
         let advice =
             "outputs stay on when the cable breaks: set its time, and switch it off and on";
         let figure = "it never bites, or has not bitten in its time";
-        return Finding::new(Verdict::Bad, check, figure, advice);
+        return Finding::new(FigureVerdict::Bad, check, figure, advice);
     };
     let figure = format!("{}, period {}", Rounded(&time), Rounded(&period));
     if time < period * 2 {
         let advice = "one packet that is lost lets it bite: make it longer, or the period shorter";
-        return Finding::new(Verdict::Bad, check, figure, advice);
+        return Finding::new(FigureVerdict::Bad, check, figure, advice);
     }
     if time < period * 3 {
         let advice = "two packets that are lost let it bite: make it longer, or the period shorter";
-        return Finding::new(Verdict::Look, check, figure, advice);
+        return Finding::new(FigureVerdict::Look, check, figure, advice);
     }
     if time > LONG {
         let advice = "outputs stay on for so long when the cable breaks: make it shorter";
-        return Finding::new(Verdict::Look, check, figure, advice);
+        return Finding::new(FigureVerdict::Look, check, figure, advice);
     }
     Finding::good(check, figure)
 }
@@ -153,12 +153,12 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
         RemoteState::Running if faults.is_empty() => Finding::good(check, "none, it runs"),
         RemoteState::Running => {
             let advice = "check its loads and its supply";
-            Finding::new(Verdict::Look, check, faults.to_string(), advice)
+            Finding::new(FigureVerdict::Look, check, faults.to_string(), advice)
         }
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
             let figure = format!("offline: {reason}");
             Finding::new(
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 check,
                 figure,
                 "mend that; it comes back by itself",
@@ -167,7 +167,7 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
         _ => {
             let figure = format!("{state:?}");
             Finding::new(
-                Verdict::Unknown,
+                FigureVerdict::Unknown,
                 check,
                 figure,
                 "this program is too old for it",
@@ -190,9 +190,9 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
         let figure = "not measured in this software mode";
         let advice = "measure it at its terminals; a 7I77's field I/O measures it itself in software mode 2: \
                       `mesa pins fieldvoltage --mode PORT.CHANNEL=2`";
-        return Finding::new(Verdict::Unknown, check, figure, advice);
+        return Finding::new(FigureVerdict::Unknown, check, figure, advice);
     };
-    Finding::new(Verdict::Bad, check, figure, advice)
+    Finding::new(FigureVerdict::Bad, check, figure, advice)
 }
 
 /// Judges a channel without a participating remote. Silence alone is no fault: many boards have
@@ -202,10 +202,15 @@ pub fn missing(remark: &Remark) -> Finding {
         let check = remote.to_string();
         let advice = "nothing to do where no remote is plugged in; else check its cable and its power (field \
                       power too, where it is powered from there)";
-        return Finding::new(Verdict::Look, check, "nothing answers", advice);
+        return Finding::new(FigureVerdict::Look, check, "nothing answers", advice);
     }
     let advice = "mend what it says; `mesa info` shows what is known of the remote";
-    Finding::new(Verdict::Bad, "missing remote", remark.to_string(), advice)
+    Finding::new(
+        FigureVerdict::Bad,
+        "missing remote",
+        remark.to_string(),
+        advice,
+    )
 }
 
 /// Judges an anomaly of a running remote, or a module of the firmware that is not driven.
@@ -214,7 +219,7 @@ pub fn odd(remark: &Remark) -> Finding {
         let advice = "nothing to do if nothing is connected to its pins; else load a firmware without it, or \
                       drive it with a module of your own";
         return Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             "module not driven",
             remark.to_string(),
             advice,
@@ -222,7 +227,12 @@ pub fn odd(remark: &Remark) -> Finding {
     }
     let advice =
         "the driver believes the remote; look whether its firmware is the one that you expect";
-    Finding::new(Verdict::Look, "remote's tables", remark.to_string(), advice)
+    Finding::new(
+        FigureVerdict::Look,
+        "remote's tables",
+        remark.to_string(),
+        advice,
+    )
 }
 
 #[cfg(test)]
@@ -239,12 +249,12 @@ mod tests {
     #[test]
     fn a_watchdog_is_fed_by_three_periods_and_lets_nothing_run_on() {
         for (time, verdict) in [
-            (None, Verdict::Bad),
-            (Some(1_999), Verdict::Bad),
-            (Some(2_000), Verdict::Look),
-            (Some(3_000), Verdict::Ok),
-            (Some(200_000), Verdict::Ok),
-            (Some(200_001), Verdict::Look),
+            (None, FigureVerdict::Bad),
+            (Some(1_999), FigureVerdict::Bad),
+            (Some(2_000), FigureVerdict::Look),
+            (Some(3_000), FigureVerdict::Ok),
+            (Some(200_000), FigureVerdict::Ok),
+            (Some(200_001), FigureVerdict::Look),
         ] {
             let finding = watchdog("watchdog", time.map(Duration::from_micros), MS);
             assert_eq!(finding.verdict, verdict, "{finding:?}");
@@ -257,13 +267,28 @@ mod tests {
         let mut peak = usual;
         peak[7] = 900;
         for (trips, verdicts) in [
-            (trips(&usual, 0, 0), [Verdict::Ok, Verdict::Ok]),
-            (trips(&peak, 5, 0), [Verdict::Look, Verdict::Look]),
-            (trips(&usual, 6, 1), [Verdict::Bad, Verdict::Look]),
-            (trips(&usual, 0, 6), [Verdict::Ok, Verdict::Bad]),
-            (trips(&[900; 1000], 0, 0), [Verdict::Ok, Verdict::Bad]),
-            (trips(&[], 10, 0), [Verdict::Bad, Verdict::Unknown]),
-            (trips(&[], 0, 0), [Verdict::Unknown, Verdict::Unknown]),
+            (trips(&usual, 0, 0), [FigureVerdict::Ok, FigureVerdict::Ok]),
+            (
+                trips(&peak, 5, 0),
+                [FigureVerdict::Look, FigureVerdict::Look],
+            ),
+            (
+                trips(&usual, 6, 1),
+                [FigureVerdict::Bad, FigureVerdict::Look],
+            ),
+            (trips(&usual, 0, 6), [FigureVerdict::Ok, FigureVerdict::Bad]),
+            (
+                trips(&[900; 1000], 0, 0),
+                [FigureVerdict::Ok, FigureVerdict::Bad],
+            ),
+            (
+                trips(&[], 10, 0),
+                [FigureVerdict::Bad, FigureVerdict::Unknown],
+            ),
+            (
+                trips(&[], 0, 0),
+                [FigureVerdict::Unknown, FigureVerdict::Unknown],
+            ),
         ] {
             let findings = round_trips(&trips, MS);
             let found = findings.each_ref().map(|finding| finding.verdict);
@@ -276,25 +301,28 @@ mod tests {
         let place = "port 0, channel 0";
         assert_eq!(
             field_power(place, RemoteFaults::empty(), true).verdict,
-            Verdict::Ok
+            FigureVerdict::Ok
         );
         let unknown = field_power(place, RemoteFaults::empty(), false);
-        assert_eq!(unknown.verdict, Verdict::Unknown, "{unknown:?}");
+        assert_eq!(unknown.verdict, FigureVerdict::Unknown, "{unknown:?}");
         let faults = RemoteFaults::LOW_VOLTAGE;
-        assert_eq!(field_power(place, faults, false).verdict, Verdict::Bad);
+        assert_eq!(
+            field_power(place, faults, false).verdict,
+            FigureVerdict::Bad
+        );
         assert_eq!(
             field_power(place, RemoteFaults::HIGH_VOLTAGE, true).verdict,
-            Verdict::Bad
+            FigureVerdict::Bad
         );
         let running = RemoteState::Running;
         assert_eq!(
             state(place, &running, RemoteFaults::empty()).verdict,
-            Verdict::Ok
+            FigureVerdict::Ok
         );
-        assert_eq!(state(place, &running, faults).verdict, Verdict::Look);
+        assert_eq!(state(place, &running, faults).verdict, FigureVerdict::Look);
         let offline = RemoteState::Restarting {
             reason: mesa_hal::driver::OfflineReason::FieldPower(faults),
         };
-        assert_eq!(state(place, &offline, faults).verdict, Verdict::Bad);
+        assert_eq!(state(place, &offline, faults).verdict, FigureVerdict::Bad);
     }
 }

@@ -1,6 +1,6 @@
 //! Ability of a computer to keep a period.
 
-use super::{Finding, Host, IdleState, Interrupt, Limits, Verdict};
+use super::{FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt};
 
 /// Priority that a cycle needs to run before the interrupt threads of other devices.
 const PRIORITY: u64 = 50;
@@ -31,26 +31,31 @@ pub fn kernel(is_realtime: Option<bool>) -> Finding {
     match is_realtime {
         Some(true) => Finding::good(check, "PREEMPT_RT"),
         Some(false) => Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             check,
             "not PREEMPT_RT",
             "delays of milliseconds are normal under load; install one that is (Debian: \
              linux-image-rt-amd64)",
         ),
-        None => Finding::new(Verdict::Unknown, check, "can not be read", "is this Linux?"),
+        None => Finding::new(
+            FigureVerdict::Unknown,
+            check,
+            "can not be read",
+            "is this Linux?",
+        ),
     }
 }
 
 /// Judges the highest realtime priority of a thread.
-pub fn priority(limits: Option<Limits>) -> Finding {
+pub fn priority(limits: Option<HostLimits>) -> Finding {
     let check = "realtime priority";
     match limits {
         Some(limits) if limits.may_schedule => Finding::good(check, "CAP_SYS_NICE: up to 99"),
-        Some(Limits { priority, .. }) if priority >= PRIORITY => {
+        Some(HostLimits { priority, .. }) if priority >= PRIORITY => {
             Finding::good(check, format!("up to {priority}"))
         }
-        Some(Limits { priority, .. }) => Finding::new(
-            Verdict::Look,
+        Some(HostLimits { priority, .. }) => Finding::new(
+            FigureVerdict::Look,
             check,
             format!("up to {priority}, {PRIORITY} are needed"),
             "put `USER - rtprio 95` into a file in /etc/security/limits.d, and log in again",
@@ -60,16 +65,16 @@ pub fn priority(limits: Option<Limits>) -> Finding {
 }
 
 /// Judges the limit of locked memory, which is never swapped out.
-pub fn memory(limits: Option<Limits>) -> Finding {
+pub fn memory(limits: Option<HostLimits>) -> Finding {
     let check = "locked memory";
     match limits {
         Some(limits) if limits.may_lock => Finding::good(check, "CAP_IPC_LOCK: all of it"),
-        Some(Limits { memory: None, .. }) => Finding::good(check, "all of it"),
-        Some(Limits {
+        Some(HostLimits { memory: None, .. }) => Finding::good(check, "all of it"),
+        Some(HostLimits {
             memory: Some(bytes),
             ..
         }) => Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             check,
             format!(
                 "up to {} KiB, and a controller locks all that it ever asks for",
@@ -87,7 +92,7 @@ pub fn isolated(cpus: Option<&[usize]>, isolated: Option<&[usize]>) -> Finding {
     match (cpus, isolated) {
         (_, Some([_, ..])) => Finding::good(check, format!("{:?}", isolated.unwrap_or_default())),
         (Some([_]), _) => Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             check,
             "none, there is only one CPU",
             "use a computer with two or more",
@@ -98,7 +103,7 @@ pub fn isolated(cpus: Option<&[usize]>, isolated: Option<&[usize]>) -> Finding {
             let advice = format!(
                 "add `isolcpus={last}` to the kernel's command line, and run the cycle on CPU {last}"
             );
-            Finding::new(Verdict::Look, check, figure, advice)
+            Finding::new(FigureVerdict::Look, check, figure, advice)
         }
         _ => unknown(check, "cat /sys/devices/system/cpu/isolated"),
     }
@@ -110,7 +115,7 @@ pub fn governor(governors: &[String]) -> Finding {
     let Some(slow) = governors.iter().find(|governor| *governor != "performance") else {
         return match governors {
             [] => Finding::new(
-                Verdict::Unknown,
+                FigureVerdict::Unknown,
                 check,
                 "nobody sets it",
                 "a virtual machine, or a fixed frequency: look into the computer's set-up (BIOS)",
@@ -119,7 +124,7 @@ pub fn governor(governors: &[String]) -> Finding {
         };
     };
     Finding::new(
-        Verdict::Look,
+        FigureVerdict::Look,
         check,
         format!("governor {slow}"),
         "`sudo cpupower frequency-set --governor performance`",
@@ -132,7 +137,7 @@ pub fn idle(states: &[IdleState]) -> Finding {
     let on = states.iter().filter(|state| !state.is_disabled);
     match on.max_by_key(|state| state.latency_us) {
         None => Finding::new(
-            Verdict::Unknown,
+            FigureVerdict::Unknown,
             check,
             "none is listed",
             "a virtual machine, or they are off: look into the computer's set-up (BIOS)",
@@ -145,7 +150,7 @@ pub fn idle(states: &[IdleState]) -> Finding {
         Some(IdleState {
             name, latency_us, ..
         }) => Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             check,
             format!("down to {name}, back after {latency_us} us"),
             format!("`sudo cpupower idle-set --disable-by-latency {WAKE_US}`"),
@@ -178,7 +183,7 @@ pub fn interrupts(interface: &str, interrupts: &[Interrupt], cpus: usize) -> Fin
         "keep them on one CPU: stop irqbalance, `echo CPU | sudo tee /proc/irq/{}/smp_affinity_list`",
         first.number
     );
-    Finding::new(Verdict::Look, check, figure, advice)
+    Finding::new(FigureVerdict::Look, check, figure, advice)
 }
 
 /// Judges interrupt coalescing, which holds packets back to save interrupts.
@@ -190,34 +195,34 @@ pub fn coalescing(interface: &str, held_back_ns: Option<u64>) -> Finding {
     );
     match held_back_ns {
         Some(ns) if ns > 0 => Finding::new(
-            Verdict::Look,
+            FigureVerdict::Look,
             check,
             format!("the kernel holds packets back for {} us", ns / 1000),
             format!("`echo 0 | sudo tee /sys/class/net/{interface}/napi_defer_hard_irqs`; {own}"),
         ),
-        Some(_) => Finding::new(Verdict::Unknown, check, "none by the kernel", own),
-        None => Finding::new(Verdict::Unknown, check, "can not be read", own),
+        Some(_) => Finding::new(FigureVerdict::Unknown, check, "none by the kernel", own),
+        None => Finding::new(FigureVerdict::Unknown, check, "can not be read", own),
     }
 }
 
 fn unknown(check: &str, command: &str) -> Finding {
     let advice = format!("`{command}` may tell");
-    Finding::new(Verdict::Unknown, check, "can not be read", advice)
+    Finding::new(FigureVerdict::Unknown, check, "can not be read", advice)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn verdicts<const N: usize>(findings: [Finding; N]) -> [Verdict; N] {
+    fn verdicts<const N: usize>(findings: [Finding; N]) -> [FigureVerdict; N] {
         let is_told =
-            |finding: &Finding| (finding.verdict == Verdict::Ok) == finding.advice.is_none();
+            |finding: &Finding| (finding.verdict == FigureVerdict::Ok) == finding.advice.is_none();
         assert!(findings.iter().all(is_told), "{findings:?}");
         findings.map(|finding| finding.verdict)
     }
-    use Verdict::{Look, Ok, Unknown};
+    use FigureVerdict::{Look, Ok, Unknown};
 
-    const LIMITS: Limits = Limits {
+    const LIMITS: HostLimits = HostLimits {
         priority: 0,
         memory: Some(8 << 20),
         may_schedule: false,
@@ -226,12 +231,12 @@ mod tests {
 
     #[test]
     fn a_computer_that_is_made_for_it_is_good() {
-        let root = Limits {
+        let root = HostLimits {
             may_schedule: true,
             may_lock: true,
             ..LIMITS
         };
-        let user = Limits {
+        let user = HostLimits {
             priority: 95,
             memory: None,
             ..LIMITS

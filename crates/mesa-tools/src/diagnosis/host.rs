@@ -11,7 +11,7 @@ pub struct Host {
 
 /// Scheduling and memory limits of a program. Source: `/proc/self/limits` and `/proc/self/status`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct HostLimits {
     /// Highest `SCHED_FIFO` priority, 0 to 99.
     pub priority: u64,
     /// Maximum number of locked bytes; `None`: unlimited.
@@ -76,7 +76,7 @@ impl Host {
     }
 
     /// Limits of this program.
-    pub fn limits(&self) -> Option<Limits> {
+    pub fn limits(&self) -> Option<HostLimits> {
         let limits = self.text("proc/self/limits")?;
         let soft = |name: &str| {
             let line = limits.lines().find_map(|line| line.strip_prefix(name))?;
@@ -89,7 +89,7 @@ impl Host {
             u64::from_str_radix(line.trim(), 16).ok()
         });
         let may = |bit: u32| capabilities.is_some_and(|bits| bits >> bit & 1 != 0);
-        Some(Limits {
+        Some(HostLimits {
             priority: match soft("Max realtime priority")? {
                 "unlimited" => 99,
                 number => number.parse().ok()?,
@@ -193,13 +193,13 @@ impl Host {
 /// Parses a list of numbers such as `0-2,5`; skips parts that are not numbers.
 fn list(text: &str) -> Vec<usize> {
     /// Limit of a CPU's number, above that of any computer.
-    const MOST: usize = 4096;
+    const MAX: usize = 4096;
     let parts = text.split(',').filter_map(|part| {
         let (first, last) = part
             .trim()
             .split_once('-')
             .unwrap_or((part.trim(), part.trim()));
-        Some(first.parse().ok()?..=last.parse::<usize>().ok()?.min(MOST))
+        Some(first.parse().ok()?..=last.parse::<usize>().ok()?.min(MAX))
     });
     parts.flatten().collect()
 }

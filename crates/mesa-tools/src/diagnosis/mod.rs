@@ -11,14 +11,14 @@ pub mod network;
 mod round_trips;
 pub mod wiring;
 
-pub use host::{Host, IdleState, Interrupt, Limits};
+pub use host::{Host, HostLimits, IdleState, Interrupt};
 pub use round_trips::RoundTrips;
 
 /// Verdict on a figure, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Verdict {
+pub enum FigureVerdict {
     /// In order.
     Ok,
     /// The figure could not be determined.
@@ -38,7 +38,7 @@ pub struct Finding {
     /// Figure found.
     pub figure: String,
     /// Verdict on the figure.
-    pub verdict: Verdict,
+    pub verdict: FigureVerdict,
     /// Advice; `None` for a good figure.
     pub advice: Option<String>,
 }
@@ -49,14 +49,14 @@ impl Finding {
         Self {
             check: check.into(),
             figure: figure.into(),
-            verdict: Verdict::Ok,
+            verdict: FigureVerdict::Ok,
             advice: None,
         }
     }
 
     /// Creates the finding for a figure that needs attention.
     pub fn new(
-        verdict: Verdict,
+        verdict: FigureVerdict,
         check: impl Into<String>,
         figure: impl Into<String>,
         advice: impl Into<String>,
@@ -69,8 +69,8 @@ impl Finding {
     }
 }
 
-/// Returns the worst of several verdicts; [`Verdict::Ok`] without any.
-pub fn worst<'a>(findings: impl IntoIterator<Item = &'a Finding>) -> Verdict {
+/// Returns the worst of several verdicts; [`FigureVerdict::Ok`] without any.
+pub fn worst<'a>(findings: impl IntoIterator<Item = &'a Finding>) -> FigureVerdict {
     let verdicts = findings.into_iter().map(|finding| finding.verdict);
-    verdicts.max().unwrap_or(Verdict::Ok)
+    verdicts.max().unwrap_or(FigureVerdict::Ok)
 }

@@ -2,28 +2,29 @@
 
 use core::net::Ipv4Addr;
 
-use super::{Finding, Verdict};
-use mesa_hal::transport::network::{Interface, Network, Way};
+use super::{FigureVerdict, Finding};
+use mesa_hal::transport::network::{Interface, Network, NetworkPath};
 
 /// Judges the route to `address`, and the state of its interface.
 pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
     let check = "network route";
-    let bad = |figure: String, advice: String| Finding::new(Verdict::Bad, check, figure, advice);
+    let bad =
+        |figure: String, advice: String| Finding::new(FigureVerdict::Bad, check, figure, advice);
     match network.way_to(address) {
-        Way::Here => Finding::good(check, format!("{address} is this computer")),
-        Way::None => bad(
+        NetworkPath::Here => Finding::good(check, format!("{address} is this computer")),
+        NetworkPath::None => bad(
             format!("none to {address}"),
             format!(
                 "give an interface an address in its network: {}",
                 add(network, address)
             ),
         ),
-        Way::Discarded(route) => bad(
+        NetworkPath::Discarded(route) => bad(
             format!("a route of this computer discards what is sent to {address}"),
             format!("`sudo ip route del {route}`"),
         ),
-        Way::Gateway(route) => Finding::new(
-            Verdict::Look,
+        NetworkPath::Gateway(route) => Finding::new(
+            FigureVerdict::Look,
             check,
             format!(
                 "{address} is in no network of this computer, but behind {}",
@@ -34,7 +35,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
                 add(network, address)
             ),
         ),
-        Way::Direct(route) => {
+        NetworkPath::Direct(route) => {
             let name = &route.interface;
             let figure = format!("{name}, {route}");
             let is_default = |one: &mesa_hal::transport::network::Route| {
@@ -58,7 +59,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
                     "use a cable: no period can be kept over radio".to_owned(),
                 ),
                 _ if network.routes.iter().any(is_default) => Finding::new(
-                    Verdict::Look,
+                    FigureVerdict::Look,
                     check,
                     format!("{figure}, shared with the rest of the network"),
                     "use a network card for the board alone: other traffic delays its packets",
@@ -72,8 +73,8 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
 /// Returns the interface of the route to an address.
 pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     match network.way_to(address) {
-        Way::Direct(route) | Way::Gateway(route) => Some(&route.interface),
-        Way::Here | Way::Discarded(_) | Way::None => None,
+        NetworkPath::Direct(route) | NetworkPath::Gateway(route) => Some(&route.interface),
+        NetworkPath::Here | NetworkPath::Discarded(_) | NetworkPath::None => None,
     }
 }
 
@@ -130,49 +131,49 @@ mod tests {
             (
                 network(false, false, false, "eth1"),
                 board,
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 "switched off",
                 "link set",
             ),
             (
                 network(true, false, false, "eth1"),
                 board,
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 "no link",
                 "cable",
             ),
             (
                 network(true, true, true, "eth1"),
                 board,
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 "wireless",
                 "cable",
             ),
             (
                 network(true, true, false, "eth0"),
                 board,
-                Verdict::Look,
+                FigureVerdict::Look,
                 "shared",
                 "board alone",
             ),
             (
                 network(true, true, false, "eth1"),
                 Ipv4Addr::new(192, 168, 1, 121),
-                Verdict::Look,
+                FigureVerdict::Look,
                 "behind 192.168.0.1",
                 "ip addr add 192.168.1.1/24 dev eth0",
             ),
             (
                 network(true, true, false, "eth1"),
                 Ipv4Addr::new(10, 11, 1, 2),
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 "discards",
                 "ip route del 10.11.0.0/16",
             ),
             (
                 Network::default(),
                 Ipv4Addr::new(10, 10, 10, 1),
-                Verdict::Bad,
+                FigureVerdict::Bad,
                 "none to 10.10.10.1",
                 "ip addr add 10.10.10.2/24 dev INTERFACE",
             ),
@@ -189,7 +190,7 @@ mod tests {
             );
         }
         let here = way(&Network::default(), Ipv4Addr::LOCALHOST);
-        assert_eq!(here.verdict, Verdict::Ok);
+        assert_eq!(here.verdict, FigureVerdict::Ok);
         assert_eq!(interface(&Network::default(), board), None);
         assert_eq!(
             interface(&network(true, true, false, "eth1"), board),

@@ -24,17 +24,17 @@ pub struct Inventory {
     /// Findings that need attention, one sentence each; empty if all is in order.
     pub findings: Vec<String>,
     /// The Ethernet side, if the board has one.
-    pub ethernet: Option<Ethernet>,
+    pub ethernet: Option<InventoryEthernet>,
     /// The FPGA's firmware.
-    pub firmware: Firmware,
+    pub firmware: InventoryFirmware,
     /// Its smart-serial ports.
-    pub serial_ports: Vec<SerialPort>,
+    pub serial_ports: Vec<InventoryPort>,
 }
 
 /// The Ethernet side of a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Ethernet {
+pub struct InventoryEthernet {
     /// Identity of the board.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub identity: Identity,
@@ -45,13 +45,13 @@ pub struct Ethernet {
     /// Counters since the last reset of the board.
     pub counters: Counters,
     /// Its memory spaces.
-    pub memory: Vec<Memory>,
+    pub memory: Vec<InventoryMemory>,
 }
 
 /// A memory space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Memory {
+pub struct InventoryMemory {
     /// Number of the space, 0 to 7.
     pub space: u8,
     /// Name of the space.
@@ -65,7 +65,7 @@ pub struct Memory {
 /// Description of the FPGA's firmware, as the firmware contains it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Firmware {
+pub struct InventoryFirmware {
     /// Name of the board that the firmware is for: `MESA7I97`.
     pub board: String,
     /// Number of I/O pins.
@@ -79,20 +79,20 @@ pub struct Firmware {
     /// Anomalies of the description.
     pub warnings: Vec<String>,
     /// Modules of the firmware.
-    pub modules: Vec<Module>,
+    pub modules: Vec<InventoryModule>,
     /// Readable content behind the end of the module descriptors: widths of input modules, and
     /// modules without a function for a host.
     pub trailing: Vec<String>,
     /// Pins by number.
-    pub pins: Vec<Pin>,
+    pub pins: Vec<InventoryPin>,
     /// Local I/O pins by number, which end on the board.
-    pub local_pins: Vec<Pin>,
+    pub local_pins: Vec<InventoryPin>,
 }
 
 /// A kind of module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Module {
+pub struct InventoryModule {
     /// Name of the module.
     pub module: String,
     /// Number of the module (its general function tag).
@@ -110,7 +110,7 @@ pub struct Module {
 /// A pin of the FPGA.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Pin {
+pub struct InventoryPin {
     /// Number of the pin.
     pub number: u16,
     /// Terminals of the pin, for example `TB3 pin 4 AOUT0`; empty for a pin without a direct way to
@@ -140,7 +140,7 @@ pub enum PinDirection {
 /// A smart-serial port.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct SerialPort {
+pub struct InventoryPort {
     /// Number of the port.
     pub port: u8,
     /// Version of its SSLBP firmware: `1.43`.
@@ -148,27 +148,27 @@ pub struct SerialPort {
     /// Clock of the port, in hertz.
     pub clock_hz: u32,
     /// Channels of the port.
-    pub channels: Vec<Channel>,
+    pub channels: Vec<InventoryChannel>,
 }
 
 /// A channel of a port.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Channel {
+pub struct InventoryChannel {
     /// Number of the channel, 0 to 7.
     pub channel: u8,
     /// The remote, or the reason for its absence.
     #[cfg_attr(feature = "serde", serde(flatten))]
-    pub found: Found,
+    pub found: ChannelContent,
 }
 
 /// Result of a channel's discovery.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Found {
+pub enum ChannelContent {
     /// A remote.
-    Remote(Box<Remote>),
+    Remote(Box<InventoryRemote>),
     /// No remote started, and the reason.
     NotStarted(String),
 }
@@ -176,7 +176,7 @@ pub enum Found {
 /// A remote, as it describes itself.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Remote {
+pub struct InventoryRemote {
     /// Name of the remote: `7I77`.
     pub name: String,
     /// Title of the known card part that the remote matches: `7I77 field I/O`.
@@ -196,11 +196,11 @@ pub struct Remote {
     /// bites while the remote is not driven.
     pub faults: Vec<String>,
     /// Modes of the remote.
-    pub modes: Vec<Mode>,
+    pub modes: Vec<InventoryMode>,
     /// Process data that a cycle transfers.
-    pub process_data: Vec<Element>,
+    pub process_data: Vec<InventoryElement>,
     /// Parameters of the remote.
-    pub parameters: Vec<Parameter>,
+    pub parameters: Vec<InventoryParameter>,
     /// Differences from the table of its kind.
     pub differences: Vec<String>,
     /// Problems in the remote's own description.
@@ -212,7 +212,7 @@ pub struct Remote {
 /// A mode of a remote.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Mode {
+pub struct InventoryMode {
     /// Number of the mode.
     pub index: u8,
     /// `hardware`, `software` or `other`: the way the mode is set.
@@ -225,18 +225,18 @@ pub struct Mode {
 /// An element of a remote's process data.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Element {
+pub struct InventoryElement {
     /// The element's record.
     #[cfg_attr(feature = "serde", serde(flatten))]
-    pub data: Data,
+    pub data: InventoryData,
     /// Terminals of the element's bits on the card.
-    pub terminals: Vec<Terminal>,
+    pub terminals: Vec<InventoryTerminal>,
 }
 
 /// A screw terminal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Terminal {
+pub struct InventoryTerminal {
     /// Connector and pin: `TB8 pin 3`.
     pub place: String,
     /// Signal name in the manual: `INPUT2`.
@@ -246,10 +246,10 @@ pub struct Terminal {
 /// A parameter of a remote.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Parameter {
+pub struct InventoryParameter {
     /// The parameter's record.
     #[cfg_attr(feature = "serde", serde(flatten))]
-    pub data: Data,
+    pub data: InventoryData,
     /// Value in the parameter's unit; `None` if it could not be read.
     pub value: Option<f64>,
     /// Raw value in the remote's memory.
@@ -261,7 +261,7 @@ pub struct Parameter {
 /// A record of a remote, see [`DataRecord`](mesa_hal::discovery::DataRecord).
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Data {
+pub struct InventoryData {
     /// Name of the record.
     pub name: String,
     /// Number of bits.
@@ -283,7 +283,7 @@ pub struct Data {
     pub address: u16,
 }
 
-impl Ethernet {
+impl InventoryEthernet {
     /// Reads the Ethernet side of a board. Writes nothing.
     ///
     /// # Errors
@@ -302,7 +302,7 @@ impl Ethernet {
         for space in spaces.filter(|&space| space != Space::Unused) {
             // A space that the firmware does not have answers with another cookie.
             match board.space_info(space) {
-                Ok(area) => memory.push(Memory {
+                Ok(area) => memory.push(InventoryMemory {
                     space: space as u8,
                     name: area.name().to_string(),
                     bytes: area.ranges.range(),
@@ -341,7 +341,7 @@ impl Ethernet {
     }
 }
 
-impl Remote {
+impl InventoryRemote {
     /// Finding about a watchdog that leaves outputs on.
     fn slow_watchdog(&self) -> Option<String> {
         let mut parameters = self.parameters.iter();
@@ -362,12 +362,12 @@ impl Remote {
 
 impl Inventory {
     /// Remotes with their port and channel.
-    pub fn remotes(&self) -> impl Iterator<Item = (u8, u8, &Remote)> {
+    pub fn remotes(&self) -> impl Iterator<Item = (u8, u8, &InventoryRemote)> {
         self.serial_ports.iter().flat_map(|port| {
             let channels = port.channels.iter();
             channels.filter_map(|channel| match &channel.found {
-                Found::Remote(remote) => Some((port.port, channel.channel, &**remote)),
-                Found::NotStarted(_) => None,
+                ChannelContent::Remote(remote) => Some((port.port, channel.channel, &**remote)),
+                ChannelContent::NotStarted(_) => None,
             })
         })
     }
@@ -375,7 +375,7 @@ impl Inventory {
     /// Collects the findings.
     fn judge(&mut self) {
         let mut findings = core::mem::take(&mut self.findings);
-        findings.extend(self.ethernet.iter().flat_map(Ethernet::findings));
+        findings.extend(self.ethernet.iter().flat_map(InventoryEthernet::findings));
         let warnings = self.firmware.warnings.iter();
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));
         for (port, channel, remote) in self.remotes() {

@@ -4,13 +4,14 @@ use core::time::Duration;
 use std::collections::BTreeMap;
 
 use super::{
-    Channel, Data, Element, Ethernet, Firmware, Found, Inventory, InventoryError, Mode, Module,
-    Parameter, Pin, PinDirection, Remote, SerialPort, Terminal, terminals,
+    ChannelContent, Inventory, InventoryChannel, InventoryData, InventoryElement, InventoryError,
+    InventoryEthernet, InventoryFirmware, InventoryMode, InventoryModule, InventoryParameter,
+    InventoryPin, InventoryPort, InventoryRemote, InventoryTerminal, PinDirection, terminals,
 };
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
-    DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, RemoteTable, discover_port,
+    DataDirection, DataRecord, Discovery, DiscoveryOptions, ModeType, RemoteTable, discover_port,
 };
 use mesa_hal::driver::silent_part;
 use mesa_hal::hostmot2::{HostMot2, IoPorts, PinDescriptor};
@@ -18,7 +19,7 @@ use mesa_hal::lbp::{RemoteFaults, RemoteLink};
 use mesa_hal::modules::undriven;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::sslbp::{
-    Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, PortParameters,
+    Channel as Line, ComState, CsStatus, LocalLocation, Port, PortLayout, PortLink, PortParameters,
     PortPlace, RemoteAccess, StartFailure, StartFailureReason,
 };
 
@@ -44,7 +45,7 @@ type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 /// Not for the cycle. Bounded; up to some seconds with many remotes.
 pub fn take<B: RegisterBus + Clock>(
     bus: &mut B,
-    mut ethernet: Option<Ethernet>,
+    mut ethernet: Option<InventoryEthernet>,
     modes: &BTreeMap<(u8, u8), u8>,
     mut goes_on: impl FnMut() -> bool,
 ) -> Taken<Inventory, B> {
@@ -56,7 +57,7 @@ pub fn take<B: RegisterBus + Clock>(
     let left = left_behind(bus, &firmware)?;
     let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
     findings.extend(undriven(&firmware, &[]).iter().map(ToString::to_string));
-    for place in Layout::ports(&firmware) {
+    for place in PortLayout::ports(&firmware) {
         if !goes_on() {
             break;
         }
@@ -88,7 +89,7 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
     let drives = IoPorts::locate(firmware)?.drives(bus);
     let drives = drives.map_err(bus_failed)?;
     let mut runs = false;
-    for PortPlace { layout, .. } in Layout::ports(firmware) {
+    for PortPlace { layout, .. } in PortLayout::ports(firmware) {
         for line in (0..layout.channels).filter_map(Line::new) {
             let Some(registers) = layout.channel(line) else {
                 continue;
@@ -121,7 +122,7 @@ fn check_modes<B: RegisterBus>(
     firmware: &HostMot2,
     modes: &BTreeMap<(u8, u8), u8>,
 ) -> Taken<(), B> {
-    let places = Layout::ports(firmware);
+    let places = PortLayout::ports(firmware);
     for &(port, channel) in modes.keys() {
         let place = places.get(usize::from(port));
         match place.map(|place| place.layout.channels) {
@@ -142,9 +143,9 @@ fn check_modes<B: RegisterBus>(
     Ok(())
 }
 
-fn of_firmware(firmware: &HostMot2) -> Firmware {
+fn of_firmware(firmware: &HostMot2) -> InventoryFirmware {
     let idrom = &firmware.idrom;
-    let modules = firmware.modules.iter().map(|module| Module {
+    let modules = firmware.modules.iter().map(|module| InventoryModule {
         module: module.gtag.to_string(),
         gtag: module.gtag.0,
         version: module.version,
@@ -158,7 +159,7 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
     });
     let local_pins = (0..).zip(&firmware.local_pins);
     let local_pins = local_pins.map(|(number, pin)| one_pin(number, String::new(), *pin));
-    Firmware {
+    InventoryFirmware {
         board: idrom.board_name.clone(),
         io_pins: idrom.io_width,
         connectors: idrom.io_ports,
@@ -172,8 +173,8 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
     }
 }
 
-fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> Pin {
-    Pin {
+fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> InventoryPin {
+    InventoryPin {
         number,
         terminals,
         function: pin.to_string(),
@@ -187,7 +188,7 @@ fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> Pin {
 }
 
 /// A port, and findings about its channels.
-type PortTaken = (SerialPort, Vec<String>);
+type PortTaken = (InventoryPort, Vec<String>);
 
 /// A serial port of the firmware, and the software modes to start remotes in.
 #[derive(Clone, Copy)]
@@ -267,15 +268,15 @@ fn take_remotes<B: RegisterBus + Clock>(
     let findings = old.into_iter().chain(findings).collect();
     let mut channels = Vec::new();
     for (&(line, _), outcome) in starts.iter().zip(outcomes) {
-        channels.push(Channel {
+        channels.push(InventoryChannel {
             channel: line.index(),
             found: match outcome {
-                Ok(found) => Found::Remote(Box::new(take_remote(bus, port, found))),
-                Err(failure) => Found::NotStarted(failure.reason.to_string()),
+                Ok(found) => ChannelContent::Remote(Box::new(take_remote(bus, port, found))),
+                Err(failure) => ChannelContent::NotStarted(failure.reason.to_string()),
             },
         });
     }
-    let port = SerialPort {
+    let port = InventoryPort {
         port: number,
         sslbp: format!("{}.{}", parameters.major, parameters.minor),
         clock_hz: parameters.clock_hz,
@@ -288,7 +289,7 @@ fn take_remotes<B: RegisterBus + Clock>(
 /// answers has to start, and so has each part of a card of which another part started.
 fn not_started(
     starts: &[(Line, u8)],
-    outcomes: &[Result<Discovered, StartFailure>],
+    outcomes: &[Result<Discovery, StartFailure>],
     line: Line,
     reason: StartFailureReason,
 ) -> Option<String> {
@@ -307,7 +308,11 @@ fn not_started(
 }
 
 /// Reads the parameters and faults of a discovered remote.
-fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Remote {
+fn take_remote<B: RegisterBus + Clock>(
+    bus: &mut B,
+    port: &mut Port,
+    found: Discovery,
+) -> InventoryRemote {
     let descriptor = found.descriptor;
     let channel = found.started.channel;
     let mut memory = PortLink { port, bus, channel };
@@ -330,7 +335,7 @@ fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Disc
     let parameters = parameters
         .map(|record| parameter(record, &mut memory))
         .collect();
-    let modes = descriptor.modes.iter().map(|mode| Mode {
+    let modes = descriptor.modes.iter().map(|mode| InventoryMode {
         index: mode.index,
         set_by: match mode.mode_type {
             ModeType::Hardware => "hardware",
@@ -341,7 +346,7 @@ fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Disc
     });
     let process_data = descriptor.process_data.iter();
     let differences = table.map(|table| table.differences(&descriptor));
-    Remote {
+    InventoryRemote {
         name: descriptor.name.to_string(),
         known_as: table.map(|table| table.title),
         unit_number: descriptor.unit_number,
@@ -380,10 +385,10 @@ fn words(faults: RemoteFaults) -> Vec<String> {
         .collect()
 }
 
-fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> Parameter {
+fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> InventoryParameter {
     let read = record.read_parameter(memory);
     let value = read.as_ref().ok();
-    Parameter {
+    InventoryParameter {
         data: record.into(),
         value: value.map(|value| value.value),
         raw: value.map(|value| value.raw),
@@ -391,13 +396,13 @@ fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> Parameter {
     }
 }
 
-fn element(record: &DataRecord, table: Option<&RemoteTable>) -> Element {
+fn element(record: &DataRecord, table: Option<&RemoteTable>) -> InventoryElement {
     let known = table.and_then(|table| table.element(&record.name, record.direction));
     let places = known.iter().flat_map(|known| known.places(None));
-    Element {
+    InventoryElement {
         data: record.into(),
         terminals: places
-            .map(|at| Terminal {
+            .map(|at| InventoryTerminal {
                 place: at.terminal,
                 signal: at.signal,
             })
@@ -405,7 +410,7 @@ fn element(record: &DataRecord, table: Option<&RemoteTable>) -> Element {
     }
 }
 
-impl From<&DataRecord> for Data {
+impl From<&DataRecord> for InventoryData {
     fn from(record: &DataRecord) -> Self {
         Self {
             name: record.name.clone(),

@@ -8,7 +8,7 @@ use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::RemoteDescriptor;
-use mesa_hal::driver::{Board, DriverError};
+use mesa_hal::driver::{Configured, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
 
@@ -54,11 +54,11 @@ impl core::fmt::Display for RemotePlace {
     }
 }
 
-impl<B: RegisterBus + Clock> Cabinet for Board<B> {
+impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     type Error = DriverError<B::Error>;
 
     fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
-        let there = Board::remotes(self).filter(|(_, remote)| !remote.is_absent);
+        let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent);
         there
             .map(|(id, remote)| (RemotePlace::Channel(id), remote.descriptor.clone()))
             .collect()
@@ -163,7 +163,7 @@ impl core::fmt::Display for SavedValue {
 
 /// Assignment of a file's remotes to the present ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Match {
+pub enum RemoteMatch {
     /// By name and unit number, at any place.
     #[default]
     UnitNumber,
@@ -175,7 +175,7 @@ pub enum Match {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// Parameters to write.
-    pub differences: Vec<Difference>,
+    pub differences: Vec<CabinetDifference>,
     /// Number of compared parameters.
     pub compared: usize,
     /// Remotes that are present but not in the file.
@@ -184,7 +184,7 @@ pub struct Comparison {
 
 /// A parameter whose value differs from the file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Difference {
+pub struct CabinetDifference {
     /// Present place of the remote.
     pub place: RemotePlace,
     /// Name of the remote.
@@ -288,7 +288,7 @@ impl SavedCabinet {
     pub fn compare<C: Cabinet>(
         &self,
         cabinet: &mut C,
-        by: Match,
+        by: RemoteMatch,
     ) -> Result<Comparison, RestoreError<C::Error>> {
         if self.format != Self::FORMAT {
             let found = self.format;
@@ -307,7 +307,7 @@ impl SavedCabinet {
                 comparison.compared += 1;
                 let now = saved.now(cabinet, (place, descriptor), name, value)?;
                 if now != value {
-                    comparison.differences.push(Difference {
+                    comparison.differences.push(CabinetDifference {
                         place,
                         card: saved.card.clone(),
                         unit_number: descriptor.unit_number,
@@ -322,7 +322,7 @@ impl SavedCabinet {
     }
 }
 
-impl Difference {
+impl CabinetDifference {
     /// Writes the file's value, and reads it back.
     ///
     /// # Errors
@@ -336,12 +336,12 @@ impl SavedRemote {
     fn find<'a, E: Error>(
         &self,
         there: &'a [(RemotePlace, RemoteDescriptor)],
-        by: Match,
+        by: RemoteMatch,
     ) -> Result<(RemotePlace, &'a RemoteDescriptor), RestoreError<E>> {
         let is_it = |(place, descriptor): &&(RemotePlace, RemoteDescriptor)| {
             let is_there = match by {
-                Match::UnitNumber => descriptor.unit_number == self.unit_number,
-                Match::Place => place.to_string() == self.place,
+                RemoteMatch::UnitNumber => descriptor.unit_number == self.unit_number,
+                RemoteMatch::Place => place.to_string() == self.place,
             };
             is_there && descriptor.name.to_string() == self.card
         };

@@ -14,7 +14,7 @@ const LARGEST: usize = 4 << 20;
 ///
 /// FACTS 1.6.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Firmware {
+pub struct FirmwareFile {
     bytes: Vec<u8>,
     names_card: bool,
 }
@@ -84,7 +84,7 @@ const KINDS: &[(&[u8], &str, &str)] = &[
     (b"S0", "in Motorola's S format", TO_BINARY),
 ];
 
-impl Firmware {
+impl FirmwareFile {
     /// Checks the contents of the file called `file_name`, which is given without its path.
     ///
     /// # Errors
@@ -160,8 +160,8 @@ mod tests {
 
     const CARD: RemoteName = RemoteName(*b"7I77");
 
-    fn take(name: &str, contents: &[u8]) -> Result<Firmware, FirmwareError> {
-        Firmware::new(name, contents.to_vec(), CARD)
+    fn take(name: &str, contents: &[u8]) -> Result<FirmwareFile, FirmwareError> {
+        FirmwareFile::new(name, contents.to_vec(), CARD)
     }
 
     #[test]
@@ -196,7 +196,7 @@ mod tests {
             take("7I77.BIN", &[]),
             Err(FirmwareError::Length { bytes: 0 })
         );
-        let long = Firmware::new("7I77.BIN", vec![0; LARGEST + 1], CARD);
+        let long = FirmwareFile::new("7I77.BIN", vec![0; LARGEST + 1], CARD);
         assert!(matches!(long, Err(FirmwareError::Length { .. })));
     }
 }

@@ -17,11 +17,11 @@ mod serial_error;
 pub mod update;
 
 pub use cabinet::{
-    Cabinet, Comparison, Difference, Match, RemotePlace, RestoreError, SavedCabinet, SavedRemote,
-    SavedValue, parse_value,
+    Cabinet, CabinetDifference, Comparison, RemoteMatch, RemotePlace, RestoreError, SavedCabinet,
+    SavedRemote, SavedValue, parse_value,
 };
-pub use firmware::{Firmware, FirmwareError};
+pub use firmware::{FirmwareError, FirmwareFile};
 pub use mesa_hal::lbp::RemoteLink;
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
 pub use serial_cabinet::{SerialCabinet, SerialCabinetError};
-pub use serial_error::{Asked, SerialError};
+pub use serial_error::{SerialError, SerialRequest};

@@ -5,8 +5,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::thread;
 use std::time::Instant;
 
-use super::{Asked, SerialError};
-use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover};
+use super::{SerialError, SerialRequest};
+use mesa_hal::discovery::{Discovery, DiscoveryOptions, discover};
 use mesa_hal::lbp::{
     COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, NonvolatileProblem, RemoteAccess, RemoteLink,
     Request, UNIT_NUMBER,
@@ -144,18 +144,14 @@ impl<P: Read + Write> SerialHost<P> {
 
     /// Reads the tables of the remote that [`identify`](Self::identify) returned: its process data,
     /// parameters and modes. Problems in the tables are part of the result.
-    pub fn discover(
-        &mut self,
-        remote: &SerialRemote,
-        options: &DiscoveryOptions<'_>,
-    ) -> Discovered {
+    pub fn discover(&mut self, remote: &SerialRemote, options: &DiscoveryOptions<'_>) -> Discovery {
         discover(self, &remote.started, MAX_INTERFACE_REGISTERS, options)
     }
 
     /// A remote procedure call without data; `None` if the remote does not answer it.
     fn call<const N: usize>(&mut self, command: u8) -> Result<Option<[u8; N]>, SerialError> {
         let request = Request::rpc(command, &[], N);
-        match self.ask(Asked::Rpc(command), &request) {
+        match self.ask(SerialRequest::Rpc(command), &request) {
             Ok(reply) => Ok(reply.get(..N).and_then(|reply| reply.try_into().ok())),
             Err(SerialError::NoReply { .. }) => Ok(None),
             Err(error) => Err(error),
@@ -163,7 +159,7 @@ impl<P: Read + Write> SerialHost<P> {
     }
 
     /// Sends a request until a valid reply arrives, at most `ATTEMPTS` times.
-    fn ask(&mut self, asked: Asked, request: &Request) -> Result<Vec<u8>, SerialError> {
+    fn ask(&mut self, asked: SerialRequest, request: &Request) -> Result<Vec<u8>, SerialError> {
         let mut wrong = None;
         for _ in 0..ATTEMPTS {
             self.port.write_all(request.as_bytes())?;
@@ -236,7 +232,7 @@ impl<P: Read + Write> RemoteLink for SerialHost<P> {
     type Error = SerialError;
 
     fn exchange(&mut self, access: RemoteAccess) -> Result<u64, SerialError> {
-        let reply = self.ask(Asked::Access(access), &Request::access(access))?;
+        let reply = self.ask(SerialRequest::Access(access), &Request::access(access))?;
         let mut value = [0; 8];
         for (to, from) in value.iter_mut().zip(reply) {
             *to = from;

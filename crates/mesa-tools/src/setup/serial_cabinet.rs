@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 
 use super::{Cabinet, RemotePlace, SerialError, SerialHost, SerialRemote};
-use mesa_hal::discovery::{DataRecord, Discovered, DiscoveryOptions, RemoteDescriptor};
+use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions, RemoteDescriptor};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::remote::ParameterError;
 
@@ -14,7 +14,7 @@ pub struct SerialCabinet<P> {
     /// Identity of the remote.
     pub remote: SerialRemote,
     /// Result of the discovery.
-    pub found: Discovered,
+    pub found: Discovery,
 }
 
 /// Error of an access to a parameter of the remote on a serial port.

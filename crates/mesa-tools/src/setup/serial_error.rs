@@ -24,7 +24,7 @@ pub enum SerialError {
     )]
     NoReply {
         /// The request.
-        asked: Asked,
+        asked: SerialRequest,
         /// Number of attempts.
         attempts: u8,
     },
@@ -35,7 +35,7 @@ pub enum SerialError {
     )]
     Damaged {
         /// The request.
-        asked: Asked,
+        asked: SerialRequest,
         /// Number of attempts.
         attempts: u8,
         /// Defect of the last reply.
@@ -79,14 +79,14 @@ pub enum SerialError {
 
 /// Request to a remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
+pub enum SerialRequest {
     /// An access to its memory, or to a local location.
     Access(RemoteAccess),
     /// A remote procedure call, by its command byte.
     Rpc(u8),
 }
 
-impl fmt::Display for Asked {
+impl fmt::Display for SerialRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Access(access) => access.fmt(f),

@@ -4,14 +4,15 @@
 //! bootloader occupies the first block of the flash memory, and answers with or without a program
 //! behind it, so that an interrupted update is detected and completed.
 //!
-//! Order of the steps: [`Plan::make`] reads the sizes and compares the contents, which changes
-//! nothing; [`Plan::carry_out`] erases, writes and verifies the differing blocks one by one.
+//! Order of the steps: [`UpdatePlan::make`] reads the sizes and compares the contents, which
+//! changes nothing; [`UpdatePlan::carry_out`] erases, writes and verifies the differing blocks one
+//! by one.
 //!
 //! FACTS 1.6, including the points that are not confirmed on hardware.
 
 use core::error::Error;
 
-use super::Firmware;
+use super::FirmwareFile;
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
@@ -105,7 +106,7 @@ pub enum UpdateError<E: Error + 'static> {
 
 /// Blocks to write, and the present contents of the flash memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Plan {
+pub struct UpdatePlan {
     /// Bytes of a block, the unit of an erase.
     pub erase_size: u32,
     /// Bytes of a page, the unit of a write.
@@ -113,7 +114,7 @@ pub struct Plan {
     /// True if reads show the flash memory. If false, every block counts as different.
     pub is_readable: bool,
     /// Blocks for which the file contains data, by offset, without the bootloader's.
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<UpdateBlock>,
     /// True if the file begins with the card's bootloader; `None` if reads do not show the flash
     /// memory. A file for another card does not begin with it. Mesa's own files are not confirmed
     /// to do so.
@@ -126,7 +127,7 @@ pub struct Plan {
 
 /// A block of the flash memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Block {
+pub struct UpdateBlock {
     /// Offset of the block.
     pub offset: u32,
     /// True if the block contains the file's data.
@@ -135,9 +136,9 @@ pub struct Block {
 
 /// Progress of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct UpdateProgress {
     /// Current step.
-    pub step: Step,
+    pub step: UpdateStep,
     /// Bytes done in this step, over all blocks.
     pub done: u64,
     /// Total bytes of this step.
@@ -146,7 +147,7 @@ pub struct Progress {
 
 /// A step of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum UpdateStep {
     /// Reads and compares the contents.
     Compare,
     /// Erases and writes blocks.
@@ -156,9 +157,9 @@ pub enum Step {
 }
 
 /// Progress callback, called repeatedly; returning `false` stops the update.
-pub type OnProgress<'a> = &'a mut dyn FnMut(Progress) -> bool;
+pub type OnProgress<'a> = &'a mut dyn FnMut(UpdateProgress) -> bool;
 
-impl Plan {
+impl UpdatePlan {
     /// Reads the sizes of the flash memory and compares its contents with the file. Changes
     /// nothing.
     ///
@@ -166,7 +167,7 @@ impl Plan {
     /// [`UpdateError`].
     pub fn make<L: RemoteLink>(
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         progress: OnProgress<'_>,
     ) -> Result<Self, UpdateError<L::Error>> {
         in_flash(link, |link| Self::look(link, firmware, progress))
@@ -174,7 +175,7 @@ impl Plan {
 
     fn look<L: RemoteLink>(
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         progress: OnProgress<'_>,
     ) -> Result<Self, UpdateError<L::Error>> {
         let mut log2 = |address| -> Result<u8, L::Error> {
@@ -204,7 +205,7 @@ impl Plan {
             // contain them.
             if firmware.block(offset, erase).any(|byte| byte != 0) {
                 let is_same = false;
-                plan.blocks.push(Block { offset, is_same });
+                plan.blocks.push(UpdateBlock { offset, is_same });
             }
         }
         if plan.blocks.is_empty() {
@@ -221,13 +222,13 @@ impl Plan {
     fn compare<L: RemoteLink>(
         &mut self,
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         progress: OnProgress<'_>,
     ) -> Result<(), UpdateError<L::Error>> {
         let (erase, blocks) = (self.erase_size, self.blocks.len());
         for index in 0..blocks {
-            let told = Progress {
-                step: Step::Compare,
+            let told = UpdateProgress {
+                step: UpdateStep::Compare,
                 done: index as u64 * u64::from(erase),
                 total: blocks as u64 * u64::from(erase),
             };
@@ -266,7 +267,7 @@ impl Plan {
     pub fn carry_out<L: RemoteLink>(
         &self,
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         is_verified: bool,
         progress: OnProgress<'_>,
     ) -> Result<(), UpdateError<L::Error>> {
@@ -279,7 +280,7 @@ impl Plan {
             let mut on_page = |step, page: u32| {
                 let done = index as u64 * u64::from(self.erase_size) + u64::from(page);
                 let total = self.bytes();
-                if progress(Progress { step, done, total }) {
+                if progress(UpdateProgress { step, done, total }) {
                     Ok(())
                 } else {
                     Err(UpdateError::Stopped { left, blocks })
@@ -293,7 +294,7 @@ impl Plan {
     fn replace<L: RemoteLink>(
         &self,
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         offset: u32,
         is_verified: bool,
         on_page: &mut OnPage<'_, L::Error>,
@@ -306,7 +307,7 @@ impl Plan {
             if !is_verified {
                 return Ok(());
             }
-            on_page(Step::Verify, 0)?;
+            on_page(UpdateStep::Verify, 0)?;
             wrong = in_flash(link, |link| self.difference(link, firmware, offset))?;
             if wrong.is_none() {
                 return Ok(());
@@ -327,12 +328,12 @@ impl Plan {
     fn write<L: RemoteLink>(
         &self,
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         block: u32,
         on_page: &mut OnPage<'_, L::Error>,
     ) -> Result<(), UpdateError<L::Error>> {
         for page in self.pages() {
-            on_page(Step::Write, page)?;
+            on_page(UpdateStep::Write, page)?;
             let offset = block + page;
             set_offset(link, offset)?;
             for (address, value) in firmware.doubles(offset, self.write_size) {
@@ -351,7 +352,7 @@ impl Plan {
     fn difference<L: RemoteLink>(
         &self,
         link: &mut L,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
         block: u32,
     ) -> Result<Option<Mismatch>, UpdateError<L::Error>> {
         for page in self.pages() {
@@ -396,7 +397,7 @@ impl Plan {
 /// Contents of erased memory.
 const ERASED: u64 = u64::MAX;
 
-impl Plan {
+impl UpdatePlan {
     /// Offset of the first data behind the end of a file of `file` bytes.
     fn behind_end<L: RemoteLink>(&self, link: &mut L, file: u32) -> Result<Option<u32>, L::Error> {
         let begin = file.next_multiple_of(self.write_size);
@@ -427,9 +428,9 @@ struct Mismatch {
 }
 
 /// Callback before each page; fails to stop the update.
-type OnPage<'a, E> = dyn FnMut(Step, u32) -> Result<(), UpdateError<E>> + 'a;
+type OnPage<'a, E> = dyn FnMut(UpdateStep, u32) -> Result<(), UpdateError<E>> + 'a;
 
-impl Firmware {
+impl FirmwareFile {
     /// The bytes of a block, as far as the file contains them.
     fn block(&self, offset: u32, size: u32) -> impl Iterator<Item = u8> {
         let bytes = self.bytes().iter().copied().skip(offset as usize);

@@ -149,7 +149,15 @@ pub struct Scratch(pub PathBuf);
 
 impl Scratch {
     pub fn new(name: &str) -> Self {
-        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        Self::below(Path::new(env!("CARGO_TARGET_TMPDIR")), name)
+    }
+
+    /// A file for a program that runs as another user, which cannot enter a private folder.
+    pub fn public(name: &str) -> Self {
+        Self::below(&std::env::temp_dir(), name)
+    }
+
+    fn below(directory: &Path, name: &str) -> Self {
         let path = directory.join(format!("{}-{name}", std::process::id()));
         let _ = fs::remove_file(&path);
         Self(path)

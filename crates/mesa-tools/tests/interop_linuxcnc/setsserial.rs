@@ -44,7 +44,7 @@ fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_re
     // The baud rate of the jumper's setup position.
     let hostmot2 = "loadrt hostmot2 sserial_baudrate=115200";
     let mut machine = Machine::load_with("hm2_7i97.0", "setsserial", board, &expected, hostmot2);
-    let file = Scratch::new("7I72-60.BIN");
+    let file = Scratch::public("7I72-60.BIN");
     machine.board.run(&format!("firmware 0 60 {}", file.path()));
 
     let set = "loadrt setsserial cmd=\"set hm2_7i97.0.7i72.0.0.nvwatchdogtimeout 75\"";

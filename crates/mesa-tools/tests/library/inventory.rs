@@ -3,7 +3,7 @@
 use crate::common::ethernet::{SimLink, connect};
 use mesa_hal::ethernet::{AddressSource, EthernetBoard};
 use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, SimFpga, gtag, machines};
-use mesa_tools::inventory::{self, Ethernet};
+use mesa_tools::inventory::{self, InventoryEthernet};
 
 /// A 5I25 of 2012 printed SSLBP 1.38: FACTS 2.3.
 #[test]
@@ -41,7 +41,7 @@ fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
         let mut config = BoardConfig::new("7I97");
         config.jumpers = AddressJumpers::Both;
         let mut bus = connect(SimLink::to(SimBoard::new(config, fpga)));
-        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
+        let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
         assert_eq!(ethernet.identity.address_from, AddressSource::Invalid);
         let taken = inventory::take(&mut bus, Some(ethernet), &[].into(), || true);
         let taken = taken.expect("a 7I97");

@@ -3,14 +3,16 @@
 use mesa_hal::bus::Clock;
 use mesa_hal::hal::PinId;
 use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
-use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict, points};
+use mesa_tools::diagnosis::wiring::{
+    HANDS_OFF, PointKind, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict, points,
+};
 
 use crate::common::machine::Machine;
 
 struct Guide {
     machine: Machine<SimFpga, ()>,
-    check: Check,
-    said: Vec<News>,
+    check: WiringCheck,
+    said: Vec<WiringMessage>,
 }
 
 impl Guide {
@@ -24,7 +26,7 @@ impl Guide {
         });
         let fpga = machines::six_axes_7i92(motor.expect("a motor"));
         let machine = Machine::on(fpga, |_| {});
-        let check = Check::new(points(machine.driver.pins(), &[], |info| {
+        let check = WiringCheck::new(points(machine.driver.pins(), &[], |info| {
             info.name.contains(".encoder.00.")
         }));
         let mut guide = Self {
@@ -37,7 +39,7 @@ impl Guide {
     }
 
     /// Runs cycles of 1 ms, up to a judgement.
-    fn run(&mut self, cycles: u64) -> Option<Judgement> {
+    fn run(&mut self, cycles: u64) -> Option<WiringJudgement> {
         for _ in 0..cycles {
             self.machine.cycles(1);
             let now = self.machine.driver.bus_mut().now();
@@ -62,7 +64,7 @@ impl Guide {
     /// Number and pin of the index of encoder 0.
     fn index(&self) -> (usize, PinId) {
         let mut points = self.check.points().iter().enumerate();
-        let found = points.find(|(_, point)| point.kind == Kind::Index && point.is_asked);
+        let found = points.find(|(_, point)| point.kind == PointKind::Index && point.is_asked);
         let (number, point) = found.expect("an index");
         assert!(point.info.name.ends_with(".encoder.00.index-enable"));
         assert!(point.info.place.signal.contains("IDX0"), "{:?}", point.info);
@@ -77,20 +79,20 @@ fn the_index_of_a_motor_comes_when_it_is_turned_past_it_and_not_before() {
     let (index, pin) = guide.index();
     guide.check.ask(index);
     assert_eq!(guide.run(300), None);
-    assert_eq!(guide.said, [News::Ready(true.into())]);
+    assert_eq!(guide.said, [WiringMessage::Ready(true.into())]);
     guide.machine.turn(0, 10.0);
     // The motor turns by 2500 counts, then it stands.
     assert_eq!(guide.run(250), None);
     guide.machine.turn(0, 0.0);
     assert_eq!(guide.run(1000), None);
-    let [News::Changed(_), News::NoIndex(from, to)] = guide.said[1..] else {
+    let [WiringMessage::Changed(_), WiringMessage::NoIndex(from, to)] = guide.said[1..] else {
         panic!("{:?}", guide.said);
     };
     assert_eq!(from.as_f64(), 0.0);
     assert!((2_400.0..2_600.0).contains(&to.as_f64()), "{to:?}");
     guide.machine.turn(0, 10.0);
     let found = guide.run(200).expect("a judgement");
-    assert_eq!(found.verdict, Verdict::Ok);
+    assert_eq!(found.verdict, WiringVerdict::Ok);
     let (_, to) = found.moved.expect("it moved");
     assert!((2_999.0..3_100.0).contains(&to.as_f64()), "{to:?}");
     let latch = guide.machine.driver.pins().read_any(pin);
@@ -109,10 +111,14 @@ fn an_index_that_is_not_wired_is_told_and_its_request_is_taken_back() {
     guide.machine.turn(0, 0.0);
     assert_eq!(guide.run(1000), None);
     let told = guide.said.last();
-    assert!(matches!(told, Some(News::NoIndex(..))), "{:?}", guide.said);
+    assert!(
+        matches!(told, Some(WiringMessage::NoIndex(..))),
+        "{:?}",
+        guide.said
+    );
     assert!(is_armed(&guide));
     let found = guide.check.give_up(true).expect("it is asked for");
-    assert_eq!(found.verdict, Verdict::NoChange);
+    assert_eq!(found.verdict, WiringVerdict::NoChange);
     let (from, to) = found.moved.expect("it moved");
     assert_eq!(from.as_f64(), 0.0);
     assert!((19_900.0..20_100.0).contains(&to.as_f64()), "{to:?}");

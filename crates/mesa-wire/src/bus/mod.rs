@@ -7,20 +7,22 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod erased;
 mod error;
 mod fault;
 
 #[cfg(feature = "std")]
 mod host_clock;
+mod list;
 
+pub use erased::{DynBus, DynBusError};
 pub use error::{BusError, BusErrorKind};
 pub use fault::Fault;
 #[cfg(feature = "std")]
 pub use host_clock::{HostClock, SPIN};
+pub use list::{AccessList, ListForm};
 
-use alloc::boxed::Box;
 use alloc::vec::Vec;
-use core::fmt::Debug;
 use core::time::Duration;
 
 /// A point on the clock of a bus: nanoseconds since an origin that the bus chooses.
@@ -126,7 +128,11 @@ pub struct Hold {
 }
 
 /// Result of running a list: evidence about the writes, and about other masters.
+///
+/// A bus starts from [`CERTAIN`](Self::CERTAIN) or [`UNKNOWN`](Self::UNKNOWN) and sets what it
+/// knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Reply {
     /// True if all earlier writes since the previous reply, and those of this list, were executed
     /// exactly once and in order. Do not trust values that depend on the last write otherwise.
@@ -149,10 +155,37 @@ impl Reply {
         slack: None,
     };
     /// No reply was expected: the fate of the writes is not known yet.
-    pub const UNHEARD: Self = Self {
+    pub const UNKNOWN: Self = Self {
         certain: false,
         ..Self::CERTAIN
     };
+
+    /// Sets whether the writes were executed exactly once and in order.
+    #[must_use]
+    pub const fn with_certain(self, certain: bool) -> Self {
+        Self { certain, ..self }
+    }
+
+    /// Sets the number of writes that this reply proves missing.
+    #[must_use]
+    pub const fn with_lost_writes(self, lost_writes: u32) -> Self {
+        Self {
+            lost_writes,
+            ..self
+        }
+    }
+
+    /// Sets the number of packets of another master.
+    #[must_use]
+    pub const fn with_others(self, others: u32) -> Self {
+        Self { others, ..self }
+    }
+
+    /// Sets the time for which the board held the list back.
+    #[must_use]
+    pub const fn with_slack(self, slack: Option<Duration>) -> Self {
+        Self { slack, ..self }
+    }
 
     /// The combined result of this reply and a `later` one.
     #[must_use]
@@ -171,11 +204,19 @@ impl Reply {
 ///
 /// The default value is for a bus whose board cannot be exchanged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct BoardIdentity {
     /// The MAC address, high byte first.
     pub mac: [u8; 6],
     /// The card's name, padded as on the board.
     pub card: [u8; 16],
+}
+
+impl BoardIdentity {
+    /// The identity of the board with this MAC address and card name.
+    pub const fn new(mac: [u8; 6], card: [u8; 16]) -> Self {
+        Self { mac, card }
+    }
 }
 
 /// Effort to spend on an exchange outside of lists.
@@ -186,10 +227,6 @@ pub enum Effort {
     /// Like an [`exchange`](RegisterBus::exchange): repeated if a packet is lost.
     Repeated,
 }
-
-/// The list type of a bus that has no encoded form for lists and cannot
-/// [hold](RegisterBus::CAN_HOLD) anything back.
-pub type AccessList = Box<[Access]>;
 
 /// Statistics of a bus since its creation. All counts stay zero on a bus that cannot lose anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -357,18 +394,16 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 
 /// A bus of 32-bit registers at 16-bit byte addresses.
 ///
-/// A bus without packets implements [`exchange`](Self::exchange), and two short methods with
-/// [`AccessList`]:
+/// A bus without packets implements [`exchange`](Self::exchange) alone:
 ///
 /// ```
-/// use mesa_wire::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
+/// use mesa_wire::bus::{Access, Direction, RegisterBus};
 ///
 /// #[derive(Debug)]
 /// struct Memory([u32; 16]);
 ///
 /// impl RegisterBus for Memory {
 ///     type Error = core::convert::Infallible;
-///     type List = AccessList;
 ///
 ///     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
 ///         for access in accesses {
@@ -381,15 +416,6 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 ///             }
 ///         }
 ///         Ok(())
-///     }
-///
-///     fn prepare(&mut self, list: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-///         Ok(list.into())
-///     }
-///
-///     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-///         self.exchange(list, words)?;
-///         Ok(Reply::CERTAIN)
 ///     }
 /// }
 ///
@@ -412,12 +438,10 @@ pub trait RegisterBus {
     /// Error of an exchange.
     type Error: BusError;
 
-    /// A list of accesses that the bus has checked, in the form in which it runs them. The accesses
-    /// can still be read from it.
-    type List: AsRef<[Access]> + Debug + Send;
-
     /// True if the board can hold a part of a list back until its next period ([`Hold`]).
-    const CAN_HOLD: bool = false;
+    fn can_hold(&self) -> bool {
+        false
+    }
 
     /// Runs `accesses` in order on `words`.
     ///
@@ -425,32 +449,38 @@ pub trait RegisterBus {
     /// no word of the buffer that a read names has changed.
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
 
-    /// Checks a list against the limits of the bus and encodes it.
+    /// Checks a list against the limits of the bus and encodes it. The provided method does neither.
     ///
-    /// `hold` may only be given to a bus that [supports it](Self::CAN_HOLD).
+    /// `hold` may only be given to a bus that [supports it](Self::can_hold).
     fn prepare(
         &mut self,
         accesses: &[Access],
-        hold: Option<Hold>,
-    ) -> Result<Self::List, Self::Error>;
+        _hold: Option<Hold>,
+    ) -> Result<AccessList, Self::Error> {
+        Ok(AccessList::new(accesses))
+    }
 
     /// Starts a list that was prepared on this bus: sends its writes and requests its reads.
     /// [`finish`](Self::finish) ends it; nothing else may run in between.
     ///
     /// A bus on which nothing can be in flight leaves all work to `finish`, as the provided method
     /// does.
-    fn start(&mut self, _list: &Self::List, _words: &[u32]) -> Result<(), Self::Error> {
+    fn start(&mut self, _list: &AccessList, _words: &[u32]) -> Result<(), Self::Error> {
         Ok(())
     }
 
     /// Takes the reply to the started list. On failure, no word has changed.
     ///
     /// A list without reads may have no reply: the fate of its writes is then unknown until a later
-    /// reply ([`Reply::UNHEARD`]).
-    fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error>;
+    /// reply ([`Reply::UNKNOWN`]). The provided method makes an [`exchange`](Self::exchange), after
+    /// which all writes are certain.
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        self.exchange(list.as_ref(), words)?;
+        Ok(Reply::CERTAIN)
+    }
 
     /// Runs a list: [`start`](Self::start), then [`finish`](Self::finish).
-    fn run(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn run(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
         self.start(list, words)?;
         self.finish(list, words)
     }
@@ -500,22 +530,24 @@ pub trait RegisterBus {
 
 impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
     type Error = B::Error;
-    type List = B::List;
-    const CAN_HOLD: bool = B::CAN_HOLD;
+
+    fn can_hold(&self) -> bool {
+        (**self).can_hold()
+    }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         (**self).exchange(accesses, words)
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
         (**self).prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
         (**self).start(list, words)
     }
 
-    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
         (**self).finish(list, words)
     }
 

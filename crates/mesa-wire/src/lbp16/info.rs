@@ -74,6 +74,7 @@ pub fn text(padded: &[u8]) -> &str {
 /// Memory type of a space. Manual: 7I97, "INFO AREA MEMSIZES FORMAT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum MemoryType {
     /// Registers.
     Register = 0x01,

@@ -59,7 +59,7 @@ fn what_differs_is_written_back_the_user_area_first_and_the_boot_block_last() {
     let boot = (Some(Area::BootBlock), 0, 0x1_0000);
     let fallback = (Some(Area::Fallback), 0x1_0000, 0x3_0000);
     let unnamed = (None, 0x8_0000, 0x9_0000);
-    // From its beginning to the last sector that differs.
+    // From the beginning of the area to the last sector that differs.
     let user = (Some(Area::User), 0x10_0000, 0x13_0000);
     let application = (Some(Area::Application), 0x1E_0000, 0x20_0000);
     for at in [0x1234, 0x2_0000, 0x8_0001, 0x12_FFFF, 0x1F_FFFF] {
@@ -110,7 +110,7 @@ fn a_file_that_a_board_would_not_start_from_is_no_backup() {
 fn the_fallback_is_written_back_only_beside_a_user_configuration() {
     let (mut chip, backup) = whole();
     chip.bytes[USER..USER + PAGE].fill(0xFF);
-    let part = Difference {
+    let part = FlashDifference {
         area: Some(Area::Fallback),
         start: 0x1_0000,
         end: 0x2_0000,
@@ -119,7 +119,7 @@ fn the_fallback_is_written_back_only_beside_a_user_configuration() {
     let address = USER as u32;
     let refused = flash.restore(&backup, &part, |_, _| {});
     assert_eq!(refused, Err(EthernetError::NoUserConfiguration { address }));
-    let outside = Difference {
+    let outside = FlashDifference {
         area: None,
         start: 0x1F_0000,
         end: 0x21_0000,

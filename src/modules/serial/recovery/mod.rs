@@ -1,5 +1,5 @@
 //! The remotes of a port in the cycle: the next operation, the remotes that are offline, and their
-//! recovery. A layer on [`Machine`], independent of bus and pins.
+//! recovery. A layer on [`PortMachine`], independent of bus and pins.
 
 mod restart;
 #[cfg(test)]
@@ -14,14 +14,14 @@ use super::statistics::PortStatistics;
 use super::{FaultPolicy, OfflineReason, RemoteState};
 use crate::bus::Instant;
 use crate::sslbp::{
-    ChannelMask, ChannelVariable, Complete, Event, Failure, Machine, Observed, Operation,
-    PortParameters, StartMode, Verdict,
+    ChannelMask, ChannelVariable, CompletedOperation, Failure, PortEvent, PortImage, PortMachine,
+    PortOperation, PortParameters, StartMode, TransferResult,
 };
 use crate::tally::Tally;
 
 /// The result of a read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Outcome {
+pub(crate) struct ReadOutcome {
     /// Channels with new, valid data.
     pub good: ChannelMask,
     /// Channels with a transfer whose data must not be used.
@@ -156,7 +156,7 @@ impl Recovery {
     }
 
     /// Progress of a restart: 1 STOP, 2 START, 0 none.
-    pub fn restart_step(&self, machine: &Machine) -> u32 {
+    pub fn restart_step(&self, machine: &PortMachine) -> u32 {
         match self.restart {
             Restart::Starting | Restart::Measuring { .. } => 2,
             Restart::Stopped(_) | Restart::OthersServed(_) => 1,
@@ -186,8 +186,8 @@ impl Recovery {
     }
 
     /// Records the duration of a transfer that is polled for and is complete.
-    pub fn transfer_complete(&mut self, machine: &Machine, now: Instant) {
-        if let Some((Operation::Transfer(_), issued)) = machine.in_flight()
+    pub fn transfer_complete(&mut self, machine: &PortMachine, now: Instant) {
+        if let Some((PortOperation::Transfer(_), issued)) = machine.in_flight()
             && !core::mem::replace(&mut self.is_measured, true)
         {
             self.statistics.doit.record(now.since(issued));
@@ -197,23 +197,23 @@ impl Recovery {
     /// Evaluates a read. `certain`: all previous writes have arrived, once and in order.
     pub fn observe(
         &mut self,
-        machine: &mut Machine,
+        machine: &mut PortMachine,
         now: Instant,
-        seen: &impl Observed,
+        seen: &impl PortImage,
         certain: bool,
-    ) -> Outcome {
-        let mut outcome = Outcome::default();
+    ) -> ReadOutcome {
+        let mut outcome = ReadOutcome::default();
         let complete = match machine.observe(now, seen, certain) {
-            Event::Complete(complete) => complete,
-            Event::Busy => {
+            PortEvent::Complete(complete) => complete,
+            PortEvent::Busy => {
                 outcome.too_short = is_transferring(machine);
                 self.statistics.too_short.tally(outcome.too_short.into());
                 return outcome;
             }
-            Event::Idle | Event::Settling(_) => return outcome,
+            PortEvent::Idle | PortEvent::Settling(_) => return outcome,
         };
         match complete.operation {
-            Operation::Transfer(mask) => {
+            PortOperation::Transfer(mask) => {
                 if complete.certain {
                     self.statistics.transfers.tally(1);
                 } else {
@@ -230,13 +230,13 @@ impl Recovery {
                 }
                 self.transferred(machine, now, &complete, &mut outcome);
             }
-            Operation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            Operation::Start(..) => self.started(machine, now, &complete),
+            PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
+            PortOperation::Start(..) => self.started(machine, now, &complete),
             // If uncertain, the size is read again.
-            Operation::ReadLocal(_) if complete.certain => {
+            PortOperation::ReadLocal(_) if complete.certain => {
                 self.measured(machine, now, seen.data() as u8);
             }
-            Operation::Free => {
+            PortOperation::Free => {
                 self.all_offline(machine, now);
                 outcome.offline = self.known;
             }
@@ -248,10 +248,10 @@ impl Recovery {
 
     fn transferred(
         &mut self,
-        machine: &Machine,
+        machine: &PortMachine,
         now: Instant,
-        complete: &Complete,
-        outcome: &mut Outcome,
+        complete: &CompletedOperation,
+        outcome: &mut ReadOutcome,
     ) {
         let policy = &self.policy;
         for remote in &mut self.remotes {
@@ -264,15 +264,17 @@ impl Recovery {
             }
             let link = machine.link(channel);
             let reason = match link.verdict {
-                Verdict::Faulty(faults) => {
+                TransferResult::Faulty(faults) => {
                     remote.faults = faults;
                     Some(OfflineReason::of_faults(faults))
                 }
-                Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs)),
+                TransferResult::Failed(Failure::NotRunning) => {
+                    Some(OfflineReason::NotRunning(link.cs))
+                }
                 // No failure on the wire: the network lost a write, and the remote misses its
                 // cycle.
-                Verdict::Good | Verdict::Failed(Failure::Doubtful) => None,
-                Verdict::Failed(failure) => {
+                TransferResult::Good | TransferResult::Failed(Failure::Doubtful) => None,
+                TransferResult::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
                     let (own, reason) = if self.is_board_running {
@@ -292,26 +294,31 @@ impl Recovery {
         outcome.failed = outcome.failed.difference(outcome.offline);
     }
 
-    /// Begins the operation of this write; [`Machine::written`] must follow. Output data belongs to
-    /// a transfer; without one, the data of the previous write must be repeated unchanged, because
-    /// a transfer that still runs may be reading it.
+    /// Begins the operation of this write; [`PortMachine::written`] must follow. Output data
+    /// belongs to a transfer; without one, the data of the previous write must be repeated
+    /// unchanged, because a transfer that still runs may be reading it.
     ///
     /// `hold`: channels are not restarted, because the board is not set up, and a restart needs
     /// writes that would set it up in part; or because all running remotes are to get safe values
     /// now.
-    pub fn next(&mut self, machine: &mut Machine, now: Instant, hold: bool) -> Option<Operation> {
+    pub fn next(
+        &mut self,
+        machine: &mut PortMachine,
+        now: Instant,
+        hold: bool,
+    ) -> Option<PortOperation> {
         let operation = if machine.is_idle() {
             self.choose(now, hold)
         } else if machine.is_stuck(now) && now >= self.no_free_before {
             self.no_free_before = now.after(BETWEEN_FREES);
             self.statistics.stuck.tally(1);
-            Some(Operation::Free)
+            Some(PortOperation::Free)
         } else {
             None
         };
         match operation {
             Some(operation) => {
-                self.is_measured &= !matches!(operation, Operation::Transfer(_));
+                self.is_measured &= !matches!(operation, PortOperation::Transfer(_));
                 let command = machine.begin(operation);
                 debug_assert_eq!(command, operation.command(), "the port is not idle");
             }
@@ -320,7 +327,7 @@ impl Recovery {
         operation
     }
 
-    fn choose(&mut self, now: Instant, hold: bool) -> Option<Operation> {
+    fn choose(&mut self, now: Instant, hold: bool) -> Option<PortOperation> {
         let running = self.running;
         // Only remotes with failures rest.
         let ready = if self.troubled.is_empty() {
@@ -328,7 +335,8 @@ impl Recovery {
         } else {
             self.mask(|remote| remote.is_running() && remote.rest_until <= now)
         };
-        let transfer = |mask: ChannelMask| (!mask.is_empty()).then_some(Operation::Transfer(mask));
+        let transfer =
+            |mask: ChannelMask| (!mask.is_empty()).then_some(PortOperation::Transfer(mask));
         if !self.run {
             self.end_restart(now);
             // Outputs are safe already; a last transfer sends them to the remotes.
@@ -349,7 +357,7 @@ impl Recovery {
             Restart::Stopped(mask) | Restart::OthersServed(mask) => {
                 self.restart = Restart::Starting;
                 self.statistics.starts.tally(1);
-                return Some(Operation::Start(StartMode::Normal, mask));
+                return Some(PortOperation::Start(StartMode::Normal, mask));
             }
             Restart::Measuring { mask, rx } => {
                 let variable = match rx {
@@ -358,7 +366,7 @@ impl Recovery {
                 };
                 if let Some(channel) = mask.iter().next() {
                     let address = self.parameters.variable(channel, variable);
-                    return Some(Operation::ReadLocal(address));
+                    return Some(PortOperation::ReadLocal(address));
                 }
                 self.end_restart(now);
             }
@@ -374,11 +382,11 @@ impl Recovery {
 }
 
 /// True if a transfer is in flight.
-pub(crate) fn is_transferring(machine: &Machine) -> bool {
-    matches!(machine.in_flight(), Some((Operation::Transfer(_), _)))
+pub(crate) fn is_transferring(machine: &PortMachine) -> bool {
+    matches!(machine.in_flight(), Some((PortOperation::Transfer(_), _)))
 }
 
 /// True if a STOP is in flight.
-pub(crate) fn is_stopping(machine: &Machine) -> bool {
-    matches!(machine.in_flight(), Some((Operation::Stop(_), _)))
+pub(crate) fn is_stopping(machine: &PortMachine) -> bool {
+    matches!(machine.in_flight(), Some((PortOperation::Stop(_), _)))
 }

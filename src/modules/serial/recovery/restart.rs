@@ -7,7 +7,8 @@ use crate::bus::Instant;
 use crate::modules::serial::cost::Cost;
 use crate::modules::serial::{OfflineReason, RemoteState};
 use crate::sslbp::{
-    ChannelMask, ComState, Complete, CsStatus, Machine, Observed, Operation, ProcessDataSizes,
+    ChannelMask, ComState, CompletedOperation, CsStatus, PortImage, PortMachine, PortOperation,
+    ProcessDataSizes,
 };
 
 /// Least time between two restarts. Other remotes' watchdogs allow 50 ms without process data
@@ -33,7 +34,7 @@ impl Recovery {
 
     /// Takes all remotes offline: COMMAND had to be freed, and which remotes got which data is
     /// unknown.
-    pub(super) fn all_offline(&mut self, machine: &Machine, now: Instant) {
+    pub(super) fn all_offline(&mut self, machine: &PortMachine, now: Instant) {
         self.end_restart(now);
         for remote in &mut self.remotes {
             let good = machine.link(remote.channel()).good;
@@ -75,7 +76,7 @@ impl Recovery {
         self.running.is_empty() || !due.intersection(asked).is_empty()
     }
 
-    pub(super) fn begin_restart(&mut self, now: Instant, due: ChannelMask) -> Operation {
+    pub(super) fn begin_restart(&mut self, now: Instant, due: ChannelMask) -> PortOperation {
         if !self.is_free(due) {
             self.cost.begin(now);
         }
@@ -83,7 +84,7 @@ impl Recovery {
             remote.restarting();
         }
         self.update();
-        Operation::Stop(due)
+        PortOperation::Stop(due)
     }
 
     pub(super) fn end_restart(&mut self, now: Instant) {
@@ -103,10 +104,10 @@ impl Recovery {
     /// Evaluates a complete STOP.
     pub(super) fn stopped(
         &mut self,
-        machine: &Machine,
+        machine: &PortMachine,
         now: Instant,
-        complete: &Complete,
-        seen: &impl Observed,
+        complete: &CompletedOperation,
+        seen: &impl PortImage,
     ) {
         let policy = self.policy;
         for remote in self.each(complete.bad) {
@@ -120,7 +121,12 @@ impl Recovery {
     }
 
     /// Evaluates a complete START.
-    pub(super) fn started(&mut self, machine: &Machine, now: Instant, complete: &Complete) {
+    pub(super) fn started(
+        &mut self,
+        machine: &PortMachine,
+        now: Instant,
+        complete: &CompletedOperation,
+    ) {
         if self.restart == Restart::Starting {
             self.no_restart_before = now.after(BETWEEN_RESTARTS);
         }
@@ -136,14 +142,14 @@ impl Recovery {
                 }
                 Some(OfflineReason::DidNotStart(link.cs))
             } else if complete.good.contains(channel) {
-                remote.refuses(link.told)
+                remote.refuses(link.start_registers)
             } else {
                 continue;
             };
             if let Some(reason) = problem {
                 remote.go_offline(now, reason, link.good, &self.policy);
             } else if remote.has_run {
-                remote.restarted(now, link.told);
+                remote.restarted(now, link.start_registers);
             } else {
                 mask = mask.union(channel.mask());
             }
@@ -152,7 +158,7 @@ impl Recovery {
     }
 
     /// Takes a size of a remote that has not run before.
-    pub(super) fn measured(&mut self, machine: &Machine, now: Instant, size: u8) {
+    pub(super) fn measured(&mut self, machine: &PortMachine, now: Instant, size: u8) {
         let Restart::Measuring { mask, rx } = self.restart else {
             return;
         };
@@ -170,7 +176,7 @@ impl Recovery {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {
-                remote.restarted(now, link.told);
+                remote.restarted(now, link.start_registers);
             } else {
                 let reason = OfflineReason::OtherSizes { found, expected };
                 remote.go_offline(now, reason, link.good, &policy);
@@ -185,11 +191,11 @@ impl Recovery {
         &mut self,
         running: ChannelMask,
         now: Instant,
-    ) -> Option<Operation> {
+    ) -> Option<PortOperation> {
         for remote in &mut self.remotes {
             remote.stop_for_good(now);
         }
         self.update();
-        (!running.is_empty()).then_some(Operation::Stop(running))
+        (!running.is_empty()).then_some(PortOperation::Stop(running))
     }
 }

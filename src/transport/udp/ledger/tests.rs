@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A board that executes what it gets.
+/// A board that executes each packet that it receives.
 #[derive(Default)]
 struct Board {
     slots: [u16; SLOTS],
@@ -18,17 +18,17 @@ impl Board {
     }
 
     /// A cycle that is one packet, executed and answered.
-    fn cycle(&mut self, ledger: &mut Ledger) -> News {
-        let (number, slot) = ledger.open_write(Kind::Cycle);
+    fn cycle(&mut self, ledger: &mut Ledger) -> WriteReport {
+        let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
         self.slots[slot] = number as u16;
         self.reply(ledger, None)
     }
 
-    fn answer(&mut self, ledger: &mut Ledger) -> News {
+    fn answer(&mut self, ledger: &mut Ledger) -> WriteReport {
         self.reply(ledger, Some(self.last))
     }
 
-    fn reply(&mut self, ledger: &mut Ledger, last_write: Option<u16>) -> News {
+    fn reply(&mut self, ledger: &mut Ledger, last_write: Option<u16>) -> WriteReport {
         let asked = ledger.open_request();
         let detailed = ledger.wants_details();
         self.received = self.received.wrapping_add(1);
@@ -42,11 +42,11 @@ impl Board {
             received: self.received,
             details: detailed.then_some(details),
         };
-        ledger.hear(account, asked)
+        ledger.evaluate(account, asked)
     }
 }
 
-const DOUBT: News = News {
+const DOUBT: WriteReport = WriteReport {
     lost: 0,
     found: 0,
     late: 0,
@@ -55,12 +55,12 @@ const DOUBT: News = News {
     doubt: true,
 };
 
-/// A board that has executed a write and said so.
+/// A board that has executed a write and reported it.
 fn pair() -> (Ledger, Board) {
     let mut ledger = Ledger::starting_after(u32::MAX - 2);
     let mut board = Board::default();
-    board.write(ledger.open_write(Kind::Alone));
-    // Nothing is known of what came before.
+    board.write(ledger.open_write(WriteEvidence::Alone));
+    // Earlier packets are unknown.
     assert_eq!(board.answer(&mut ledger), DOUBT);
     (ledger, board)
 }
@@ -69,25 +69,25 @@ fn pair() -> (Ledger, Board) {
 fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
     let (mut ledger, mut board) = pair();
     for _ in 0..200_000 {
-        board.write(ledger.open_write(Kind::Alone));
-        assert_eq!(board.answer(&mut ledger), News::default());
+        board.write(ledger.open_write(WriteEvidence::Alone));
+        assert_eq!(board.answer(&mut ledger), WriteReport::default());
         assert!(!ledger.wants_details() && ledger.is_executed());
     }
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_doubt() {
     let (mut ledger, mut board) = pair();
     for _ in 0..3 * REMEMBERED {
-        assert_eq!(board.cycle(&mut ledger), News::default());
+        assert_eq!(board.cycle(&mut ledger), WriteReport::default());
     }
     assert!(!ledger.wants_details() && ledger.is_executed());
-    assert_eq!(board.answer(&mut ledger), News::default());
-    board.write(ledger.open_write(Kind::Alone));
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
+    board.write(ledger.open_write(WriteEvidence::Alone));
     assert_eq!(board.cycle(&mut ledger), DOUBT, "two writes, in some order");
-    assert_eq!(board.cycle(&mut ledger), News::default());
-    // An older one comes a second time.
+    assert_eq!(board.cycle(&mut ledger), WriteReport::default());
+    // An older write arrives a second time.
     board.received += 1;
     assert_eq!(board.cycle(&mut ledger), DOUBT);
 }
@@ -96,41 +96,41 @@ fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_d
 fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
     let (mut ledger, mut board) = pair();
     for _ in 0..SLOTS {
-        assert_eq!(board.cycle(&mut ledger), News::default());
+        assert_eq!(board.cycle(&mut ledger), WriteReport::default());
     }
-    let (number, slot) = ledger.open_write(Kind::Cycle);
+    let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
     ledger.open_request();
-    let said = News { lost: 1, ..DOUBT };
+    let said = WriteReport { lost: 1, ..DOUBT };
     assert_eq!(board.cycle(&mut ledger), said);
-    // It is executed after all, and answered.
+    // The write is executed after all, and answered.
     board.slots[slot] = number as u16;
     board.received += 1;
     board.sent += 1;
-    let late = News {
+    let late = WriteReport {
         found: 1,
         late: 1,
         ..DOUBT
     };
     assert_eq!(board.cycle(&mut ledger), late);
-    // One that was executed, and whose reply was lost, is not lost.
-    let (number, slot) = ledger.open_write(Kind::Cycle);
+    // A write that was executed and whose reply was lost is not lost.
+    let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
     ledger.open_request();
     board.slots[slot] = number as u16;
     board.received += 1;
     board.sent += 1;
     assert_eq!(board.cycle(&mut ledger), DOUBT);
-    assert_eq!(board.cycle(&mut ledger), News::default());
+    assert_eq!(board.cycle(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round() {
     let (mut ledger, mut board) = pair();
-    assert_eq!(board.cycle(&mut ledger), News::default());
+    assert_eq!(board.cycle(&mut ledger), WriteReport::default());
     board.received += 1;
     assert_eq!(board.cycle(&mut ledger), DOUBT);
     assert_eq!(board.cycle(&mut ledger).repeated, 1, "the details tell");
-    assert_eq!(board.cycle(&mut ledger), News::default());
-    // As after this many cycles in which all went well: 25 days at 1 kHz.
+    assert_eq!(board.cycle(&mut ledger), WriteReport::default());
+    // As after this many cycles without a fault: 25 days at 1 kHz.
     for number in [
         &mut ledger.newest,
         &mut ledger.newest_last,
@@ -138,39 +138,39 @@ fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round(
     ] {
         *number = number.wrapping_add(0x8000_0000);
     }
-    assert_eq!(board.cycle(&mut ledger), News::default());
+    assert_eq!(board.cycle(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
     let (mut ledger, mut board) = pair();
-    let lost = ledger.open_write(Kind::Alone);
-    let said = News { lost: 1, ..DOUBT };
+    let lost = ledger.open_write(WriteEvidence::Alone);
+    let said = WriteReport { lost: 1, ..DOUBT };
     assert_eq!(board.answer(&mut ledger), said);
     assert!(!ledger.is_executed() && ledger.wants_details());
     assert_eq!(board.answer(&mut ledger), DOUBT, "until the next write");
     for _ in 0..KEPT - 1 {
-        board.write(ledger.open_write(Kind::Alone));
-        assert_eq!(board.answer(&mut ledger), News::default());
+        board.write(ledger.open_write(WriteEvidence::Alone));
+        assert_eq!(board.answer(&mut ledger), WriteReport::default());
     }
-    let newer = ledger.open_write(Kind::Alone);
+    let newer = ledger.open_write(WriteEvidence::Alone);
     board.write(lost);
     board.write(newer);
-    // Something came that was not due; what it was is asked for.
+    // An unexpected packet was counted; the next request asks for the details.
     assert_eq!(board.answer(&mut ledger), DOUBT);
-    let late = News {
+    let late = WriteReport {
         found: 1,
         late: 1,
         ..DOUBT
     };
     assert_eq!(board.answer(&mut ledger), late);
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
     let (mut ledger, mut board) = pair();
-    board.write(ledger.open_write(Kind::Alone));
+    board.write(ledger.open_write(WriteEvidence::Alone));
     let asked = ledger.open_request();
     board.received += 1;
     let account = Account {
@@ -179,71 +179,71 @@ fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
         details: None,
     };
     board.sent += 1;
-    let next = ledger.open_write(Kind::Alone);
-    assert_eq!(ledger.hear(account, asked), News::default());
+    let next = ledger.open_write(WriteEvidence::Alone);
+    assert_eq!(ledger.evaluate(account, asked), WriteReport::default());
     assert!(!ledger.is_executed());
     board.write(next);
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
     assert!(ledger.is_executed());
 }
 
 #[test]
 fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
     let (mut ledger, mut board) = pair();
-    let [first, second] = [(); 2].map(|()| ledger.open_write(Kind::Alone));
+    let [first, second] = [(); 2].map(|()| ledger.open_write(WriteEvidence::Alone));
     board.write(second);
     board.write(first);
-    let late = News { late: 1, ..DOUBT };
+    let late = WriteReport { late: 1, ..DOUBT };
     assert_eq!(board.answer(&mut ledger), late);
     assert_eq!(board.answer(&mut ledger), DOUBT, "its values still stand");
-    board.write(ledger.open_write(Kind::Alone));
-    assert_eq!(board.answer(&mut ledger), News::default());
+    board.write(ledger.open_write(WriteEvidence::Alone));
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_duplicate_write_is_in_doubt_at_once_and_counted_with_the_details() {
     let (mut ledger, mut board) = pair();
-    let write = ledger.open_write(Kind::Alone);
+    let write = ledger.open_write(WriteEvidence::Alone);
     board.write(write);
     board.write(write);
     let said = board.answer(&mut ledger);
     assert_eq!((said.repeated, said.doubt), (0, true));
     let said = board.answer(&mut ledger);
     assert_eq!((said.repeated, said.doubt), (1, true));
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothing() {
     let (mut ledger, mut board) = pair();
     for _ in 0..3 {
-        board.write(ledger.open_write(Kind::Alone));
+        board.write(ledger.open_write(WriteEvidence::Alone));
         board.received += 1;
         board.sent += 1;
         assert_eq!(board.answer(&mut ledger), DOUBT);
     }
     if ledger.wants_details() {
-        assert_eq!(board.answer(&mut ledger), News::default());
+        assert_eq!(board.answer(&mut ledger), WriteReport::default());
     }
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
     let (mut ledger, mut board) = pair();
-    board.write(ledger.open_write(Kind::Alone));
+    board.write(ledger.open_write(WriteEvidence::Alone));
     ledger.lose_count();
     board.received += 1;
     assert_eq!(board.answer(&mut ledger), DOUBT);
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnoticed() {
     let (mut ledger, mut board) = pair();
-    // Every write is lost, until the numbers come round to the one that the board has.
+    // Every write is lost, until the numbers wrap to the one that the board holds.
     for n in 1..0x2_0000_u32 {
-        ledger.open_write(Kind::Alone);
+        ledger.open_write(WriteEvidence::Alone);
         let said = board.answer(&mut ledger);
         assert!(said.doubt, "{n}: {said:?}");
     }
@@ -253,13 +253,13 @@ fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnotice
 fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
     let (mut ledger, mut board) = pair();
     for n in 0..0x1_0100 {
-        assert_eq!(board.cycle(&mut ledger), News::default(), "{n}");
-        assert_eq!(board.answer(&mut ledger), News::default(), "{n}");
+        assert_eq!(board.cycle(&mut ledger), WriteReport::default(), "{n}");
+        assert_eq!(board.answer(&mut ledger), WriteReport::default(), "{n}");
     }
-    // Nor is a write that is lost among cycles executed, whatever its number.
+    // Nor is a write that is lost among cycles taken as executed, whatever its number.
     for n in 0..0x1_0100 {
         let _ = board.cycle(&mut ledger);
-        ledger.open_write(Kind::Alone);
+        ledger.open_write(WriteEvidence::Alone);
         let said = board.answer(&mut ledger);
         assert!(said.doubt, "{n}: {said:?}");
     }
@@ -268,23 +268,23 @@ fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
 #[test]
 fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
     let (mut ledger, _) = pair();
-    ledger.open_write(Kind::Alone);
+    ledger.open_write(WriteEvidence::Alone);
     let mut board = Board::default();
     let said = board.answer(&mut ledger);
     assert!(said.doubt && ledger.wants_details());
     let said = board.answer(&mut ledger);
     assert_eq!((said.lost, said.repeated, said.doubt), (1, 0, true));
-    board.write(ledger.open_write(Kind::Alone));
+    board.write(ledger.open_write(WriteEvidence::Alone));
     let _ = board.answer(&mut ledger);
-    board.write(ledger.open_write(Kind::Alone));
-    assert_eq!(board.answer(&mut ledger), News::default());
+    board.write(ledger.open_write(WriteEvidence::Alone));
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 #[test]
 fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
     let (mut ledger, mut board) = pair();
     for n in 0..20 {
-        let write = ledger.open_write(Kind::Alone);
+        let write = ledger.open_write(WriteEvidence::Alone);
         if n % 3 != 0 {
             board.write(write);
         }
@@ -303,11 +303,11 @@ fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
 fn more_writes_than_are_remembered_are_unconfirmed_and_not_lost() {
     let (mut ledger, mut board) = pair();
     for _ in 0..100 {
-        board.write(ledger.open_write(Kind::Alone));
+        board.write(ledger.open_write(WriteEvidence::Alone));
     }
     let said = board.answer(&mut ledger);
     assert_eq!((said.lost, said.unconfirmed), (0, 100 - SLOTS as u32));
-    assert_eq!(board.answer(&mut ledger), News::default());
+    assert_eq!(board.answer(&mut ledger), WriteReport::default());
 }
 
 proptest! {
@@ -322,13 +322,13 @@ proptest! {
         let (mut sent, mut known) = (0, 0);
         for (writes, last_write, received, details) in steps {
             for n in 0..writes {
-                let kinds = [Kind::Alone, Kind::Cycle, Kind::Acknowledged];
+                let kinds = [WriteEvidence::Alone, WriteEvidence::Cycle, WriteEvidence::Acknowledged];
                 ledger.open_write(kinds[n as usize % kinds.len()]);
             }
             sent += writes;
             let asked = ledger.open_request();
             let details = details.map(|[sent, slots @ ..]| Details { slots, sent });
-            let said = ledger.hear(Account { last_write, received, details }, asked);
+            let said = ledger.evaluate(Account { last_write, received, details }, asked);
             known = known + said.lost + said.unconfirmed - said.found;
             prop_assert!(known <= sent, "{known} of {sent}");
         }

@@ -1,24 +1,24 @@
-//! A network and a board of the test's own, on virtual time.
+//! A simulated network and board, on virtual time.
 
 use super::*;
 use std::io;
 
-/// What becomes of one packet on its way.
+/// The fate of one packet on its way.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Fate {
     Arrives(u64),
     Lost,
     Doubled(u64, u64),
     Cut(u64, usize),
-    /// In front of it comes one that is longer by this many bytes, and ends with the same number.
+    /// Preceded by a datagram that is longer by this many bytes and ends with the same number.
     AfterLonger(u64, usize),
 }
 
 pub(super) const GOOD: Fate = Fate::Arrives(30_000);
 pub(super) const GOOD_AT_ONCE: Fate = Fate::Arrives(0);
 
-/// Packets by their arrival, then in the order they were sent; a reply with the execution that it
-/// is of.
+/// Packets by their arrival, then in the order of sending; a reply with the execution that caused
+/// it.
 pub(super) type Underway = BTreeMap<(u64, u64), (usize, Vec<u8>)>;
 
 /// One packet that the board executed.
@@ -28,7 +28,7 @@ pub(super) struct Execution {
     pub request: Option<u32>,
 }
 
-/// A board that answers register reads with a stamp that never comes twice.
+/// A board that answers register reads with a stamp that is never repeated.
 #[derive(Debug, Default)]
 pub(super) struct Network {
     pub now: u64,
@@ -46,22 +46,22 @@ pub(super) struct Network {
     pub executions: Vec<Execution>,
     pub stamp: u32,
     pub refuses: bool,
-    /// What becomes of the sends to come.
+    /// Results of the sends to come.
     pub refusals: Vec<bool>,
-    /// How long the board waits for its clock, and what it says of that.
+    /// Time that the board waits for its clock, and the time that it reports.
     pub held: u64,
     pub says_us: Option<u16>,
-    /// Newest numbers that were given to the link.
+    /// Newest numbers that were passed to the link.
     pub newest: Execution,
     /// For each request the newest write before it.
     pub asked: BTreeMap<u32, Option<u16>>,
-    /// The execution that the newest reply at the host is of.
+    /// The execution that caused the newest reply at the host.
     pub delivered: Option<usize>,
-    /// There is always one more datagram, of somebody else, this long.
+    /// Every receive finds one more foreign datagram of this length.
     pub flooded: Option<usize>,
-    /// Another host sends the board a packet every this many nanoseconds.
+    /// Period in nanoseconds at which another host sends a packet to the board.
     pub other_host: Option<u64>,
-    /// How many of them have come.
+    /// Number of such packets so far.
     pub of_others: u64,
     /// For each request number the values of its first execution and all others.
     pub answers: BTreeMap<u32, Vec<Vec<u32>>>,
@@ -99,7 +99,7 @@ impl Network {
         }
     }
 
-    /// Lets everything happen that happens until `until`; stops at the first reply.
+    /// Runs all events until `until`; stops at the first reply.
     fn run(&mut self, until: u64) -> Option<(usize, Vec<u8>)> {
         loop {
             let board = self.to_board.first_key_value().map(|(k, _)| k.0);
@@ -128,7 +128,7 @@ impl Network {
         }
     }
 
-    /// The reply, and how long the board waits before it sends it.
+    /// The reply, and the time that the board waits before it sends the reply.
     pub fn execute(&mut self, packet: &[u8]) -> (Vec<u8>, u64) {
         self.executed.push(packet.to_vec());
         self.executions.push(numbers(packet));
@@ -223,7 +223,7 @@ pub(super) fn numbers(packet: &[u8]) -> Execution {
         }
     }
     if found.request.is_some() {
-        // A whole cycle does not say that it was the last.
+        // A whole cycle does not set the last-write register.
         found.write = found.write.or(slot);
     }
     found
@@ -241,7 +241,7 @@ impl Fate {
     }
 }
 
-impl Link for Network {
+impl PacketLink for Network {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let numbers = numbers(packet);
         let before = self.newest.write;
@@ -268,7 +268,7 @@ impl Link for Network {
             return Ok(None);
         };
         self.delivered = Some(execution);
-        // As a socket does: what does not fit is cut off.
+        // As a socket does: bytes that do not fit are cut off.
         let length = packet.len().min(buffer.len());
         buffer[..length].copy_from_slice(&packet[..length]);
         Ok(Some(length))
@@ -279,7 +279,7 @@ impl Link for Network {
     }
 
     fn sleep_until(&mut self, deadline: Instant) {
-        // What comes meanwhile waits in the socket.
+        // Packets that arrive meanwhile wait in the socket.
         let mut waiting = Vec::new();
         while let Some(packet) = self.run(deadline.as_nanos()) {
             waiting.push(packet);
@@ -290,8 +290,8 @@ impl Link for Network {
     }
 }
 
-/// To look at it when the bus could not be made.
-impl Link for &mut Network {
+/// Lets a test inspect the network when the bus could not be made.
+impl PacketLink for &mut Network {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         (**self).send(packet)
     }

@@ -1,11 +1,11 @@
-//! Somebody else who begins after the bus was opened.
+//! Another host that starts after the bus was opened.
 
 use super::*;
 
-/// What is told.
+/// No packets of others reported.
 const NOBODY: [u32; 0] = [];
 
-/// What a network does to packets that are lost, late or come twice so often, of 16.
+/// Shares, in 16ths, of the packets that a network loses, delays or duplicates.
 #[derive(Clone, Copy, Debug)]
 struct Weather {
     lost: u32,
@@ -31,7 +31,8 @@ impl Weather {
     }
 }
 
-/// Cycles of 1 ms on a network like this; how many packets of others each second told.
+/// Runs cycles of 1 ms on such a network; returns the counts of others' packets that replies
+/// reported, without zeros.
 fn run(bus: &mut UdpBus<Network>, weather: Weather, dice: &[u32]) -> Vec<u32> {
     let cycle = Cycle::new(bus);
     let mut told = Vec::new();
@@ -51,7 +52,7 @@ fn run(bus: &mut UdpBus<Network>, weather: Weather, dice: &[u32]) -> Vec<u32> {
     told
 }
 
-/// Dice that no test framework has to write down.
+/// Reproducible dice that need no entry in a test framework's files.
 fn dice(seed: u32, count: u32) -> Vec<u32> {
     let scramble = |n: u32| {
         let n = (n ^ n >> 16).wrapping_mul(0x7FEB_352D);
@@ -63,7 +64,7 @@ fn dice(seed: u32, count: u32) -> Vec<u32> {
 
 #[test]
 fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
-    // A cycle of 1 kHz, one of 100 Hz that writes and reads.
+    // A cycle of 1 kHz, and one of 100 Hz that writes and reads.
     for every in [500_000, 5_000_000] {
         let mut bus = bus();
         assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 2500)), NOBODY);

@@ -1,4 +1,4 @@
-//! Requests in flight, and those that wait in the board.
+//! Requests in flight, and requests that wait in the board.
 
 use super::*;
 
@@ -8,8 +8,8 @@ fn hold(limit: Duration) -> Hold {
     Hold { before: 0, limit }
 }
 
-/// A bus whose board waits so long for its clock, and a list that is held back for up to 1 ms.
-fn paced(held: Duration) -> (UdpBus<Network>, UdpList) {
+/// A bus whose board waits this long for its clock, and a list that is held back for up to 1 ms.
+fn paced(held: Duration) -> (UdpBus<Network>, AccessList) {
     let mut bus = bus();
     bus.link().held = held.as_nanos() as u64;
     let list = bus.prepare(&[READ], Some(hold(MS))).unwrap();
@@ -77,7 +77,7 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
         by: MS / 100 * 13,
     };
     assert_eq!(error, late);
-    // Nor does it help to say more than it may wait.
+    // Reporting a longer wait than allowed does not help either.
     bus.link().held = 0;
     bus.link().says_us = Some(u16::MAX);
     bus.link().replies = vec![Fate::Arrives(1_900_000)];

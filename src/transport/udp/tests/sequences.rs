@@ -1,4 +1,4 @@
-//! Any calls in any order, on any network, beside any other client.
+//! Arbitrary calls in any order, on any network, beside any other client.
 
 use super::*;
 
@@ -14,10 +14,10 @@ enum Step {
     Run,
     Send,
     Wait(u64),
-    /// A packet of another client: a question, or a write to scratch registers.
+    /// A packet of another client: a query, or a write to scratch registers.
     Other(Option<(u16, u16)>),
     Reset,
-    /// The board has got this many packets more than anybody knows of.
+    /// The board has received this many packets more than any sender accounts for.
     Counts(u16),
 }
 
@@ -39,16 +39,16 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// What is known from the board's side of the replies that were taken.
+/// Independent knowledge, from the board's side, of the replies that were taken.
 #[derive(Debug, Default)]
 struct Witness {
-    /// Executions up to here were seen by the reply that was taken last.
+    /// Executions up to here were covered by the reply that was taken last.
     heard: Option<usize>,
 }
 
 impl Witness {
-    /// A reply was taken: whether its board had executed the newest write last, and nothing else
-    /// since the reply before.
+    /// Records that a reply was taken. True if its board had executed the newest write last, and
+    /// nothing else since the previous reply.
     fn is_certain(&mut self, network: &Network) -> bool {
         let taken = network.delivered.expect("a reply came");
         let request = network.executions[taken].request.expect("to a request");
@@ -69,7 +69,7 @@ impl Witness {
 /// Another client's packet.
 fn packet_of_another(scratch: Option<(u16, u16)>) -> Vec<u8> {
     match scratch {
-        // The cookie.
+        // A read of the cookie.
         None => vec![0x81, 0x42, 0x00, 0x01],
         Some((at, value)) => {
             let [low, high] = value.to_le_bytes();
@@ -78,7 +78,7 @@ fn packet_of_another(scratch: Option<(u16, u16)>) -> Vec<u8> {
     }
 }
 
-/// What others do to the board.
+/// Applies a disturbance from outside to the board.
 fn disturb(network: &mut Network, step: Step, n: usize) {
     match step {
         Step::Other(scratch) => {
@@ -87,8 +87,8 @@ fn disturb(network: &mut Network, step: Step, n: usize) {
         }
         Step::Reset => {
             network.scratch.clear();
-            // Where they begin is one of 65536, so that none is the one that was due by chance,
-            // which nobody could tell.
+            // The counts restart at a value of which none is by chance the one that was due: a
+            // reset with the expected count could not be detected.
             (network.received, network.sent) = (0x400 * n as u16, 0);
         }
         Step::Counts(more) => network.received = network.received.wrapping_add(more),
@@ -106,8 +106,8 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
     let accesses = [Access::write(0x2000, 2, 1), Access::read(0x1000, 0, 2)];
     let mixed = bus.prepare(&accesses, Some(hold(1))).unwrap();
     let lists = [&cycle.read, &paced, &cycle.write, &mixed];
-    // Doubts that were told, and whether the truth since then is certain. What replies told before
-    // the first list is of no list.
+    // Doubts that were reported, and whether the truth since then is certain. Reports before the
+    // first list belong to no list.
     let (mut told, mut is_certain_since, mut is_cyclic) = (0, true, false);
     let mut witness = Witness::default();
     let (mut good, mut writes) = (0_u64, 0);
@@ -116,7 +116,7 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
         let mut words = [0, 0, value];
         let before = bus.statistics();
         let number = bus.link().newest.request;
-        // Whether it is answered, and by which request at the earliest.
+        // Whether it is answered, and the earliest request that may have been.
         let (result, is_answered) = match *step {
             Step::Read => (bus.run(&cycle.read, &mut words).map(Some), true),
             Step::PacedRead => (bus.run(&paced, &mut words).map(Some), true),
@@ -161,7 +161,7 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
             }
             prop_assert_eq!(&words[..2], &[0, 0], "{:?}", step);
             if matches!(step, Step::Exchange | Step::WriteAlone | Step::Run) {
-                // A question between may have been answered.
+                // A query in between may have been answered.
                 witness.heard = None;
             }
         } else if let (Ok(reply), true) = (result, is_answered) {
@@ -216,7 +216,7 @@ fn bus_with(held: u64) -> UdpBus<Network> {
     UdpBus::new(network, config).unwrap()
 }
 
-/// Mostly good, so that the sequences come far.
+/// Mostly good, so that the sequences get far.
 fn fates() -> impl Strategy<Value = Vec<Fate>> {
     let whole = fate().prop_filter("a board ignores a cut request", |fate| {
         !matches!(fate, Fate::Cut(..))

@@ -103,7 +103,7 @@ fn the_rpc_list_of_the_manual_runs_on_a_remote() {
 /// 0010.
 #[test]
 fn the_example_commands_of_the_manual_in_a_row() {
-    let mut remote = crate::remote::Remote::model();
+    let mut remote = crate::remote::SimRemote::model();
     remote.apply("present=1").unwrap();
     let mut host = Host::new(&mut remote);
     let write = [0x6E, 0x10, 0x00, 0xAA, 0xBB, 0xCC, 0xDD];
@@ -141,7 +141,7 @@ fn layouts_pack_what_they_unpack() {
                 data P 5 pad both\ndata C 64 unsigned both\ndata D 100 bits both\n";
     let remote = Plain::from_description(text).unwrap();
     let layout = remote.application().layout();
-    let mut memory = crate::remote::Memory::default();
+    let mut memory = crate::remote::SimMemory::default();
     let wire: Vec<u8> = (0..24_u8)
         .map(|n| n.wrapping_mul(73).wrapping_add(11))
         .collect();

@@ -4,7 +4,7 @@ use super::*;
 use crate::remote::firmware_file;
 
 /// A card with a parameter of `bits` bits.
-fn card(bits: u8) -> Remote<Device<Plain>> {
+fn card(bits: u8) -> SimRemote<Device<Plain>> {
     let text = format!(
         "remote 7X99\nrevision 9\nmode 0 outputs\n  data Output 8 bits out\n\
          parameter Before 32 unsigned in 0 4294967295 = 4294967295\n\

@@ -51,7 +51,7 @@ const QUEUED: usize = 4;
 pub(super) struct Counter {
     /// Samples of even encoders are taken while the select line is low, of odd ones while the line
     /// is high; plain encoders have all of them.
-    place: Place,
+    place: CountPlace,
     divider: Divider,
     count: u16,
     stamp: u16,
@@ -72,13 +72,13 @@ pub(super) struct Counter {
     /// False until the first sample after configuration, which is not counted.
     is_started: bool,
     /// Pending changes, each after a clock edge; the oldest first.
-    changes: [(Clocks, Change); QUEUED],
+    changes: [(Clocks, CountChange); QUEUED],
     queued: usize,
 }
 
 /// A change of a counter's registers or pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Change {
+pub(super) enum CountChange {
     /// CONTROL is written.
     Control(u32),
     /// COUNT is written.
@@ -90,7 +90,7 @@ pub(super) enum Change {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum CountPlace {
     Even,
     Odd,
     Plain,
@@ -126,7 +126,13 @@ impl Filter {
 }
 
 impl Counter {
-    pub fn new(place: Place, divider: Divider, has_probe: bool, mask: bool, probe: bool) -> Self {
+    pub fn new(
+        place: CountPlace,
+        divider: Divider,
+        has_probe: bool,
+        mask: bool,
+        probe: bool,
+    ) -> Self {
         Self {
             place,
             divider,
@@ -144,7 +150,7 @@ impl Counter {
             counted: [false; 4],
             due: None,
             is_started: false,
-            changes: [(0, Change::Clear); QUEUED],
+            changes: [(0, CountChange::Clear); QUEUED],
             queued: 0,
         }
     }
@@ -199,7 +205,7 @@ impl Counter {
     }
 
     /// Queues a change after the clock edge `at`, which is not before that of an earlier change.
-    pub fn change(&mut self, at: Clocks, change: Change, stamps: &Stamps) {
+    pub fn change(&mut self, at: Clocks, change: CountChange, stamps: &Stamps) {
         if let [(oldest, _), ..] = self.changes
             && self.queued == QUEUED
         {
@@ -217,21 +223,21 @@ impl Counter {
         changes.any(|&(edge, _)| edge == at)
     }
 
-    fn apply(&mut self, change: Change) {
+    fn apply(&mut self, change: CountChange) {
         match change {
-            Change::Control(value) => {
+            CountChange::Control(value) => {
                 // Writing a 1 clears the quadrature error.
                 let error = self.control & QUADRATURE_ERROR & !value;
                 self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
             }
-            Change::Clear => {
+            CountChange::Clear => {
                 self.count = 0;
                 if self.control & JUST_ONCE != 0 {
                     self.control &= !CLEAR_ON_INDEX;
                 }
             }
-            Change::Probe(level) => self.probe = level,
-            Change::Mask(level) => self.mask = level,
+            CountChange::Probe(level) => self.probe = level,
+            CountChange::Mask(level) => self.mask = level,
         }
     }
 
@@ -269,7 +275,7 @@ impl Counter {
             let mut divider = self.divider;
             divider.step();
             // Multiplexed encoders count once in two loads, all of them at the same time.
-            if self.place != Place::Plain && divider.count().is_multiple_of(2) {
+            if self.place != CountPlace::Plain && divider.count().is_multiple_of(2) {
                 divider.step();
             }
             let [load, before, second] = divider.loaded();
@@ -283,16 +289,16 @@ impl Counter {
             }
             self.divider = divider;
             self.look(match self.place {
-                Place::Plain => load,
-                Place::Even => before + TO_SELECT,
-                Place::Odd => second + TO_SELECT,
+                CountPlace::Plain => load,
+                CountPlace::Even => before + TO_SELECT,
+                CountPlace::Odd => second + TO_SELECT,
             });
             self.tick(tick);
         }
     }
 
     fn of_place(&self, [muxed, plain]: [Clocks; 2]) -> Clocks {
-        if self.place == Place::Plain {
+        if self.place == CountPlace::Plain {
             plain
         } else {
             muxed

@@ -5,10 +5,10 @@ mod generator;
 #[cfg(test)]
 mod stepped;
 
-use super::IoPorts;
+use super::SimIoPorts;
 use super::io_ports::Source;
 use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{Firmware, ModuleDescriptor};
+use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor};
 use crate::wire::Nanos;
 use divider::Divider;
 use generator::{DITHER, Generator, Reference, Style};
@@ -48,7 +48,7 @@ struct Pins {
 /// All generators run from configuration on, enabled or not: the enables only drive pins of their
 /// own, low while the bit is set. The level of a pin is computed on demand, exact to the clock.
 #[derive(Clone, Debug)]
-pub struct Pwm {
+pub struct SimPwm {
     clock: u32,
     dithers: bool,
     reference: Reference,
@@ -60,9 +60,9 @@ pub struct Pwm {
     pins: Vec<Pins>,
 }
 
-impl Pwm {
+impl SimPwm {
     /// Generators after the configuration of the FPGA at `now`.
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, now: Nanos) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
         let count = module.instances.min(32);
         let pin = |unit, pin| firmware.pin(module.gtag, unit, pin);
         let pins = (0..count).map(|unit| {
@@ -172,7 +172,7 @@ impl Pwm {
     /// Fraction of the time in which a generator's first pin is high, 0 to 1; `None` while the pin
     /// is not driven. A plain output is high always or never; so is a generator whose clock stands
     /// still.
-    pub fn duty(&self, unit: usize, io: &IoPorts, now: Nanos) -> Option<f64> {
+    pub fn duty(&self, unit: usize, io: &SimIoPorts, now: Nanos) -> Option<f64> {
         let generator = self.generators.get(unit)?;
         let clock = self.clocks(now);
         let (high, inverted) = match io.source(self.pins.get(unit)?.out) {
@@ -198,14 +198,14 @@ impl Pwm {
     /// The voltage of an analog output of a 7I97, whose low-pass filter is behind the pin: 0 V at
     /// half scale. The 0 V of a pin that is not driven is an assumption; the manual does not
     /// specify it.
-    pub fn volts(&self, unit: usize, io: &IoPorts, now: Nanos) -> f64 {
+    pub fn volts(&self, unit: usize, io: &SimIoPorts, now: Nanos) -> f64 {
         let duty = self.duty(unit, io, now);
         duty.map_or(0.0, |high| (high - 0.5) * 2.0 * FULL_SCALE)
     }
 
     /// True if the drive-enable switch of an output conducts: its /enable pin is driven low, by the
     /// module or as a plain output.
-    pub fn drive_enabled(&self, unit: usize, io: &IoPorts) -> bool {
+    pub fn drive_enabled(&self, unit: usize, io: &SimIoPorts) -> bool {
         self.pins
             .get(unit)
             .is_some_and(|pins| match io.source(pins.enable) {

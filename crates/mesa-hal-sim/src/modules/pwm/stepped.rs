@@ -3,7 +3,7 @@
 //! The model is a chain of registers that take their inputs at an edge of the 200 MHz clock (FACTS
 //! 12.3; the recordings show the same delays). It shares no code with the model that it checks.
 
-use super::{PIN_DIRECTION, PIN_OUT, Pwm};
+use super::{PIN_DIRECTION, PIN_OUT, SimPwm};
 use crate::fpga::firmware::gtag;
 use crate::machines;
 
@@ -158,7 +158,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
     let firmware = machines::firmware_7i97(1);
     let mut module = *firmware.module(gtag::PWM).expect("a 7I97 has PWM");
     module.version = version;
-    let mut pwm = Pwm::new(&firmware, &module, 0);
+    let mut pwm = SimPwm::new(&firmware, &module, 0);
     let mut stepped = Stepped::default();
     let mut numbers = Numbers(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let mut said = Vec::new();

@@ -6,7 +6,7 @@ mod reset;
 use proptest::prelude::*;
 
 use super::{InterfaceRegisters, Lines, NoLines, PortConfig, Register, SslbpPort};
-use crate::remote::Remote;
+use crate::remote::SimRemote;
 use crate::wire::{Burst, Nanos, RemoteEnd};
 
 const MS: Nanos = 1_000_000;
@@ -49,7 +49,7 @@ impl Bench {
         let mut ends: Ends = Default::default();
         for (end, text) in ends.iter_mut().zip(remotes) {
             if !text.is_empty() {
-                let mut remote = Remote::model();
+                let mut remote = SimRemote::model();
                 remote.apply(text).expect("a remote");
                 *end = Some(Box::new(remote));
             }

@@ -2,7 +2,7 @@
 //! 11.2, 11.12.
 
 use super::{Bench, MS, PortConfig, REMOTE, US};
-use crate::remote::{FixedData, Remote};
+use crate::remote::{FixedData, SimRemote};
 use crate::sslbp::Register;
 use crate::wire::Nanos;
 
@@ -19,7 +19,7 @@ impl Bench {
     fn apply(&mut self, text: &str) {
         for end in self.lines.ends.iter_mut().flatten() {
             let end: &mut dyn core::any::Any = &mut **end;
-            let remote: &mut Remote<FixedData> = end.downcast_mut().expect("a model");
+            let remote: &mut SimRemote<FixedData> = end.downcast_mut().expect("a model");
             remote.apply(text).expect("an option");
         }
     }

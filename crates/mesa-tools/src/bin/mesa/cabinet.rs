@@ -1,4 +1,4 @@
-//! The remotes a command is for: those of a board, or the one on a serial port of the PC.
+//! Target of commands for remotes: those of a board, or the one on a serial port of the PC.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::transport::udp::UdpError;
-use mesa_hal::{Board, DriverError, Settings};
+use mesa_hal::{Board, Configured, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
 };
@@ -17,10 +17,10 @@ use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{Found, Target};
 
-/// How long one read of a serial port waits.
+/// Timeout of one read from a serial port.
 const READ: Duration = Duration::from_millis(10);
 
-/// The remotes of a board, or the one card on a serial port.
+/// All remotes of a board, or the one card on a serial port.
 #[derive(Clone, Debug, Args)]
 pub struct CabinetTarget {
     #[command(flatten)]
@@ -32,10 +32,11 @@ pub struct CabinetTarget {
 /// A serial port of the PC.
 #[derive(Clone, Debug, Args)]
 pub struct SerialLine {
-    /// A card in setup mode on this serial port of the PC instead, for example /dev/ttyUSB0
+    /// Serial port of the PC with a card in setup mode, for example /dev/ttyUSB0; instead of a
+    /// board
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["addr", "sim"])]
     pub serial: Option<String>,
-    /// Baud rate of the serial port, 9600 to 10000000. A card in setup mode has 115200
+    /// Baud rate of the serial port, 9600 to 10000000. A card in setup mode uses 115200
     #[arg(
         long, value_name = "BAUD", default_value_t = SETUP_BAUD_RATE, requires = "serial",
         value_parser = clap::value_parser!(u32).range(9_600..=10_000_000)
@@ -43,11 +44,11 @@ pub struct SerialLine {
     baud: u32,
 }
 
-/// A serial port that is open.
+/// An open serial port.
 pub type OpenLine = SerialHost<Box<dyn SerialPort>>;
 
 impl SerialLine {
-    /// Opens the serial port, if one was given. Nobody else can open it then.
+    /// Opens the serial port, if one was given, for exclusive use.
     pub fn open(&self) -> Result<Option<OpenLine>, Failure> {
         let Some(device) = &self.serial else {
             return Ok(None);
@@ -71,16 +72,16 @@ impl SerialLine {
 
 /// Remotes in setup mode.
 pub enum OpenCabinet {
-    /// Those of a board.
+    /// Remotes of a board.
     Board {
-        board: Box<Board<Bus>>,
+        board: Box<Configured<Bus>>,
         found: Found,
     },
-    /// The one on a serial port.
+    /// The remote on a serial port.
     Serial(Box<SerialCabinet<Box<dyn SerialPort>>>),
 }
 
-/// Why a parameter was not read or written.
+/// Error of reading or writing a parameter.
 #[derive(Debug, thiserror::Error)]
 pub enum CabinetError {
     #[error(transparent)]
@@ -90,8 +91,8 @@ pub enum CabinetError {
 }
 
 impl CabinetTarget {
-    /// Stops the ports of the board and starts its remotes in setup mode, or finds the one on the
-    /// serial port. Says what is odd.
+    /// Stops the ports of the board and starts its remotes in setup mode, or identifies the remote
+    /// on the serial port. Prints missing remotes and problems to standard error.
     pub fn open(&self) -> Result<OpenCabinet, Failure> {
         if let Some(line) = self.line.open()? {
             let device = self.line.serial.as_deref().unwrap_or_default();
@@ -110,8 +111,7 @@ impl CabinetTarget {
             return Ok(OpenCabinet::Serial(Box::new(open)));
         }
         let found = self.target.find()?;
-        let mut board = Board::identify(found.open()?, Settings::default())?;
-        board.discover()?;
+        let board = Board::identify(found.open()?, Settings::default())?.discover()?;
         for missing in board.missing().iter().filter(|remark| !remark.is_silent()) {
             complain(format_args!("MISSING: {missing}"));
         }
@@ -134,7 +134,7 @@ impl CabinetTarget {
 }
 
 impl OpenCabinet {
-    /// The board, which somebody else may drive.
+    /// The board, which another program may drive; `None` for a serial port.
     pub fn found(&self) -> Option<&Found> {
         match self {
             Self::Board { found, .. } => Some(found),

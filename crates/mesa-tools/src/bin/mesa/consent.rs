@@ -1,4 +1,4 @@
-//! What is asked before an output is driven, a running machine is stopped, or a memory is written.
+//! Consent before an output is driven, a running machine is stopped, or a memory is written.
 
 use std::fmt::{self, Display};
 use std::io::{self, IsTerminal};
@@ -15,30 +15,30 @@ use crate::files;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
 
-/// How often a person who is asked may have pressed Ctrl-C instead.
+/// Interval of the checks for a signal while an answer is awaited.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Of a command that asks before it does something.
+/// Argument of a command that asks before it acts.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Asks {
-    /// Do it without asking
+    /// Do it without a question
     #[arg(long)]
     pub yes: bool,
 }
 
-/// What a command would do.
+/// Planned action of a command.
 #[derive(Debug, Serialize)]
 struct Planned<'a> {
-    /// Nothing was done.
+    /// Always true: nothing was done.
     dry_run: bool,
     address: SocketAddrV4,
     would: &'a str,
 }
 
 impl Asks {
-    /// Prints on standard error what is about to be done, and goes on only with `--yes`, or if a
-    /// person at a terminal agrees, who may have taken his time: a board that is open is looked at
-    /// again, and left alone if somebody else drives it by now.
+    /// Prints the planned action to standard error, and continues only with `--yes`, or after a
+    /// person at a terminal has agreed. Because an answer takes time, an open board is then checked
+    /// again, and left alone if another program drives it by now.
     pub fn consent(
         self,
         context: &Context,
@@ -59,8 +59,8 @@ impl Asks {
         board.map_or(Ok(()), Found::check_free)
     }
 
-    /// Whether a file [can be written](files::check) there, and may take the place of one that is
-    /// there: known before anything is done for what it shall have.
+    /// Checks that a file [can be written](files::check) at `path`, and asks for consent if one
+    /// exists there, before the work whose result the file takes.
     pub fn replaces(self, context: &Context, path: &Path) -> Result<(), Failure> {
         files::check(path)?;
         if !path.exists() {
@@ -69,15 +69,15 @@ impl Asks {
         let path = path.display();
         self.consent(
             context,
-            &format!("{path} is there already: it is replaced"),
+            &format!("replaces {path}, which already exists"),
             None,
         )
     }
 }
 
 impl Context {
-    /// Whether to do to a board what was asked for: with `--dry-run` it is printed instead, and
-    /// otherwise it needs [consent](Asks::consent).
+    /// Asks for [consent](Asks::consent) to an action on a board. With `--dry-run` prints the
+    /// action instead and returns `false`.
     pub fn agrees(
         &self,
         target: &ChangedTarget,
@@ -100,7 +100,7 @@ impl Context {
 
     fn asked(&self, what: &str) -> Result<(), Failure> {
         if !io::stdin().is_terminal() {
-            let how = "nobody can be asked; give --yes if that is meant";
+            let how = "not a terminal, so nothing was done; add --yes to do it without a question";
             return Err(Failure::usage(format_args!("{what}: {how}")));
         }
         complain(format_args!("mesa: {what}. Go on? [y/N]"));
@@ -110,7 +110,7 @@ impl Context {
         }
     }
 
-    /// A line of standard input; empty after its end, and after a signal.
+    /// Reads a line of standard input; empty at its end, and after a signal.
     fn answer(&self) -> io::Result<String> {
         let (sender, line) = sync_channel(1);
         std::thread::spawn(move || {

@@ -1,4 +1,4 @@
-//! What every command gets, and how it ends.
+//! Context, ending and failure of a command.
 
 use std::error::Error;
 use std::fmt::{self, Display};
@@ -9,18 +9,18 @@ use serde::Serialize;
 
 use crate::{output, words};
 
-/// What every command gets.
+/// Context of every command.
 #[derive(Debug)]
 pub struct Context {
-    /// For programs.
+    /// True if results are printed as JSON, for programs.
     pub json: bool,
-    /// Whether a signal asks for the end.
+    /// Set by a signal that asks for the end.
     pub stop: Stop,
 }
 
 impl Context {
-    /// Prints what a command found: for people, or as JSON for programs. The JSON of a command is in
-    /// `docs/mesa.schema.json` under its name.
+    /// Prints the result of a command: as text, or as JSON for programs. The JSON of a command is
+    /// described in `docs/mesa.schema.json` under its name.
     pub fn print<T: Serialize + Display>(&self, found: &T) -> Result<(), Failure> {
         if self.json {
             let text = serde_json::to_string_pretty(found)?;
@@ -31,7 +31,7 @@ impl Context {
         Ok(())
     }
 
-    /// How a command ends that has done what it can: by the signal that came, if one did.
+    /// Ending of a command that did what it could: `Stopped` if a signal came, else `Done`.
     pub fn ending(&self) -> Ending {
         match self.stop.signal() {
             Some(signal) => Ending::Stopped(signal),
@@ -40,18 +40,18 @@ impl Context {
     }
 }
 
-/// How a command ends that has said all there is to say.
+/// Ending of a command whose result is printed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As asked for.
+    /// Done as requested.
     Done,
-    /// The board or the machine says no, and it was printed.
+    /// Refused by the board or the machine; the reason is printed.
     Refused,
-    /// By a signal, with everything safe.
+    /// Stopped by a signal, with everything safe.
     Stopped(Signal),
 }
 
-/// Why a command was not done.
+/// Error of a command that was not carried out.
 #[derive(Debug)]
 pub struct Failure {
     why: Why,
@@ -66,17 +66,17 @@ enum Why {
 }
 
 impl Failure {
-    /// Arguments that make no sense.
+    /// Invalid arguments.
     pub fn usage(message: impl Display) -> Self {
         Self::new(Why::Usage, message)
     }
 
-    /// The board or the machine says no.
+    /// Refusal by the board or the machine.
     pub fn refused(message: impl Display) -> Self {
         Self::new(Why::Refused, message)
     }
 
-    /// A signal came before it was begun, or done.
+    /// End by a signal before the command was begun or done.
     pub fn stopped(signal: Signal, message: impl Display) -> Self {
         Self::new(Why::Stopped(signal), message)
     }

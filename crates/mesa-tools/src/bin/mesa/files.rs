@@ -1,4 +1,4 @@
-//! Files: whole, or not there.
+//! Files: written as a whole or not at all, and read up to a limit.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -8,24 +8,24 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::context::Failure;
 
-/// Whether a file can be written there, before anything is done for what it shall have: a device, a
-/// pipe or a directory stays what it is.
+/// Checks that a file can be written at `path`, before the work whose result it takes. Devices,
+/// pipes and directories are refused.
 pub fn check(path: &Path) -> Result<(), Failure> {
     let shown = path.display();
     if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
-        let what = "no regular file, and it stays what it is; name another";
+        let what = "no regular file, and left unchanged; name another";
         return Err(Failure::usage(format_args!("{shown}: {what}")));
     }
     probe(path).map_err(|error| Failure::refused(format_args!("{shown}: {error}")))
 }
 
-/// Whether a file can be made beside this one.
+/// Checks that a file can be created beside `path`.
 pub fn probe(path: &Path) -> io::Result<()> {
     let (_, beside) = create_beside(path)?;
     fs::remove_file(beside)
 }
 
-/// Whether two names are of one file, which may not be there yet.
+/// True if two paths name the same file, which may not exist yet.
 pub fn is_same(one: &Path, other: &Path) -> bool {
     let whole = |path: &Path| {
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
@@ -36,17 +36,17 @@ pub fn is_same(one: &Path, other: &Path) -> bool {
     one == other || whole(one).is_some_and(|one| Some(one) == whole(other))
 }
 
-/// Writes a file, [whole](put) or not at all, where it [can be](check).
+/// Writes a file as a [whole](put) or not at all, after [checking](check) its path.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     check(path)?;
     put(path, bytes).map_err(|error| {
-        let (path, what) = (path.display(), "what was there is as it was");
+        let (path, what) = (path.display(), "a file that was there is unchanged");
         Failure::refused(format_args!("{path}: {error}; {what}"))
     })
 }
 
-/// Writes a file beside its place, and puts it there when it is on the disk: whoever looks sees the
-/// old one, or the whole new one. Nothing is left beside it if that fails.
+/// Writes a file beside its place, and renames it once it is on the disk: readers see the old file
+/// or the whole new one. Nothing is left beside it on failure.
 pub fn put(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let (mut file, beside) = create_beside(path)?;
     let written = file.write_all(bytes).and_then(|()| {
@@ -59,12 +59,12 @@ pub fn put(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// A new file beside this one, which takes its place when it is whole. Its name is nobody's: what is
-/// there already, or where a link leads to, stays what it is.
+/// Creates a file beside `path`, which takes its place when it is complete. The name must be new:
+/// an existing file, or the target of a link, is never opened.
 fn create_beside(path: &Path) -> io::Result<(File, PathBuf)> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let name = path.file_name().ok_or_else(|| {
-        let reason = "this is no name of a file; name another";
+        let reason = "not the name of a file; name another";
         io::Error::new(io::ErrorKind::InvalidInput, reason)
     })?;
     let (process, next) = (process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
@@ -75,14 +75,14 @@ fn create_beside(path: &Path) -> io::Result<(File, PathBuf)> {
     Ok((file, beside))
 }
 
-/// Reads a file that may have so many bytes.
+/// Reads a file of at most `most` bytes.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>, Failure> {
     let bytes = bounded(path, most);
     bytes.map_err(|error| Failure::refused(format_args!("{}: {error}", path.display())))
 }
 
-/// Reads a file that may have so many bytes, and that is one: who opens a named pipe waits until
-/// somebody writes to it, which may be never.
+/// Reads a regular file of at most `most` bytes. A named pipe is refused, because opening one
+/// blocks until another process writes to it.
 pub fn bounded(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let refused = |reason: String| Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
     if !fs::metadata(path)?.is_file() {

@@ -4,7 +4,7 @@ use std::io;
 use std::time::Duration;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{Link, UdpBus, UdpLink};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpLink};
 
 use crate::simulated::SimulatedLink;
 
@@ -28,7 +28,7 @@ impl BoardLink {
     }
 }
 
-impl Link for BoardLink {
+impl PacketLink for BoardLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         match self {
             Self::Socket(link) => link.send(packet),

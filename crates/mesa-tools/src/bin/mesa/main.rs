@@ -1,6 +1,6 @@
-//! `mesa`: one command for everyone who owns a board.
+//! `mesa`: one command for all tasks around a board.
 //!
-//! What it does is calls of the library; here are arguments, words and screens.
+//! The work is done by libraries; this binary has the arguments, texts and screens.
 
 mod cabinet;
 mod commands;
@@ -29,15 +29,15 @@ use commands::Command;
 use context::{Context, Ending};
 use mesa_hal::runner::Stop;
 
-/// Finds, shows, tests, sets up and simulates Mesa Electronics' motion I/O boards.
+/// Find, inspect, test, set up and simulate Mesa Electronics' motion I/O boards
 #[derive(Debug, Parser)]
 #[command(name = "mesa", version, propagate_version = true, after_help = AFTER_HELP)]
 struct Cli {
-    /// Print what was found as JSON, for programs
+    /// Print the result as JSON, for programs
     #[arg(long, global = true)]
     json: bool,
-    /// As the `--yes` of the commands that ask: it may stand in front of them, and does nothing
-    /// for the others, whose help does not name it.
+    /// Same as `--yes` of the commands that ask. May stand in front of any command; without effect
+    /// on the others, whose help does not list it.
     #[arg(long, global = true, hide = true)]
     yes: bool,
     #[command(subcommand)]
@@ -45,23 +45,23 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Each command is tried without a board with --sim 7i92-7i77 or --sim 7i97:
+To try a command without a board, use --sim 7i92-7i77 or --sim 7i97:
   mesa info --sim 7i97
 
-MESA_ADDR is the address of the board where neither --addr nor --sim is given.
+Without --addr and --sim, the address of the board is taken from MESA_ADDR.
 
-Exits with 0 if it is done, 1 if the board or the machine says no, 2 for bad arguments,
-130 after SIGINT (Ctrl-C), 143 after SIGTERM, 129 after SIGHUP. Whatever drives a board ends
-with its outputs off and its ports stopped; what poke and raw write stays.
+Exits with 0 if done, 1 if refused by the board or the machine, 2 for bad arguments, 130 after
+SIGINT (Ctrl-C), 143 after SIGTERM, 129 after SIGHUP. Commands that drive a board end with its
+outputs off and its ports stopped; values written by poke and raw remain.
 
 Colours are for terminals only; NO_COLOR turns them off.";
 
-/// What the help of each command ends with.
+/// Last paragraph of the help of each command.
 const EXITS: &str = "\
-Exits with 0 if it is done, 1 if the board or the machine says no, 2 for bad arguments, 130 after
+Exits with 0 if done, 1 if refused by the board or the machine, 2 for bad arguments, 130 after
 Ctrl-C.";
 
-/// The command line, with what all commands have in common.
+/// The command line, with the exit codes appended to the help of each command.
 fn command_line() -> clap::Command {
     fn with_exits(command: clap::Command) -> clap::Command {
         let command = command.mut_subcommands(with_exits);
@@ -74,7 +74,7 @@ fn command_line() -> clap::Command {
     Cli::command().mut_subcommands(with_exits)
 }
 
-/// Prints help, or why the arguments make no sense, and says how that ends.
+/// Prints the help, or the error in the arguments, and returns the exit code.
 fn explain(error: &clap::Error) -> ExitCode {
     output::printed(error.print().and_then(|()| io::stdout().flush()));
     match error.use_stderr() {
@@ -93,7 +93,7 @@ fn main() -> ExitCode {
     let stop = match Stop::on_signals() {
         Ok(stop) => stop,
         Err(error) => {
-            output::complain(format_args!("mesa: signals can not be caught: {error}"));
+            output::complain(format_args!("mesa: signals cannot be caught: {error}"));
             return ExitCode::FAILURE;
         }
     };

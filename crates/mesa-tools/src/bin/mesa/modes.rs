@@ -8,19 +8,19 @@ use mesa_hal::Settings;
 /// The software modes that remotes are started in.
 #[derive(Clone, Debug, Args)]
 pub struct Modes {
-    /// Start the remote on this serial port (0 to 3) and channel (0 to 7) in a software mode
-    /// other than 0 (1 to 255); repeat for more
+    /// Software mode (1 to 255) of the remote on a serial port (0 to 3) and channel (0 to 7),
+    /// instead of mode 0; repeat for more
     #[arg(long = "mode", value_name = "PORT.CHANNEL=MODE", value_parser = parse)]
     modes: Vec<((u8, u8), u8)>,
 }
 
 impl Modes {
-    /// By port and channel. Of two for the same channel the last one counts.
+    /// Modes by port and channel; of two for the same channel, the last one counts.
     pub fn by_channel(&self) -> BTreeMap<(u8, u8), u8> {
         self.modes.iter().copied().collect()
     }
 
-    /// Puts them into the settings of a driver.
+    /// Adds the modes to the settings of a driver.
     pub fn put(&self, settings: &mut Settings) {
         for (&(port, channel), &mode) in &self.by_channel() {
             let port = settings.serial_ports.entry(port).or_default();

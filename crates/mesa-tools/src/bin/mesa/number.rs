@@ -1,7 +1,7 @@
-//! Numbers for people. Times are [`mesa_hal::Rounded`]; JSON has every digit.
+//! Formatting of numbers in text output. Times use [`mesa_hal::Rounded`]; JSON has every digit.
 
-/// A value of a pin: four digits behind the point, or in front of the power of ten where these would
-/// say nothing.
+/// Formats the value of a pin with four decimals; below 0.001 and from 10 million on in scientific
+/// notation with four significant digits.
 pub fn value(number: f64) -> String {
     match number.abs() {
         size if size == 0.0 || (1e-3..1e7).contains(&size) => format!("{number:.4}"),
@@ -9,8 +9,8 @@ pub fn value(number: f64) -> String {
     }
 }
 
-/// The end of a range: what a person would have typed. Boards and remotes keep many of them as numbers
-/// of 32 bits, whose further digits mean nothing.
+/// Formats a limit of a range in its shortest form, as a person would type it. Boards and remotes
+/// store many limits as 32-bit numbers, whose further digits are meaningless.
 pub fn end(number: f64) -> String {
     let short = number as f32;
     match number.abs() {

@@ -1,19 +1,20 @@
-//! What is printed, to whoever still listens.
+//! Printing to standard output and standard error.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// While a screen has the terminal, what is complained about waits here, up to this many lines.
+/// Messages held back while a screen uses the terminal; `MAX_HELD` lines at most.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
-const MOST_HELD: usize = 1000;
+const MAX_HELD: usize = 1000;
 
-/// Whether something could not be printed that somebody still waits for.
+/// True if output to standard output was lost, other than to a closed pipe.
 static IS_LOST: AtomicBool = AtomicBool::new(false);
 
-/// Prints. A reader that has seen enough, such as `head`, is no error. Anything else is said once on
-/// standard error and [kept](is_lost); nobody stops driving a board because nobody reads what it says.
+/// Prints to standard output. A closed pipe, as `head` leaves it, is no error. Any other error is
+/// reported once on standard error and [kept](is_lost): a command that drives a board continues in
+/// either case.
 pub fn say(text: impl Display) {
     let mut out = io::stdout().lock();
     let done = match width() {
@@ -23,7 +24,7 @@ pub fn say(text: impl Display) {
     printed(done.and_then(|()| out.flush()));
 }
 
-/// Columns of the terminal that standard output is, if it is one.
+/// Columns of the terminal, if standard output is one and has at least 40.
 fn width() -> Option<usize> {
     let size = ratatui::crossterm::terminal::size();
     let is_shown = io::stdout().is_terminal();
@@ -31,7 +32,7 @@ fn width() -> Option<usize> {
     (width >= 40).then_some(width.into())
 }
 
-/// Breaks lines that are longer at a gap, or else at a space, and indents what goes on.
+/// Breaks longer lines at a gap of two spaces, or else at a space, and indents the continuation.
 fn wrapped(text: &str, width: usize) -> String {
     let mut wrapped = String::with_capacity(text.len());
     for line in text.split_inclusive('\n') {
@@ -52,10 +53,11 @@ fn wrapped(text: &str, width: usize) -> String {
     wrapped
 }
 
-/// Where to break a line that is longer than so many characters, if that can be done.
+/// Byte index at which to break a line longer than `width` characters; `None` if the line fits or
+/// has no space.
 fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
     let line = line.trim_end();
-    // What is behind may begin with the space that is broken at.
+    // The character behind the last column may be the space to break at.
     let (end, next) = line.char_indices().nth(width)?;
     let fits = line.get(..end + next.len_utf8())?;
     let begin = fits.len() - fits.trim_start_matches(' ').len();
@@ -65,7 +67,7 @@ fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
     at.filter(|&at| at > begin)
 }
 
-/// Looks at how something was printed.
+/// Takes the result of printing. The first error is reported and kept, as in [`say`].
 pub fn printed(result: io::Result<()>) {
     let lost = result.err();
     let lost = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe);
@@ -74,16 +76,17 @@ pub fn printed(result: io::Result<()>) {
     }
 }
 
-/// Whether something could not be printed: then the command has not done what it was asked for.
+/// True if output was lost, so that the command did not do all it was asked for.
 pub fn is_lost() -> bool {
     IS_LOST.load(Ordering::Relaxed)
 }
 
-/// Says on standard error, if it is still open, why something was not done; later, while it is held.
+/// Prints a message to standard error, if that is still open. While messages are [held](hold), the
+/// message is kept instead.
 pub fn complain(text: impl Display) {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     match &mut *held {
-        Some(lines) if lines.len() < MOST_HELD => lines.push(text.to_string()),
+        Some(lines) if lines.len() < MAX_HELD => lines.push(text.to_string()),
         Some(_) => {}
         None => {
             let _ = writeln!(io::stderr(), "{text}");
@@ -91,19 +94,19 @@ pub fn complain(text: impl Display) {
     }
 }
 
-/// From now on what is complained about waits until it is taken or released.
+/// Holds messages back from now on, until they are taken or released.
 pub fn hold() {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     held.get_or_insert_default();
 }
 
-/// Takes what was held.
+/// Takes the messages held so far.
 pub fn take_held() -> Vec<String> {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     held.as_mut().map(std::mem::take).unwrap_or_default()
 }
 
-/// Says what was held, and holds nothing any more.
+/// Prints the held messages, and stops holding messages back.
 pub fn release() {
     let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
     for line in held.unwrap_or_default() {

@@ -1,12 +1,12 @@
-//! Which pins a person means: a part of a name, or a pattern of the whole.
+//! Patterns that select pins: a part of a name, or a pattern of the whole.
 
 use std::convert::Infallible;
 use std::str::FromStr;
 
 use mesa_hal::hal::PinInfo;
 
-/// A part of a pin's name, terminal or signal; with `*` or `?` in it a pattern of the whole of one of
-/// them. Upper and lower case are the same. An empty one means all.
+/// A part of a pin's name, terminal or signal; with `*` or `?`, a pattern for the whole of one of
+/// them. Case is ignored. An empty pattern matches every pin.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pattern(String);
 
@@ -25,13 +25,13 @@ impl From<&str> for Pattern {
 }
 
 impl Pattern {
-    /// Whether a pin is meant.
+    /// True if a pin matches.
     pub fn fits(&self, info: &PinInfo) -> bool {
         let texts = [&info.name, &info.place.terminal, &info.place.signal];
         texts.into_iter().any(|text| self.fits_text(text))
     }
 
-    /// Whether a text is meant.
+    /// True if a text matches.
     pub fn fits_text(&self, text: &str) -> bool {
         let text = text.to_lowercase();
         if self.0.contains(['*', '?']) {
@@ -42,11 +42,11 @@ impl Pattern {
     }
 }
 
-/// Whether all of a text is what a pattern with `*` and `?` says. Takes at most the product of their
-/// lengths.
+/// True if a pattern with `*` and `?` matches the whole text. Takes time proportional to the
+/// product of both lengths at most.
 pub fn is_match(pattern: &[u8], text: &[u8]) -> bool {
     let (mut p, mut t) = (0, 0);
-    // Behind the last `*`, and where what it stands for ends so far.
+    // Index behind the last `*`, and the end of the text that the `*` matches so far.
     let mut star = None;
     while let Some(byte) = text.get(t) {
         match pattern.get(p) {

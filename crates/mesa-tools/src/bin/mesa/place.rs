@@ -1,9 +1,9 @@
-//! Terminals in few words.
+//! Short form of terminals.
 
 use mesa_hal::hal::Place;
 
-/// Connector, pins and signals; the name of a connector that several pins are on is there once: `TB1
-/// pin 1, 2, 4 QA0, /QA0, QB0`.
+/// Connector, pins and signals; a connector with several pins is named once: `TB1 pin 1, 2, 4 QA0,
+/// /QA0, QB0`.
 pub fn short(place: &Place) -> String {
     let mut text = String::new();
     let mut connector = "";

@@ -1,4 +1,4 @@
-//! A machine that runs: what every command that starts one says first.
+//! Start, supervision and end of a machine, shared by all commands that run one.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -8,32 +8,33 @@ use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::transport::udp::UdpError;
-use mesa_hal::{Board, BoardState, Driver, Settings};
+use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
 
 use crate::context::Failure;
 use crate::link::Bus;
 use crate::output::complain;
 use crate::words;
 
-/// Starts everything on a board with all outputs off, and says on standard error what was found, what
-/// is missing, and what disagrees with its table.
+/// Starts everything on a board with all outputs off. Reports on standard error which remotes were
+/// found, which are missing, and what disagrees with its table.
 pub fn start(bus: Bus, settings: Settings) -> Result<Driver<Bus>, Failure> {
-    go(Board::identify(bus, settings)?)
+    go(Board::identify(bus, settings)?.discover()?)
 }
 
-/// The same on a board that is identified, and may be discovered.
-pub fn go(board: Board<Bus>) -> Result<Driver<Bus>, Failure> {
+/// As [`start`], for a board whose remotes are known.
+pub fn go(board: Configured<Bus>) -> Result<Driver<Bus>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
 }
 
-/// What keeps a board from running, if anything does.
+/// The state of a board that does not run; `None` if it runs.
 pub fn trouble(state: BoardState) -> Option<BoardState> {
     Some(state).filter(|state| *state != BoardState::Running)
 }
 
-/// Fails if somebody else was found to drive the board while it ran: nothing that it showed is certain.
+/// Fails if another program was found to drive the board during the run, because readings are
+/// uncertain then.
 pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
     match bus.statistics().others {
         0 => Ok(()),
@@ -44,8 +45,8 @@ pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
     }
 }
 
-/// How a run has ended. Somebody else who drives the board is the reason, and whatever could not be
-/// stopped because of him is told before it.
+/// Result of a run. Another program that drives the board is returned as the reason; outputs that
+/// could not be stopped because of it are reported first.
 pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
     let alone = check_alone(ended.driver.bus());
     match (alone, ended.stopped.clone()) {
@@ -60,28 +61,28 @@ pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
     }
 }
 
-/// Fails if somebody else drives the board, or it does not run any more.
+/// Fails if another program drives the board, or if the board does not run any more.
 pub fn check(driver: &Driver<Bus>) -> Result<(), Failure> {
     check_alone(driver.bus())?;
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
 }
 
-/// The board's watchdog where no output is ever on, so that it turns nothing off: a thread like any
-/// other is late at times, and that shall not end it.
+/// Time of the board's watchdog for commands in which no output is ever on, so that the watchdog
+/// protects nothing. Long, so that a delay of an ordinary thread does not end the run.
 pub const WATCHDOG: Duration = Duration::from_millis(800);
 
-/// How long a board that lost its set-up is left alone before it is set up again.
+/// Delay before a board that lost its set-up is set up again.
 const AGAIN: Duration = Duration::from_secs(1);
 
-/// Sets a board up again that has lost its set-up: for a program that drives nothing, because every
-/// output is off then.
+/// Sets up a board again that has lost its set-up. For programs that drive nothing, because all
+/// outputs are off afterwards.
 #[derive(Debug, Default)]
 pub struct Keeper {
     failed: Duration,
 }
 
 impl Keeper {
-    /// Call it in each cycle.
+    /// Checks the state of the board; call in each cycle.
     pub fn look_after(&mut self, driver: &mut Driver<Bus>) {
         self.failed = match driver.board_state() {
             BoardState::Running => Duration::ZERO,
@@ -89,8 +90,8 @@ impl Keeper {
         };
         if self.failed >= AGAIN {
             self.failed = Duration::ZERO;
-            // If it fails, the state stays as it is shown, and it is tried again. Who else may have
-            // the board by now is counted there.
+            // After a failure the state stays as shown, and the next attempt follows. Packets of
+            // another master meanwhile are counted by the bus.
             if driver.bus_mut().check_alone().is_ok() {
                 let _ = driver.rearm();
             }
@@ -98,7 +99,7 @@ impl Keeper {
     }
 }
 
-/// Remotes of which an output may be on still, if nothing else went wrong at the end.
+/// Remotes with an output that may still be on after the stop; fails if the stop failed otherwise.
 pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<String>, Failure> {
     match stopped {
         Ok(()) => Ok(Vec::new()),
@@ -107,7 +108,7 @@ pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<Strin
     }
 }
 
-/// What a driver found on each channel, for people.
+/// Text about the remotes on each channel, missing remotes and remarks.
 fn found(driver: &Driver<Bus>) -> String {
     let mut text = String::new();
     for port in driver.ports() {
@@ -137,7 +138,7 @@ fn found(driver: &Driver<Bus>) -> String {
     words::typed(&text)
 }
 
-/// Whether nothing answers on a channel.
+/// True if nothing answers on a channel.
 fn is_silent(driver: &Driver<Bus>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
     missing.any(|remark| remark.remote == Some(id) && remark.is_silent())

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use mesa_hal::bus::{Clock, HostClock, Instant};
-use mesa_hal::transport::udp::Link;
+use mesa_hal::transport::udp::PacketLink;
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{SimBoard, SimFpga};
 
@@ -137,7 +137,7 @@ pub struct SimulatedLink {
     replies: VecDeque<(Nanos, Vec<u8>)>,
 }
 
-impl Link for SimulatedLink {
+impl PacketLink for SimulatedLink {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let mut world = lock(&self.world);
         let arrives = world.now() - world.paused + WIRE;

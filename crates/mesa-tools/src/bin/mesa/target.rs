@@ -1,4 +1,4 @@
-//! Which board a command is for.
+//! Target board of a command.
 
 use std::cell::OnceCell;
 use std::io;
@@ -10,7 +10,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
-use mesa_hal::transport::search::{self, Asked};
+use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 
 use crate::consent::Asks;
@@ -19,15 +19,15 @@ use crate::link::{BoardLink, Bus};
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
 
-/// How long a board may take to say again who it is.
+/// Timeout of an answer when the identity of a board is checked again.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// Shortest deadline of a reply from a program on this host, such as `mesa sim`: it answers when the
-/// host lets it run. A cable answers within the deadlines of a command.
+/// Minimum deadline of a reply from a program on this host, such as `mesa sim`: it answers when the
+/// host lets it run. A real board answers within the deadlines of a command.
 const ON_THIS_HOST: Duration = Duration::from_millis(500);
 
-/// Shortest time of the watchdog of a simulated board, no output of which is real: neither this program
-/// nor the board runs in time on a busy host.
+/// Minimum watchdog time of a simulated board, whose outputs are not real: on a busy host neither
+/// this program nor the board runs in time.
 const WATCHDOG: Duration = Duration::from_secs(3);
 
 /// Cycles without a transfer after which inputs of a simulated board are not valid.
@@ -36,27 +36,26 @@ const STALE_AFTER: u32 = 50;
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
 
-/// Which board a command is for: one on the network, or an embedded simulated one.
+/// Target board of a command: one on the network, or an embedded simulated one.
 #[derive(Clone, Debug, Args)]
 pub struct Target {
-    /// An Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
+    /// Address of an Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
     #[arg(long, value_name = "IP[:PORT]", value_parser = parse_address, conflicts_with = "sim")]
     addr: Option<SocketAddrV4>,
-    /// A simulated machine in this program: 7i92-7i77, 7i97, or another board of `mesa sim --board`,
-    /// and what is plugged into its serial channels as in `mesa sim --remote`:
-    /// 7i97,0=7i72,1=7i77-io:2; or one that a file describes, whose name ends in .toml
-    /// (examples/mill.toml); or in place of the board the image of a firmware, whose name ends in .txt
-    /// (`mesa sim --firmware`)
+    /// Simulated machine in this process: 7i92-7i77, 7i97 or another board of `mesa sim --board`,
+    /// with remotes on its serial channels as in `mesa sim --remote` (7i97,0=7i72,1=7i77-io:2); a
+    /// machine file that ends in .toml (examples/mill.toml); or, in place of the board, a firmware
+    /// image that ends in .txt (`mesa sim --firmware`)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
 }
 
-/// The board of a command that changes it.
+/// Target board of a command that changes it.
 #[derive(Clone, Debug, Args)]
 pub struct ChangedTarget {
     #[command(flatten)]
     target: Target,
-    /// Check everything, print what would be done, and do nothing
+    /// Check everything and print the planned action without doing it
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
@@ -70,19 +69,19 @@ impl ChangedTarget {
     }
 }
 
-/// A board that a command talks to, and the simulated machine behind it if there is one.
+/// Address of the target board, and the simulated machine behind it, if any.
 #[derive(Debug)]
 pub struct Found {
-    /// Where it is.
+    /// Address of the board.
     pub address: SocketAddrV4,
-    /// Card and MAC address of what answered there first.
+    /// Card and MAC address of the first board that answered at the address.
     who: OnceCell<(String, MacAddress)>,
-    /// The machine that is there instead of a board.
+    /// Simulated machine in place of a board.
     simulated: Option<Simulated>,
 }
 
 impl Target {
-    /// Where the board is; builds the simulated machine if that is the board.
+    /// Determines the address of the board; builds the simulated machine if that is the board.
     pub fn find(&self) -> Result<Found, Failure> {
         let (address, simulated) = match (&self.sim, self.addr) {
             (Some(options), _) => {
@@ -102,7 +101,7 @@ impl Target {
 }
 
 impl Found {
-    /// Changes how the time of a simulated machine passes: virtual time unless this is called.
+    /// Sets how the time of a simulated machine passes; the default is virtual time.
     pub fn pass_time(self, passage: Passage) -> Self {
         if let Some(simulated) = &self.simulated {
             simulated.set_passage(passage);
@@ -118,12 +117,14 @@ impl Found {
         }
     }
 
-    /// The bus of the board. A board that another program drives is left alone.
+    /// Opens the bus of the board. Fails if another program drives the board, which is not
+    /// disturbed.
     pub fn open(&self) -> Result<Bus, Failure> {
         self.open_with(UdpConfig::default())
     }
 
-    /// The same with these deadlines, or longer ones where the board is a program on this host.
+    /// As [`open`](Self::open), with the deadlines of `config`; longer ones if the board is a
+    /// program on this host.
     pub fn open_with(&self, config: UdpConfig) -> Result<Bus, Failure> {
         let config = self.patient(config);
         let tries = config.setup_tries;
@@ -135,7 +136,7 @@ impl Found {
         Ok(bus)
     }
 
-    /// True if the board is simulated, here or by another program on this host.
+    /// True if the board is simulated, in this program or in another one on this host.
     fn is_on_this_host(&self) -> bool {
         self.address.ip().is_loopback()
     }
@@ -148,7 +149,7 @@ impl Found {
         config
     }
 
-    /// The settings of a program that is no machine's, with more patience for a simulated board.
+    /// Lengthens the times in `settings` after which a simulated board and its inputs are given up.
     pub fn with_patience(&self, mut settings: Settings) -> Settings {
         if self.is_on_this_host() {
             settings.watchdog = settings.watchdog.map(|time| time.max(WATCHDOG));
@@ -157,7 +158,8 @@ impl Found {
         settings
     }
 
-    /// Boards come with the same address: what is done is done to the one that was looked at.
+    /// Fails if another board answers than before. Boards share factory addresses, and an action
+    /// must reach the board that was inspected.
     fn check_same(&self, is: Identity) -> Result<(), Failure> {
         let is = (is.card, is.mac);
         let was = self.who.get_or_init(|| is.clone());
@@ -172,8 +174,8 @@ impl Found {
         )))
     }
 
-    /// Looks again whether another program drives the board, and whether it still is that one, before
-    /// something is done to it. Nothing is changed there.
+    /// Checks again, before an action, that no other program drives the board and that it is still
+    /// the same one. Changes nothing on the board.
     pub fn check_free(&self) -> Result<(), Failure> {
         let config = self.patient(UdpConfig::default());
         let link = self.link().map_err(UdpError::from);
@@ -182,10 +184,10 @@ impl Found {
         if self.who.get().is_none() || self.simulated.is_some() {
             return Ok(());
         }
-        // With no bus, which would clear what another one counts on.
+        // Without opening a bus, which would clear counters that another program relies on.
         for _ in 0..config.setup_tries {
             let asked = search::ask(&[self.address], AGAIN)?;
-            if let Some(Asked { found: Ok(is), .. }) = asked.into_iter().next() {
+            if let Some(AddressResult { found: Ok(is), .. }) = asked.into_iter().next() {
                 return self.check_same(is);
             }
         }
@@ -198,7 +200,7 @@ impl Found {
     fn refuses(&self, tries: u32, error: UdpError) -> Failure {
         let why = match error.kind() {
             _ if matches!(error, UdpError::Foreign { .. }) => {
-                format!("asked {tries} times, and no board answers, but somebody: {error}")
+                format!("no board answers, asked {tries} times, but another host does: {error}")
             }
             BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
             _ => error.to_string(),
@@ -218,7 +220,7 @@ fn from_environment() -> Result<SocketAddrV4, Failure> {
     }
 }
 
-/// An IPv4 address, with a port if it is not 27181.
+/// Parses an IPv4 address, with a port if it is not 27181.
 pub fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
     let with_port = || text.parse().ok();
     let ip = text.parse::<Ipv4Addr>().ok();

@@ -1,4 +1,4 @@
-//! What the help of every command says.
+//! Tests of the help of every command.
 
 use std::any::TypeId;
 use std::time::Duration;
@@ -7,10 +7,10 @@ use clap::{Arg, Command};
 
 use super::*;
 
-/// A line of help is wrapped behind so many characters.
+/// Width in characters at which clap wraps a line of help.
 const WIDEST: usize = 100;
 
-/// Every command with the words that call it, those that only have others below them too.
+/// Every command with the words that call it, including commands that only have subcommands.
 fn commands() -> Vec<(String, Command)> {
     fn walk(before: &str, command: Command, all: &mut Vec<(String, Command)>) {
         let words = format!("{before}{}", command.get_name());
@@ -30,7 +30,7 @@ fn after_help(command: &Command) -> String {
     help.unwrap_or_default()
 }
 
-/// The command lines among the indented lines of a text, without what is the shell's.
+/// Command lines among the indented lines of a text, without `sudo`, redirections and pipes.
 fn examples(text: &str) -> Vec<String> {
     let text = text.replace("\\\n", " ");
     let lines = text.lines().filter_map(|line| line.strip_prefix("  "));
@@ -43,7 +43,7 @@ fn examples(text: &str) -> Vec<String> {
     lines.map(cut).collect()
 }
 
-/// The words of a command line, as a shell has them.
+/// Splits a command line into words, as a shell does.
 fn words(line: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut quote = None;
@@ -84,7 +84,7 @@ fn every_command_says_what_its_exit_codes_mean() {
     assert!(AFTER_HELP.contains("Exits with 0"));
 }
 
-/// What asks takes `--yes` as its own argument: [`Asks`](crate::consent::Asks) is what asks.
+/// Commands that ask have `--yes` as their own argument, from [`Asks`](crate::consent::Asks).
 #[test]
 fn help_names_yes_where_something_is_asked_and_it_may_stand_anywhere() {
     let asks: Vec<String> = commands()

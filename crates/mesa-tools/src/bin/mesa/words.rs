@@ -1,6 +1,6 @@
-//! What the library says to programmers, as whoever types commands reads it.
+//! Texts of the library for programmers, reworded for the command line.
 
-/// What errors of the library name for programmers, and what is said here instead.
+/// Parts of the library's error texts that address programmers, and their replacements.
 const TYPED: &[(&str, &str)] = &[
     (" (`Pace::Host`)", " (--pace host)"),
     (
@@ -28,14 +28,14 @@ const TYPED: &[(&str, &str)] = &[
     ),
     (" (`FlashLayout::for_card`)", ""),
     (
-        "write it before with `Board::write_remote_parameter` while the board is configured, or at run \
+        "write it before with `Configured::write_remote_parameter` while the board is configured, or at run \
          time with `Driver::write_remote_parameter`, which stops its port",
         "`mesa param set` writes it",
     ),
     ("call `rearm` first", "give the command again"),
 ];
 
-/// A sentence of the library, with what to type instead of what to program.
+/// Returns a text of the library that names arguments to type instead of items of the API.
 pub fn typed(text: &impl ToString) -> String {
     let text = text.to_string();
     TYPED
@@ -78,7 +78,7 @@ mod tests {
         }
         let library = library.replace("\\\n", "");
         for (program, typed) in TYPED {
-            // Once here.
+            // The first match is in this file.
             assert!(
                 library.matches(program).count() > 1,
                 "nobody says {program}"
@@ -90,7 +90,7 @@ mod tests {
             let mut words = line.split('`').skip(1).step_by(2);
             let path = words.find(|word| {
                 let is_type = word.starts_with(|letter: char| letter.is_ascii_uppercase());
-                // Only a program adds modules of its own.
+                // Shown only to programs that add modules of their own.
                 let is_own = ["Phase::", "EncoderSetup::"]
                     .iter()
                     .any(|own| word.starts_with(own));

@@ -3,7 +3,9 @@
 
 use core::time::Duration;
 
-use super::{Ask, Check, Judgement, Kind, News, Track, Verdict};
+use super::{
+    InputRequest, PointKind, Track, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict,
+};
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, PinId};
 
@@ -14,14 +16,14 @@ const STANDS: f64 = 2.0;
 
 /// State of a requested index.
 #[derive(Debug, Default)]
-pub(super) struct Latch {
+pub(super) struct IndexLatch {
     /// Time of the last arming request.
     requested: Option<Instant>,
     /// Position of the encoder when the latch was armed.
     from: Option<AnyValue>,
 }
 
-impl Check {
+impl WiringCheck {
     /// Returns the next `index-enable` to set, and its value: on to arm the latch of an index, and
     /// off when a request has ended without the index. Each setting is returned once; the caller
     /// writes it in its next cycle, and calls this again after each [`observe`](Self::observe) and
@@ -32,12 +34,12 @@ impl Check {
 
     pub(super) fn is_index(&self, point: usize) -> bool {
         let point = self.points.get(point);
-        point.is_some_and(|point| point.kind == Kind::Index)
+        point.is_some_and(|point| point.kind == PointKind::Index)
     }
 
     /// Follows an index whose latch is valid: the latch is armed, and turns off when the index
     /// arrives.
-    pub(super) fn follow_index(&mut self, ask: &mut Ask) -> Option<Judgement> {
+    pub(super) fn follow_index(&mut self, ask: &mut InputRequest) -> Option<WiringJudgement> {
         let armed = self.value(ask.point)?;
         let is_armed = armed.as_f64() != 0.0;
         match (ask.ready, is_armed) {
@@ -46,18 +48,18 @@ impl Check {
                 ask.ready = Some(self.now);
                 ask.latch.from = self.encoder_value(ask.point);
                 self.tracks.iter_mut().for_each(Track::begin);
-                self.news.push_back(News::Ready(armed));
+                self.news.push_back(WiringMessage::Ready(armed));
             }
             (Some(_), true) => self.follow_encoder(ask),
             (Some(_), false) => {
                 let moved = self.encoder_moved(ask);
                 let has_encoder = ask.latch.from.is_some();
                 let verdict = if has_encoder && moved.is_none() {
-                    Verdict::Unstable
+                    WiringVerdict::Unstable
                 } else {
-                    Verdict::Ok
+                    WiringVerdict::Ok
                 };
-                return Some(Judgement {
+                return Some(WiringJudgement {
                     verdict,
                     others: Vec::new(),
                     moved,
@@ -68,25 +70,29 @@ impl Check {
     }
 
     /// Ends the request for an index that has not arrived.
-    pub(super) fn give_up_index(&mut self, ask: &Ask, is_skipped: bool) -> Option<Judgement> {
+    pub(super) fn give_up_index(
+        &mut self,
+        ask: &InputRequest,
+        is_skipped: bool,
+    ) -> Option<WiringJudgement> {
         let pin = self.points.get(ask.point)?.pin;
         self.requests.push_back((pin, false));
         let moved = self.encoder_moved(ask);
         let verdict = if !self.tracks.get(ask.point)?.is_valid(self.now) {
-            Verdict::NotValid
+            WiringVerdict::NotValid
         } else if is_skipped && moved.is_none() {
-            Verdict::Skipped
+            WiringVerdict::Skipped
         } else {
-            Verdict::NoChange
+            WiringVerdict::NoChange
         };
-        Some(Judgement {
+        Some(WiringJudgement {
             verdict,
             others: Vec::new(),
             moved,
         })
     }
 
-    fn request(&mut self, ask: &mut Ask) {
+    fn request(&mut self, ask: &mut InputRequest) {
         let is_due = |at: Instant| self.now.since(at) >= AGAIN;
         let pin = self.points.get(ask.point).map(|point| point.pin);
         if let Some(pin) = pin
@@ -98,7 +104,7 @@ impl Check {
     }
 
     /// Reports the encoder's movement, and its coming to rest without the index.
-    fn follow_encoder(&mut self, ask: &mut Ask) {
+    fn follow_encoder(&mut self, ask: &mut InputRequest) {
         let Some(encoder) = self.encoder_of(ask.point) else {
             return;
         };
@@ -108,7 +114,7 @@ impl Check {
         };
         if track.left.is_some() && !ask.has_changed {
             ask.has_changed = true;
-            self.news.extend(track.value().map(News::Changed));
+            self.news.extend(track.value().map(WiringMessage::Changed));
         }
         if track.back.is_some() && track.rests(now) {
             track.begin();
@@ -116,7 +122,7 @@ impl Check {
             let to = track.value();
             let path = ask.latch.from.zip(to);
             self.news
-                .extend(path.map(|(from, to)| News::NoIndex(from, to)));
+                .extend(path.map(|(from, to)| WiringMessage::NoIndex(from, to)));
         }
     }
 
@@ -132,7 +138,7 @@ impl Check {
     }
 
     /// Position of the encoder when the latch was armed and now, if it has moved.
-    fn encoder_moved(&self, ask: &Ask) -> Option<(AnyValue, AnyValue)> {
+    fn encoder_moved(&self, ask: &InputRequest) -> Option<(AnyValue, AnyValue)> {
         let to = self.encoder_value(ask.point)?;
         let from = ask.latch.from?;
         ((to.as_f64() - from.as_f64()).abs() >= STANDS).then_some((from, to))

@@ -1,12 +1,12 @@
 //! Guided check of wiring: an operator actuates one input after the other, and the changes show
 //! whether each wire is at its terminal.
 //!
-//! A [`Check`] takes the values of the inputs in each cycle; it has no clock and no board of its
-//! own:
+//! A [`WiringCheck`] takes the values of the inputs in each cycle; it has no clock and no board of
+//! its own:
 //!
 //! ```
 //! use mesa_hal::bus::Instant;
-//! use mesa_tools::diagnosis::wiring::{Check, Verdict, points};
+//! use mesa_tools::diagnosis::wiring::{WiringCheck, WiringVerdict, points};
 //! use mesa_hal::hal::{AnyValue, PinMaker, PinStore, Place};
 //!
 //! # fn main() -> Result<(), mesa_hal::hal::PinError> {
@@ -14,7 +14,7 @@
 //! let group = store.add_group();
 //! let place = Place { terminal: "TB8 pin 3".into(), signal: "INPUT2".into() };
 //! PinMaker::new(&mut store, group, "card.").at(place).input::<bool>("input-02")?;
-//! let mut check = Check::new(points(&store, &[group], |_| true));
+//! let mut check = WiringCheck::new(points(&store, &[group], |_| true));
 //! let mut found = None;
 //! for ms in (0..4000).step_by(5) {
 //!     if ms == 1500 {
@@ -24,7 +24,7 @@
 //!     let now = Instant::from_nanos(ms * 1_000_000);
 //!     found = found.or(check.observe(now, |_| Some(AnyValue::from(is_pressed))));
 //! }
-//! assert_eq!(found.map(|found| found.verdict), Some(Verdict::Ok));
+//! assert_eq!(found.map(|found| found.verdict), Some(WiringVerdict::Ok));
 //! # Ok(())
 //! # }
 //! ```
@@ -39,12 +39,12 @@ mod track;
 use core::time::Duration;
 use std::collections::{BTreeSet, VecDeque};
 
-use self::index::Latch;
+use self::index::IndexLatch;
 use self::track::Track;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, PinId};
 
-pub use points::{Kind, Point, outputs, points};
+pub use points::{Point, PointKind, outputs, points};
 
 /// Time before the first request in which nothing should be touched: an input that changes then
 /// changes by itself.
@@ -64,7 +64,7 @@ const LET_GO: Duration = Duration::from_secs(2);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Verdict {
+pub enum WiringVerdict {
     /// The input changed and came back, and no other did so with it. An index was latched while its
     /// encoder moved.
     Ok,
@@ -91,9 +91,9 @@ pub enum Verdict {
 
 /// Result for a requested input, with other observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Judgement {
+pub struct WiringJudgement {
     /// Verdict on the input.
-    pub verdict: Verdict,
+    pub verdict: WiringVerdict,
     /// Numbers of the other inputs that changed during the request.
     pub others: Vec<usize>,
     /// The rest, and the farthest value from it, which shows the direction of a counter. For an
@@ -103,7 +103,7 @@ pub struct Judgement {
 
 /// Message about the requested input, for the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum WiringMessage {
     /// The input rests and can be actuated; its value.
     Ready(AnyValue),
     /// The value of the input is not valid.
@@ -128,23 +128,23 @@ pub enum News {
 /// # Real time
 /// Not for the cycle: it allocates. In proportion to the number of inputs.
 #[derive(Debug)]
-pub struct Check {
+pub struct WiringCheck {
     points: Vec<Point>,
     tracks: Vec<Track>,
     now: Instant,
-    ask: Option<Ask>,
+    ask: Option<InputRequest>,
     /// The previously requested input, if it has changed: it may still be released.
     last: Option<usize>,
     /// Inputs already reported as changing by themselves.
     restless: BTreeSet<usize>,
-    news: VecDeque<News>,
+    news: VecDeque<WiringMessage>,
     /// Pending `index-enable` settings: pin and value.
     requests: VecDeque<(PinId, bool)>,
 }
 
 #[derive(Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
-struct Ask {
+struct InputRequest {
     point: usize,
     /// Time since when the input can be actuated.
     ready: Option<Instant>,
@@ -155,10 +155,10 @@ struct Ask {
     has_changed: bool,
     dithers: bool,
     others: Vec<usize>,
-    latch: Latch,
+    latch: IndexLatch,
 }
 
-impl Check {
+impl WiringCheck {
     /// Creates a check of these inputs. The number of an input is its index in `points`.
     pub fn new(points: Vec<Point>) -> Self {
         Self {
@@ -184,7 +184,7 @@ impl Check {
         self.news.clear();
         // If this input changes by itself, that is reported again.
         self.restless.remove(&point);
-        self.ask = Some(Ask {
+        self.ask = Some(InputRequest {
             point,
             ready: None,
             is_invalid: false,
@@ -192,12 +192,12 @@ impl Check {
             has_changed: false,
             dithers: false,
             others: Vec::new(),
-            latch: Latch::default(),
+            latch: IndexLatch::default(),
         });
     }
 
     /// Removes and returns the next message.
-    pub fn news(&mut self) -> Option<News> {
+    pub fn news(&mut self) -> Option<WiringMessage> {
         self.news.pop_front()
     }
 
@@ -207,7 +207,7 @@ impl Check {
         &mut self,
         now: Instant,
         read: impl Fn(PinId) -> Option<AnyValue>,
-    ) -> Option<Judgement> {
+    ) -> Option<WiringJudgement> {
         self.now = now;
         let is_quiet = self.ask.is_none();
         for (point, track) in self.points.iter().zip(&mut self.tracks) {
@@ -217,7 +217,7 @@ impl Check {
         self.tell_restless();
         let judgement = self.follow(&mut ask);
         match &judgement {
-            Some(found) => self.last = (found.verdict == Verdict::Ok).then_some(ask.point),
+            Some(found) => self.last = (found.verdict == WiringVerdict::Ok).then_some(ask.point),
             None => self.ask = Some(ask),
         }
         judgement
@@ -231,7 +231,7 @@ impl Check {
     /// Ends the request and returns the result as far as it is known. `is_skipped`: the operator
     /// gave up, as opposed to a timeout. If the input is requested again, its level at that time is
     /// its rest.
-    pub fn give_up(&mut self, is_skipped: bool) -> Option<Judgement> {
+    pub fn give_up(&mut self, is_skipped: bool) -> Option<WiringJudgement> {
         let ask = self.ask.take()?;
         if self.is_index(ask.point) {
             self.last = None;
@@ -242,25 +242,25 @@ impl Check {
         let track = self.tracks.get(ask.point)?;
         let mut moved = None;
         let verdict = if !track.is_valid(self.now) {
-            Verdict::NotValid
+            WiringVerdict::NotValid
         } else if track.is_restless(self.now) {
-            Verdict::Unstable
+            WiringVerdict::Unstable
         } else if ask.has_changed {
             if let Some(found) = self.judge(&ask) {
                 return Some(found);
             }
             moved = track.moved();
-            Verdict::NotBack
+            WiringVerdict::NotBack
         } else if !ask.others.is_empty() {
-            Verdict::OtherChanged
+            WiringVerdict::OtherChanged
         } else if ask.dithers {
-            Verdict::Unstable
+            WiringVerdict::Unstable
         } else if is_skipped {
-            Verdict::Skipped
+            WiringVerdict::Skipped
         } else {
-            Verdict::NoChange
+            WiringVerdict::NoChange
         };
-        Some(Judgement {
+        Some(WiringJudgement {
             verdict,
             moved,
             others: ask.others,
@@ -277,22 +277,23 @@ impl Check {
     fn tell_restless(&mut self) {
         let restless: BTreeSet<usize> = self.restless().collect();
         let fresh = restless.difference(&self.restless);
-        self.news.extend(fresh.copied().map(News::Restless));
+        self.news
+            .extend(fresh.copied().map(WiringMessage::Restless));
         self.restless = restless;
     }
 
     /// Follows the requested input.
-    fn follow(&mut self, ask: &mut Ask) -> Option<Judgement> {
+    fn follow(&mut self, ask: &mut InputRequest) -> Option<WiringJudgement> {
         let now = self.now;
         let track = self.tracks.get(ask.point)?;
         let is_lost = !track.is_valid(now) || track.is_restless(now);
         if is_lost {
             if !track.is_valid(now) && !ask.is_invalid {
-                self.news.push_back(News::NotValid);
+                self.news.push_back(WiringMessage::NotValid);
             }
             ask.is_invalid = !track.is_valid(now);
             (ask.ready, ask.has_changed, ask.is_held) = (None, false, false);
-            ask.latch = Latch::default();
+            ask.latch = IndexLatch::default();
             return None;
         }
         ask.is_invalid = false;
@@ -303,21 +304,21 @@ impl Check {
             if track.rests(now) && track.is_held() {
                 let told = std::mem::replace(&mut ask.is_held, true);
                 self.news
-                    .extend(track.value().filter(|_| !told).map(News::Held));
+                    .extend(track.value().filter(|_| !told).map(WiringMessage::Held));
             } else if track.rests(now) {
                 ask.ready = Some(now);
-                self.news.extend(track.value().map(News::Ready));
+                self.news.extend(track.value().map(WiringMessage::Ready));
                 self.tracks.iter_mut().for_each(Track::begin);
             }
             return None;
         };
         if track.left.is_some() && !ask.has_changed {
             ask.has_changed = true;
-            self.news.extend(track.value().map(News::Changed));
+            self.news.extend(track.value().map(WiringMessage::Changed));
         }
         if track.dithers() && !ask.dithers {
             ask.dithers = true;
-            self.news.push_back(News::Dithers);
+            self.news.push_back(WiringMessage::Dithers);
         }
         if track.back.is_none() || !track.rests(now) || track.since_turn(now) < GRACE {
             self.look_elsewhere(ask, ready);
@@ -327,7 +328,7 @@ impl Check {
     }
 
     /// Returns the result once the input is back.
-    fn judge(&self, ask: &Ask) -> Option<Judgement> {
+    fn judge(&self, ask: &InputRequest) -> Option<WiringJudgement> {
         let track = self.tracks.get(ask.point)?;
         let (left, back) = track.left.zip(track.back)?;
         let with_it = self.of_its_kind(ask.point).filter(|(_, other)| {
@@ -335,7 +336,7 @@ impl Check {
                 return false;
             };
             match self.points.get(ask.point).map(|point| point.kind) {
-                Some(Kind::Digital) => {
+                Some(PointKind::Digital) => {
                     let is_near = |one: Instant, two: Instant| {
                         one.since(two) <= TOGETHER && two.since(one) <= TOGETHER
                     };
@@ -346,16 +347,16 @@ impl Check {
         });
         let with_it: Vec<usize> = with_it.map(|(n, _)| n).collect();
         let moved = track.moved();
-        let is_counter = self.points.get(ask.point)?.kind == Kind::Counter;
+        let is_counter = self.points.get(ask.point)?.kind == PointKind::Counter;
         let is_down = moved.is_some_and(|(from, to)| to.as_f64() < from.as_f64());
         let (verdict, others) = if !with_it.is_empty() {
-            (Verdict::Together, with_it)
+            (WiringVerdict::Together, with_it)
         } else if is_counter && is_down {
-            (Verdict::CountsDown, ask.others.clone())
+            (WiringVerdict::CountsDown, ask.others.clone())
         } else {
-            (Verdict::Ok, ask.others.clone())
+            (WiringVerdict::Ok, ask.others.clone())
         };
-        Some(Judgement {
+        Some(WiringJudgement {
             verdict,
             others,
             moved,
@@ -363,7 +364,7 @@ impl Check {
     }
 
     /// Reports other inputs that changed instead.
-    fn look_elsewhere(&mut self, ask: &mut Ask, ready: Instant) {
+    fn look_elsewhere(&mut self, ask: &mut InputRequest, ready: Instant) {
         let now = self.now;
         let left = self.tracks.get(ask.point).and_then(|track| track.left);
         let instead = self.of_its_kind(ask.point).filter(|(n, other)| {
@@ -375,7 +376,8 @@ impl Check {
             other.left.is_some_and(is_instead) && !ask.others.contains(n)
         });
         let instead: Vec<usize> = instead.map(|(n, _)| n).collect();
-        self.news.extend(instead.iter().copied().map(News::Instead));
+        self.news
+            .extend(instead.iter().copied().map(WiringMessage::Instead));
         ask.others.extend(instead);
     }
 
@@ -394,11 +396,11 @@ impl Check {
 /// Returns the pairs of exchanged inputs: each changed when the other one was requested. `judged`
 /// returns the result for an input, by its number.
 pub fn exchanged<'a>(
-    judged: impl Fn(usize) -> Option<&'a Judgement>,
+    judged: impl Fn(usize) -> Option<&'a WiringJudgement>,
     count: usize,
 ) -> Vec<(usize, usize)> {
     let changed_for = |asked: usize, other: usize| {
-        let found = judged(asked).filter(|found| found.verdict == Verdict::OtherChanged);
+        let found = judged(asked).filter(|found| found.verdict == WiringVerdict::OtherChanged);
         found.is_some_and(|found| found.others.contains(&other))
     };
     let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |two| (one, two)));

@@ -16,11 +16,11 @@ const STILL: Duration = Duration::from_millis(400);
 pub(super) struct Turn {
     /// Time at which the change began.
     pub at: Instant,
-    pub way: Way,
+    pub way: TurnDirection,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum TurnDirection {
     /// Away from the rest.
     Away,
     /// Back to the rest, or to a new one.
@@ -85,11 +85,11 @@ impl Level {
         self.is_held &= self.rest != Some(value);
         let (at, before) = self.edge.take().zip(before)?;
         let way = if before == value {
-            Way::Spike
+            TurnDirection::Spike
         } else if *self.rest.get_or_insert(before) == value {
-            Way::Back
+            TurnDirection::Back
         } else {
-            Way::Away
+            TurnDirection::Away
         };
         Some(Turn { at, way })
     }
@@ -173,7 +173,7 @@ impl Number {
             (self.from, self.far) = (rest, distance);
             return Some(Turn {
                 at: now,
-                way: Way::Away,
+                way: TurnDirection::Away,
             });
         }
         if distance.abs() > self.far.abs() {
@@ -186,7 +186,7 @@ impl Number {
         self.rest = Some(value);
         Some(Turn {
             at: now,
-            way: Way::Back,
+            way: TurnDirection::Back,
         })
     }
 

@@ -8,7 +8,7 @@ use mesa_hal::hal::{GroupId, HalType, PinId, PinInfo, Pins, Role};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Kind {
+pub enum PointKind {
     /// Counts when an encoder is turned.
     Counter,
     /// The latch of an encoder's index, which turns off when the encoder is turned past the index.
@@ -28,7 +28,7 @@ pub struct Point {
     /// Description of the pin.
     pub info: PinInfo,
     /// Kind of the input.
-    pub kind: Kind,
+    pub kind: PointKind,
     /// True if the input is to be checked; others are only watched.
     pub is_asked: bool,
     /// Card of the terminal.
@@ -87,7 +87,7 @@ impl Point {
             return (info.role == Role::InOut).then(|| Self {
                 pin,
                 info: info.clone(),
-                kind: Kind::Index,
+                kind: PointKind::Index,
                 is_asked: false,
                 card: Card::Index(part),
             });
@@ -96,13 +96,13 @@ impl Point {
             return None;
         }
         let kind = match info.hal_type {
-            HalType::Bit => Kind::Digital,
-            HalType::Float if info.limits.is_some() => Kind::Analog,
+            HalType::Bit => PointKind::Digital,
+            HalType::Float if info.limits.is_some() => PointKind::Analog,
             HalType::Float => return None,
-            _ => Kind::Counter,
+            _ => PointKind::Counter,
         };
         let is_of_remote = remotes.contains(&info.group);
-        if info.place.terminal.is_empty() && !(is_of_remote && kind == Kind::Digital) {
+        if info.place.terminal.is_empty() && !(is_of_remote && kind == PointKind::Digital) {
             return None;
         }
         Some(Self {
@@ -130,7 +130,7 @@ impl Point {
     /// True if this is the counter of the index's encoder.
     pub(super) fn counts_for(&self, index: &Self) -> bool {
         match (&self.card, &index.card) {
-            (Card::Counter(one), Card::Index(two)) => self.kind == Kind::Counter && one == two,
+            (Card::Counter(one), Card::Index(two)) => self.kind == PointKind::Counter && one == two,
             _ => false,
         }
     }

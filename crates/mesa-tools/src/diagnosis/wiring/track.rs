@@ -3,8 +3,8 @@
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use super::movement::{Level, Number, Turn, Way};
-use super::{Kind, Point};
+use super::movement::{Level, Number, Turn, TurnDirection};
+use super::{Point, PointKind};
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, HalType, Value};
 
@@ -50,10 +50,10 @@ impl Track {
     pub fn new(point: &Point) -> Self {
         let info = &point.info;
         let shape = match point.kind {
-            Kind::Digital => Shape::Level(Level::default()),
-            Kind::Counter => Shape::Number(Number::new(COUNTS)),
-            Kind::Index => Shape::Latch(None),
-            Kind::Analog => {
+            PointKind::Digital => Shape::Level(Level::default()),
+            PointKind::Counter => Shape::Number(Number::new(COUNTS)),
+            PointKind::Index => Shape::Latch(None),
+            PointKind::Analog => {
                 let (min, max) = info.limits.unwrap_or((0.0, 1.0));
                 Shape::Number(Number::new((max - min) * PART))
             }
@@ -115,9 +115,9 @@ impl Track {
 
     fn turned(&mut self, now: Instant, turn: Turn) {
         match turn.way {
-            Way::Away => _ = self.left.get_or_insert(turn.at),
-            Way::Back if self.left.is_some() => _ = self.back.get_or_insert(turn.at),
-            Way::Back | Way::Spike => {}
+            TurnDirection::Away => _ = self.left.get_or_insert(turn.at),
+            TurnDirection::Back if self.left.is_some() => _ = self.back.get_or_insert(turn.at),
+            TurnDirection::Back | TurnDirection::Spike => {}
         }
         if self.since_turn(now) >= CALM {
             self.turns.clear();

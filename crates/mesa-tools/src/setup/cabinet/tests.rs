@@ -1,12 +1,11 @@
 use super::*;
-use mesa_hal::Settings;
+use mesa_hal::{Board, Settings};
 use mesa_hal_sim::{Motor, machines};
 
-fn board() -> Board<mesa_hal_sim::SimFpga> {
+fn board() -> Configured<mesa_hal_sim::SimFpga> {
     let bus = machines::six_axes_7i92(Motor::default());
-    let mut board = Board::identify(bus, Settings::default()).unwrap();
-    board.discover().unwrap();
-    board
+    let board = Board::identify(bus, Settings::default()).unwrap();
+    board.discover().unwrap()
 }
 
 #[test]
@@ -22,14 +21,14 @@ fn what_a_cabinet_keeps_is_taken_compared_and_put_back() {
     let kept = &saved.remotes[0].parameters;
     assert_eq!(kept["NVWatchDogTimeout"], SavedValue::Whole(50));
     assert!(!kept.contains_key("SwRevision"), "it can not be written");
-    let same = saved.compare(&mut board, Match::UnitNumber).unwrap();
+    let same = saved.compare(&mut board, RemoteMatch::UnitNumber).unwrap();
     assert_eq!(same.differences, []);
     assert!(same.compared >= 10, "{}", same.compared);
 
     let place = RemotePlace::Channel(RemoteId::new(0, 0));
     let name = "NVWatchDogTimeout";
     board.write(place, name, 80_u32.into()).unwrap();
-    let found = saved.compare(&mut board, Match::UnitNumber).unwrap();
+    let found = saved.compare(&mut board, RemoteMatch::UnitNumber).unwrap();
     let [difference] = &found.differences[..] else {
         panic!("{found:?}");
     };
@@ -45,15 +44,15 @@ fn a_file_for_other_cards_is_refused_unless_they_are_matched_by_place() {
     let mut board = board();
     let mut saved = SavedCabinet::take(&mut board).unwrap();
     saved.remotes[2].unit_number ^= 1;
-    let refused = saved.compare(&mut board, Match::UnitNumber);
+    let refused = saved.compare(&mut board, RemoteMatch::UnitNumber);
     let refused = refused.unwrap_err().to_string();
     assert!(refused.contains("7I72"), "{refused}");
-    saved.compare(&mut board, Match::Place).unwrap();
+    saved.compare(&mut board, RemoteMatch::Place).unwrap();
     saved.remotes[2].card = "7I64".into();
-    let refused = saved.compare(&mut board, Match::Place);
+    let refused = saved.compare(&mut board, RemoteMatch::Place);
     assert!(matches!(refused, Err(RestoreError::Missing { .. })));
     saved.remotes.pop();
-    let fewer = saved.compare(&mut board, Match::UnitNumber).unwrap();
+    let fewer = saved.compare(&mut board, RemoteMatch::UnitNumber).unwrap();
     assert_eq!(
         fewer.not_in_file,
         [RemotePlace::Channel(RemoteId::new(0, 2))]
@@ -74,12 +73,12 @@ fn a_file_whose_values_do_not_fit_is_refused_before_anything_is_written() {
         let kept = &mut spoilt.remotes[0].parameters;
         kept.insert("NVWatchDogTimeout".into(), SavedValue::Whole(60));
         kept.insert(name.into(), value);
-        let refused = spoilt.compare(&mut board, Match::UnitNumber);
+        let refused = spoilt.compare(&mut board, RemoteMatch::UnitNumber);
         let refused = refused.unwrap_err().to_string();
         assert!(refused.contains(name), "{refused}");
     }
     let newer = SavedCabinet { format: 2, ..saved };
-    let refused = newer.compare(&mut board, Match::UnitNumber);
+    let refused = newer.compare(&mut board, RemoteMatch::UnitNumber);
     assert!(matches!(refused, Err(RestoreError::Format { found: 2 })));
 }
 

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::io;
 
 use super::*;
-use crate::setup::Firmware;
-use crate::setup::update::{Plan, Progress, Step, UpdateError};
+use crate::setup::FirmwareFile;
+use crate::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
 use mesa_hal_sim::devices::{FieldIo, SimDevice};
 use mesa_hal_sim::remote::firmware_file;
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
@@ -15,7 +15,7 @@ const BIT: Nanos = 8_681;
 
 /// A serial line with a remote behind it.
 struct Line {
-    remote: mesa_hal_sim::remote::Remote<mesa_hal_sim::devices::Device<FieldIo>>,
+    remote: mesa_hal_sim::remote::SimRemote<mesa_hal_sim::devices::Device<FieldIo>>,
     now: Nanos,
     /// Characters that have arrived and were not read.
     waiting: VecDeque<u8>,
@@ -85,13 +85,13 @@ fn host_on(line: Line) -> SerialHost<Line> {
     }
 }
 
-fn never(_: Progress) -> bool {
+fn never(_: UpdateProgress) -> bool {
     true
 }
 
-fn file(revision: u8, body: usize) -> Firmware {
+fn file(revision: u8, body: usize) -> FirmwareFile {
     let file = firmware_file(*b"7I77", revision, body);
-    Firmware::new("7I77.BIN", file, RemoteName(*b"7I77")).unwrap()
+    FirmwareFile::new("7I77.BIN", file, RemoteName(*b"7I77")).unwrap()
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn firmware_is_compared_erased_written_and_verified_and_runs_from_the_next_power
     let mut host = host_on(Line::new());
     let firmware = file(21, 9000);
     let boot = host.port.remote.flash().unwrap().cells()[..0x1000].to_vec();
-    let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+    let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
     assert_eq!((plan.erase_size, plan.write_size), (0x1000, 0x100));
     assert!(plan.is_readable);
     assert!(plan.different().eq([0x1000, 0x2000, 0x3000]));
@@ -173,8 +173,8 @@ fn firmware_is_compared_erased_written_and_verified_and_runs_from_the_next_power
         true
     })
     .unwrap();
-    assert_eq!(steps, [Step::Write, Step::Verify].repeat(3));
-    let again = Plan::make(&mut host, &firmware, &mut never).unwrap();
+    assert_eq!(steps, [UpdateStep::Write, UpdateStep::Verify].repeat(3));
+    let again = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
     assert_eq!(again.different().count(), 0);
     let mut line = host.into_inner();
     let cells = line.remote.flash().unwrap().cells();
@@ -202,7 +202,7 @@ fn an_update_that_was_cut_off_anywhere_is_found_and_finished() {
     let firmware = file(22, 5000);
     for requests in [3, 40, 300, 900] {
         let mut host = host_on(Line::new());
-        let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+        let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
         host.port.cut = Some(requests);
         let cut = plan.carry_out(&mut host, &firmware, true, &mut never);
         assert!(matches!(cut, Err(UpdateError::Link(_))), "{cut:?}");
@@ -211,7 +211,7 @@ fn an_update_that_was_cut_off_anywhere_is_found_and_finished() {
         let remote = host.identify().unwrap();
         assert!(remote.is_bare);
         assert_eq!(remote.started.name, RemoteName(*b"7I77"));
-        let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+        let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
         assert!(plan.different().next().is_some());
         plan.carry_out(&mut host, &firmware, true, &mut never)
             .unwrap();
@@ -225,7 +225,7 @@ fn an_update_that_was_cut_off_anywhere_is_found_and_finished() {
 fn an_update_that_is_told_to_stop_says_what_is_left_and_leaves_the_flash_memory() {
     let mut host = host_on(Line::new());
     let firmware = file(23, 5000);
-    let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+    let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
     let mut pages = 0;
     let stopped = plan.carry_out(&mut host, &firmware, true, &mut |_| {
         pages += 1;
@@ -243,7 +243,7 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
     let mut host = host_on(Line::new());
     let remote = &mut host.port.remote;
     remote.flash_mut().unwrap().hide(true);
-    let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+    let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
     assert!(!plan.is_readable);
     let refused = plan.carry_out(&mut host, &firmware, true, &mut never);
     assert!(matches!(refused, Err(UpdateError::NotReadable)));
@@ -252,13 +252,13 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
         .unwrap();
     host.port.power_cycle();
     assert_eq!(host.port.remote.revision(), 24);
-    let short = Firmware::new("7I77.BIN", vec![1; 0x1000], RemoteName(*b"7I77")).unwrap();
-    let refused = Plan::make(&mut host, &short, &mut never);
+    let short = FirmwareFile::new("7I77.BIN", vec![1; 0x1000], RemoteName(*b"7I77")).unwrap();
+    let refused = UpdatePlan::make(&mut host, &short, &mut never);
     assert!(matches!(refused, Err(UpdateError::TooShort { .. })));
     // A card without flash memory has its EEPROM at these addresses.
     let mut line = Line::new();
     line.remote.take_flash();
-    let refused = Plan::make(&mut host_on(line), &firmware, &mut never);
+    let refused = UpdatePlan::make(&mut host_on(line), &firmware, &mut never);
     assert!(matches!(refused, Err(UpdateError::Sizes { .. })));
 }
 
@@ -266,7 +266,7 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
 fn a_cell_that_does_not_keep_its_value_is_found() {
     let mut host = host_on(Line::new());
     let firmware = file(25, 5000);
-    let plan = Plan::make(&mut host, &firmware, &mut never).unwrap();
+    let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
     host.port.remote.flash_mut().unwrap().stick(0x1234);
     let error = plan.carry_out(&mut host, &firmware, true, &mut never);
     let Err(UpdateError::NotKept { offset, .. }) = error else {

@@ -48,7 +48,7 @@ struct Registers {
     start: [[u32; 3]; 8],
 }
 
-impl Observed for Registers {
+impl PortImage for Registers {
     fn command(&self) -> u32 {
         self.command
     }
@@ -61,14 +61,14 @@ impl Observed for Registers {
         self.cs[usize::from(channel.index())]
     }
 
-    fn told(&self, channel: Channel) -> [u32; 3] {
+    fn interfaces(&self, channel: Channel) -> [u32; 3] {
         self.start[usize::from(channel.index())]
     }
 }
 
 /// A port with remotes on channels 0 and 1 that have just been started.
 struct Rig {
-    machine: Machine,
+    machine: PortMachine,
     recovery: Recovery,
     seen: Registers,
     now: Instant,
@@ -81,7 +81,7 @@ impl Rig {
         let remotes =
             [zero, one].map(|started| Health::new(started, RemoteWatchdog::Assumed, &policy));
         let mut rig = Self {
-            machine: Machine::new(ChannelMask::first(8)),
+            machine: PortMachine::new(ChannelMask::first(8)),
             recovery: Recovery::new(remotes.to_vec(), PARAMETERS, policy, Instant::default()),
             seen: Registers {
                 cs: [CHATTER; 8],
@@ -92,18 +92,19 @@ impl Rig {
         };
         rig.read();
         let both = ChannelMask::first(2);
-        rig.machine.begin(Operation::Start(StartMode::Normal, both));
+        rig.machine
+            .begin(PortOperation::Start(StartMode::Normal, both));
         rig.machine.written(rig.now, true);
         rig.read();
         rig.seen.cs = [RUNNING; 8];
         rig
     }
 
-    fn read(&mut self) -> Outcome {
+    fn read(&mut self) -> ReadOutcome {
         self.read_with(true)
     }
 
-    fn read_with(&mut self, certain: bool) -> Outcome {
+    fn read_with(&mut self, certain: bool) -> ReadOutcome {
         self.now = self.now.after(Duration::from_millis(1));
         let machine = &mut self.machine;
         self.recovery
@@ -154,7 +155,11 @@ fn transfers_follow_each_other_and_their_data_is_taken_once() {
     let mut rig = Rig::new();
     assert_eq!(rig.write(), 0x1003);
     assert_eq!(rig.read().good.bits(), 3);
-    assert_eq!(rig.read(), Outcome::default(), "no new transfer, no news");
+    assert_eq!(
+        rig.read(),
+        ReadOutcome::default(),
+        "no new transfer, no news"
+    );
     assert_eq!(rig.write(), 0x1003);
 }
 
@@ -292,7 +297,11 @@ fn a_remote_comes_back_in_small_steps() {
     rig.seen.command = 0;
     rig.seen.cs[1] = CHATTER;
     let outcome = rig.read();
-    assert_eq!(outcome, Outcome::default(), "unit numbers are not inputs");
+    assert_eq!(
+        outcome,
+        ReadOutcome::default(),
+        "unit numbers are not inputs"
+    );
     assert_eq!(rig.write(), 0x1003);
     rig.seen.cs[1] = RUNNING;
     assert_eq!(rig.read().good.bits(), 3);

@@ -11,39 +11,39 @@ use crate::context::{Context, Ending, Failure};
 use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
-Without IP and --netmask it prints what is there, and changes nothing. The board uses the address
-of its EEPROM from its next start on, if its address jumpers say so.
+Without IP and --netmask, prints the addresses and changes nothing. The board uses the address of
+its EEPROM from its next start on, if its address jumpers select it.
 
 Example:
   mesa ip 10.10.10.11 --netmask 255.255.255.0 --addr 10.10.10.10";
 
-/// The IP address and the netmask in a board's EEPROM
+/// Show or set the IP address and netmask in a board's EEPROM
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Ip {
     #[command(flatten)]
     target: ChangedTarget,
-    /// The new address: one that a single host can have
+    /// New address, valid for a single host
     #[arg(value_name = "IP")]
     address: Option<Ipv4Addr>,
-    /// The new netmask, 255.0.0.0 to 255.255.255.252. Needs firmware 16 or later
+    /// New netmask, 255.0.0.0 to 255.255.255.252. Needs firmware 16 or later
     #[arg(long, value_parser = parse_netmask)]
     netmask: Option<Ipv4Addr>,
 }
 
-/// What is in the EEPROM, or would be.
+/// Addresses in the EEPROM, or planned ones.
 #[derive(Debug, Serialize)]
 struct Addresses {
     board: String,
-    /// Where it takes its address from when it starts.
+    /// Source of the board's address at start.
     address_from: AddressSource,
     eeprom_ip: Ipv4Addr,
-    /// None: its firmware has none.
+    /// `None` if the firmware does not support it.
     eeprom_netmask: Option<Ipv4Addr>,
-    /// Something was written.
+    /// True if the EEPROM was written.
     changed: bool,
     dry_run: bool,
-    /// What is left to do.
+    /// Remaining steps.
     next: Vec<String>,
 }
 
@@ -68,7 +68,7 @@ impl Ip {
         }
         if self.netmask.is_some() && before.eeprom_netmask.is_none() {
             return Err(Failure::refused(format_args!(
-                "{}: firmware {} has no netmask, 16 and later have; leave --netmask out",
+                "{}: firmware {} has no netmask (16 and later have one); leave --netmask out",
                 found.address, before.firmware_version
             )));
         }
@@ -80,14 +80,14 @@ impl Ip {
                 pair(&before)
             );
             self.target.asks.consent(context, &what, Some(&found))?;
-            // The address last: until it is written, the board is found where it was.
+            // Address last: until it is written, the board stays at its old address.
             if let Some(netmask) = netmask {
                 board.set_eeprom_netmask(netmask)?;
             }
             if let Some(ip) = ip {
                 board.set_eeprom_ip(ip).map_err(|error| {
                     let mask = netmask.map_or("", |_| "the netmask is written; ");
-                    let how = "whether the address is, `mesa ip` shows";
+                    let how = "`mesa ip` shows whether the address is";
                     Failure::refused(format_args!("{error}; {mask}{how}"))
                 })?;
             }
@@ -110,7 +110,7 @@ impl Ip {
     }
 }
 
-/// What a person has to do so that the board has the address of its EEPROM.
+/// Steps that remain until the board uses the address of its EEPROM.
 fn next(board: &Identity, now: Ipv4Addr, is_change: bool) -> Vec<String> {
     let mut next = Vec::new();
     if board.address_from != AddressSource::Eeprom {
@@ -152,7 +152,7 @@ fn pair(board: &Identity) -> String {
     }
 }
 
-/// Whether a board can have an address.
+/// Checks that a board can have an address.
 fn check(ip: Ipv4Addr, netmask: Option<Ipv4Addr>) -> Result<(), String> {
     if ip.is_unspecified() || ip.is_broadcast() || ip.is_multicast() || ip.is_loopback() {
         return Err(format!("{ip} is no address of a single host on a network"));
@@ -183,7 +183,7 @@ fn parse_netmask(text: &str) -> Result<Ipv4Addr, String> {
 impl Display for Addresses {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.dry_run {
-            writeln!(f, "Would be so; nothing was done:")?;
+            writeln!(f, "Planned; nothing was done:")?;
         }
         writeln!(f, "jumpers   {}", self.address_from.of_card(&self.board))?;
         writeln!(f, "EEPROM    {}", self.eeprom_ip)?;

@@ -1,4 +1,4 @@
-//! `mesa led`: what the board's user LEDs show.
+//! `mesa led`: mode of the board's user LEDs.
 
 use std::fmt::{self, Display};
 
@@ -10,22 +10,22 @@ use crate::context::{Context, Ending, Failure};
 use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
-Without MODE it prints what they show, and changes nothing.
+Without MODE, prints the current modes and changes nothing.
 
 Examples:
   mesa led --sim 7i97
   mesa led hostmot2 --addr 10.10.10.10 --at-start";
 
-/// What the user LEDs of a board show, now and after a restart
+/// Show or set the mode of the user LEDs, now and after a restart
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Led {
     #[command(flatten)]
     target: ChangedTarget,
-    /// What they shall show from now on
+    /// New mode of the LEDs
     #[arg(value_enum)]
     mode: Option<Mode>,
-    /// After each restart as well: writes the EEPROM
+    /// Set the mode after each restart as well: writes the EEPROM
     #[arg(long, requires = "mode")]
     at_start: bool,
 }
@@ -42,7 +42,7 @@ enum Mode {
     Debug,
 }
 
-/// What they show.
+/// Modes of the LEDs.
 #[derive(Debug, Serialize)]
 struct Leds {
     now: Mode,

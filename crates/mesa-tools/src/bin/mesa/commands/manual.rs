@@ -1,4 +1,4 @@
-//! `mesa completions` and `mesa man`: what a shell and a manual reader want to know of the commands.
+//! `mesa completions` and `mesa man`: shell completions and manual pages.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,13 +10,13 @@ use crate::command_line;
 use crate::context::{Context, Ending, Failure};
 use crate::output::say;
 
-/// Completions of a shell, on standard output
+/// Print the completions of a shell
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   mesa completions bash > ~/.local/share/bash-completion/completions/mesa")]
 pub struct Completions {
-    /// Which shell
+    /// Shell to complete for
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -30,13 +30,13 @@ impl Completions {
     }
 }
 
-/// Manual pages: one for `mesa`, one for each command
+/// Write manual pages: one for `mesa`, one for each command
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   mesa man ~/.local/share/man/man1 && man mesa-info")]
 pub struct Man {
-    /// An existing directory that they are written to
+    /// Existing directory for the pages
     #[arg(value_name = "DIRECTORY")]
     directory: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! The commands, each in its own file: its arguments, what it does, what it prints.
+//! The commands, each in its own file or folder: arguments, action and output.
 
 mod doctor;
 mod flash;

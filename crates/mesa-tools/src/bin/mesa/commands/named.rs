@@ -1,4 +1,4 @@
-//! Pins as people name them: whole, or by the end of the name.
+//! Pins given by a person: by the whole name, or by its end.
 
 use mesa_hal::Remark;
 use mesa_hal::RemoteId;
@@ -7,8 +7,8 @@ use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
 use crate::context::Failure;
 use crate::number::{self, end};
 
-/// Says why the remote that a pin's name has in it is missing: by its port and channel, which follow
-/// the card (`7i77.0.0.output-03`).
+/// Fails with the reason if the remote in a pin's name is missing. Port and channel of the remote
+/// follow the card in the name (`7i77.0.0.output-03`).
 pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
     let parts: Vec<&str> = name.split('.').collect();
     let mut ids = parts.windows(3).filter_map(|parts| {
@@ -35,8 +35,8 @@ pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
     )
 }
 
-/// The pin or parameter of a name, or the only one whose name ends so behind a point. `missing` are
-/// the remotes that could have had it.
+/// Finds the pin or parameter with a name, or the only one whose name ends with it behind a point.
+/// `missing` are the remotes whose absence may be the reason for an unknown name.
 pub fn find(pins: &Pins, missing: &[Remark], name: &str) -> Result<PinId, Failure> {
     let found = find_present(pins, name);
     if found.is_err() {
@@ -72,7 +72,7 @@ fn find_present(pins: &Pins, name: &str) -> Result<PinId, Failure> {
     }
 }
 
-/// A value of the type of a pin, within its range.
+/// Parses a value of the type of a pin, within its range.
 pub fn value(info: &PinInfo, text: &str) -> Result<AnyValue, Failure> {
     let parsed = match info.hal_type {
         HalType::Bit => bit(text).map(AnyValue::from),
@@ -104,7 +104,7 @@ fn bit(text: &str) -> Option<bool> {
     }
 }
 
-/// What a pin can be set to.
+/// Text about the values that a pin accepts.
 pub fn range(info: &PinInfo) -> String {
     let (kind, least, most) = match info.hal_type {
         HalType::Bit => return "0 or 1, off or on".to_owned(),
@@ -123,7 +123,7 @@ pub fn range(info: &PinInfo) -> String {
     }
 }
 
-/// A value for people.
+/// Formats a value as text.
 pub fn text(value: AnyValue) -> String {
     match value.hal_type {
         HalType::Bit => u8::from(bool::from_bits(value.bits)).to_string(),
@@ -132,7 +132,7 @@ pub fn text(value: AnyValue) -> String {
     }
 }
 
-/// A value for programs.
+/// Converts a value to JSON.
 pub fn json(value: AnyValue) -> serde_json::Value {
     match value.hal_type {
         HalType::Bit => bool::from_bits(value.bits).into(),

@@ -1,4 +1,4 @@
-//! `mesa pins`: every HAL pin and parameter, and what it holds.
+//! `mesa pins`: all HAL pins and parameters with their values.
 
 use std::fmt::{self, Display};
 use std::ops::ControlFlow;
@@ -21,17 +21,17 @@ use crate::place;
 use crate::running;
 use crate::target::Target;
 
-/// The period of the cycle.
+/// Period of the cycle.
 const PERIOD: Duration = Duration::from_millis(4);
-/// How long a reply is waited for: a cycle that is late is better than none.
+/// Timeout of a reply: a late cycle is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);
 
 const AFTER_HELP: &str = "\
-It starts the machine with all outputs off, reads it for a while, and stops it. A board that another
+Starts the machine with all outputs off, reads it for a while, and stops it. A board that another
 program drives is left alone.
 
-PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole. A
-signal of an encoder is at the pins that show it: QA0 at the count, IDX0 at index-enable.
+PATTERN is a part of a pin's name, terminal or signal; with * or ?, a pattern of the whole. Signals
+of an encoder belong to the pins that show them: QA0 to the count, IDX0 to index-enable.
 
 Exits with 1 if no pin fits.
 
@@ -39,7 +39,7 @@ Example:
   mesa pins 'QA' --addr 10.10.10.10
   mesa pins '*.input-0?' --sim 7i92-7i77";
 
-/// Every HAL pin and parameter: type, direction, terminal, signal, value
+/// List all HAL pins and parameters: type, direction, terminal, signal, value
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Pins {
@@ -47,9 +47,9 @@ pub struct Pins {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// Which pins; all unless given
+    /// Pattern that selects pins; all unless given
     pattern: Option<Pattern>,
-    /// How long the machine is read, 0.01 to 3600: inputs that are filtered need some time
+    /// Time to read the machine, in seconds, 0.01 to 3600: filtered inputs need some time
     #[arg(long, value_name = "S", default_value_t = 0.4, value_parser = seconds)]
     seconds: f64,
 }
@@ -60,7 +60,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("`{text}` is no number of seconds from 0.01 to 3600"))
 }
 
-/// What was read.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
 struct Rows(Vec<Row>);
@@ -77,7 +77,8 @@ struct Row {
     value: Value,
     unit: String,
     valid: bool,
-    /// Microseconds since the transfer that brought it; none for a parameter and what never came.
+    /// Microseconds since the transfer of the value; `None` for a parameter, and for a pin that was
+    /// never read.
     age_us: Option<u64>,
 }
 
@@ -105,7 +106,7 @@ impl Pins {
             if cycle.number <= cycles && checked.is_ok() {
                 return ControlFlow::Continue(());
             }
-            // While it runs: afterwards nothing is valid.
+            // Taken while the machine runs: afterwards no value is valid.
             seen = Some(reader.read());
             ControlFlow::Break(())
         });
@@ -152,7 +153,7 @@ impl Row {
     }
 }
 
-/// A number that is not finite is null.
+/// Converts a value to JSON; a number that is not finite becomes null.
 fn value(value: AnyValue) -> Value {
     match value.hal_type {
         HalType::Bit => (value.bits != 0).into(),

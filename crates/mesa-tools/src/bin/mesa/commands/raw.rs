@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Rounded;
 use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
-use mesa_hal::transport::udp::Link;
+use mesa_hal::transport::udp::PacketLink;
 use serde::Serialize;
 
 use crate::consent::Asks;
@@ -15,30 +15,30 @@ use crate::link::BoardLink;
 use crate::target::Target;
 
 const AFTER_HELP: &str = "\
-HEX is one packet, at most 1472 bytes: commands, addresses and data as the board's manual has them,
-low byte first. It is sent once, and not again if no reply comes. What writes needs consent.
+HEX is one packet of at most 1472 bytes: commands, addresses and data as in the board's manual, low
+byte first. It is sent once, and not repeated if no reply comes. A packet that writes needs consent.
 
 Example (the cookie of HostMot2, then the IP address in the EEPROM):
   mesa raw 01420001 82492000 --addr 10.10.10.10";
 
-/// Longer than a sector of the flash memory takes to be erased.
+/// Longest timeout in seconds: longer than the erasing of a flash sector.
 const LONGEST: f64 = 10.0;
 
-/// Room to see that a datagram is longer than a packet.
+/// Size of the receive buffer: larger than a packet, so that a longer datagram is detected.
 const ROOM: usize = 2048;
 
-/// Sends LBP16 commands by hand and takes the reply apart
+/// Send LBP16 commands by hand and decode the reply
 ///
-/// What the manual's ELBPCOM does, and more.
+/// Does what the manual's ELBPCOM does, and more.
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Raw {
     #[command(flatten)]
     target: Target,
-    /// The packet: pairs of hexadecimal digits, with blanks anywhere between them
+    /// Packet: pairs of hexadecimal digits, with blanks anywhere between them
     #[arg(required = true, value_name = "HEX")]
     hex: Vec<String>,
-    /// How long to wait for the reply, in seconds, 0.001 to 10. Erasing a sector of the flash memory
+    /// Time to wait for the reply, in seconds, 0.001 to 10. Erasing a sector of the flash memory
     /// takes up to 3
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = parse_seconds)]
     timeout: Duration,
@@ -52,30 +52,30 @@ pub struct Raw {
 /// A packet and its reply.
 #[derive(Debug, Serialize)]
 struct Dialogue {
-    /// Nothing was sent.
+    /// True if nothing was sent.
     dry_run: bool,
-    /// The request, hexadecimal.
+    /// Request in hexadecimal.
     request: String,
-    /// The reply, hexadecimal; none if nothing was read, or sent.
+    /// Reply in hexadecimal; `None` if nothing was read or sent.
     received: Option<String>,
     commands: Vec<Line>,
 }
 
-/// One command.
+/// A command of the packet.
 #[derive(Debug, Serialize)]
 struct Line {
     command: &'static str,
     space: u8,
     space_name: &'static str,
-    /// The info area of the space, not the space itself.
+    /// True for the info area of the space.
     info: bool,
-    /// None: where the space's pointer stands.
+    /// `None`: at the address pointer of the space.
     address: Option<u16>,
     bits: usize,
     count: u8,
-    /// The pointer moves on behind each element.
+    /// True if the address pointer advances after each element.
     increment: bool,
-    /// What was written or read; fewer than `count` if there was no reply, or it was too short.
+    /// Values written or read; fewer than `count` if the reply was missing or too short.
     values: Vec<u64>,
 }
 
@@ -103,7 +103,7 @@ impl Raw {
             .into_iter()
             .filter(|line| line.command == "write");
         let writes: Vec<String> = writes.map(|line| line.place()).collect();
-        // Whether somebody else drives the board is looked at before anybody is asked.
+        // Before the question: fails if another program drives the board.
         drop(found.open()?);
         if !writes.is_empty() {
             let what = format!("{}: writes {}", found.address, writes.join(", "));
@@ -154,7 +154,7 @@ impl Raw {
         Ok(context.ending())
     }
 
-    /// The bytes of the packet.
+    /// Parses the bytes of the packet.
     fn request(&self) -> Result<Vec<u8>, Failure> {
         let all = self.hex.concat();
         let digits = all.chars().filter(|digit| !digit.is_whitespace());
@@ -183,7 +183,7 @@ impl Raw {
     }
 }
 
-/// Waits for a datagram; none if the time is over, or a signal came.
+/// Waits for a datagram; `None` after the deadline or a signal.
 fn receive(
     context: &Context,
     link: &mut BoardLink,

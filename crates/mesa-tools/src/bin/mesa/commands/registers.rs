@@ -1,4 +1,4 @@
-//! `mesa peek` and `mesa poke`: registers of any space, by hand.
+//! `mesa peek` and `mesa poke`: manual access to registers of any space.
 
 use std::fmt::{self, Display};
 use std::str::FromStr;
@@ -17,49 +17,49 @@ const PLACES: &str = "\
 SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash registers, 32 bits),
 4 (timer), 6 (control) or 7 (read only); those without a width have 16 bits. Addresses are byte
 addresses: multiples of 4 in spaces 0 and 3, of 2 elsewhere. Numbers are decimal, or
-hexadecimal behind 0x.";
+hexadecimal after 0x.";
 
-/// Registers of a board, by hand
+/// Read registers of a board
 #[derive(Debug, Args)]
 #[command(after_help = format!("{PLACES}\n\nExample (the cookie of HostMot2):\n  \
     mesa peek 0:0x100 --addr 10.10.10.10"))]
 pub struct Peek {
     #[command(flatten)]
     target: Target,
-    /// Where to begin, as 0:0x100
+    /// Address of the first register, such as 0:0x100
     #[arg(value_name = "SPACE:ADDRESS")]
     place: Place,
-    /// How many registers, 1 to 16384
+    /// Number of registers, 1 to 16384
     #[arg(default_value = "1", value_parser = clap::value_parser!(u16).range(1..=16384))]
     count: u16,
 }
 
-/// Writes registers of a board by hand, and reads them back
+/// Write registers of a board and read them back
 #[derive(Debug, Args)]
-#[command(after_help = format!("{PLACES}\n\nWhat drives an output stays on: no watchdog runs \
-    unless a driver has started it. The EEPROM\ncan be written from 0x20 on; spaces 3 and 7 can not be \
-    written (see `mesa flash`).\n\nExample (the LEDs show what HostMot2 says):\n  \
+#[command(after_help = format!("{PLACES}\n\nAn output that is switched on stays on: no watchdog \
+    runs unless a driver has started it. The\nEEPROM can be written from 0x20 on; spaces 3 and 7 cannot \
+    be written (see `mesa flash`).\n\nExample (the LEDs show the LED pins of HostMot2):\n  \
     mesa poke 6:0x14 0 --addr 10.10.10.10 --yes"))]
 pub struct Poke {
     #[command(flatten)]
     target: ChangedTarget,
-    /// Where to begin, as 6:0x14
+    /// Address of the first register, such as 6:0x14
     #[arg(value_name = "SPACE:ADDRESS")]
     place: Place,
-    /// What to write, one after the other: 1 to 127 numbers, 0 to 0xFFFFFFFF in space 0, 0 to 0xFFFF
+    /// Values for consecutive registers: 1 to 127 numbers, 0 to 0xFFFFFFFF in space 0, 0 to 0xFFFF
     /// elsewhere
     #[arg(required = true, num_args = 1..=127, value_parser = parse_number)]
     values: Vec<u32>,
 }
 
-/// A register.
+/// Address of a register.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     space: Space,
     address: u16,
 }
 
-/// What registers hold.
+/// Contents of registers.
 #[derive(Debug, Serialize)]
 struct Contents {
     space: u8,
@@ -115,7 +115,7 @@ impl Poke {
             return Ok(context.ending());
         }
         let values = if space == Space::HostMot2 {
-            // A register of the FPGA may do something each time that it is written.
+            // Written once only, because a write to a register of the FPGA may have a side effect.
             let count = self.values.len() as u16;
             let mut words = self.values.clone();
             bus.exchange(&[Access::write(address, 0, count)], &mut words)?;

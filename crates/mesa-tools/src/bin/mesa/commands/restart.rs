@@ -1,4 +1,4 @@
-//! `mesa reset` and `mesa reload`: a board begins again.
+//! `mesa reset` and `mesa reload`: restart of a board.
 
 use std::fmt::{self, Display};
 use std::time::Duration;
@@ -15,9 +15,10 @@ use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
 
-/// Restarts the network side of a board
+/// Restart the network side of a board
 ///
-/// It comes back with the address that its jumpers say. The FPGA keeps its registers; what drives the board loses it for up to half a second.
+/// The board comes back with the address that its jumpers select. The FPGA keeps its registers; a
+/// program that drives the board loses it for up to half a second.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa reset --addr 10.10.10.10")]
 pub struct Reset {
@@ -25,7 +26,7 @@ pub struct Reset {
     restart: Restart,
 }
 
-/// Makes the FPGA load its configuration from the flash memory again
+/// Reload the FPGA's configuration from the flash memory
 ///
 /// All outputs go off, and every register is lost. Needs firmware 15 or later.
 #[derive(Debug, Args)]
@@ -39,25 +40,25 @@ pub struct Reload {
 struct Restart {
     #[command(flatten)]
     target: ChangedTarget,
-    /// How long to wait until the board answers again, in seconds, 1 to 60
+    /// Time to wait for the board to answer again, in seconds, 1 to 60
     #[arg(long, value_name = "SECONDS", default_value_t = 10,
         value_parser = clap::value_parser!(u64).range(1..=60))]
     wait: u64,
 }
 
-/// How a restart went.
+/// Result of a restart.
 #[derive(Debug, Serialize)]
 struct Restarted {
     board: String,
     action: &'static str,
-    /// From the command to the first answer.
+    /// Time from the command to the first answer.
     answered_after_s: f64,
 }
 
 impl Reset {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let what = "restarts the network side of the board: it is silent for up to half a second, \
-                    and comes back with the address that its jumpers say";
+                    and comes back with the address that its jumpers select";
         self.restart.run(context, "reset", what, |bus, _| {
             Ok(EthernetBoard::new(bus).reset()?)
         })
@@ -116,9 +117,8 @@ impl Restart {
             }
             if let Some(signal) = context.stop.signal() {
                 complain(format_args!(
-                    "mesa: ended by {signal}: nobody waits for the board any more, which has not \
-                     answered yet; the {action} is on its way and can not be taken back; {}. \
-                     `mesa info` tells whether it is there",
+                    "mesa: ended by {signal} before the board has answered; the {action} is sent and \
+                     cannot be taken back; {}. `mesa info` shows whether the board is back",
                     outputs(action)
                 ));
                 return Ok(context.ending());
@@ -133,20 +133,20 @@ impl Restart {
     }
 }
 
-/// What becomes of the outputs.
+/// State of the outputs after the restart.
 fn outputs(action: &str) -> &'static str {
     match action {
         "reload" => {
             "all outputs are off when the FPGA loads, those of remotes by their own watchdogs"
         }
         _ => {
-            "outputs stay as they are, because the FPGA goes on: what was on is on until its watchdog \
-             bites"
+            "outputs stay as they are, because the FPGA keeps running: an output that was on stays on \
+             until the board's watchdog bites"
         }
     }
 }
 
-/// Nothing answers any more: where it may be.
+/// Error for a board that does not answer again, with its possible addresses.
 fn silent(found: &Found, identity: &Identity, waited: Duration, error: impl Display) -> Failure {
     let fixed = AddressSource::FIXED;
     Failure::refused(format_args!(
@@ -162,13 +162,14 @@ fn layout_of(identity: &Identity) -> Result<&'static FlashLayout, Failure> {
     let card = &identity.card;
     FlashLayout::for_card(card).ok_or_else(|| {
         Failure::refused(format_args!(
-            "this is a {card}; where its configurations are in its flash memory is not known here: \
-             switch the board off and on instead"
+            "this is a {card}, whose flash memory has no known layout: switch the board off and on \
+             instead"
         ))
     })
 }
 
-/// What there is to say of what the FPGA loads. A board that finds nothing does not answer any more.
+/// Warning about the configuration that the FPGA will load; empty for the user configuration. Fails
+/// if there is no configuration, because the board would not answer any more.
 fn what_it_loads(bus: &mut Bus, identity: &Identity) -> Result<&'static str, Failure> {
     let layout = layout_of(identity)?;
     let mut flash = EthernetBoard::new(bus).into_flash(*layout)?;
@@ -178,12 +179,12 @@ fn what_it_loads(bus: &mut Bus, identity: &Identity) -> Result<&'static str, Fai
     if flash.begins(Area::Fallback)? {
         return Ok(
             ". There is no user configuration, or its writing was cut off: it loads the fallback, whose \
-             pins may be others; `mesa flash write` writes it",
+             pins may differ; `mesa flash write` writes a user configuration",
         );
     }
     Err(Failure::refused(
-        "there is no configuration in the flash memory, so that nothing would answer after a reload; \
-         `mesa flash write` writes one",
+        "there is no configuration in the flash memory, so the board would not answer after a \
+         reload; `mesa flash write` writes one",
     ))
 }
 

@@ -1,26 +1,27 @@
-//! Outputs that nothing switches off when the cable of their remote breaks, or not for long.
+//! Outputs that stay on for long, or for ever, after the cable of their remote has broken.
 
 use clap::Args;
 use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
-use mesa_hal::{Board, Driver, Rounded};
+use mesa_hal::{Configured, Driver, Rounded};
 
 use crate::context::Failure;
 use crate::link::Bus;
 use crate::output::complain;
 
-/// Of a command that drives outputs of remotes.
+/// Argument of a command that drives outputs of remotes.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct SlowWatchdog {
-    /// Let an output be set whose remote has its own watchdog off, or longer than 1 s, or does not
-    /// show that it bites: when its cable breaks, nothing else switches the output off
+    /// Allow outputs of a remote whose own watchdog is off, longer than 1 s, or not shown to bite:
+    /// when its cable breaks, nothing else switches them off
     #[arg(long)]
     slow_watchdog: bool,
 }
 
 impl SlowWatchdog {
-    /// Looks at what the remotes of these outputs keep. What to say of those that take long.
-    pub fn check(self, board: &Board<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
+    /// Checks the watchdog times that the remotes of these outputs store. Returns a warning about
+    /// slow watchdogs, or fails if they were not allowed.
+    pub fn check(self, board: &Configured<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
         let driven = |remote: &FoundRemote| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
         let slow = remotes.filter_map(|(port, remote)| {
@@ -48,8 +49,8 @@ impl SlowWatchdog {
         }
     }
 
-    /// Lets the watchdogs bite, with all outputs off: what a remote keeps may not be what it uses. All
-    /// groups have to be re-armed then.
+    /// Lets the watchdogs bite, with all outputs off, because the time that a remote stores may not
+    /// be the one in use. All groups have to be re-armed afterwards.
     pub fn prove(self, driver: &mut Driver<Bus>, groups: &[GroupId]) -> Result<(), Failure> {
         let slow = |driver: &Driver<Bus>| {
             let remotes = driver.ports().iter().flat_map(|port| {
@@ -80,9 +81,9 @@ impl SlowWatchdog {
             return Ok(());
         }
         let said = format!(
-            "the own watchdog of {} has not shown that it bites within the time that \
-             NVWatchDogTimeout says: what was written is used from the next power-up on, and until \
-             then another time, or none. When its cable breaks, what is on may stay on",
+            "the own watchdog of {} has not shown that it bites within the time of NVWatchDogTimeout: \
+             a new value is used from the next power-up on, and until then another one, or none. \
+             When its cable breaks, what is on may stay on",
             found.join(" and ")
         );
         if self.slow_watchdog {
@@ -96,6 +97,6 @@ impl SlowWatchdog {
 fn refused(said: &str) -> Failure {
     Failure::refused(format_args!(
         "{said}. Set it (`mesa param set`) and switch the remote off and on, or give --slow-watchdog \
-         if that is meant; nothing was set"
+         to allow it; nothing was set"
     ))
 }

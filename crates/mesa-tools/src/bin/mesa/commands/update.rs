@@ -1,4 +1,4 @@
-//! `mesa update`: the firmware of a remote.
+//! `mesa update`: firmware update of a remote.
 
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -10,8 +10,8 @@ use mesa_hal::boards::i7i77;
 use mesa_hal::driver::{RemoteConfig, SerialConfig};
 use mesa_hal::sslbp::{RemoteName, StartedRemote};
 use mesa_hal::{Board, DriverError, Settings};
-use mesa_tools::setup::update::{Plan, Progress, Step, UpdateError};
-use mesa_tools::setup::{Firmware, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
+use mesa_tools::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
+use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;
@@ -21,44 +21,44 @@ use crate::files;
 use crate::output::complain;
 use crate::target::Found;
 
-/// More than any firmware has.
-const MOST_BYTES: u64 = 4 << 20;
+/// Limit for the size of a firmware file: more than any has.
+const MAX_BYTES: u64 = 4 << 20;
 
 const AFTER_HELP: &str = "\
 The card's jumper must be in the setup position (7I77: W12 for field I/O, W4 for analog, to the
-right; 7I72: W6 down), and the card switched off and on since. A board stops its serial ports and
-turns all pins into inputs for it: not for a machine that is running.
+right; 7I72: W6 down), and the card must have been switched off and on since. A board stops its
+serial ports and turns all pins into inputs: do not use this on a running machine.
 
-FILE is an image of the flash memory, as Mesa's .BIN files are. Nothing in such a file has to say
-which card it is for; what speaks against it is said: that only its name fits, that it begins with
-another bootloader, that it ends before what is there does. It is compared with what is there;
-what differs is erased, written and read back, block by block, but for the first block, which is
-the bootloader's. An update that was cut off is finished by the same command. The new firmware
-runs from the next power-up on: put the jumper back then.
+FILE is an image of the flash memory, such as Mesa's .BIN files, which need not name their card.
+Doubts about the file are reported: only its name matches, it begins with another bootloader, or it
+ends before the data on the card does. The file is compared with the memory; blocks that differ are
+erased, written and read back one by one, except the first, which holds the bootloader. The same
+command finishes an update that was cut off. The new firmware runs from the next power-up on: put
+the jumper back before it.
 
-Not confirmed on hardware: that the flash memory can be read back. A card that does not show it is
+Not confirmed on hardware: that the flash memory can be read back. A card that does not allow it is
 refused; --no-verify writes blindly, as LinuxCNC's setsserial does.
 
 Examples:
   mesa update 7i77 7I77.BIN --serial /dev/ttyUSB0
   mesa update 7i72 7I72.BIN --at 0.1 --addr 10.10.10.10 --dry-run";
 
-/// The firmware of a remote: erase, write, verify
+/// Update the firmware of a remote: erase, write, verify
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Update {
-    /// The card's name, for example 7i77; what answers and the file must be of that name
+    /// Name of the card, for example 7i77; the card that answers and the file must match it
     #[arg(value_parser = parse_card)]
     card: RemoteName,
-    /// The firmware, a .BIN file for that card
+    /// Firmware file (.BIN) for that card
     file: PathBuf,
-    /// Where the card is on a board: serial port 0 to 3, channel 0 to 7
+    /// Place of the card on a board: serial port 0 to 3, channel 0 to 7
     #[arg(
         long, value_name = "PORT.CHANNEL", value_parser = parse_place,
         required_unless_present = "serial", conflicts_with = "serial"
     )]
     at: Option<RemoteId>,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long)]
     dry_run: bool,
     /// Do not read the flash memory back
@@ -81,14 +81,14 @@ fn parse_place(text: &str) -> Result<RemoteId, String> {
     id.ok_or_else(|| format!("`{text}` is no PORT.CHANNEL, 0.0 to 3.7"))
 }
 
-/// What was done, or would be.
+/// Result of an update or of a dry run.
 #[derive(Debug, Serialize)]
 struct Report {
     card: String,
     place: String,
     unit_number: u32,
     file: PathBuf,
-    /// Only the bootloader answered.
+    /// True if only the bootloader answered.
     was_cut_off: bool,
     block_size: u32,
     blocks: usize,
@@ -96,27 +96,27 @@ struct Report {
     written: usize,
     verified: bool,
     dry_run: bool,
-    /// What speaks against the file.
+    /// Doubts about the file.
     doubts: Vec<String>,
 }
 
-/// What speaks against a file, or can not be known.
-fn doubts(firmware: &Firmware, plan: &Plan) -> Vec<String> {
+/// Doubts about a file, and checks that were not possible.
+fn doubts(firmware: &FirmwareFile, plan: &UpdatePlan) -> Vec<String> {
     let mut doubts = Vec::new();
     if !firmware.names_card() {
-        doubts.push("only the file's name says that it is for this card".to_owned());
+        doubts.push("only the file's name shows that it is for this card".to_owned());
     }
     match plan.has_bootloader {
         Some(true) => {}
         Some(false) => {
             doubts.push("the file begins with another bootloader than the card's".into());
         }
-        None => doubts.push("the card does not show what it has, so nothing was compared".into()),
+        None => doubts.push("the card cannot be read, so nothing was compared".into()),
     }
     let bytes = firmware.bytes().len();
     if let Some(offset) = plan.behind_end {
         doubts.push(format!(
-            "the file ends after {bytes} bytes, and the card has something at {offset}: is it cut off?"
+            "the file ends after {bytes} bytes, but the card has something at {offset}: is the file incomplete?"
         ));
     }
     doubts
@@ -142,23 +142,23 @@ impl Update {
         Ok(context.ending())
     }
 
-    fn firmware(&self) -> Result<Firmware, Failure> {
+    fn firmware(&self) -> Result<FirmwareFile, Failure> {
         let path = self.file.display();
-        let contents = files::read(&self.file, MOST_BYTES).map_err(Failure::usage)?;
+        let contents = files::read(&self.file, MAX_BYTES).map_err(Failure::usage)?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
-        let firmware = Firmware::new(&name, contents, self.card);
+        let firmware = FirmwareFile::new(&name, contents, self.card);
         firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))
     }
 
     fn over_board(
         &self,
         context: &Context,
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
     ) -> Result<Option<Report>, Failure> {
-        // clap sees to it that there is one.
+        // clap requires `--at` unless `--serial` is given.
         let id = self.at.unwrap_or(RemoteId::new(0, 0));
         let found = self.target.target.find()?;
-        // No other remote of the port takes part.
+        // Only this remote of the port takes part.
         let only = SerialConfig {
             channels: [(id.channel, RemoteConfig::default())].into(),
         };
@@ -166,8 +166,7 @@ impl Update {
             serial_ports: [(id.port, only)].into(),
             ..Settings::default()
         };
-        let mut board = Board::identify(found.open()?, settings)?;
-        board.discover()?;
+        let mut board = Board::identify(found.open()?, settings)?.discover()?;
         let (mut link, started) =
             board
                 .setup_at(id, SETUP_BAUD_RATE)
@@ -186,13 +185,13 @@ impl Update {
         Ok(report)
     }
 
-    /// Nothing is reported of an update that a signal ended: standard error has it.
+    /// Returns `None` for an update that a signal ended, which standard error reports.
     fn update<L: RemoteLink>(
         &self,
         context: &Context,
         (link, board): (&mut L, Option<&Found>),
         (place, started, was_cut_off): (RemotePlace, StartedRemote, bool),
-        firmware: &Firmware,
+        firmware: &FirmwareFile,
     ) -> Result<Option<Report>, Failure> {
         let (card, unit_number) = (started.name, started.unit_number);
         if card.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
@@ -204,7 +203,7 @@ impl Update {
         let is_verified = !self.no_verify;
         let bar = Bar::new(context);
         let mut on_progress = |progress| bar.show(progress, context);
-        let plan = match Plan::make(link, firmware, &mut on_progress) {
+        let plan = match UpdatePlan::make(link, firmware, &mut on_progress) {
             Err(UpdateError::Stopped { .. }) => return Ok(stopped("nothing was written")),
             plan => plan?,
         };
@@ -236,8 +235,8 @@ impl Update {
             format!("a {}, unit number {unit_number:#010X}:", kind(&started))
         };
         let what = format!(
-            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}){}. Until it is \
-             done it has no program; keep its power on",
+            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}){}. Until this \
+             is done, the card has no program; keep its power on",
             plan.blocks.len(),
             plan.erase_size,
             self.file.display(),
@@ -259,7 +258,8 @@ fn stopped(why: impl Display) -> Option<Report> {
     None
 }
 
-/// Two parts of a 7I77 have one name.
+/// Name of a card. The two parts of a 7I77 share a name and differ in the class of their unit
+/// numbers.
 fn kind(started: &StartedRemote) -> String {
     let class = (started.unit_number >> 24) as u8;
     match (&started.name.0, class) {
@@ -286,13 +286,13 @@ impl Bar {
         Self(bar)
     }
 
-    /// Whether to go on.
-    fn show(&self, progress: Progress, context: &Context) -> bool {
-        let Progress { step, done, total } = progress;
+    /// Updates the bar; returns `false` after a signal, to end the update.
+    fn show(&self, progress: UpdateProgress, context: &Context) -> bool {
+        let UpdateProgress { step, done, total } = progress;
         self.0.set_message(match step {
-            Step::Compare => "compare",
-            Step::Write => "write",
-            Step::Verify => "verify",
+            UpdateStep::Compare => "compare",
+            UpdateStep::Write => "write",
+            UpdateStep::Verify => "verify",
         });
         self.0.set_length(total);
         self.0.set_position(done);

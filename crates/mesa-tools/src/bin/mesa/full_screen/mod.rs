@@ -1,4 +1,4 @@
-//! Commands that have the whole screen: the terminal, the loop of pictures, and what pictures share.
+//! Full-screen commands: the terminal, the drawing loop, and parts shared by screens.
 
 mod trend;
 
@@ -15,31 +15,31 @@ use crate::context::{Context, Failure};
 use crate::output;
 pub use trend::{SAMPLES, Trend};
 
-/// Between two pictures, and two samples of the trend lines.
+/// Interval between two pictures, and between two samples of the trend lines.
 const PICTURE: Duration = Duration::from_millis(100);
 
-/// Whether it goes on.
+/// Decision of a screen to continue or to end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wish {
     Continue,
     End,
 }
 
-/// What is shown on the whole screen.
+/// Content of the full screen.
 pub trait Screen {
-    /// Takes what there is to see, before each picture.
+    /// Updates the content before each picture.
     fn refresh(&mut self) -> Wish;
-    /// A key was pressed.
+    /// Handles a key press.
     fn key(&mut self, key: KeyEvent) -> Wish;
-    /// Makes a picture.
+    /// Draws a picture.
     fn draw(&mut self, frame: &mut Frame<'_>);
 }
 
-/// Refuses a command line that can not have a screen: without a terminal, or with `--json`; `instead`
-/// says what to use then.
+/// Refuses a command line that cannot have a screen: without a terminal, or with `--json`.
+/// `instead` names the alternative.
 pub fn check(context: &Context, instead: &str) -> Result<(), Failure> {
     if context.json {
-        let why = format!("a screen is no JSON; {instead}");
+        let why = format!("a full screen has no JSON output; {instead}");
         return Err(Failure::usage(why));
     }
     if !(io::stdout().is_terminal() && io::stdin().is_terminal()) {
@@ -49,8 +49,8 @@ pub fn check(context: &Context, instead: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Shows pictures until a key or a signal ends it, or there is no more to see; the terminal is as
-/// before then. What is complained about meanwhile is said after it, unless the screen takes it.
+/// Shows pictures until a key, a signal or the screen ends the loop, and restores the terminal.
+/// Messages are held back until then, unless the screen takes them.
 pub fn show(context: &Context, screen: &mut impl Screen) -> io::Result<()> {
     output::hold();
     let shown = ratatui::try_init().and_then(|mut terminal| {
@@ -59,7 +59,7 @@ pub fn show(context: &Context, screen: &mut impl Screen) -> io::Result<()> {
     });
     output::release();
     match context.stop.signal() {
-        // Whoever closes the terminal of a program needs no picture any more.
+        // The signal may come from a closed terminal, where drawing fails.
         Some(_) => Ok(()),
         None => shown,
     }
@@ -75,7 +75,7 @@ fn pictures(
         if !wait_for_keys()? {
             return Ok(());
         }
-        // What was typed meanwhile is taken at once, and a picture follows.
+        // All pending keys are handled before the next picture.
         while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()?
                 && key.kind != KeyEventKind::Release
@@ -88,8 +88,8 @@ fn pictures(
     Ok(())
 }
 
-/// Waits until a key was pressed, or it is time for the next picture; `false` if the terminal was
-/// closed, which crossterm 0.29 does not notice: it would read its end for ever.
+/// Waits for a key press or the time of the next picture. Returns `false` if the terminal was
+/// closed, which crossterm 0.29 does not detect: it would read the end of the input for ever.
 fn wait_for_keys() -> io::Result<bool> {
     let limit = Timespec {
         tv_sec: 0,
@@ -105,12 +105,12 @@ fn wait_for_keys() -> io::Result<bool> {
     Ok(!fds.iter().any(|fd| fd.revents().intersects(closed)))
 }
 
-/// Whether a key is pressed with Ctrl.
+/// True if a letter is pressed with Ctrl.
 pub fn is_control(key: KeyEvent, letter: char) -> bool {
     key.code == KeyCode::Char(letter) && key.modifiers.contains(KeyModifiers::CONTROL)
 }
 
-/// Colours, unless NO_COLOR asks for none.
+/// Colours, unless NO_COLOR disables them.
 #[derive(Clone, Copy, Debug)]
 pub struct Palette {
     is_coloured: bool,
@@ -132,24 +132,24 @@ impl Palette {
     }
 }
 
-/// A list of which the screen shows a part.
+/// Scroll position of a list.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Scroll {
-    /// The first line that is shown.
+    /// First visible line.
     pub first: usize,
     lines: usize,
-    /// Rows of the list, as it was drawn last.
+    /// Visible rows, as drawn last.
     pub rows: usize,
 }
 
 impl Scroll {
-    /// The list has so many lines and rows now.
+    /// Sets the length of the list and the number of visible rows.
     pub fn fit(&mut self, lines: usize, rows: usize) {
         (self.lines, self.rows) = (lines, rows);
         self.to(self.first);
     }
 
-    /// Shows the list from a line on, as far as it goes.
+    /// Scrolls to a line, or to the end of the list if that comes first.
     pub fn to(&mut self, line: usize) {
         self.first = line.min(self.lines.saturating_sub(self.rows));
     }
@@ -163,7 +163,7 @@ impl Scroll {
     }
 }
 
-/// A time as short as it is understood.
+/// Formats a time with one or two units.
 pub fn short_time(time: Duration) -> String {
     match time.as_secs() {
         0 => format!("{} ms", time.as_millis()),

@@ -6,8 +6,9 @@ use std::fmt::{self, Display, Write};
 /// Samples of a trend line.
 pub const SAMPLES: usize = 24;
 
-/// The last samples of a value. `Display` is a line of eight heights between the least and the largest
-/// of them; where nothing changes flat, at the bottom for 0 and at the top for more, as a bit that is on.
+/// Last samples of a value. `Display` draws them in eight heights between their minimum and
+/// maximum. A constant value is flat: at the top if positive, as a bit that is on, else at the
+/// bottom.
 #[derive(Clone, Debug, Default)]
 pub struct Trend(VecDeque<f64>);
 
@@ -38,7 +39,7 @@ impl Display for Trend {
             };
             f.write_char(HEIGHTS[height])?;
         }
-        // A line in a column keeps its width.
+        // Pads to the width of the column.
         for _ in self.0.len()..f.width().unwrap_or_default() {
             f.write_char(' ')?;
         }

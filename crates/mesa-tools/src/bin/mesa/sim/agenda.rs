@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::console::line;
 
 /// Maximum number of scheduled commands.
-const MOST_COMMANDS: usize = 1000;
+const MAX_COMMANDS: usize = 1000;
 
 /// Longest time that a command accepts, in seconds: a day.
 const LONGEST: f64 = 86_400.0;
@@ -50,8 +50,8 @@ impl Agenda {
                 "{time} is over: it is {now:.3} s; +{time} is from now"
             ));
         }
-        if self.commands.len() >= MOST_COMMANDS {
-            return Err(format!("no more than {MOST_COMMANDS} commands wait"));
+        if self.commands.len() >= MAX_COMMANDS {
+            return Err(format!("no more than {MAX_COMMANDS} commands wait"));
         }
         let index = self.commands.partition_point(|(other, _)| *other <= at);
         self.commands.insert(index, (at, command.to_owned()));
@@ -171,7 +171,7 @@ mod tests {
         for command in ["", "at 1s turn", "wait until x 1", "source x"] {
             assert!(Agenda::takes(command).is_err(), "{command}");
         }
-        for _ in 0..MOST_COMMANDS {
+        for _ in 0..MAX_COMMANDS {
             agenda.add(0, "1s", "a").unwrap();
         }
         assert!(agenda.add(0, "1s", "a").is_err());

@@ -400,7 +400,7 @@ fn show_board(text: &mut String, machine: &mut Machine) {
     for (led, is_lit) in leds.into_iter().enumerate() {
         line(text, &format!("board.led-{led}"), u8::from(is_lit));
     }
-    let outputs = fpga.pwm().map_or(0, mesa_hal_sim::Pwm::count);
+    let outputs = fpga.pwm().map_or(0, mesa_hal_sim::SimPwm::count);
     for output in 0..outputs {
         let signal = fpga.analog_output(output);
         line(

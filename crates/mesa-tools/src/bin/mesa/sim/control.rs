@@ -17,7 +17,7 @@ use super::console::read_line;
 use super::network::Network;
 
 /// Maximum number of concurrent clients, over all sockets.
-const MOST_CLIENTS: usize = 16;
+const MAX_CLIENTS: usize = 16;
 
 /// Write timeout: a client that does not take its answer within this time is dropped.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -169,11 +169,11 @@ fn begin<S: Write + Send + 'static>(
     network: &Network,
     clients: &Arc<AtomicUsize>,
 ) {
-    if clients.fetch_add(1, Ordering::Relaxed) >= MOST_CLIENTS {
+    if clients.fetch_add(1, Ordering::Relaxed) >= MAX_CLIENTS {
         clients.fetch_sub(1, Ordering::Relaxed);
         let _ = writeln!(
             writer,
-            "error: no more than {MOST_CLIENTS} clients at a time"
+            "error: no more than {MAX_CLIENTS} clients at a time"
         );
         end(&writer);
         return;

@@ -22,7 +22,7 @@ const I7I76E: &str = "7i76e";
 const KNOWN: [&str; 7] = [FIELD_IO, ANALOG, I7I72, I7I64, I7I84, I7I76, I7I76E];
 
 /// Size limit of a description; no real one comes near it.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// True for a device that is known by name.
 pub fn is_known(device: &str) -> bool {
@@ -51,7 +51,7 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
 }
 
 fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
-    let bytes = bounded(path.as_ref(), MOST_BYTES).map_err(|error| {
+    let bytes = bounded(path.as_ref(), MAX_BYTES).map_err(|error| {
         let known = KNOWN.join(", ");
         format!("{error}; there are {known}, or a description file")
     })?;

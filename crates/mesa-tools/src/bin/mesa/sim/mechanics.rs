@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use mesa_hal_sim::{
-    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SwitchConfig, Terminal,
+    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SimTerminal, SwitchConfig,
     WheelConfig, machines,
 };
 
@@ -103,14 +103,14 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
 }
 
 /// Checks that an input exists.
-fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
+fn check(machine: &mut Machine, terminal: SimTerminal) -> Result<(), String> {
     match terminal {
-        Terminal::Remote { channel, input, .. } => {
+        SimTerminal::Remote { channel, input, .. } => {
             let device = machine.device(channel)?;
             let done = device.set_input(input, false);
             done.map_err(|error| format!("channel {channel}: {error}"))
         }
-        Terminal::Board { input } => {
+        SimTerminal::Board { input } => {
             let count = machine.fpga().inputs().map_or(0, Inputs::count);
             if input < count {
                 Ok(())
@@ -118,7 +118,7 @@ fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
                 Err(format!("input {input}: this board has {count}"))
             }
         }
-        Terminal::Pin { pin } => {
+        SimTerminal::Pin { pin } => {
             let pins = &machine.fpga().firmware().pins;
             match pins.get(pin) {
                 None => Err(format!("pin {pin}: this board has {}", pins.len())),
@@ -156,11 +156,11 @@ pub fn inventory(plan: &Plan, text: &mut String) {
     }
 }
 
-fn place(terminal: Terminal) -> String {
+fn place(terminal: SimTerminal) -> String {
     match terminal {
-        Terminal::Remote { channel, input, .. } => format!("channel {channel} input {input}"),
-        Terminal::Board { input } => format!("input {input} of the board"),
-        Terminal::Pin { pin } => format!("pin {pin}"),
+        SimTerminal::Remote { channel, input, .. } => format!("channel {channel} input {input}"),
+        SimTerminal::Board { input } => format!("input {input} of the board"),
+        SimTerminal::Pin { pin } => format!("pin {pin}"),
     }
 }
 

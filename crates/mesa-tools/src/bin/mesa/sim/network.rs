@@ -17,7 +17,7 @@ const DEEPEST: usize = 4;
 const FIRST: &str = "0";
 
 /// Size limit of a file of commands; no real one comes near it.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// State shared by all threads.
 #[derive(Debug, Default)]
@@ -123,7 +123,7 @@ impl Network {
             ));
         }
         let bytes =
-            bounded(path.as_ref(), MOST_BYTES).map_err(|error| format!("{path}: {error}"))?;
+            bounded(path.as_ref(), MAX_BYTES).map_err(|error| format!("{path}: {error}"))?;
         let mut text = String::new();
         for (number, line) in (1..).zip(String::from_utf8_lossy(&bytes).lines()) {
             let line = line.trim();
@@ -141,7 +141,7 @@ impl Network {
                 self.shared.end();
             }
             text.push_str(answer.text.strip_suffix("ok\n").unwrap_or(&answer.text));
-            if text.len() as u64 > MOST_BYTES {
+            if text.len() as u64 > MAX_BYTES {
                 return Err(format!("{path} line {number}: the answer is too long"));
             }
         }

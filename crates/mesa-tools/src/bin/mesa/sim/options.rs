@@ -108,7 +108,7 @@ pub struct Options {
 }
 
 /// Maximum number of boards of one process.
-const MOST_BOARDS: usize = 16;
+const MAX_BOARDS: usize = 16;
 
 /// A MAC address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,8 +157,8 @@ impl Options {
             machines.push(("board".to_owned(), machine));
         }
         let count = machines.len();
-        if count > MOST_BOARDS {
-            return Err(format!("no more than {MOST_BOARDS} boards in one process"));
+        if count > MAX_BOARDS {
+            return Err(format!("no more than {MAX_BOARDS} boards in one process"));
         }
         for (given, option) in [(self.listen.len(), "--listen"), (self.mac.len(), "--mac")] {
             if count > 1 && given > 0 && given != count {

@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal_sim::{Motor, Terminal};
+use mesa_hal_sim::{Motor, SimTerminal};
 
 /// Axes, switches, handwheels and emergency stop. Without axes, each axis of the board has its
 /// usual motor.
@@ -57,7 +57,7 @@ pub struct EstopPlan {
 /// A wire to an input, with its line in the description.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wire {
-    pub terminal: Terminal,
+    pub terminal: SimTerminal,
     pub line: usize,
 }
 

@@ -23,11 +23,11 @@ const TICK: Duration = Duration::from_micros(200);
 const LOOK: Duration = Duration::from_millis(1);
 
 /// Limits: commands queued for the board, and commands executed between two checks for packets.
-const MOST_REQUESTS: usize = 64;
+const MAX_REQUESTS: usize = 64;
 const AT_A_TIME: usize = 8;
 
 /// Maximum number of clients that wait for a condition.
-const MOST_WAITS: usize = 32;
+const MAX_WAITS: usize = 32;
 
 /// A command, and the channel for its answer.
 struct Request {
@@ -103,7 +103,7 @@ impl Station {
         face: UdpFace,
         store: Option<Store>,
     ) -> Result<(Self, Link), Failure> {
-        let (sender, inbox) = sync_channel(MOST_REQUESTS);
+        let (sender, inbox) = sync_channel(MAX_REQUESTS);
         let link = Link {
             name,
             address: face.local_addr()?,
@@ -174,7 +174,7 @@ impl Station {
     fn begin_wait(&mut self, words: &[&str], answer: &SyncSender<Answer>) -> Result<(), String> {
         let (condition, patience) = Condition::parse(words)?;
         console::value(&mut self.machine, &self.face, &condition.name)?;
-        if self.waits.len() >= MOST_WAITS {
+        if self.waits.len() >= MAX_WAITS {
             return Err("too many clients wait already".to_owned());
         }
         self.waits.push_back(Wait {

@@ -19,7 +19,7 @@ const OFTEN: Duration = Duration::from_secs(1);
 const QUIET: Duration = Duration::from_millis(100);
 
 /// Size limit of a state file; no real one comes near it.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 /// Writes states to a file in a thread of its own, because a disk may be slower than a client's
 /// timeout.
@@ -40,7 +40,7 @@ struct Saved {
 impl Store {
     /// Reads the file, if it exists, and starts the thread that writes it.
     pub fn open(path: &Path) -> io::Result<(Self, Option<Vec<u8>>)> {
-        let old = match bounded(path, MOST_BYTES) {
+        let old = match bounded(path, MAX_BYTES) {
             Ok(old) => Some(old),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => return Err(error),

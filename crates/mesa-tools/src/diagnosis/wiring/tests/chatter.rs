@@ -18,7 +18,7 @@ fn what_bounces_is_one_change_and_a_spike_is_none() {
         }
         cabinet.run(300);
     }
-    assert_eq!(cabinet.verdict(), Verdict::Ok);
+    assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
     assert_eq!(cabinet.said.len(), 2, "{:?}", cabinet.said);
 }
 
@@ -32,22 +32,26 @@ fn what_changes_by_itself_is_said_and_does_not_count() {
         cabinet.run(3000);
         let told = cabinet.said.clone();
         assert!(
-            told.contains(&News::Restless(SWITCH + 2)),
+            told.contains(&WiringMessage::Restless(SWITCH + 2)),
             "{period}: {told:?}"
         );
         assert!(
-            !told.contains(&News::Instead(SWITCH + 2)),
+            !told.contains(&WiringMessage::Instead(SWITCH + 2)),
             "{period}: {told:?}"
         );
         cabinet.press(&[0]);
-        assert_eq!(cabinet.verdict(), Verdict::Ok);
+        assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
         // The pulsing input itself is never ready.
         cabinet.said.clear();
         cabinet.check.ask(SWITCH + 2);
         cabinet.run(3000);
-        assert_eq!(cabinet.said, [News::Restless(SWITCH + 2)], "{period}");
+        assert_eq!(
+            cabinet.said,
+            [WiringMessage::Restless(SWITCH + 2)],
+            "{period}"
+        );
         assert_eq!(cabinet.found, None);
-        assert_eq!(cabinet.give_up().verdict, Verdict::Unstable);
+        assert_eq!(cabinet.give_up().verdict, WiringVerdict::Unstable);
         // After the repair the input is checked as usual.
         cabinet.pulsing = None;
         cabinet.set(2, false);
@@ -56,7 +60,7 @@ fn what_changes_by_itself_is_said_and_does_not_count() {
         cabinet.press(&[2]);
         assert_eq!(
             cabinet.verdict(),
-            Verdict::Ok,
+            WiringVerdict::Ok,
             "{period}: {:?}",
             cabinet.said
         );
@@ -69,8 +73,8 @@ fn what_begins_to_pulse_later_is_found_out() {
     cabinet.ask(0);
     cabinet.pulsing = Some((2, 500));
     cabinet.run(10_000);
-    assert!(cabinet.said.contains(&News::Instead(SWITCH + 2)));
-    assert!(cabinet.said.contains(&News::Restless(SWITCH + 2)));
+    assert!(cabinet.said.contains(&WiringMessage::Instead(SWITCH + 2)));
+    assert!(cabinet.said.contains(&WiringMessage::Restless(SWITCH + 2)));
 }
 
 #[test]
@@ -81,6 +85,10 @@ fn what_chatters_when_it_is_actuated_is_not_in_order() {
         cabinet.pulsing = Some((2, period));
         cabinet.run(4000);
         assert_eq!(cabinet.found, None, "{period}");
-        assert_eq!(cabinet.give_up().verdict, Verdict::Unstable, "{period}");
+        assert_eq!(
+            cabinet.give_up().verdict,
+            WiringVerdict::Unstable,
+            "{period}"
+        );
     }
 }

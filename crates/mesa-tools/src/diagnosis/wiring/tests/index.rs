@@ -26,12 +26,12 @@ fn an_index_is_in_order_when_its_encoder_was_turned_past_it() {
         cabinet.check.ask(INDEX);
         cabinet.run(50);
         assert!(cabinet.is_armed());
-        assert_eq!(cabinet.said, [News::Ready(true.into())]);
+        assert_eq!(cabinet.said, [WiringMessage::Ready(true.into())]);
         cabinet.turn(0, 0, way * 300);
         assert_eq!(cabinet.found, None);
         cabinet.index_comes();
-        let expected = Judgement {
-            verdict: Verdict::Ok,
+        let expected = WiringJudgement {
+            verdict: WiringVerdict::Ok,
             others: Vec::new(),
             moved: Some((0.into(), (way * 300).into())),
         };
@@ -49,26 +49,29 @@ fn an_index_that_is_not_wired_does_not_come_however_far_its_encoder_is_turned() 
     cabinet.turn(0, 5000, 9000);
     cabinet.run(1000);
     let expected = [
-        News::Changed(25.into()),
-        News::NoIndex(0.into(), 5000.into()),
-        News::Changed(5025.into()),
-        News::NoIndex(0.into(), 9000.into()),
+        WiringMessage::Changed(25.into()),
+        WiringMessage::NoIndex(0.into(), 5000.into()),
+        WiringMessage::Changed(5025.into()),
+        WiringMessage::NoIndex(0.into(), 9000.into()),
     ];
     assert_eq!(cabinet.said, expected);
     assert_eq!(cabinet.found, None, "it goes on waiting");
     // Giving up after the encoder was turned does not count as skipping.
     let found = cabinet.check.give_up(true).expect("asked");
-    assert_eq!(found.verdict, Verdict::NoChange);
+    assert_eq!(found.verdict, WiringVerdict::NoChange);
     assert_eq!(found.moved, Some((0.into(), 9000.into())));
     cabinet.set_latches();
     assert!(!cabinet.is_armed(), "the request is taken back");
     // In the next requests the encoder is not turned.
     cabinet.ask_for(INDEX);
     let skipped = cabinet.check.give_up(true).map(|found| found.verdict);
-    assert_eq!(skipped, Some(Verdict::Skipped));
+    assert_eq!(skipped, Some(WiringVerdict::Skipped));
     cabinet.ask_for(INDEX);
     let found = cabinet.give_up();
-    assert_eq!((found.verdict, found.moved), (Verdict::NoChange, None));
+    assert_eq!(
+        (found.verdict, found.moved),
+        (WiringVerdict::NoChange, None)
+    );
     assert!(!cabinet.is_armed());
 }
 
@@ -80,7 +83,7 @@ fn an_index_that_comes_while_its_encoder_stands_is_noise() {
     cabinet.turn(1, 0, 500);
     cabinet.store.publish(cabinet.encoders[0], 1);
     cabinet.index_comes();
-    assert_eq!(cabinet.verdict(), Verdict::Unstable);
+    assert_eq!(cabinet.verdict(), WiringVerdict::Unstable);
 }
 
 #[test]
@@ -95,7 +98,7 @@ fn a_request_that_was_lost_is_made_again() {
     assert_eq!(cabinet.said, []);
     cabinet.run(300);
     assert!(cabinet.is_armed());
-    assert_eq!(cabinet.said, [News::Ready(true.into())]);
+    assert_eq!(cabinet.said, [WiringMessage::Ready(true.into())]);
     // While the board is lost the latch shows nothing.
     cabinet.store.fault(cabinet.board);
     cabinet.turn(0, 0, 500);
@@ -105,14 +108,14 @@ fn a_request_that_was_lost_is_made_again() {
     cabinet.run(300);
     assert_eq!(cabinet.found, None);
     let expected = [
-        News::Ready(true.into()),
-        News::NotValid,
-        News::Ready(true.into()),
+        WiringMessage::Ready(true.into()),
+        WiringMessage::NotValid,
+        WiringMessage::Ready(true.into()),
     ];
     assert_eq!(cabinet.said, expected);
     cabinet.turn(0, 500, 1000);
     cabinet.index_comes();
-    assert_eq!(cabinet.verdict(), Verdict::Ok);
+    assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
 }
 
 #[test]
@@ -126,5 +129,8 @@ fn an_index_is_no_change_of_another_input() {
     cabinet.turn(1, 0, 500);
     cabinet.run(1000);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!((found.verdict, found.others), (Verdict::Ok, Vec::new()));
+    assert_eq!(
+        (found.verdict, found.others),
+        (WiringVerdict::Ok, Vec::new())
+    );
 }

@@ -16,12 +16,12 @@ struct Cabinet {
     encoders: Vec<Input<i32>>,
     latches: Vec<InOut<bool>>,
     volts: Vec<Input<f64>>,
-    check: Check,
+    check: WiringCheck,
     ms: u64,
     /// A switch that toggles, and the interval in ms.
     pulsing: Option<(usize, u64)>,
-    said: Vec<News>,
-    found: Option<Judgement>,
+    said: Vec<WiringMessage>,
+    found: Option<WiringJudgement>,
 }
 
 /// Number of the first switch, behind two encoders with an index each.
@@ -77,7 +77,7 @@ impl Cabinet {
             let mut make = PinMaker::new(&mut store, remote, "hm2.card.").at(at);
             volts.push(make.input(spec).unwrap());
         }
-        let check = Check::new(points(&store, &[remote], |_| true));
+        let check = WiringCheck::new(points(&store, &[remote], |_| true));
         let mut cabinet = Self {
             store,
             board,
@@ -143,13 +143,13 @@ impl Cabinet {
         }
     }
 
-    fn verdict(&mut self) -> Verdict {
+    fn verdict(&mut self) -> WiringVerdict {
         let found = self.found.take();
         let found = found.unwrap_or_else(|| panic!("no judgement: {:?}", self.said));
         found.verdict
     }
 
-    fn give_up(&mut self) -> Judgement {
+    fn give_up(&mut self) -> WiringJudgement {
         let found = self.check.give_up(false).expect("something was asked for");
         self.set_latches();
         found
@@ -260,18 +260,18 @@ fn a_switch_is_in_order_when_it_has_changed_and_is_back_whichever_way_it_rests()
         let mut cabinet = Cabinet::new();
         cabinet.set(1, rest);
         cabinet.ask(1);
-        assert_eq!(cabinet.said, [News::Ready(rest.into())]);
+        assert_eq!(cabinet.said, [WiringMessage::Ready(rest.into())]);
         cabinet.set(1, !rest);
         cabinet.run(1000);
-        assert_eq!(cabinet.said[1..], [News::Changed((!rest).into())]);
+        assert_eq!(cabinet.said[1..], [WiringMessage::Changed((!rest).into())]);
         assert_eq!(cabinet.found, None, "it is not back yet");
         // A moving axis and a switch on its way are no wiring error.
         cabinet.store.publish(cabinet.encoders[0], 5000);
         cabinet.set(1, rest);
         cabinet.run(400);
         let moved = Some((rest.into(), (!rest).into()));
-        let expected = Judgement {
-            verdict: Verdict::Ok,
+        let expected = WiringJudgement {
+            verdict: WiringVerdict::Ok,
             others: Vec::new(),
             moved,
         };
@@ -288,14 +288,14 @@ fn exchanged_wires_are_told_and_paired() {
         cabinet.said.clear();
         cabinet.press(&[wired]);
         if asked == wired {
-            assert_eq!(cabinet.verdict(), Verdict::Ok);
+            assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
             judged.push(None);
             continue;
         }
-        assert_eq!(cabinet.said, [News::Instead(SWITCH + wired)]);
+        assert_eq!(cabinet.said, [WiringMessage::Instead(SWITCH + wired)]);
         assert_eq!(cabinet.found, None, "it goes on waiting");
         let found = cabinet.give_up();
-        assert_eq!(found.verdict, Verdict::OtherChanged);
+        assert_eq!(found.verdict, WiringVerdict::OtherChanged);
         assert_eq!(found.others, [SWITCH + wired]);
         judged.push(Some(found));
     }
@@ -306,7 +306,10 @@ fn exchanged_wires_are_told_and_paired() {
     cabinet.press(&[0]);
     cabinet.press(&[3]);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!((found.verdict, found.others), (Verdict::Ok, vec![SWITCH]));
+    assert_eq!(
+        (found.verdict, found.others),
+        (WiringVerdict::Ok, vec![SWITCH])
+    );
 }
 
 #[test]
@@ -315,7 +318,7 @@ fn bridged_wires_are_not_in_order_but_one_switch_after_the_other_is() {
     cabinet.ask(1);
     cabinet.press(&[1, 3]);
     let found = cabinet.found.take().expect("a judgement");
-    let expected = (Verdict::Together, vec![SWITCH + 3]);
+    let expected = (WiringVerdict::Together, vec![SWITCH + 3]);
     assert_eq!((found.verdict, found.others), expected);
     // An axis is pushed over its home switch onto its limit switch.
     cabinet.ask(1);
@@ -324,7 +327,7 @@ fn bridged_wires_are_not_in_order_but_one_switch_after_the_other_is() {
         cabinet.run(150);
     }
     cabinet.run(200);
-    assert_eq!(cabinet.verdict(), Verdict::Ok);
+    assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
 }
 
 #[test]
@@ -338,15 +341,15 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     cabinet.store.group_good(cabinet.remote);
     cabinet.run(2000);
     let expected = [
-        News::Ready(false.into()),
-        News::NotValid,
-        News::Held(true.into()),
+        WiringMessage::Ready(false.into()),
+        WiringMessage::NotValid,
+        WiringMessage::Held(true.into()),
     ];
     assert_eq!(cabinet.said, expected);
     // The rest is still the earlier one.
     cabinet.set(1, false);
     cabinet.run(300);
-    assert_eq!(cabinet.said.pop(), Some(News::Ready(false.into())));
+    assert_eq!(cabinet.said.pop(), Some(WiringMessage::Ready(false.into())));
     // A single lost transfer has no effect.
     cabinet.store.invalidate(cabinet.remote);
     cabinet.run(20);
@@ -358,14 +361,14 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     cabinet.store.fault(cabinet.remote);
     cabinet.run(300);
     assert_eq!(cabinet.found, None, "half of it was seen");
-    assert_eq!(cabinet.give_up().verdict, Verdict::NotValid);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::NotValid);
     // An input that was never valid is reported once.
     let mut never = Cabinet::new();
     never.store.fault(never.board);
     never.run(1500);
     never.check.ask(0);
     never.run(1000);
-    assert_eq!(never.said, [News::NotValid]);
+    assert_eq!(never.said, [WiringMessage::NotValid]);
 }
 
 #[test]
@@ -378,14 +381,17 @@ fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() 
     cabinet.run(300);
     cabinet.store.group_good(cabinet.remote);
     cabinet.run(300);
-    assert_eq!(cabinet.said.last(), Some(&News::Held(true.into())));
+    assert_eq!(cabinet.said.last(), Some(&WiringMessage::Held(true.into())));
     cabinet.set(1, false);
     cabinet.run(500);
-    assert_eq!(cabinet.said.last(), Some(&News::Ready(false.into())));
+    assert_eq!(
+        cabinet.said.last(),
+        Some(&WiringMessage::Ready(false.into()))
+    );
     assert_eq!(cabinet.found, None, "a half is no whole");
     cabinet.press(&[1]);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!(found.verdict, Verdict::Ok);
+    assert_eq!(found.verdict, WiringVerdict::Ok);
     assert_eq!(found.moved, Some((false.into(), true.into())));
     // For a switch that really has another rest now, the operator gives up and requests it again.
     cabinet.ask(2);
@@ -394,12 +400,15 @@ fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() 
     cabinet.run(300);
     cabinet.store.group_good(cabinet.remote);
     cabinet.run(300);
-    assert_eq!(cabinet.said.last(), Some(&News::Held(true.into())));
+    assert_eq!(cabinet.said.last(), Some(&WiringMessage::Held(true.into())));
     assert_eq!(cabinet.check.value(SWITCH + 2), Some(true.into()));
-    assert_eq!(cabinet.give_up().verdict, Verdict::NoChange);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::NoChange);
     cabinet.check.ask(SWITCH + 2);
     cabinet.run(300);
-    assert_eq!(cabinet.said.last(), Some(&News::Ready(true.into())));
+    assert_eq!(
+        cabinet.said.last(),
+        Some(&WiringMessage::Ready(true.into()))
+    );
 }
 
 #[test]
@@ -413,22 +422,22 @@ fn a_look_that_comes_late_takes_nothing_for_lost() {
     cabinet.run(50);
     cabinet.set(1, false);
     cabinet.run(300);
-    assert_eq!(cabinet.verdict(), Verdict::Ok);
+    assert_eq!(cabinet.verdict(), WiringVerdict::Ok);
 }
 
 #[test]
 fn giving_up_says_what_was_seen() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(0);
-    assert_eq!(cabinet.give_up().verdict, Verdict::NoChange);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::NoChange);
     cabinet.ask(0);
     let skipped = cabinet.check.give_up(true).expect("asked");
-    assert_eq!(skipped.verdict, Verdict::Skipped);
+    assert_eq!(skipped.verdict, WiringVerdict::Skipped);
     cabinet.ask(0);
     cabinet.set(0, true);
     cabinet.run(300);
     let found = cabinet.give_up();
-    assert_eq!(found.verdict, Verdict::NotBack);
+    assert_eq!(found.verdict, WiringVerdict::NotBack);
     assert_eq!(found.moved, Some((false.into(), true.into())));
     // A change without a request counts as spontaneous only until the input has been quiet for a
     // while.
@@ -439,6 +448,6 @@ fn giving_up_says_what_was_seen() {
     cabinet.run(300);
     cabinet.set(0, false);
     cabinet.run(30);
-    assert_eq!(cabinet.give_up().verdict, Verdict::Ok, "it is back");
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::Ok, "it is back");
     assert_eq!(cabinet.check.give_up(true), None, "nothing is asked for");
 }

@@ -23,7 +23,10 @@ impl Cabinet {
 
 #[test]
 fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_counted_down() {
-    for (to, verdict) in [(2000, Verdict::Ok), (-2000, Verdict::CountsDown)] {
+    for (to, verdict) in [
+        (2000, WiringVerdict::Ok),
+        (-2000, WiringVerdict::CountsDown),
+    ] {
         let mut cabinet = Cabinet::new();
         // The encoder stands on an edge.
         for count in [1, 0, 1, 0] {
@@ -49,8 +52,8 @@ fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
     cabinet.ask_for(0);
     cabinet.turn(1, 0, 500);
     cabinet.run(1000);
-    assert_eq!(cabinet.said, [News::Instead(2)]);
-    assert_eq!(cabinet.give_up().verdict, Verdict::OtherChanged);
+    assert_eq!(cabinet.said, [WiringMessage::Instead(2)]);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::OtherChanged);
     cabinet.ask_for(0);
     for count in (0..500).step_by(10) {
         cabinet.store.publish(cabinet.encoders[0], count);
@@ -59,7 +62,10 @@ fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
     }
     cabinet.run(1000);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!((found.verdict, found.others), (Verdict::Together, vec![2]));
+    assert_eq!(
+        (found.verdict, found.others),
+        (WiringVerdict::Together, vec![2])
+    );
 }
 
 #[test]
@@ -70,8 +76,8 @@ fn an_encoder_that_counts_by_itself_or_gets_nowhere_is_not_in_order() {
     cabinet.check.ask(0);
     cabinet.said.clear();
     cabinet.turn(0, 20_000, 40_000);
-    assert_eq!(cabinet.said, [News::Restless(0)]);
-    assert_eq!(cabinet.give_up().verdict, Verdict::Unstable);
+    assert_eq!(cabinet.said, [WiringMessage::Restless(0)]);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::Unstable);
     // B does not arrive: each edge of A counts to and fro.
     let mut cabinet = Cabinet::new();
     cabinet.ask_for(0);
@@ -79,8 +85,8 @@ fn an_encoder_that_counts_by_itself_or_gets_nowhere_is_not_in_order() {
         cabinet.store.publish(cabinet.encoders[0], n % 2);
         cabinet.run(5);
     }
-    assert_eq!(cabinet.said, [News::Dithers]);
-    assert_eq!(cabinet.give_up().verdict, Verdict::Unstable);
+    assert_eq!(cabinet.said, [WiringMessage::Dithers]);
+    assert_eq!(cabinet.give_up().verdict, WiringVerdict::Unstable);
 }
 
 #[test]
@@ -97,10 +103,10 @@ fn an_analog_input_is_in_order_when_it_has_moved_by_a_part_of_its_range() {
     cabinet.store.publish(cabinet.volts[0], 12.0);
     cabinet.run(1000);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!(found.verdict, Verdict::Ok);
+    assert_eq!(found.verdict, WiringVerdict::Ok);
     assert_eq!(found.moved, Some((5.0.into(), 12.0.into())));
     cabinet.ask_for(first);
     cabinet.store.publish(cabinet.volts[1], 12.0);
     cabinet.run(1000);
-    assert_eq!(cabinet.said, [News::Instead(second)]);
+    assert_eq!(cabinet.said, [WiringMessage::Instead(second)]);
 }

@@ -1,5 +1,5 @@
-//! `mesa doctor`: what may keep a machine from running well, each with its figure, a verdict and what to
-//! do.
+//! `mesa doctor`: checks of all that may keep a machine from running well, each with a figure, a
+//! verdict and advice.
 
 mod report;
 
@@ -16,7 +16,9 @@ use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{BoardState, Driver, Settings};
-use mesa_tools::diagnosis::{self, Finding, Host, RoundTrips, Verdict, board, computer, network};
+use mesa_tools::diagnosis::{
+    self, FigureVerdict, Finding, Host, RoundTrips, board, computer, network,
+};
 use serde::Serialize;
 
 use crate::consent::Asks;
@@ -29,51 +31,51 @@ use crate::target::{Found, Target};
 use crate::words;
 
 const AFTER_HELP: &str = "\
-It reads this computer's files and asks the board. Then it starts the machine with all outputs
-off, to see its remotes, their faults and their field power; with --passive it leaves that out.
-Exits with 1 if anything is bad.
+Reads files of this computer and registers of the board. Then starts the machine with all outputs
+off, to check its remotes, their faults and their field power; --passive leaves that out. Exits with
+1 if anything is bad.
 
 Example:
   mesa doctor --addr 10.10.10.10 --period 1000 --passive";
 
-/// What may keep a machine from running well, and what to do
+/// Diagnose what may keep a machine from running well, with advice
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Doctor {
     #[command(flatten)]
     target: Target,
-    /// The period that the machine shall run with, in microseconds, 100 to 10000
+    /// Planned period of the machine, in microseconds, 100 to 10000
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 1000,
         value_parser = clap::value_parser!(u64).range(100..=10_000))]
     period: u64,
-    /// How many questions the board is asked, one in each period, 10 to 100000
+    /// Number of test exchanges with the board, one in each period, 10 to 100000
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=100_000))]
     exchanges: u32,
-    /// Leave the machine as it is: nothing is started
+    /// Do not start the machine
     #[arg(long)]
     passive: bool,
-    /// Gather in FILE, as JSON, what would confirm on a real board what the documents of this program
-    /// list as not confirmed on hardware. Nothing is written to a memory; remotes are asked unless
-    /// --passive is given
+    /// Write to FILE, as JSON, the data of a real board that would settle what the documents list
+    /// as not confirmed on hardware. No memory is written; remotes are read unless --passive is
+    /// given
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]
     asks: Asks,
-    /// Where this computer's /proc and /sys are
+    /// Directory that contains this computer's /proc and /sys
     #[arg(long, value_name = "DIRECTORY", default_value = "/", hide = true)]
     root: PathBuf,
 }
 
-/// What was found.
+/// Findings of all checks.
 #[derive(Debug, Serialize)]
 struct Diagnosis {
     address: String,
-    /// The worst of all.
-    verdict: Verdict,
+    /// Worst verdict of the findings.
+    verdict: FigureVerdict,
     findings: Vec<Finding>,
 }
 
-/// Cycles that a started machine runs for: longer than a remote needs to report a fault.
+/// Run time of the started machine: longer than a remote needs to report a fault.
 const CYCLES: Duration = Duration::from_millis(300);
 
 impl Doctor {
@@ -84,7 +86,7 @@ impl Doctor {
                 "{}: starts the machine with all outputs off, and stops it again (not with --passive)",
                 found.address
             );
-            // It is opened after that, and what is found then is a finding.
+            // The board is opened after the consent, and an error from then on becomes a finding.
             self.asks.consent(context, &what, None)?;
         }
         if let Some(path) = &self.report {
@@ -120,12 +122,12 @@ impl Doctor {
         })?;
         gathered?;
         Ok(match context.ending() {
-            Ending::Done if verdict == Verdict::Bad => Ending::Refused,
+            Ending::Done if verdict == FigureVerdict::Bad => Ending::Refused,
             ending => ending,
         })
     }
 
-    /// The report.
+    /// Gathers the data and writes the report.
     fn gather(&self, context: &Context, found: &Found, path: &Path) -> Result<(), Failure> {
         let mut bus = found.open()?;
         let address = found.address.to_string();
@@ -133,7 +135,7 @@ impl Doctor {
         files::write(path, serde_json::to_string_pretty(&report)?.as_bytes())?;
         let (answered, all) = report.answered();
         complain(format_args!(
-            "mesa: {}: {answered} of {all} questions that are not confirmed are answered by this board",
+            "mesa: {}: {answered} of {all} questions not confirmed so far are answered by this board",
             path.display()
         ));
         Ok(())
@@ -143,11 +145,11 @@ impl Doctor {
         Duration::from_micros(self.period)
     }
 
-    /// What the board itself tells; what goes wrong is a finding too.
+    /// Adds the findings about the board; an error becomes a finding too.
     fn look_at_the_board(&self, context: &Context, found: &Found, findings: &mut Vec<Finding>) {
         let bad = |check: &str, error: Failure| {
-            let advice = "mend that first, and run this again";
-            Finding::new(Verdict::Bad, check, error.to_string(), advice)
+            let advice = "fix that first, then run this again";
+            Finding::new(FigureVerdict::Bad, check, error.to_string(), advice)
         };
         let mut bus = match found.open() {
             Ok(bus) => bus,
@@ -158,7 +160,7 @@ impl Doctor {
         };
         let asked = self.ask(context, &mut bus, findings);
         let mut alone = running::check_alone(&bus);
-        // The deadline of a question is not that of a cycle.
+        // The measured exchanges leave another deadline than that of a cycle.
         drop(bus);
         if let Err(error) = asked {
             findings.push(bad("board", error));
@@ -171,15 +173,12 @@ impl Doctor {
             }
         }
         findings.push(match alone {
-            Ok(()) => Finding::good(
-                "second master",
-                "nobody sends as much as 100 packets a second",
-            ),
+            Ok(()) => Finding::good("second master", "none seen"),
             Err(error) => bad("second master", error),
         });
     }
 
-    /// What can be read without changing anything.
+    /// Adds the findings that need reads only.
     fn ask(
         &self,
         context: &Context,
@@ -197,8 +196,8 @@ impl Doctor {
         Ok(())
     }
 
-    /// Runs the machine for a moment, with nothing set, and looks at its remotes; whether nobody else
-    /// drove it meanwhile.
+    /// Runs the machine for a short time, with nothing set, and adds the findings about its
+    /// remotes. The inner result is an error if another program drove the board meanwhile.
     fn start(
         &self,
         context: &Context,
@@ -213,10 +212,10 @@ impl Doctor {
         let mut driver = running::start(bus, settings)?;
         if let Err(error) = driver.prove_watchdogs() {
             findings.push(Finding::new(
-                Verdict::Unknown,
-                "remotes: whether their watchdogs bite",
+                FigureVerdict::Unknown,
+                "remotes: proof of their watchdogs",
                 error.to_string(),
-                "mend that first, and run this again",
+                "fix that first, then run this again",
             ));
         }
         let (cycles, failed) = self.cycle(context, &mut driver);
@@ -227,7 +226,7 @@ impl Doctor {
         Ok(running::check_alone(&bus))
     }
 
-    /// Cycles, and those that brought nothing.
+    /// Runs cycles; returns their number, and how many of them failed.
     fn cycle(&self, context: &Context, driver: &mut Driver<Bus>) -> (u32, u32) {
         let begun = driver.bus_mut().now();
         let (mut cycles, mut failed) = (0, 0);
@@ -244,7 +243,7 @@ impl Doctor {
     }
 }
 
-/// What a machine tells that has run for a moment.
+/// Findings about a machine that has run for a short time.
 fn judge(
     driver: &Driver<Bus>,
     period: Duration,
@@ -261,7 +260,7 @@ fn judge(
                 None => figure,
             };
             Finding::new(
-                Verdict::Look,
+                FigureVerdict::Look,
                 "cycles",
                 figure,
                 "see packet loss and latency",
@@ -287,7 +286,7 @@ fn judge(
     findings
 }
 
-/// Whether the board's watchdog has bitten since it was last seen to.
+/// Finding about bites of the board's watchdog since its last set-up.
 fn bite(bus: &mut Bus, firmware: &HostMot2) -> Result<Finding, Failure> {
     let registers = WatchdogRegisters::locate(firmware)?;
     let status = bus.read(registers.status)?;
@@ -298,7 +297,7 @@ fn bite(bus: &mut Bus, firmware: &HostMot2) -> Result<Finding, Failure> {
         ));
     }
     Ok(Finding::new(
-        Verdict::Look,
+        FigureVerdict::Look,
         "board: watchdog bites",
         "it has bitten since it was last set up",
         "normal after a program that ended; in a machine that ran, packets were lost or the program hung",
@@ -324,11 +323,11 @@ impl Display for Diagnosis {
     }
 }
 
-fn word(verdict: Verdict) -> &'static str {
+fn word(verdict: FigureVerdict) -> &'static str {
     match verdict {
-        Verdict::Ok => "ok",
-        Verdict::Unknown => "unknown",
-        Verdict::Look => "look",
-        Verdict::Bad => "BAD",
+        FigureVerdict::Ok => "ok",
+        FigureVerdict::Unknown => "unknown",
+        FigureVerdict::Look => "look",
+        FigureVerdict::Bad => "BAD",
     }
 }

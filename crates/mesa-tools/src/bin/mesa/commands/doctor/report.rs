@@ -1,17 +1,18 @@
-//! `mesa doctor --report`: what would confirm on a real board what the documents list as not confirmed.
+//! `mesa doctor --report`: data of a real board that settles what the documents list as not
+//! confirmed.
 
 use std::collections::BTreeMap;
 
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
-use mesa_tools::inventory::{self, Data, Found, Inventory};
+use mesa_tools::inventory::{self, ChannelContent, Inventory, InventoryData};
 use serde::Serialize;
 
 use crate::context::Failure;
 use crate::link::Bus;
 
-/// Everything that was gathered.
+/// All data of the report.
 #[derive(Debug, Serialize)]
 pub struct Report {
     mesa: &'static str,
@@ -22,7 +23,7 @@ pub struct Report {
     questions: Vec<Question>,
 }
 
-/// Registers as they are.
+/// Contents of registers.
 #[derive(Debug, Serialize)]
 struct Memory {
     space: u8,
@@ -30,7 +31,7 @@ struct Memory {
     values: Vec<u32>,
 }
 
-/// A remote's own words on its process data.
+/// A remote's own description of its process data.
 #[derive(Debug, Serialize)]
 struct Remote {
     port: u8,
@@ -38,23 +39,23 @@ struct Remote {
     name: String,
     unit_number: String,
     software_mode: u8,
-    records: Vec<Data>,
+    records: Vec<InventoryData>,
 }
 
-/// Something that no manual says.
+/// A question that no manual answers.
 #[derive(Debug, Serialize)]
 struct Question {
-    /// Where it stands.
+    /// Place of the question in the documents.
     stands_in: &'static str,
     not_confirmed: &'static str,
-    /// What decides it.
+    /// Data that settles the question.
     decided_by: &'static str,
-    /// What was found of that; nothing if the card is not there.
+    /// Data found; empty if the card is not there.
     found: Vec<String>,
 }
 
-/// What decides a question about a card: its name, the top byte of its unit number if that matters, the
-/// software mode, and what the names of the records begin with.
+/// Data that settles a question about a card. Selected by the card's name, the top byte of its unit
+/// number if that matters, the software mode, and the prefix of the records' names.
 struct Decider {
     stands_in: &'static str,
     not_confirmed: &'static str,
@@ -65,7 +66,7 @@ struct Decider {
     records: &'static str,
 }
 
-/// `docs/gateware.md`, whatever is not confirmed there.
+/// Questions about cards that `docs/gateware.md` lists as not confirmed.
 const DECIDERS: [Decider; 3] = [
     Decider {
         stands_in: "FACTS 8.2",
@@ -96,7 +97,8 @@ const DECIDERS: [Decider; 3] = [
     },
 ];
 
-/// Reads what tells; nothing is kept by board or remotes. Without `remotes` these are left alone.
+/// Reads the data; neither the board nor a remote stores anything. Without `remotes`, the remotes
+/// are left alone.
 pub fn gather(
     bus: &mut Bus,
     address: String,
@@ -147,14 +149,14 @@ pub fn gather(
 }
 
 impl Report {
-    /// Questions that were answered, and all.
+    /// Number of answered questions, and of all.
     pub fn answered(&self) -> (usize, usize) {
         let answered = self.questions.iter().filter(|one| !one.found.is_empty());
         (answered.count(), self.questions.len())
     }
 }
 
-/// The inventory in software mode 0, and in those that decide something.
+/// Inventories in software mode 0 and, if needed, in the modes that settle a question.
 fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
     let mut take = |modes: &BTreeMap<(u8, u8), u8>| {
         let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
@@ -178,7 +180,7 @@ impl Remote {
     fn all(inventory: &Inventory) -> impl Iterator<Item = Self> {
         inventory.serial_ports.iter().flat_map(|port| {
             port.channels.iter().filter_map(|channel| {
-                let Found::Remote(remote) = &channel.found else {
+                let ChannelContent::Remote(remote) = &channel.found else {
                     return None;
                 };
                 let records = remote.process_data.iter();
@@ -207,7 +209,7 @@ impl Decider {
         let records = its.flat_map(|remote| &remote.records);
         let records = records.filter(|record| record.name.starts_with(self.records));
         let found = records.map(|record| {
-            let Data {
+            let InventoryData {
                 name,
                 bits,
                 data_type,

@@ -1,4 +1,4 @@
-//! `mesa flash`: the memory that the FPGA's configuration is loaded from.
+//! `mesa flash`: flash memory with the FPGA's configurations.
 
 mod progress;
 mod report;
@@ -20,18 +20,18 @@ use report::{About, Name, Report, Written};
 use restore::Restore;
 
 const AFTER_HELP: &str = "\
-The FPGA goes on with the configuration that it has loaded; `mesa reload` makes it load that in
-the flash memory, and so does switching the board on. Where the user configuration is damaged or
-missing, the fallback is loaded. Files and memory are those of mesaflash.
+The FPGA keeps running the configuration that it has loaded; `mesa reload` makes it load the one in
+the flash memory, and so does switching the board on. If the user configuration is damaged or
+missing, the fallback is loaded. File formats and memory layout are those of mesaflash.
 
 Example:
   mesa flash backup before.bin --addr 10.10.10.10
   mesa flash write 7i97_7i77.bit --addr 10.10.10.10";
 
-/// More than any bitfile or backup has.
+/// Limit for the size of a file: more than any bitfile or backup has.
 const LONGEST: u64 = 32 << 20;
 
-/// The FPGA's configurations in the flash memory of a board
+/// Back up, write, verify and restore the FPGA's configurations in flash memory
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Flash {
@@ -47,58 +47,57 @@ enum Command {
     Restore(Restore),
 }
 
-/// The board of a command that writes to its flash memory.
+/// Target board of a command that writes to its flash memory.
 #[derive(Debug, Args)]
 struct Change {
     #[command(flatten)]
     target: ChangedTarget,
-    /// Write the user area even though there is no fallback. If that is cut off, only a JTAG programmer
-    /// helps
+    /// Allow the user area to be written without a fallback. If that is cut off, only a JTAG
+    /// programmer helps
     #[arg(long)]
     without_fallback: bool,
 }
 
-/// Reads the whole memory into a file
+/// Read the whole memory into a file
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash backup before.bin --addr 10.10.10.10")]
 struct Backup {
     #[command(flatten)]
     target: Target,
-    /// The file: as many bytes as the memory has
+    /// File for the backup: as many bytes as the memory has
     file: PathBuf,
-    /// Replace the file if there is one
+    /// Replace an existing file
     #[arg(long)]
     overwrite: bool,
 }
 
-/// Writes a configuration, and verifies it
+/// Write a configuration and verify it
 ///
-/// Refused before anything is erased: a file for another board or FPGA, as far as its header tells, a
-/// file that is damaged, a memory without a boot block, and the user area where there is no fallback
-/// to start from, the fallback where there is no user configuration. Ctrl-C does not end it in the
-/// middle.
+/// Refused before anything is erased: a file for another board or FPGA, as far as its header shows,
+/// a damaged file, a memory without a boot block, the user area if there is no fallback to start
+/// from, and the fallback if there is no user configuration. Ctrl-C does not interrupt the write.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash write 7i97_7i77.bit --addr 10.10.10.10 --dry-run")]
 struct Write {
     #[command(flatten)]
     change: Change,
-    /// The bitfile (.bit) of the board's firmware
+    /// Bitfile (.bit) of the board's firmware
     file: PathBuf,
-    /// Write the fallback, which the FPGA loads where the user configuration is damaged, and not the
-    /// user configuration
+    /// Write the fallback, which the FPGA loads if the user configuration is damaged, instead of
+    /// the user configuration
     #[arg(long)]
     fallback: bool,
 }
 
-/// Compares the memory with a bitfile, or with a backup of the whole
+/// Compare the memory with a bitfile, or with a backup of the whole
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash verify 7i97_7i77.bit --addr 10.10.10.10")]
 struct Verify {
     #[command(flatten)]
     target: Target,
-    /// A bitfile, or a backup
+    /// Bitfile or backup
     file: PathBuf,
-    /// Compare the bitfile with the fallback, and not with the user configuration
+    /// Compare the bitfile with the fallback instead of the user configuration
     #[arg(long)]
     fallback: bool,
 }
@@ -119,7 +118,7 @@ impl Backup {
         let path = &self.file;
         if path.exists() && !self.overwrite {
             return Err(Failure::usage(format_args!(
-                "{}: is there already; give --overwrite, or another name",
+                "{} already exists; --overwrite replaces it",
                 path.display()
             )));
         }
@@ -246,13 +245,13 @@ impl Change {
     }
 }
 
-/// Whether the user area is among what is to be erased, and there is nothing else to start from.
+/// True if the user area is to be erased, and there is nothing else to start from.
 fn is_alone(flash: &mut Chip<'_, Bus>, areas: &[Written]) -> Result<bool, Failure> {
     let is_user = areas.iter().any(|part| part.area == Some(Name::User));
     Ok(is_user && !flash.begins(Area::Fallback)?)
 }
 
-/// What is said of that.
+/// Warning if there is nothing else to start from.
 fn risk(is_alone: bool) -> &'static str {
     if is_alone {
         ". There is no fallback: if this is cut off, only a JTAG programmer helps"
@@ -261,14 +260,14 @@ fn risk(is_alone: bool) -> &'static str {
     }
 }
 
-/// The flash memory of a board whose layout is known.
+/// Opens the flash memory of a board; fails if its layout is not known.
 fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
     let mut board = EthernetBoard::new(bus);
     let card = board.identity()?.card;
     let layout = FlashLayout::for_card(&card).ok_or_else(|| {
         Failure::refused(format_args!(
-            "{}: this is a {card}; where things are in its flash memory is not known here, so that \
-             nothing is read or written: use mesaflash",
+            "{}: this is a {card}, whose flash memory has no known layout, so nothing is read or \
+             written: use mesaflash",
             found.address
         ))
     })?;
@@ -284,7 +283,7 @@ fn area(fallback: bool) -> Area {
     if fallback { Area::Fallback } else { Area::User }
 }
 
-/// What a bitfile takes of an area, in whole sectors.
+/// Part of an area that a bitfile takes, in whole sectors.
 fn written(layout: &FlashLayout, area: Area, bitfile: &Bitfile<'_>) -> Written {
     let start = layout.addresses(area).start;
     let sectors = bitfile.configuration.len().div_ceil(SECTOR) * SECTOR;

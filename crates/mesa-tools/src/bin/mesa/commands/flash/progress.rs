@@ -1,4 +1,4 @@
-//! How far it is, for a person who watches; and what is said when it ends before the end.
+//! Progress of a flash operation, and the error text of one that was cut off.
 
 use std::fmt::Display;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use super::report::{Name, Written};
 use crate::context::{Context, Failure};
 use crate::output::complain;
 
-/// A bar on standard error; nothing where that is no terminal.
+/// Progress bar on standard error; hidden if that is not a terminal.
 pub struct Bar(ProgressBar);
 
-/// How often it is drawn again while nothing comes: a sector takes up to 3 s to be erased.
+/// Redraw interval while no progress is made: erasing a sector takes up to 3 s.
 const TICK: Duration = Duration::from_millis(200);
 
 impl Bar {
@@ -37,7 +37,7 @@ impl Bar {
     }
 }
 
-/// A write of an area, which goes on when a signal comes.
+/// A write of an area, which a signal does not interrupt.
 pub struct Progress<'a> {
     context: &'a Context,
     bar: Bar,
@@ -48,7 +48,7 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// `is_alone`: while the user area is written, there is no fallback.
+    /// `is_alone`: the user area is written, and there is no fallback.
     pub fn of_write(context: &'a Context, written: Written, is_alone: bool) -> Self {
         Self {
             context,
@@ -60,7 +60,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// So many bytes of a step are done.
+    /// Shows the bytes of a step that are done.
     pub fn step(&mut self, step: FlashStep, bytes: usize) {
         if self.step.replace(step) != Some(step) {
             self.bar.0.set_message(match step {
@@ -74,15 +74,15 @@ impl<'a> Progress<'a> {
             self.is_told = true;
             self.bar.0.suspend(|| {
                 complain(format_args!(
-                    "mesa: {signal}: {} is finished first, because half of it is worth nothing; \
-                     leave the board switched on",
+                    "mesa: {signal}: {} is finished first, because half of it is useless; leave \
+                     the board switched on",
                     self.written
                 ));
             });
         }
     }
 
-    /// It has ended; if by an error, what the memory holds now is said with it.
+    /// Ends the progress. An error is extended by the state of the memory.
     pub fn ended<E: Display>(&self, done: Result<(), E>) -> Result<(), Failure> {
         self.bar.end();
         done.map_err(|error| {
@@ -104,7 +104,7 @@ impl<'a> Progress<'a> {
                 _ => "these sectors are not whole; no configuration is in them",
             };
             Failure::refused(format_args!(
-                "{error}; {} was cut off: {state}. The FPGA goes on with what it has loaded: leave the \
+                "{error}; {} was cut off: {state}. The FPGA keeps running what it has loaded: leave the \
                  board switched on, and write this again",
                 self.written
             ))

@@ -1,29 +1,29 @@
-//! What was done with the flash memory, or would be.
+//! Report of a flash command.
 
 use std::fmt::{self, Display};
 use std::path::Path;
 
-use mesa_hal::ethernet::{Area, Bitfile, Difference, FlashLayout};
+use mesa_hal::ethernet::{Area, Bitfile, FlashDifference, FlashLayout};
 use serde::Serialize;
 
-/// What was done.
+/// Report of a flash command.
 #[derive(Debug, Serialize)]
 pub struct Report {
     pub action: &'static str,
     pub board: &'static str,
     pub file: String,
-    /// The whole memory was read or compared.
+    /// True if the whole memory was read or compared.
     pub whole: bool,
     pub bitfile: Option<About>,
-    /// The sectors that were written or compared.
+    /// Sectors that were written or compared.
     pub areas: Vec<Written>,
-    /// Nothing was done.
+    /// True if nothing was done.
     pub dry_run: bool,
     #[serde(skip)]
     pub size: u32,
 }
 
-/// What a bitfile says of itself.
+/// Header of a bitfile.
 #[derive(Debug, Serialize)]
 pub struct About {
     design: String,
@@ -33,7 +33,7 @@ pub struct About {
     bytes: usize,
 }
 
-/// Whole sectors.
+/// A range of whole sectors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Written {
     pub area: Option<Name>,
@@ -41,7 +41,7 @@ pub struct Written {
     pub end: u32,
 }
 
-/// An area by its name.
+/// Name of an area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Name {
@@ -80,7 +80,7 @@ impl About {
 }
 
 impl Written {
-    pub fn of(difference: &Difference) -> Self {
+    pub fn of(difference: &FlashDifference) -> Self {
         Self {
             area: difference.area.map(Name::from),
             start: difference.start,

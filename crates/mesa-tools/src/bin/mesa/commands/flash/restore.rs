@@ -11,16 +11,16 @@ use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
 
-/// Writes a backup of the whole memory back, where it differs
+/// Write a backup of the whole memory back, where it differs
 ///
-/// The user area is written first, the boot block last. Ctrl-C ends it between two areas. A backup has
-/// no header: whether it is one of this kind of board can not be seen.
+/// The user area is written first, the boot block last. Ctrl-C ends the command between two areas.
+/// A backup has no header, so that its kind of board cannot be checked.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash restore before.bin --addr 10.10.10.10 --dry-run")]
 pub struct Restore {
     #[command(flatten)]
     change: Change,
-    /// The backup: as many bytes as the memory has
+    /// Backup: as many bytes as the memory has
     file: PathBuf,
     /// Write the fallback too, where it differs
     #[arg(long)]
@@ -39,7 +39,7 @@ impl Restore {
         let layout = *flash.layout();
         flash.check_backup(&backup).map_err(|error| {
             Failure::refused(format_args!(
-                "{}: no backup to start from: {error}",
+                "{}: not a backup that a board can start from: {error}",
                 self.file.display()
             ))
         })?;
@@ -105,7 +105,7 @@ impl Restore {
         Ok(context.ending())
     }
 
-    /// What a board may need to start is written only if it was named.
+    /// Fails if an area that the board may need to start differs and its flag was not given.
     fn check_flags(&self, areas: &[Written]) -> Result<(), Failure> {
         let flags = [
             (Name::Fallback, self.fallback, "--fallback"),
@@ -115,8 +115,8 @@ impl Restore {
             let differs = areas.iter().find(|written| written.area == Some(name));
             if let Some(written) = differs.filter(|_| !is_given) {
                 return Err(Failure::refused(format_args!(
-                    "{written} differs from {}; the board may need it to start: give {flag} if it \
-                     shall be written too; nothing was written",
+                    "{written} differs from {}; the board may need it to start: give {flag} to \
+                     write it too; nothing was written",
                     self.file.display()
                 )));
             }

@@ -1,11 +1,11 @@
-//! The files for LinuxCNC: the board's signals, motion on them, and their numbers.
+//! Files for LinuxCNC: the board's signals, motion on them, and the settings of both.
 
 use std::fmt::Write;
 
 use super::machine::{Joint, LETTERS, Machine, is_enable, remark};
 use mesa_hal::hal::Role;
 
-/// Names of a servo loop's numbers in the INI file, and of the parameters of `pid`.
+/// Settings of a servo loop: name in the INI file, parameter of `pid`, and default.
 const LOOP: [(&str, &str, &str); 9] = [
     ("P", "Pgain", "0"),
     ("I", "Igain", "0"),
@@ -18,7 +18,7 @@ const LOOP: [(&str, &str, &str); 9] = [
     ("MAX_OUTPUT", "maxoutput", "10"),
 ];
 
-/// The board's driver, and a signal for each pin.
+/// `board.hal`: the board's driver, and a signal for each pin.
 pub fn board(machine: &Machine) -> String {
     let Machine { board, ports, .. } = machine;
     let mut text = format!(
@@ -36,7 +36,7 @@ pub fn board(machine: &Machine) -> String {
         let _ = writeln!(text, "# {remote}");
     }
     if !machine.undriven.is_empty() {
-        text.push_str("#\n# There are no signals for what mesa-hal does not drive:\n");
+        text.push_str("#\n# No signals for modules that mesa-hal does not drive:\n");
     }
     for module in &machine.undriven {
         let _ = writeln!(text, "# {module}");
@@ -50,7 +50,7 @@ pub fn board(machine: &Machine) -> String {
         text,
         "\nloadrt hostmot2\n\
          loadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
-         # Read before everything else in the thread, write behind it.\n\
+         # Read before everything else in the thread, write after it.\n\
          addf {board}.read servo-thread 1\n\
          addf {board}.write servo-thread -1\n\n\
          setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
@@ -64,13 +64,13 @@ pub fn board(machine: &Machine) -> String {
     }
     let _ = write!(
         text,
-        "\n# Both are a part of the emergency stop. The first one stays on until it is taken back:\n\
+        "\n# Both are part of the emergency stop. The first one stays on until it is reset:\n\
          # `halcmd sets board-watchdog false`.\n\
          net board-watchdog <=> {board}.watchdog.has_bit\n\
          net board-lost <= {board}.packet-error-exceeded\n"
     );
     if !machine.settings.is_empty() {
-        text.push_str("\n# How the outputs of this board are made. Not to be changed.\n");
+        text.push_str("\n# Settings of this board's outputs. Do not change them.\n");
     }
     for (name, value) in &machine.settings {
         let _ = writeln!(text, "setp {name} {value}");
@@ -79,7 +79,7 @@ pub fn board(machine: &Machine) -> String {
     text
 }
 
-/// The signals by module and remote, and at the end the drive enables, which have none.
+/// Signals by module and remote, then the drive enables, which are commented out.
 fn signals(machine: &Machine) -> String {
     let (mut text, mut last, mut enables) = (String::new(), "", String::new());
     for pin in &machine.pins {
@@ -117,8 +117,8 @@ fn signals(machine: &Machine) -> String {
     }
     if !enables.is_empty() {
         text.push_str(
-            "\n# What turns drives on. TODO: take the # away when the emergency stop was tried, and every\n\
-             # axis counts the way it is driven.\n",
+            "\n# Drive enables. TODO: remove the # once the emergency stop has been tested and every axis\n\
+             # counts in the direction in which it is driven.\n",
         );
     }
     text + &enables
@@ -128,7 +128,7 @@ fn signal(machine: &Machine, name: &str) -> String {
     machine.own(name).replace('.', "-")
 }
 
-/// LinuxCNC's motion, servo loops and emergency stop.
+/// `motion.hal`: LinuxCNC's motion, servo loops and emergency stop.
 pub fn motion(machine: &Machine) -> String {
     let Machine { board, joints, .. } = machine;
     let mut text = format!(
@@ -152,8 +152,8 @@ pub fn motion(machine: &Machine) -> String {
         let _ = writeln!(text, "addf estop-latch.{latch} servo-thread");
     }
     text.push_str(
-        "\n# Emergency stop: a chain that the board's watchdog, lost packets and the button break. No\n\
-         # software turns a motor off for sure: the button has to remove its power as well.\n\
+        "\n# Emergency stop: a chain that the board's watchdog, lost packets and the button break.\n\
+         # Software is no safe way to turn a motor off: the button has to remove its power as well.\n\
          net estop-released <= iocontrol.0.user-enable-out => estop-latch.0.ok-in\n\
          net estop-reset <= iocontrol.0.user-request-enable => estop-latch.0.reset estop-latch.1.reset estop-latch.2.reset\n\
          net board-watchdog => estop-latch.0.fault-in\n\
@@ -162,7 +162,7 @@ pub fn motion(machine: &Machine) -> String {
          net estop-board-ok <= estop-latch.1.ok-out => estop-latch.2.ok-in\n\
          net estop-pressed => estop-latch.2.fault-in\n\
          net estop-ok <= estop-latch.2.ok-out => iocontrol.0.emc-enable-in\n\
-         # TODO: the input of the button. Until then it is pressed. A contact that opens is for example:\n",
+         # TODO: the input of the button; until then it counts as pressed. For a normally closed contact:\n",
     );
     let example = machine.pins.iter().find(|pin| pin.name.contains(".input-"));
     let example = example.map_or_else(|| format!("{board}.INPUT"), |pin| pin.name.clone());
@@ -170,7 +170,7 @@ pub fn motion(machine: &Machine) -> String {
         text,
         "#   net estop-pressed <= {example}-not\n\
          sets estop-pressed true\n\n\
-         # A person changes tools.\n\
+         # Tools are changed by hand.\n\
          net tool-prepare <= iocontrol.0.tool-prepare => iocontrol.0.tool-prepared\n\
          net tool-change <= iocontrol.0.tool-change => iocontrol.0.tool-changed\n"
     );
@@ -179,7 +179,7 @@ pub fn motion(machine: &Machine) -> String {
     }
     if joints.is_empty() {
         text.push_str(
-            "\n# TODO: no encoder with an analog output was found. This joint is where it was told to be.\n\
+            "\n# TODO: no encoder with an analog output was found. This joint's feedback is its command.\n\
              net joint-0-enable <= joint.0.amp-enable-out\n\
              net joint-0-command <= joint.0.motor-pos-cmd => joint.0.motor-pos-fb\n",
         );
@@ -207,7 +207,7 @@ fn servo(machine: &Machine, number: usize, joint: &Joint) -> String {
     text
 }
 
-/// The board with a thread, and nothing that moves.
+/// `bench.hal`: the board with a thread, without motion.
 pub fn bench(machine: &Machine) -> String {
     format!(
         "# {} without LinuxCNC's motion, to try its inputs and outputs. Written by `mesa hal`.\n\
@@ -223,14 +223,15 @@ pub fn bench(machine: &Machine) -> String {
     )
 }
 
-/// The numbers of all of them.
+/// `machine.ini`: the settings of all files.
 pub fn ini(machine: &Machine) -> String {
     let Machine { board, ports, .. } = machine;
     let axes = machine.joints.len().max(1);
     let letters: String = LETTERS.chars().take(axes).collect();
     let address = match machine.address {
         Some(address) => format!("BOARD_IP = {}", address.ip()),
-        None => "# TODO: a simulated board was looked at\nBOARD_IP = 10.10.10.10".to_owned(),
+        None => "# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10"
+            .to_owned(),
     };
     let config = ports
         .iter()
@@ -243,7 +244,7 @@ pub fn ini(machine: &Machine) -> String {
         ),
     };
     let mut text = format!(
-        "# {board}. Written by `mesa hal`. What has TODO is not known by the board: set it.\n\n\
+        "# {board}. Written by `mesa hal`. Set the values marked TODO, which the board does not know.\n\n\
          [EMC]\nVERSION = 1.1\nMACHINE = {board}\n\n\
          [DISPLAY]\nDISPLAY = axis\n\n\
          [TASK]\nTASK = milltask\nCYCLE_TIME = 0.010\n\n\
@@ -251,7 +252,7 @@ pub fn ini(machine: &Machine) -> String {
          [EMCMOT]\nEMCMOT = motmod\nCOMM_TIMEOUT = 1.0\n# Nanoseconds\nSERVO_PERIOD = 1000000\n\n\
          [EMCIO]\nEMCIO = io\nCYCLE_TIME = 0.100\n\n\
          [HOSTMOT2]\n{address}\n{config}\
-         # Without a write for so long the board turns its outputs off: five periods\n\
+         # Time without a write after which the board turns its outputs off: five periods\n\
          WATCHDOG_NS = 5000000\nPACKET_ERROR_LIMIT = 10\nSSERIAL_FAULT_LIMIT = 200\n\n\
          [HAL]\nHALUI = halui\nHALFILE = motion.hal\nHALFILE = board.hal\n\n\
          [KINS]\n# TODO: fewer, if an analog output is a spindle's\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\

@@ -1,13 +1,13 @@
-//! What was found on a board, as far as a controller connects to it.
+//! Parts of a board that a controller connects to.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddrV4;
 
-use mesa_hal::Board;
+use mesa_hal::Configured;
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
-use mesa_hal::sslbp::{Layout, MAX_CHANNELS};
+use mesa_hal::sslbp::{MAX_CHANNELS, PortLayout};
 
 use super::super::named;
 use super::super::set::{Hazard, hazard};
@@ -30,11 +30,11 @@ const OF_MODULES: [&str; 10] = [
     "gpio.???.in",
 ];
 
-/// Pins of remotes that say nothing that others do not, or that nobody connects to.
+/// Pins of remotes that duplicate others, or that controllers do not connect to.
 const NOT_OF_REMOTES: [&str; 3] = ["*-not", "*.rawcounts", "*.reset"];
 
-/// Settings of outputs that LinuxCNC has to have as `mesa-hal` does: another scale or mode is another
-/// voltage.
+/// Settings of outputs that must be the same in LinuxCNC as in `mesa-hal`, because another scale or
+/// mode means another voltage.
 const SETTINGS: [&str; 7] = [
     "pwmgen.pwm_frequency",
     "pwmgen.??.scale",
@@ -45,44 +45,44 @@ const SETTINGS: [&str; 7] = [
     "*analogout*-minlim",
 ];
 
-/// As many axes as LinuxCNC has letters for.
+/// LinuxCNC's axis letters, which limit the number of joints.
 pub const LETTERS: &str = "XYZABCUVW";
 
-/// What was found on a board, as far as a controller connects to it.
+/// Parts of a board that a controller connects to.
 pub struct Machine {
     /// For example `hm2_7i97.0`.
     pub board: String,
-    /// Where it is; `None` of a simulated one.
+    /// Address of the board; `None` if it is simulated.
     pub address: Option<SocketAddrV4>,
-    /// Pins that LinuxCNC has as well, by the same names.
+    /// Pins that LinuxCNC has under the same names.
     pub pins: Vec<PinInfo>,
-    /// Settings, and their values as LinuxCNC takes them.
+    /// Settings with their values in LinuxCNC's format.
     pub settings: Vec<(String, String)>,
-    /// Encoders with an analog output for each.
+    /// Encoders, each with an analog output.
     pub joints: Vec<Joint>,
-    /// What LinuxCNC takes of each serial port: the software mode of each channel, or `x`.
+    /// Configuration of each serial port for LinuxCNC: the software mode of each channel, or `x`.
     pub ports: BTreeMap<u8, String>,
-    /// The remotes, a line each.
+    /// Remotes, one line each.
     pub remotes: Vec<String>,
-    /// The modules that are not driven, a line each.
+    /// Modules that are not driven, one line each.
     pub undriven: Vec<String>,
 }
 
 /// A servo axis: the names of its pins.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Joint {
-    /// What those of its encoder begin with.
+    /// Prefix of the names of the encoder's pins.
     pub encoder: String,
-    /// The analog output.
+    /// Pin of the analog output.
     pub volts: String,
-    /// What enables its drive; `None` of a card that is not known.
+    /// Pin that enables the drive; `None` for an unknown card.
     pub enable: Option<String>,
 }
 
 impl Machine {
-    /// Of a board that is discovered and not started: the driver's own pins, which LinuxCNC does not have,
-    /// are not there yet.
-    pub fn of(board: &Board<Bus>, address: SocketAddrV4) -> Result<Self, Failure> {
+    /// Takes the parts of a board that is discovered and not started: the driver's own pins, which
+    /// LinuxCNC does not have, do not exist yet.
+    pub fn of(board: &Configured<Bus>, address: SocketAddrV4) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -92,7 +92,8 @@ impl Machine {
         };
         let is_connected = |info: &&PinInfo| {
             let name = own(info).unwrap_or_default();
-            // A 7I92's connectors are for cards alone; a 7I97's has pins of a header too.
+            // I/O pins at connectors for daughter cards only, as on the 7I92, have one terminal and
+            // are left out; those of a 7I97 are on a header too.
             let is_free = name.starts_with("gpio.") && !info.place.terminal.contains(", ");
             let is_taken = if groups.contains(&info.group) {
                 !is_one(&NOT_OF_REMOTES, &name)
@@ -130,7 +131,7 @@ impl Machine {
         })
     }
 
-    /// The name of a pin without the board's.
+    /// The name of a pin without the name of the board.
     pub fn own<'a>(&self, name: &'a str) -> &'a str {
         let own = name.strip_prefix(&self.board).unwrap_or(name);
         own.trim_start_matches('.')
@@ -143,9 +144,10 @@ impl Machine {
     }
 }
 
-/// A PWM module of version 1 dithers here. In LinuxCNC that is a parameter, which is off at first, and
-/// which no LinuxCNC lacks that takes such a module (2.9.2 and later; FIELD 3.3).
-fn dither(board: &Board<Bus>, prefix: &str) -> Vec<(String, String)> {
+/// Dither settings of PWM modules of version 1, which `mesa-hal` always dithers. In LinuxCNC dither
+/// is a parameter that is off at first. Every LinuxCNC that supports such a module has the
+/// parameter (2.9.2 and later; FIELD 3.3).
+fn dither(board: &Configured<Bus>, prefix: &str) -> Vec<(String, String)> {
     let modules = board.firmware().modules_of(Gtag::PWM);
     let versions = modules.flat_map(|(_, it)| (0..it.instances).map(|_| it.version));
     (0..)
@@ -155,9 +157,9 @@ fn dither(board: &Board<Bus>, prefix: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// The modes of all channels as LinuxCNC takes them, and the remotes in words.
-fn ports(board: &Board<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
-    let instances = Layout::ports(board.firmware()).len() as u8;
+/// Modes of all channels in LinuxCNC's format, and one line for each remote.
+fn ports(board: &Configured<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
+    let instances = PortLayout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
     let mut remotes = Vec::new();
@@ -180,8 +182,8 @@ fn ports(board: &Board<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Fail
     Ok((ports.collect(), remotes))
 }
 
-/// The first encoder with the first analog output, and so on.
-fn joints(board: &Board<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
+/// Pairs of the first encoder and the first analog output, the second ones, and so on.
+fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {
         let encoder = pin.name.strip_suffix(".position")?;
@@ -207,23 +209,23 @@ fn is_analog_output(pin: &PinInfo) -> bool {
     pin.role == Role::Output && pin.hal_type == HalType::Float && is_voltage
 }
 
-/// Whether a pin can turn a drive on.
+/// True if a pin can turn a drive on.
 pub fn is_enable(pin: &PinInfo) -> bool {
     pin.role == Role::Output && hazard(pin) == Hazard::DriveEnable
 }
 
-/// Where a pin is and what its unit is, on one line.
+/// Terminals and unit of a pin, on one line.
 pub fn remark(pin: &PinInfo) -> String {
     let unit = match &*pin.unit {
         "" => String::new(),
         unit => format!(" in {unit}"),
     };
     let text = place::short(&pin.place) + &unit;
-    // A unit is what a remote says.
+    // The unit comes from the remote and may contain control characters.
     text.trim().replace(char::is_control, " ")
 }
 
-/// A value as LinuxCNC takes it: all digits.
+/// Formats a value for LinuxCNC, with all digits.
 fn number(value: AnyValue) -> String {
     match value.hal_type {
         HalType::Float => f64::from_bits(value.bits).to_string(),

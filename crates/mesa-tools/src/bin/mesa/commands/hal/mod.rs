@@ -1,4 +1,4 @@
-//! `mesa hal`: files to begin with, for LinuxCNC and for mesa-hal.
+//! `mesa hal`: initial files for LinuxCNC and for mesa-hal.
 
 mod linuxcnc;
 mod machine;
@@ -21,21 +21,21 @@ use crate::target::Target;
 use machine::Machine;
 
 const AFTER_HELP: &str = "\
-The files: machine.ini, with the numbers that are to be set (TODO); board.hal, the driver with a
-signal for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop; bench.hal, the
-board alone; main.rs, a program for mesa-hal. Nothing in them enables a drive. Without --out they
-are printed.
+The files: machine.ini, with the values to set (marked TODO); board.hal, the driver with a signal
+for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop; bench.hal, the board
+alone; main.rs, a program for mesa-hal. None of them enables a drive. Without --out they are
+printed.
 
-It stops the serial ports and turns all pins into inputs: not for a machine that is running. A
-board that another program drives is left alone. Files that are there already are replaced only with
---yes, or if a person agrees.
+Stops the serial ports and turns all pins into inputs: do not use this on a running machine. A board
+that another program drives is left alone. Existing files are replaced only with --yes or after a
+question.
 
 Examples:
   mesa hal --addr 10.10.10.10 --mode 0.0=2 --out my_machine
   cd my_machine && halrun -I -i machine.ini -f bench.hal
   linuxcnc my_machine/machine.ini";
 
-/// Write HAL and INI files for LinuxCNC, and a program for mesa-hal, to begin with
+/// Write initial HAL and INI files for LinuxCNC, and a program for mesa-hal
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Hal {
@@ -43,14 +43,14 @@ pub struct Hal {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// Write the files into this directory, which is made if it is not there
+    /// Directory for the files, created if missing
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     asks: Asks,
 }
 
-/// What was written, or would be.
+/// The files, written or printed.
 #[derive(Debug, Serialize)]
 struct Skeleton {
     board: String,
@@ -65,7 +65,7 @@ struct File {
     text: String,
 }
 
-/// Their names, in the order in which they are read.
+/// Names of the files, in the order in which they are read.
 const NAMES: [&str; 5] = [
     "machine.ini",
     "board.hal",
@@ -108,13 +108,13 @@ impl Hal {
         Ok(context.ending())
     }
 
-    /// Looks at the board with all outputs off, and says what is there, and what is missing or odd.
+    /// Discovers the board with all outputs off. Prints its remotes, missing remotes and remarks to
+    /// standard error.
     fn look(&self) -> Result<Machine, Failure> {
         let found = self.target.find()?;
         let mut settings = Settings::default();
         self.modes.put(&mut settings);
-        let mut board = Board::identify(found.open()?, settings)?;
-        board.discover()?;
+        let board = Board::identify(found.open()?, settings)?.discover()?;
         let machine = Machine::of(&board, found.address)?;
         for remote in &machine.remotes {
             complain(format_args!("{}: {remote}", machine.board));
@@ -129,14 +129,15 @@ impl Hal {
     }
 }
 
-/// Asks before files are replaced; something else than a file of such a name is never.
+/// Asks for consent before files are replaced. Anything else of such a name, such as a directory,
+/// is refused.
 fn may_replace(directory: &Path, asks: Asks, context: &Context) -> Result<(), Failure> {
     let mut there = Vec::new();
     for name in NAMES {
         match fs::metadata(directory.join(name)) {
             Ok(found) if !found.is_file() => {
                 let path = directory.join(name);
-                let why = "no regular file, and it stays what it is; choose another --out";
+                let why = "no regular file, and left unchanged; choose another --out";
                 return Err(Failure::usage(format_args!("{}: {why}", path.display())));
             }
             Ok(_) => there.push(name),

@@ -13,7 +13,7 @@ pub fn program(machine: &Machine) -> String {
         Some(address) => (address.to_string(), ""),
         None => (
             "10.10.10.10:27181".to_owned(),
-            " TODO: a simulated board was looked at.",
+            " TODO: made from a simulated board.",
         ),
     };
     let joints: Vec<_> = machine
@@ -34,7 +34,7 @@ pub fn program(machine: &Machine) -> String {
     let used: Vec<_> = used.into_iter().collect();
     let used = used.join(", ");
     let mut text = format!(
-        "//! A controller on {board}, to begin with. Written by `mesa hal`: it enables no drive.\n//!\n\
+        "//! Skeleton of a controller on {board}, written by `mesa hal`. Enables no drive.\n//!\n\
          //! In Cargo.toml: `mesa-hal = {{ version = \"0.1\", features = [\"realtime\"] }}`.\n\n\
          use std::error::Error;\nuse std::ops::ControlFlow::Continue;\nuse std::process::ExitCode;\n\n\
          use mesa_hal::hal::PinError;\nuse mesa_hal::runner::{{Runner, Stop}};\n\
@@ -57,21 +57,21 @@ fn is_of(joints: &[&Joint], pin: &PinInfo) -> bool {
     })
 }
 
-/// What the machine has.
+/// Types of the program.
 fn types(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
     let mut text = String::new();
     if !joints.is_empty() {
         text.push_str(
             "/// A servo axis.\n#[derive(Clone, Copy, Debug)]\nstruct Joint {\n    \
              encoder: Counter,\n    /// In volts; 0 V while the drive is not enabled.\n    \
-             volts: Output<f64>,\n    /// Turns the drive on, and all that share it.\n    \
+             volts: Output<f64>,\n    /// Enables the drive, and every other drive with the same enable.\n    \
              #[allow(dead_code, reason = \"nothing enables a drive yet\")]\n    \
              enable: Output<bool>,\n}\n\n",
         );
     }
     text.push_str(
-        "/// What the machine has.\n#[derive(Debug)]\n\
-         #[allow(dead_code, reason = \"take out what is not used\")]\nstruct Machine {\n",
+        "/// Handles of the machine's pins.\n#[derive(Debug)]\n\
+         #[allow(dead_code, reason = \"remove unused fields\")]\nstruct Machine {\n",
     );
     if !joints.is_empty() {
         let _ = writeln!(text, "    joints: [Joint; {}],", joints.len());
@@ -87,7 +87,7 @@ fn types(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
     text + "}\n\n"
 }
 
-/// Where it has it.
+/// `Machine::find`, which makes the handles.
 fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
     let mut text =
         "impl Machine {\n    #[allow(clippy::too_many_lines, reason = \"a line for each pin\")]\n    fn find(pins: &Pins) -> Result<Self, PinError> {\n".to_owned();
@@ -126,18 +126,18 @@ fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
     text + "        })\n    }\n\n"
 }
 
-/// What it does.
+/// `Machine::control`, which runs in each cycle, and the functions it calls.
 fn control(joints: &[&Joint]) -> String {
     let (servo, loops) = if joints.is_empty() {
         ("", "        // TODO\n        let _ = may_move;\n")
     } else {
         (
-            "/// The servo loop of an axis: volts for where it is, in counts while `encoder.scale` is 1. TODO\n\
+            "/// Servo loop of an axis: volts for a position, in counts while `encoder.scale` is 1. TODO\n\
              fn servo(_position: f64) -> f64 {\n    0.0\n}\n\n",
             "        for joint in self.joints {\n            \
              let position = joint.encoder.read(pins).ok().filter(|_| may_move);\n            \
              pins.set(joint.volts, position.map_or(0.0, servo));\n            \
-             // TODO: when the emergency stop was tried, and every axis counts the way it is driven:\n            \
+             // TODO: once the emergency stop and each axis's direction of counting are tested:\n            \
              // pins.set(joint.enable, may_move);\n        }\n",
         )
     };
@@ -145,8 +145,8 @@ fn control(joints: &[&Joint]) -> String {
         "    /// One cycle: inputs have been read, outputs are written after it.\n    \
          fn control(&self, pins: &mut Pins) {{\n        \
          let may_move = may_move(self, pins);\n{loops}    }}\n}}\n\n\
-         /// Whether anything may move. TODO: the input of the emergency stop. One that is not valid is\n\
-         /// pressed: `pins.read(machine.INPUT).ok() == Some(true)`.\n\
+         /// True if motion is allowed. TODO: the input of the emergency stop. An input that is not valid\n\
+         /// counts as pressed: `pins.read(machine.INPUT).ok() == Some(true)`.\n\
          fn may_move(_machine: &Machine, _pins: &Pins) -> bool {{\n    false\n}}\n\n{servo}"
     )
 }

@@ -1,5 +1,5 @@
-//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their remotes
-//! with modes, process data and parameters.
+//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their
+//! remotes with modes, process data and parameters.
 
 mod text;
 
@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use mesa_hal::ethernet::EthernetBoard;
-use mesa_tools::inventory::{self, Ethernet, Inventory};
+use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
@@ -16,14 +16,14 @@ use crate::output::complain;
 use crate::target::Target;
 
 const AFTER_HELP: &str = "\
-It stops the serial ports and turns all pins into inputs: not for a machine that is running. A
-board that another program drives is left alone. SIGINT (Ctrl-C) and SIGTERM end it between two
+Stops the serial ports and turns all pins into inputs: do not use this on a running machine. A board
+that another program drives is left alone. SIGINT (Ctrl-C) and SIGTERM end the command between two
 ports, and leave the ports stopped.
 
 Example:
   mesa info --addr 10.10.10.10 --mode 0.0=2";
 
-/// What a board is, and what is plugged into it
+/// Show the inventory of a board and its remotes
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Info {
@@ -33,7 +33,7 @@ pub struct Info {
     modes: Modes,
 }
 
-/// What was found.
+/// Inventory of the board.
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
 struct Found(Inventory);
@@ -45,7 +45,8 @@ impl Info {
         let at = |error: &dyn std::error::Error| {
             Failure::refused(format_args!("{}: {error}", found.address))
         };
-        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+        let ethernet =
+            InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
         let modes = self.modes.by_channel();
         let goes_on = || context.stop.signal().is_none();
         let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
@@ -53,7 +54,7 @@ impl Info {
         let wrong = inventory.check_modes(&modes);
         if context.stop.signal().is_none() {
             let findings = &mut inventory.0.findings;
-            // What runs in another mode says so itself.
+            // A remote that runs in another mode already has a finding of its own.
             let is_said = findings.iter().any(|text| text.contains("software mode"));
             let unsaid = wrong.iter().filter(|_| !is_said);
             findings.extend(unsaid.cloned());
@@ -71,7 +72,7 @@ impl Info {
 }
 
 impl Found {
-    /// Which remotes that were to be started in a mode do not run in it, or do not have it.
+    /// Errors for remotes that do not run in the requested mode, or do not have it.
     fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Vec<String> {
         let modes = modes.iter();
         modes

@@ -1,12 +1,13 @@
-//! The inventory for people.
+//! Text of the inventory.
 
 use std::fmt::{self, Display, Formatter};
 
 use mesa_hal::ethernet::LedMode;
 use mesa_hal::remote::Scaling;
 use mesa_tools::inventory::{
-    Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, Pin, PinDirection, Remote,
-    SerialPort,
+    ChannelContent as OnChannel, InventoryChannel, InventoryData, InventoryElement,
+    InventoryEthernet, InventoryFirmware, InventoryPin, InventoryPort, InventoryRemote,
+    PinDirection,
 };
 
 use super::Found;
@@ -30,7 +31,7 @@ impl Display for Found {
     }
 }
 
-fn print_ethernet(f: &mut Formatter<'_>, ethernet: &Ethernet) -> fmt::Result {
+fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {
     let (identity, counters) = (&ethernet.identity, &ethernet.counters);
     writeln!(f, "Ethernet board {}", identity.card)?;
     writeln!(f, "  MAC          {}", identity.mac)?;
@@ -73,7 +74,7 @@ fn leds(mode: LedMode) -> &'static str {
     }
 }
 
-fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
+fn print_firmware(f: &mut Formatter<'_>, firmware: &InventoryFirmware) -> fmt::Result {
     let mhz = |hz: u32| f64::from(hz) / 1e6;
     writeln!(
         f,
@@ -117,7 +118,7 @@ fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
     print_pins(f, &firmware.local_pins)
 }
 
-fn print_pins(f: &mut Formatter<'_>, pins: &[Pin]) -> fmt::Result {
+fn print_pins(f: &mut Formatter<'_>, pins: &[InventoryPin]) -> fmt::Result {
     for pin in pins {
         let way = match pin.direction {
             PinDirection::Out => "out",
@@ -133,7 +134,7 @@ fn print_pins(f: &mut Formatter<'_>, pins: &[Pin]) -> fmt::Result {
     Ok(())
 }
 
-fn print_port(f: &mut Formatter<'_>, port: &SerialPort) -> fmt::Result {
+fn print_port(f: &mut Formatter<'_>, port: &InventoryPort) -> fmt::Result {
     writeln!(
         f,
         "\nSmart serial port {}: SSLBP {}, {} channels, clock {:.3} MHz",
@@ -147,7 +148,7 @@ fn print_port(f: &mut Formatter<'_>, port: &SerialPort) -> fmt::Result {
         .try_for_each(|channel| print_channel(f, channel))
 }
 
-fn print_channel(f: &mut Formatter<'_>, channel: &Channel) -> fmt::Result {
+fn print_channel(f: &mut Formatter<'_>, channel: &InventoryChannel) -> fmt::Result {
     let number = channel.channel;
     match &channel.found {
         OnChannel::Remote(remote) => print_remote(f, number, remote),
@@ -157,7 +158,7 @@ fn print_channel(f: &mut Formatter<'_>, channel: &Channel) -> fmt::Result {
     }
 }
 
-fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &Remote) -> fmt::Result {
+fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) -> fmt::Result {
     let title = remote
         .known_as
         .map(|title| format!(" ({title})"))
@@ -217,8 +218,8 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &Remote) -> fmt::Res
     Ok(())
 }
 
-/// An element and where its bits are on the card, several to a line.
-fn print_element(f: &mut Formatter<'_>, element: &Element) -> fmt::Result {
+/// Prints an element, and the terminals of its bits with several to a line.
+fn print_element(f: &mut Formatter<'_>, element: &InventoryElement) -> fmt::Result {
     writeln!(f, "      {}", describe(&element.data).trim_end())?;
     let places = element.terminals.iter();
     let places: Vec<_> = places
@@ -230,7 +231,7 @@ fn print_element(f: &mut Formatter<'_>, element: &Element) -> fmt::Result {
     Ok(())
 }
 
-fn describe(data: &Data) -> String {
+fn describe(data: &InventoryData) -> String {
     let way = match data.direction {
         "input" => "in",
         "output" => "out",

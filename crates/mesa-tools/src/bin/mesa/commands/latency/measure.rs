@@ -1,4 +1,4 @@
-//! The run that is measured.
+//! Measured runs.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -14,15 +14,15 @@ use crate::context::{Context, Failure};
 use crate::link::Bus;
 use crate::running;
 
-/// Cycles that are not counted: code and data come into the caches, and the board's DPLL into phase.
+/// Cycles at the start that are not counted, while caches fill and the board's DPLL locks.
 const WARM_UP: u64 = 100;
 
-/// What was measured at one pace.
+/// Measurement at one pace.
 pub struct Measured {
     /// Name of the board.
     pub board: String,
     pub recorder: Recorder,
-    /// Cycles that were counted.
+    /// Number of counted cycles.
     pub cycles: u64,
     pub begin: Mark,
     pub end: Mark,
@@ -30,11 +30,11 @@ pub struct Measured {
     pub refused: Vec<&'static str>,
     /// Remotes that did not run all the time.
     pub offline: Vec<Offline>,
-    /// The error with which it ended, or somebody else who drives the board.
+    /// Error that ended the run, or that another program drives the board.
     pub stopped: Result<(), String>,
 }
 
-/// What is counted elsewhere, at a moment.
+/// Counters at a point in time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mark {
     pub cycle: u64,
@@ -44,19 +44,19 @@ pub struct Mark {
     pub run: RunStatistics,
 }
 
-/// A remote that was offline, or is.
+/// A remote that is or was offline.
 #[derive(Clone, Debug, Serialize)]
 pub struct Offline {
     /// `PORT.CHANNEL`.
     pub place: String,
     pub card: String,
-    /// Whether it runs again.
+    /// True if the remote runs again.
     pub is_back: bool,
     pub reason: String,
 }
 
 impl Offline {
-    /// Those of all remotes of a driver.
+    /// Remotes of a driver that are or were offline.
     fn of(driver: &Driver<Bus>) -> Vec<Self> {
         let remotes = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
@@ -171,7 +171,7 @@ fn one(
     Ok((measured, bus))
 }
 
-/// What this thread has had of the CPUs so far.
+/// CPU time of this thread so far.
 fn cpu_time() -> Duration {
     let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanos = statistics.split(' ').next().and_then(|n| n.parse().ok());

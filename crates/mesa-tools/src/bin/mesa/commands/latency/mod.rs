@@ -1,5 +1,5 @@
-//! `mesa latency`: how late cycles are on this host with this board, what they cost, and which rate
-//! that allows.
+//! `mesa latency`: lateness and cost of cycles on this host with this board, and the rates that
+//! they allow.
 
 mod measure;
 mod plot;
@@ -22,13 +22,13 @@ use measure::Measured;
 use report::Report;
 
 const AFTER_HELP: &str = "\
-Runs the cycle of the board with everything on it; all outputs stay off. Let the host do meanwhile
-what it will have to do: a quiet one says little.
+Runs the cycle of the board with everything on it; all outputs stay off. Put the host under its
+usual load meanwhile: an idle host shows little.
 
 Late is how much later than planned a cycle begins; at the board's pace, how much more than a period
-after the one before. Used is how long after its planned begin a cycle is over; at the board's pace,
-the period without what the board has waited for its end. A rate can be kept if that, and then the
-transfers to the remotes, fit into its period.
+after the previous one. Used is the time from the planned begin of a cycle to its end; at the
+board's pace, the period minus the time that the board waited for its end. A rate can be kept if
+this time, followed by the transfers to the remotes, fits into its period.
 
 Exits with 1 if a remote was offline meanwhile: no rate is judged then.
 
@@ -39,36 +39,36 @@ Examples:
   sudo mesa latency --addr 10.10.10.10 --seconds 60 --realtime 40 --cpu 3 --lock-memory \\
     --plot late.svg";
 
-/// Measures how late cycles are and what they cost: percentiles, histogram, CPU, packets, verdict
+/// Measure cycle latency and cost: percentiles, histogram, CPU, packets, verdict
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Latency {
     #[command(flatten)]
     target: Target,
-    /// How long at each pace, 0.1 to 86400
+    /// Time to measure at each pace, in seconds, 0.1 to 86400
     #[arg(long, value_name = "N", default_value = "10", value_parser = seconds)]
     seconds: f64,
     /// Cycles per second, 100 to 10000
     #[arg(long, value_name = "HZ", default_value_t = 1000,
           value_parser = clap::value_parser!(u32).range(100..=10_000))]
     rate: u32,
-    /// Who begins a cycle; `board` needs a firmware with a DPLL, as that of a 7I97
+    /// Clock that starts the cycles; `board` needs a firmware with a DPLL, as that of a 7I97
     #[arg(long, value_enum, default_value = "host")]
     pace: Paces,
-    /// Also draw the histograms into this file, as SVG
+    /// File for a picture of the histograms, as SVG
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-    /// Run the cycle with SCHED_FIFO and this priority, 1 to 99
+    /// SCHED_FIFO priority of the cycle, 1 to 99
     #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
     realtime: Option<u8>,
-    /// Run the cycle on this CPU only, 0 to one less than there are; repeat for more
+    /// CPU for the cycle, 0 to one less than there are; repeat for more
     #[arg(long, value_name = "N")]
     cpu: Vec<usize>,
     /// Keep all memory of the process in RAM
     #[arg(long)]
     lock_memory: bool,
-    /// Look at the clock again and again in the last 20 us before a cycle, instead of sleeping: cycles
-    /// begin earlier, and cost more CPU
+    /// Poll the clock in the last 20 us before a cycle instead of sleeping: cycles begin earlier,
+    /// and cost more CPU
     #[arg(long)]
     spin: bool,
     #[command(flatten)]
@@ -125,8 +125,8 @@ impl Latency {
         })
     }
 
-    /// Measures in a thread of its own, which alone gets what is asked of the operating system, and
-    /// shows on a terminal how far it is.
+    /// Measures in a thread of its own, which alone gets the real-time settings, and shows the
+    /// progress on a terminal.
     fn watched(
         &self,
         measure: impl FnOnce() -> Result<Vec<Measured>, Failure> + Send,
@@ -144,7 +144,7 @@ impl Latency {
         })
     }
 
-    /// Hidden by itself where standard error is no terminal.
+    /// Progress bar, which hides itself if standard error is not a terminal.
     fn progress_bar(&self) -> ProgressBar {
         let seconds = self.seconds * self.pace.each().len() as f64;
         let bar = ProgressBar::new((seconds * 1000.0) as u64);
@@ -175,12 +175,12 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What can not be measured at one pace does not take away what was measured at another.
+/// Reports a pace that could not be measured; the measurement at another pace is kept.
 fn without(pace: Pace, why: &Failure) {
     complain(format_args!("mesa: paced by the {}: {why}", name(pace)));
 }
 
-/// As it is said on the command line.
+/// Name of a pace on the command line.
 const fn name(pace: Pace) -> &'static str {
     match pace {
         Pace::Host => "host",

@@ -12,13 +12,17 @@ use super::name;
 use crate::context::Failure;
 use crate::files;
 
-/// Of one pace, in pixels.
-const SIZE: (u32, u32) = (800, 320);
-/// Columns of each doubling of the time.
+/// Size of the picture of one pace, in pixels.
+const SIZE: (u32, u32) = (800, 340);
+/// Font of the axes, and its size in pixels.
+const AXIS_FONT: (&str, u32) = ("sans-serif", 15);
+/// Room right of the last number of the time axis, which is centred below its line, in pixels.
+const RIGHT_MARGIN: u32 = 40;
+/// Columns for each doubling of the time.
 const COLUMNS: f64 = 4.0;
-/// Room above the highest column, for the words.
-const HEADROOM: f64 = 30.0;
-/// The least and the most that is shown, in microseconds.
+/// Room above the highest column for the legend, as a factor.
+const HEADROOM: f64 = 300.0;
+/// Range of times shown, in microseconds.
 const SHOWN: [f64; 2] = [0.5, 4e6];
 
 const LATE: RGBColor = RGBColor(31, 119, 180);
@@ -29,6 +33,7 @@ const PERIOD: RGBColor = RGBColor(192, 57, 43);
 pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
     let mut text = String::new();
     let size = (SIZE.0, SIZE.1 * all.len().max(1) as u32);
+    let shown = Shown::of(rate, all);
     {
         let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
         area.fill(&WHITE)?;
@@ -39,36 +44,65 @@ pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
                 one.cycles,
                 name(one.recorder.pace())
             );
-            chart(area, &title, rate, &one.recorder).map_err(|error| failure(file, &error))?;
+            chart(area, &title, &shown, &one.recorder).map_err(|error| failure(file, &error))?;
         }
         area.present()?;
     }
     files::write(file, text.as_bytes())
 }
 
+/// The ranges of the axes, which all charts have in common: times in microseconds, and cycles.
+struct Shown {
+    period: f64,
+    least: f64,
+    longest: f64,
+    most: f64,
+}
+
+impl Shown {
+    fn of(rate: u32, all: &[Measured]) -> Self {
+        let period = 1e6 / f64::from(rate);
+        let histograms = all
+            .iter()
+            .flat_map(|one| [one.recorder.late(), one.recorder.used()]);
+        let columns: Vec<Column> = histograms.flat_map(columns).collect();
+        let columns = || columns.iter();
+        Self {
+            period,
+            least: columns().map(|column| column.from).fold(period, f64::min),
+            longest: columns().map(|column| column.to).fold(period, f64::max),
+            most: columns().map(|column| column.count).fold(1.0, f64::max),
+        }
+    }
+}
+
 fn chart(
     area: &DrawingArea<SVGBackend<'_>, Shift>,
     title: &str,
-    rate: u32,
+    shown: &Shown,
     recorder: &Recorder,
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let period = 1e6 / f64::from(rate);
+    let &Shown {
+        period,
+        least,
+        longest,
+        most,
+    } = shown;
     let (late, used) = (columns(recorder.late()), columns(recorder.used()));
-    let shown = || late.iter().chain(&used);
-    let least = shown().map(|column| column.from).fold(period, f64::min);
-    let longest = shown().map(|column| column.to).fold(period, f64::max);
-    let most = shown().map(|column| column.count).fold(1.0, f64::max);
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 18))
         .margin(10)
-        .x_label_area_size(40)
-        .y_label_area_size(60)
+        .margin_right(RIGHT_MARGIN)
+        .x_label_area_size(50)
+        .y_label_area_size(80)
         .build_cartesian_2d(
             (least * 0.8..longest * 1.25).log_scale(),
             (0.7..most * HEADROOM).log_scale(),
         )?;
     chart
         .configure_mesh()
+        .label_style(AXIS_FONT)
+        .axis_desc_style(AXIS_FONT)
         .x_desc("time in us")
         .y_desc("cycles")
         .x_label_formatter(&|time| format!("{time}"))
@@ -98,7 +132,8 @@ fn chart(
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.8))
+        .label_font(AXIS_FONT)
+        .background_style(WHITE.filled())
         .border_style(BLACK.mix(0.3))
         .draw()?;
     Ok(())
@@ -111,7 +146,7 @@ struct Column {
     count: f64,
 }
 
-/// Those that have anything in them.
+/// Columns that are not empty.
 fn columns(histogram: &Histogram) -> Vec<Column> {
     let [least, most] = SHOWN;
     let count = ((most / least).log2() * COLUMNS) as u32;

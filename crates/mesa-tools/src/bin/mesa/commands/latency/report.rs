@@ -1,18 +1,18 @@
-//! What was measured, for people and for programs.
+//! Report of a measurement, as text and for programs.
 
 use std::fmt::{self, Display};
 use std::time::Duration;
 
 use mesa_hal::driver::Pace;
-use mesa_hal::runner::{Distribution, Histogram, Judgement};
+use mesa_hal::runner::{Distribution, Histogram, RateJudgement};
 use serde::Serialize;
 
 use super::measure::{Mark, Measured, Offline};
 use super::name;
 
-/// The rates that are judged, in Hz.
+/// Rates to judge, in Hz.
 const RATES: [u32; 3] = [1000, 2000, 4000];
-/// Where the rows of the histograms begin, in microseconds.
+/// Lower ends of the rows of the histograms, in microseconds.
 const ROWS: [u64; 19] = [
     0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000,
     200_000, 500_000,
@@ -20,23 +20,23 @@ const ROWS: [u64; 19] = [
 /// Characters of the longest bar.
 const WIDTH: f64 = 30.0;
 
-/// What was measured.
+/// Report of a measurement.
 #[derive(Debug, Serialize)]
 pub struct Report {
     board: String,
     rate_hz: u32,
     runs: Vec<Run>,
-    /// Socket options that shorten or steady the round trip.
+    /// Socket options that would shorten or steady the round trip, and were refused.
     socket_options_refused: Vec<&'static str>,
 }
 
-/// At one pace.
+/// Result at one pace.
 #[derive(Debug, Serialize)]
 struct Run {
     pace: &'static str,
     cycles: u64,
     failed_reads: u64,
-    /// At the host's pace those it has skipped, at the board's those without inputs.
+    /// Skipped periods at the host's pace, periods without inputs at the board's.
     missed_periods: u64,
     late_us: Option<Times>,
     round_trip_us: Option<Times>,
@@ -64,11 +64,11 @@ struct Times {
 #[derive(Debug, Serialize)]
 struct Judged {
     rate_hz: u32,
-    holds: Judgement,
+    holds: RateJudgement,
     reason: String,
 }
 
-/// Cycles with a time from here to where the next row begins.
+/// Cycles with a time from here up to the next row.
 #[derive(Debug, Serialize)]
 struct Row {
     from_us: u64,
@@ -148,7 +148,7 @@ impl Judged {
                           cycle: measure again while it runs";
             return Self {
                 rate_hz: rate,
-                holds: Judgement::No,
+                holds: RateJudgement::No,
                 reason: reason.to_owned(),
             };
         }
@@ -161,7 +161,7 @@ impl Judged {
     }
 }
 
-/// The rows from the first to the last that have anything in them.
+/// Rows from the first to the last that is not empty.
 fn rows(late: &Histogram, used: &Histogram) -> Vec<Row> {
     let edges = ROWS.map(Duration::from_micros);
     let counts = late.between(&edges).zip(used.between(&edges));
@@ -265,7 +265,7 @@ impl Run {
         let Some(most) = counts.max() else {
             return Ok(());
         };
-        // One cycle is to be seen beside a million: the bars are logarithms.
+        // Logarithmic bars, so that one cycle is visible beside a million.
         let height = |count: u64| (count as f64).ln_1p();
         let bar = |count: u64| "#".repeat((height(count) / height(most) * WIDTH).ceil() as usize);
         let width = WIDTH as usize + 10;

@@ -1,4 +1,4 @@
-//! `mesa list`: which boards are on the network.
+//! `mesa list`: search for boards on the network.
 
 mod range;
 mod why;
@@ -11,32 +11,32 @@ use clap::Args;
 use mesa_hal::ethernet::{AddressSource, Identity};
 use mesa_hal::lbp16;
 use mesa_hal::transport::network::Network;
-use mesa_hal::transport::search::{self, Asked};
+use mesa_hal::transport::search::{self, AddressResult};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
-use range::{MOST, Range};
+use range::{MAX_ADDRESSES, Range};
 use why::Why;
 
-/// How long an address may take to answer.
+/// Timeout of an answer from an address.
 const PATIENCE: Duration = Duration::from_millis(200);
 
 const AFTER_HELP: &str = "\
-It asks the two addresses that boards come with, 192.168.1.121 and 10.10.10.10, and those given:
-1 to 1024 addresses in all, 128 at a time, each for 200 ms. It writes nothing to a board: one that
-is running is not disturbed. Where none answers, it says why, and what to type on this computer.
+Asks the two factory addresses of boards, 192.168.1.121 and 10.10.10.10, and those given: 1 to 1024
+addresses in all, 128 at a time, each for 200 ms. Writes nothing to a board: one that is running is
+not disturbed. For addresses without a board, prints the reason and what to type on this computer.
 
-Exits with 0 if there is a board, with 1 if there is none.
+Exits with 0 if a board was found, with 1 if not.
 
 Example:
   mesa list 10.10.10.0/24 192.168.1.100-192.168.1.130";
 
-/// Which boards are on the network
+/// Find the boards on the network
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct List {
-    /// More addresses: one, a network, or from one to another
+    /// Further addresses: one, a network, or a range
     #[arg(value_name = "IP|IP/BITS|IP-IP")]
     ranges: Vec<Range>,
     /// UDP port of the boards, 1 to 65535
@@ -44,7 +44,7 @@ pub struct List {
     port: u16,
 }
 
-/// What was found.
+/// Result of the search.
 #[derive(Debug, Serialize)]
 struct Boards {
     boards: Vec<Board>,
@@ -59,7 +59,7 @@ struct Board {
     identity: Identity,
 }
 
-/// Addresses where none does, for the same reason.
+/// Addresses without a board, for the same reason.
 #[derive(Debug, Serialize)]
 struct Silent {
     addresses: Vec<Ipv4Addr>,
@@ -75,7 +75,7 @@ impl List {
             boards: Vec::new(),
             silent: Vec::new(),
         };
-        for batch in addresses.chunks(search::AT_ONCE) {
+        for batch in addresses.chunks(search::MAX_PARALLEL) {
             if context.stop.signal().is_some() {
                 complain("mesa: ended by a signal; not all addresses were asked");
                 break;
@@ -91,13 +91,13 @@ impl List {
         })
     }
 
-    /// Those that boards come with, then those that were given, each once.
+    /// Factory addresses, then the given ones, each once.
     fn addresses(&self) -> Result<Vec<SocketAddrV4>, Failure> {
         let factory = [AddressSource::FIXED, AddressSource::FACTORY_EEPROM].map(Range::from);
         let given: u32 = self.ranges.iter().map(|range| range.count()).sum();
-        if given > MOST {
+        if given > MAX_ADDRESSES {
             return Err(Failure::usage(format_args!(
-                "these are {given} addresses; at most {MOST} are asked"
+                "these are {given} addresses; at most {MAX_ADDRESSES} are asked"
             )));
         }
         let mut addresses: Vec<SocketAddrV4> = Vec::new();
@@ -116,14 +116,14 @@ impl List {
 }
 
 impl Boards {
-    fn add(&mut self, asked: Asked, network: &Network) {
+    fn add(&mut self, asked: AddressResult, network: &Network) {
         let address = *asked.address.ip();
         let silence = match asked.found {
             Ok(identity) => return self.boards.push(Board { address, identity }),
             Err(silence) => silence,
         };
         let Why { reason, advice } = why::of(network, address, silence);
-        // The factory addresses have advice of their own.
+        // Addresses with the same reason are kept apart if their advice differs.
         let mut known = self.silent.iter_mut();
         match known.find(|silent| (&silent.reason, &silent.advice) == (&reason, &advice)) {
             Some(silent) => silent.addresses.push(address),
@@ -161,7 +161,7 @@ impl Display for Boards {
     }
 }
 
-/// Addresses, those that follow each other as a range.
+/// Formats addresses; consecutive ones as a range.
 fn list(addresses: &[Ipv4Addr]) -> String {
     let mut ranges: Vec<(Ipv4Addr, Ipv4Addr)> = Vec::new();
     for &address in addresses {

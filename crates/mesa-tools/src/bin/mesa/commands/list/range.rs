@@ -1,12 +1,12 @@
-//! IPv4 addresses as a person gives them: one, a network, or from one to another.
+//! IPv4 addresses on the command line: one, a network, or a range.
 
 use std::net::Ipv4Addr;
 use std::str::FromStr;
 
-/// The most addresses that are asked.
-pub const MOST: u32 = 1024;
+/// Maximum number of addresses in a search.
+pub const MAX_ADDRESSES: u32 = 1024;
 
-/// Addresses that follow each other.
+/// Consecutive addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Range {
     first: u32,
@@ -14,12 +14,12 @@ pub struct Range {
 }
 
 impl Range {
-    /// How many there are.
+    /// Number of addresses.
     pub fn count(self) -> u32 {
         self.last - self.first + 1
     }
 
-    /// Each of them.
+    /// All addresses of the range.
     pub fn addresses(self) -> impl Iterator<Item = Ipv4Addr> {
         (self.first..=self.last).map(Ipv4Addr::from_bits)
     }
@@ -51,16 +51,17 @@ impl FromStr for Range {
             ip(text)?.into()
         };
         match range.last - range.first {
-            0..MOST => Ok(range),
+            0..MAX_ADDRESSES => Ok(range),
             more => Err(format!(
-                "`{text}` has {} addresses; at most {MOST} are asked",
+                "`{text}` has {} addresses; at most {MAX_ADDRESSES} are asked",
                 u64::from(more) + 1
             )),
         }
     }
 }
 
-/// The hosts of a network: all of its addresses but its own and that of everybody.
+/// Hosts of a network: all of its addresses except its own and the broadcast address. With 31 or 32
+/// bits, all of its addresses.
 fn of_network(address: Ipv4Addr, bits: u32) -> Range {
     let hosts = u32::MAX.checked_shr(bits).unwrap_or(0);
     let (first, last) = (address.to_bits() & !hosts, address.to_bits() | hosts);

@@ -1,23 +1,23 @@
-//! Why no board answers at an address, and what to type on this computer.
+//! Reasons why no board answers at an address, and commands for this computer.
 
 use std::net::Ipv4Addr;
 
-use mesa_hal::transport::network::{Interface, Network, Way};
+use mesa_hal::transport::network::{Interface, Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
 use mesa_hal::transport::udp::BLOCKED;
 
-/// A reason, and what to do.
+/// A reason with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Why {
     pub reason: String,
-    /// Commands for a shell of this computer, or what to look at.
+    /// Shell commands for this computer, or things to check.
     pub advice: String,
 }
 
-/// Why none answers there.
+/// Determines why no board answers at an address.
 pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     match (silence, network.way_to(address)) {
-        (_, Way::Here) if !address.is_loopback() => Why {
+        (_, NetworkPath::Here) if !address.is_loopback() => Why {
             reason: "this computer itself has this address, and sends nothing to a board"
                 .to_owned(),
             advice: format!(
@@ -26,7 +26,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
                 host_beside(address)
             ),
         },
-        (_, Way::Discarded(route)) => Why {
+        (_, NetworkPath::Discarded(route)) => Why {
             reason: format!("a route of this computer discards what is sent to {route}"),
             advice: format!("sudo ip route del {route}"),
         },
@@ -34,22 +34,23 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             reason: silence.to_string(),
             advice: BLOCKED.to_owned(),
         },
-        (Silence::Nothing | Silence::Refused, Way::Here) => Why {
+        (Silence::Nothing | Silence::Refused, NetworkPath::Here) => Why {
             reason: "no simulated board listens there on this computer".to_owned(),
             advice: format!("mesa sim --board 7i97 --listen {address}"),
         },
-        (Silence::Refused | Silence::Foreign, Way::Direct(_) | Way::Here) => Why {
+        (Silence::Refused | Silence::Foreign, NetworkPath::Direct(_) | NetworkPath::Here) => Why {
             reason: silence.to_string(),
-            advice: "another device has this address: give one of the two another".to_owned(),
+            advice: "another device has this address: change the address of one of the two"
+                .to_owned(),
         },
-        (_, Way::Here) => Why {
+        (_, NetworkPath::Here) => Why {
             reason: silence.to_string(),
             advice: "choose another address of 127.0.0.0/8".to_owned(),
         },
-        (_, Way::Direct(route)) => {
+        (_, NetworkPath::Direct(route)) => {
             in_network(&route.interface, network.interface(&route.interface))
         }
-        (_, Way::Gateway(route)) => {
+        (_, NetworkPath::Gateway(route)) => {
             let (gateway, interface) = (route.gateway, &route.interface);
             let reason = format!(
                 "no interface is in its network: packets leave by {interface} through the gateway \
@@ -57,11 +58,11 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             );
             other_network(network, address, &reason)
         }
-        (_, Way::None) => other_network(network, address, "no interface is in its network"),
+        (_, NetworkPath::None) => other_network(network, address, "no interface is in its network"),
     }
 }
 
-/// The interface is in the network of the board. What else is known of it may be hidden, as in a
+/// Reason if the interface is in the network of the board. Its state may be hidden, as in a
 /// container.
 fn in_network(name: &str, interface: Option<&Interface>) -> Why {
     if interface.is_some_and(|interface| !interface.is_up) {
@@ -84,7 +85,7 @@ fn in_network(name: &str, interface: Option<&Interface>) -> Why {
     }
 }
 
-/// No interface is in the network of the board: which one to put there.
+/// Reason if no interface is in the network of the board, with the interface that should be.
 fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
     let Some(interface) = network.likely() else {
         return Why {
@@ -112,7 +113,7 @@ fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
     }
 }
 
-/// An address for this computer beside a board's: the first of its network that is not the board's.
+/// Address for this computer beside a board: the first of the /24 network that is not the board's.
 fn host_beside(board: Ipv4Addr) -> Ipv4Addr {
     let [a, b, c, d] = board.octets();
     Ipv4Addr::new(a, b, c, if d == 1 { 2 } else { 1 })
@@ -241,7 +242,7 @@ mod tests {
         let why = of(&network, BOARD, Silence::Refused);
         assert!(why.reason.contains("nobody listens"), "{why:?}");
         assert!(why.advice.contains("another device"), "{why:?}");
-        // A gateway refuses for others.
+        // A gateway refuses on behalf of others.
         let through = Network {
             routes: vec![route("eth1", [0; 4], 0, [192, 0, 2, 1])],
             ..network

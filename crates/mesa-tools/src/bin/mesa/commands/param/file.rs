@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use mesa_hal::hal::AnyValue;
-use mesa_tools::setup::{Match, SavedCabinet, SavedValue};
+use mesa_tools::setup::{RemoteMatch, SavedCabinet, SavedValue};
 use serde::Serialize;
 
 use super::{Where, warning};
@@ -14,14 +14,14 @@ use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
 
-/// More than any cabinet has.
-const MOST_BYTES: u64 = 4 << 20;
+/// Limit for the size of a file: more than any cabinet needs.
+const MAX_BYTES: u64 = 4 << 20;
 
-/// Saves what all remotes keep in non-volatile memory
+/// Save the non-volatile parameters of all remotes to a file
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param save cabinet.toml --addr 10.10.10.10")]
 pub struct Save {
-    /// The file: TOML if its name ends so, else JSON
+    /// File to write: TOML if its name ends in .toml, else JSON
     file: PathBuf,
     #[command(flatten)]
     asks: Asks,
@@ -29,16 +29,18 @@ pub struct Save {
     at: Where,
 }
 
-/// Puts back what a file has: refuses one for other cards, writes what differs, reads it back
+/// Restore the parameters of a file that differ, and read them back
+///
+/// A file for other cards is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param restore cabinet.toml --dry-run --addr 10.10.10.10")]
 pub struct Restore {
-    /// A file of `mesa param save`
+    /// File of `mesa param save`
     file: PathBuf,
-    /// Say what differs, and write nothing
+    /// Print the differences, and write nothing
     #[arg(long)]
     dry_run: bool,
-    /// Find the remotes of the file by name and place, not by unit number: for a card that was
+    /// Match the remotes of the file by name and place, not by unit number: for a card that was
     /// replaced by another of its kind
     #[arg(long)]
     by_place: bool,
@@ -114,9 +116,9 @@ impl Restore {
         })?;
         let mut cabinet = self.at.cabinet.open()?;
         let by = if self.by_place {
-            Match::Place
+            RemoteMatch::Place
         } else {
-            Match::UnitNumber
+            RemoteMatch::UnitNumber
         };
         let found = saved.compare(&mut cabinet, by);
         let found = found.map_err(|error| {
@@ -176,9 +178,9 @@ impl Restore {
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
         let path = &self.file;
-        let bytes = files::bounded(path, MOST_BYTES)?;
+        let bytes = files::bounded(path, MAX_BYTES)?;
         let text = str::from_utf8(&bytes)?;
-        // As editors of other systems save it.
+        // Byte order mark, as some editors write it.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         Ok(if is_toml(path) {
             toml::from_str(text)?

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{Where, go_on};
 use crate::context::{Context, Ending, Failure};
 
-/// All parameters of all remotes
+/// List all parameters of all remotes
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param list --sim 7i92-7i77")]
 pub struct List {
@@ -19,7 +19,7 @@ pub struct List {
     at: Where,
 }
 
-/// Every remote with its parameters.
+/// All remotes with their parameters.
 #[derive(Debug, Serialize)]
 struct Remotes {
     remotes: Vec<OneRemote>,
@@ -33,15 +33,15 @@ struct OneRemote {
     parameters: Vec<Shown>,
 }
 
-/// A parameter as it is shown.
+/// A parameter in the output.
 #[derive(Debug, Serialize)]
 pub struct Shown {
     pub name: String,
-    /// As LinuxCNC has it: without its scale.
+    /// Value as in LinuxCNC: without the scale.
     pub value: SavedValue,
     pub hex: String,
     bits: u8,
-    /// In its unit, where it has a scale.
+    /// Value in its unit, if the record has a scale.
     scaled: Option<f64>,
     unit: String,
     min: Option<f64>,
@@ -51,14 +51,14 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// A parameter with these bits.
+    /// Converts a record and its raw value.
     pub fn new(record: &DataRecord, raw: u64) -> Self {
         let digits = usize::from(record.bits.div_ceil(4)) + 2;
         let (min, max) = (f64::from(record.min), f64::from(record.max));
         let is_limited = min < max;
         let has_scale = matches!(record.data_type, DataType::Unsigned | DataType::Signed);
         let scaling = Some(Scaling::of(record)).filter(|s| has_scale && !s.is_whole());
-        // As a record has it, in 32 bits, the largest number may be rounded up.
+        // The maximum of a record, a 32-bit float, may be rounded up.
         let largest = record.whole_numbers().filter(|_| scaling.is_none());
         let max = largest.map_or(max, |numbers| max.min(*numbers.end() as f64));
         Self {

@@ -1,4 +1,4 @@
-//! `mesa param`: what remotes keep, read and written by name, and saved for a whole cabinet.
+//! `mesa param`: parameters of remotes, read and written by name, and saved for a whole cabinet.
 
 mod file;
 mod list;
@@ -16,14 +16,14 @@ use crate::cabinet::{CabinetTarget, OpenCabinet};
 use crate::context::{Context, Ending, Failure};
 
 const AFTER_HELP: &str = "\
-A board stops its serial ports and turns all pins into inputs for it: not for a machine that is
-running. A board that another program drives is left alone. With --serial the remote is the one
-card on that port, with its jumper in the setup position (7I77: W12 for field I/O, W4 for analog,
-to the right; 7I72: W6 down), at 115200 baud.
+A board stops its serial ports and turns all pins into inputs: do not use this on a running machine.
+A board that another program drives is left alone. With --serial the remote is the one card on that
+port, with its jumper in the setup position (7I77: W12 for field I/O, W4 for analog, to the right;
+7I72: W6 down), at 115200 baud.
 
-NAME is as the remote spells it, or in lower case; with PORT.CHANNEL in front of it where several
-remotes have a parameter of that name. Values are those of LinuxCNC: whole numbers without the
-scale of the record.
+NAME is spelled as by the remote, or in lower case; with PORT.CHANNEL in front if several remotes
+have a parameter of that name. Values are those of LinuxCNC: whole numbers without the scale of the
+record.
 
 Examples:
   mesa param list --sim 7i92-7i77
@@ -32,7 +32,7 @@ Examples:
   mesa param save cabinet.toml --addr 10.10.10.10
   mesa param restore cabinet.toml --dry-run --addr 10.10.10.10";
 
-/// Parameters that remotes keep
+/// Read, write, save and restore the parameters of remotes
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Param {
@@ -61,13 +61,14 @@ impl Param {
     }
 }
 
-/// What a person may not expect of a value of a parameter; empty if nothing.
+/// Warning about an unexpected effect of a parameter's value; empty if it has no such effect.
 fn warning(name: &str, value: u64) -> String {
     if name.eq_ignore_ascii_case("nvbaudrate") {
         ". At another baud rate an FPGA reaches it only in setup mode, or not at all".to_owned()
     } else if name.eq_ignore_ascii_case("nvunitnumber") {
-        ". It is known by this number: what has the old one, as a backup, does not find it any more, \
-         and another first byte makes it another part of the card, without terminals and safe values"
+        ". The unit number identifies the remote: a backup with the old number does not match it any \
+         more, and another first byte makes it another part of the card, without terminals and safe \
+         values"
             .to_owned()
     } else if !name.eq_ignore_ascii_case("nvwatchdogtimeout") {
         String::new()
@@ -96,7 +97,7 @@ struct Named {
     record: DataRecord,
 }
 
-/// Finds the one parameter that `[PORT.CHANNEL.]NAME` is.
+/// Finds the only parameter that matches `[PORT.CHANNEL.]NAME`.
 fn named(cabinet: &OpenCabinet, text: &str) -> Result<Named, Failure> {
     let (place, name) = split(text);
     let mut found = Vec::new();
@@ -141,7 +142,7 @@ fn split(text: &str) -> (Option<RemotePlace>, &str) {
     with_place().unwrap_or((None, text))
 }
 
-/// The target of every action.
+/// Target of every action.
 #[derive(Debug, Args)]
 struct Where {
     #[command(flatten)]

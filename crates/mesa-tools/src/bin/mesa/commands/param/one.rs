@@ -13,26 +13,25 @@ use super::{Named, Where, go_on, named, warning};
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 
-/// One parameter
+/// Read one parameter
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param get 0.0.NVWatchDogTimeout --sim 7i92-7i77")]
 pub struct Get {
-    /// Which, with PORT.CHANNEL in front where several remotes have it
+    /// Name of the parameter, with PORT.CHANNEL in front if several remotes have it
     #[arg(value_name = "[PORT.CHANNEL.]NAME")]
     name: String,
     #[command(flatten)]
     at: Where,
 }
 
-/// Writes one parameter, and reads it back
+/// Write one parameter and read it back
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa param set NVWatchDogTimeout 100 --serial /dev/ttyUSB0")]
 pub struct Set {
-    /// Which, with PORT.CHANNEL in front where several remotes have it
+    /// Name of the parameter, with PORT.CHANNEL in front if several remotes have it
     #[arg(value_name = "[PORT.CHANNEL.]NAME")]
     name: String,
-    /// What it becomes: decimal, hexadecimal after 0x, or real; in the range that `mesa param list`
-    /// shows
+    /// New value: decimal, hexadecimal after 0x, or real; in the range that `mesa param list` shows
     #[arg(value_parser = parse, allow_negative_numbers = true)]
     value: AnyValue,
     #[command(flatten)]
@@ -45,14 +44,14 @@ fn parse(text: &str) -> Result<AnyValue, String> {
     parse_value(text).map_err(|text| format!("`{text}` is no number such as 100, 0x64 or 1.5"))
 }
 
-/// A parameter, and what it was.
+/// A parameter and its previous value.
 #[derive(Debug, Serialize)]
 struct One {
     place: String,
     card: String,
     unit_number: u32,
     parameter: Shown,
-    /// What it was before it was set.
+    /// Value before it was set.
     #[serde(skip_serializing_if = "Option::is_none")]
     before: Option<SavedValue>,
 }

@@ -1,4 +1,4 @@
-//! `mesa scope`: records cycles around a trigger.
+//! `mesa scope`: recording of cycles around a trigger.
 
 mod plot;
 
@@ -20,56 +20,56 @@ use crate::context::{Context, Ending, Failure};
 use crate::target::Target;
 use crate::{files, running};
 
-/// How long a reply is waited for: a cycle that is late is better than none.
+/// Timeout of a reply: a late cycle is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);
 
 const AFTER_HELP: &str = "\
-It drives nothing: all outputs are off. A board that another program drives is left alone.
-PIN is a name, or its end if no other has that. The file has a line for each cycle: seconds and
-cycles since the trigger, then the values; one that was not valid is empty. Files are whole, or
-not there.
+Drives nothing: all outputs are off. A board that another program drives is left alone. PIN is a
+name, or its end if no other name has that end. The CSV file has a line for each cycle: seconds and
+cycles since the trigger, then the values; a value that was not valid is empty. Files are written as
+a whole or not at all.
 
 Example:
   mesa scope encoder.00.position encoder.00.velocity --trigger 7i77.0.0.input-02 \\
     --cycles 2000 --before 500 --csv home.csv --plot home.svg --addr 10.10.10.10";
 
-/// Records pins in some cycles around a trigger
+/// Record pins in the cycles around a trigger
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Scope {
     #[command(flatten)]
     target: Target,
-    /// What to record: 1 to 16 pins or parameters
+    /// Pins or parameters to record, 1 to 16
     #[arg(value_name = "PIN", required = true, num_args = 1..=16)]
     pins: Vec<String>,
-    /// The pin that starts it when it crosses a level; a bit is 0 or 1
+    /// Pin that triggers when it crosses the level; a bit is 0 or 1
     #[arg(long, value_name = "PIN")]
     trigger: String,
-    /// The level, any number
+    /// Level of the trigger, any number
     #[arg(long, default_value_t = 0.5, allow_negative_numbers = true, value_parser = finite)]
     level: f64,
-    /// In which direction it is crossed
+    /// Direction in which the level is crossed
     #[arg(long, value_enum, default_value_t = Direction::Rising)]
     edge: Direction,
-    /// How many cycles to record, those before the trigger included: 2 to 100000
+    /// Number of cycles to record, including those before the trigger: 2 to 100000
     #[arg(long, value_name = "N", default_value_t = 1000,
         value_parser = clap::value_parser!(u32).range(2..=100_000))]
     cycles: u32,
-    /// How many of them are before the trigger: 0 to one less than --cycles
+    /// Number of cycles before the trigger: 0 to one less than --cycles
     #[arg(long, value_name = "N", default_value_t = 100)]
     before: u32,
-    /// Microseconds from cycle to cycle, 250 to 10000
+    /// Period of the cycle, in microseconds, 250 to 10000
     #[arg(long, value_name = "US", default_value_t = 1000,
         value_parser = clap::value_parser!(u32).range(250..=10_000))]
     period: u32,
-    /// Give up when the trigger has not come after so many seconds, 1 to 3600
+    /// Time to wait for the trigger, in seconds, 1 to 3600
     #[arg(long, value_name = "S", default_value_t = 60,
         value_parser = clap::value_parser!(u32).range(1..=3600))]
     timeout: u32,
-    /// Where the values go
+    /// File for the values
     #[arg(long, value_name = "FILE")]
     csv: PathBuf,
-    /// Where a picture of them goes
+    /// File for a picture of the values
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -82,7 +82,7 @@ enum Direction {
     Falling,
 }
 
-/// What was recorded.
+/// Summary of a recording.
 #[derive(Debug, Serialize)]
 struct Report {
     pins: Vec<String>,
@@ -181,13 +181,13 @@ impl Scope {
 }
 
 impl Scope {
-    /// Looks at what will be written before anything is waited for.
+    /// Checks the files to write before the trigger is awaited.
     fn check_files(&self, context: &Context) -> Result<(), Failure> {
         if let Some(plot) = &self.plot
             && files::is_same(plot, &self.csv)
         {
             return Err(Failure::usage(format_args!(
-                "{}: values and picture need a file each",
+                "{}: the values and the picture need a file each",
                 self.csv.display()
             )));
         }
@@ -195,7 +195,7 @@ impl Scope {
         files.try_for_each(|file| self.asks.replaces(context, file))
     }
 
-    /// Refuses a level that the trigger never crosses.
+    /// Refuses a level that a bit never crosses.
     fn check_level(&self, info: &PinInfo) -> Result<(), Failure> {
         let is_crossed = match self.edge {
             Direction::Rising => self.level > 0.0 && self.level <= 1.0,
@@ -225,7 +225,7 @@ impl Direction {
 /// Seconds and cycles since the trigger, and the values, as CSV.
 fn table(infos: &[PinInfo], scope: &Recorder) -> String {
     let names: Vec<&str> = infos.iter().map(|info| &*info.name).collect();
-    // A name may hold a comma, though it can not hold a quote.
+    // A name may contain a comma, but cannot contain a quote.
     let names = names.iter().map(|name| format!("\"{name}\""));
     let mut text = format!("time_s,cycle,{}\n", names.collect::<Vec<_>>().join(","));
     for (seconds, row) in times(scope).zip(scope.rows()) {
@@ -241,7 +241,7 @@ fn table(infos: &[PinInfo], scope: &Recorder) -> String {
     text
 }
 
-/// Seconds since the trigger, cycle by cycle.
+/// Seconds since the trigger, for each cycle.
 fn times(scope: &Recorder) -> impl Iterator<Item = f64> + '_ {
     let trigger = scope.rows().find(|row| row.offset == 0);
     let trigger = trigger.map_or(0, |row| row.time.as_nanos() as i64);

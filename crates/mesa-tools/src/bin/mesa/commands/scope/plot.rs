@@ -9,7 +9,7 @@ use crate::context::Failure;
 
 const WIDTH: u32 = 1000;
 const PANEL: u32 = 160;
-/// More than the picture has columns tell nothing more.
+/// Maximum number of points in a panel; more points than the picture has columns show nothing more.
 const POINTS: usize = 10_000;
 
 pub fn draw(infos: &[PinInfo], scope: &Scope) -> Result<String, Failure> {

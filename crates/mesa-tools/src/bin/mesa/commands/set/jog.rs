@@ -16,18 +16,18 @@ use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
 
-/// How long everything may take until it runs, of a machine that was started just now.
+/// Time within which a machine that was just started must run.
 pub const PATIENCE: Duration = Duration::from_secs(5);
-/// How long inputs are looked at before, with everything off, and afterwards.
+/// Time for which inputs are observed before and after the jog, with everything off.
 const REST: Duration = Duration::from_millis(200);
-/// How long inputs may take until they are valid; those that are not then are not told about.
+/// Time within which inputs must become valid; those that do not are not reported.
 const SETTLE: Duration = Duration::from_secs(1);
-/// Reads in a row that show another level than the one that is driven.
+/// Consecutive reads of a level other than the driven one after which the jog fails.
 const CONTRADICTIONS: u32 = 3;
 
 /// An output that is set for a time.
 pub struct Jog {
-    /// What is set, first to last: what has to be on for the output to reach its terminal, and the
+    /// Pins to set, in order: those that must be on for the output to reach its terminal, then the
     /// output itself.
     steps: Vec<Step>,
     time: Duration,
@@ -37,9 +37,9 @@ pub struct Jog {
     phase: Phase,
     begun: Option<Instant>,
     told: Vec<Told>,
-    /// The output was set, and what it was set to may have got out.
+    /// True once the output was set: its value may have been sent.
     was_sent: bool,
-    /// The output was seen to have what it was set to.
+    /// True once the output was confirmed to have its value.
     was_set: bool,
     failure: Option<String>,
 }
@@ -52,7 +52,7 @@ struct Step {
     safe: AnyValue,
 }
 
-/// What shows the level of the output at its terminal.
+/// Input that shows the level of the output at its terminal.
 #[derive(Clone, Copy, Debug)]
 struct Level {
     pin: PinId,
@@ -62,17 +62,17 @@ struct Level {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Until the groups run.
+    /// Before the groups run.
     Start,
     Before(Instant),
-    /// The output is set, and not enabled.
+    /// The output is set, but not enabled.
     Ready,
     Set(Instant),
     After(Instant),
     Done,
 }
 
-/// An input, and what it showed at the end of each phase; `None` while it is not valid.
+/// An input with its value at the end of each phase; `None` while it is not valid.
 struct Told {
     pin: PinId,
     before: Option<AnyValue>,
@@ -81,8 +81,9 @@ struct Told {
 }
 
 impl Jog {
-    /// Sets the output and what it is [enabled](Pins::enables) by: whoever calls it has consent for
-    /// those as well. It is on for `time`, and not at all if it can not be set within `patience`.
+    /// Prepares to set the output and the pins that [enable](Pins::enables) it; the caller has
+    /// consent for those as well. The output is on for `time`, or not at all if it cannot be set
+    /// within `patience`.
     pub fn new(
         driver: &Driver<Bus>,
         (pin, value, safe): (PinId, AnyValue, AnyValue),
@@ -121,7 +122,7 @@ impl Jog {
         }
     }
 
-    /// Runs it to its end, with everything safe then.
+    /// Runs the jog to its end, and makes everything safe.
     pub fn run(
         mut self,
         driver: Driver<Bus>,
@@ -148,7 +149,7 @@ impl Jog {
         complain(format_args!(
             "mesa: all {other}outputs are off, and the ports are stopped"
         ));
-        // What it was told to do may have failed because of somebody else.
+        // The failure may have been caused by another program that drives the board.
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
@@ -198,7 +199,7 @@ impl Jog {
         ))
     }
 
-    /// Its share of a cycle; it breaks when it is over, with the pin safe.
+    /// Runs the jog's part of a cycle. Breaks when the jog is over, with the pin safe.
     pub fn step(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
         match self.cycle(cycle) {
             ControlFlow::Continue(()) => ControlFlow::Continue(()),
@@ -207,19 +208,20 @@ impl Jog {
     }
 
     fn end(&self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
-        // A parameter, such as the direction of an I/O pin, would hold for the last words as well.
+        // Parameters are included: one such as the direction of an I/O pin would otherwise apply to
+        // the last writes as well.
         for step in &self.steps {
             let _ = cycle.pins_mut().set_any(step.pin, step.safe);
         }
         ControlFlow::Break(())
     }
 
-    /// Whether it was seen to have what it was set to.
+    /// True once the output was confirmed to have its value.
     pub const fn is_confirmed(&self) -> bool {
         self.was_set
     }
 
-    /// Why it was over before its time.
+    /// Reason for an end before the time.
     pub fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
@@ -240,7 +242,8 @@ impl Jog {
         let is_over = |since: Instant, time| now.since(since) >= time;
         match self.phase {
             Phase::Start => {
-                // Everything is off: what has shown that its watchdog bites may be driven again.
+                // All outputs are off: groups that the proof of the watchdogs disarmed may be
+                // driven again.
                 cycle.pins_mut().rearm_all();
                 let reason = self.reason(cycle.driver);
                 self.look(cycle.pins(), |told| &mut told.before);
@@ -255,7 +258,8 @@ impl Jog {
             Phase::Before(since) => {
                 self.look(cycle.pins(), |told| &mut told.before);
                 if is_over(since, REST) {
-                    // It has its value before it is enabled, so that no other one gets out.
+                    // The value comes before the enable, so that no other value reaches the
+                    // terminal.
                     self.phase = Phase::Ready;
                     self.was_sent = true;
                     let output = self.steps.len().saturating_sub(1);
@@ -301,8 +305,9 @@ impl Jog {
         ControlFlow::Continue(())
     }
 
-    /// Whether the output has what it was set to so long ago, as far as anything tells: a transfer
-    /// that was begun since has succeeded, and the level at the terminal is that, where it is read.
+    /// Checks that the output has had its value for `set`, as far as it can be read back: a
+    /// transfer begun since then has succeeded, and the level at the terminal agrees, if it is
+    /// read.
     fn verify(&mut self, pins: &Pins, set: Duration) -> ControlFlow<()> {
         let states = self.groups.iter().map(|&group| pins.group_state(group));
         let mut states = states.map(|state| state.filter(|state| state.valid));
@@ -330,12 +335,12 @@ impl Jog {
         ControlFlow::Continue(())
     }
 
-    /// Why the pin can not be driven, or is not any more.
+    /// Reason why the pin cannot be driven, or is not driven any more.
     fn reason(&self, driver: &Driver<Bus>) -> Option<String> {
         let group = self.groups.iter().copied().find(|&group| {
             let state = driver.pins().group_state(group);
             let is_disarmed = state.is_none_or(|state| !state.armed);
-            // Single transfers may fail.
+            // Single transfers may fail once the groups have run.
             is_disarmed || self.phase == Phase::Start && state.is_none_or(|state| !state.valid)
         })?;
         let remotes = driver.ports().iter().flat_map(|port| {
@@ -368,12 +373,13 @@ impl Jog {
 
 impl Told {
     fn has_changed(&self) -> bool {
-        // What was not valid before, or is not any more, tells nothing of the output.
+        // An input that was not valid before, or is not valid any more, shows nothing about the
+        // output.
         self.before.is_some() && self.during.is_some() && self.before != self.during
     }
 }
 
-/// The input that shows the level of an I/O pin which is driven low and high.
+/// Finds the input that shows the level of an I/O pin which is driven low and high.
 fn level(driver: &Driver<Bus>, output: &Step) -> Option<Level> {
     let pins = driver.pins();
     let all = driver.modules::<Gpio>().flat_map(Gpio::pins);

@@ -1,4 +1,4 @@
-//! `mesa set`: jogs one output.
+//! `mesa set`: jog of one output.
 
 pub mod jog;
 mod report;
@@ -20,56 +20,56 @@ use crate::running;
 use crate::simulated::Passage;
 use crate::target::Target;
 
-/// Long, because nothing here is fast, and the thread is any thread. It feeds remotes, whose watchdogs
-/// have 50 ms.
+/// Long, because nothing here is fast and the thread has no priority. Short enough to feed remotes,
+/// whose watchdogs have 50 ms.
 const PERIOD: Duration = Duration::from_millis(8);
-/// How long a reply is waited for.
+/// Timeout of a reply.
 const DEADLINE: Duration = Duration::from_millis(20);
-/// A program that stands still for so long has no outputs any more.
+/// Time of the board's watchdog: a program that stalls for longer loses its outputs.
 const WATCHDOG: Duration = Duration::from_millis(100);
 
 const AFTER_HELP: &str = "\
-PIN is a name, or its end if no other has that: 7i77.0.0.output-03. All other outputs are off
-meanwhile. It is safe again after the time, after SIGINT (Ctrl-C) and SIGTERM, and if anything
-fails: then the exit code is 1, and the reason is printed. A board that another program drives is
-left alone.
+PIN is a name, or its end if no other name has that end: 7i77.0.0.output-03. All other outputs are
+off meanwhile. The output is made safe again after the time, after SIGINT (Ctrl-C) and SIGTERM, and
+after any failure: then the exit code is 1, and the reason is printed. A board that another program
+drives is left alone.
 
-A drive moves with a voltage on its input and its enable: --analog lets an analog output be set,
---drive-enable a drive enable. An analog output has 0 V unless it is enabled, so it needs both, and
-is enabled for the time; so is every drive with the same enable, at 0 V: the question names them.
+A drive moves with a voltage on its input and its enable: --analog allows an analog output to be
+set, --drive-enable a drive enable. An analog output has 0 V unless it is enabled, so it needs both
+flags and is enabled for the time. So is every drive with the same enable, at 0 V: the question
+names them.
 
 An I/O pin is made an output for the time; nothing else may drive it.
 
-Before it drives an output of a remote, the remote gets no data until its own watchdog bites, with
-everything off: what it keeps as NVWatchDogTimeout is not what it uses until it was switched off and
-on.
+Before an output of a remote is driven, the remote gets no data until its own watchdog bites, with
+everything off, because a remote uses a new NVWatchDogTimeout only after it was switched off and on.
 
-What was set is read back where anything tells: if it was never so, that is said, and the exit code
-is 1. A remote that can not be reached at the end is named: its own watchdog switches its outputs
+The output is read back if possible: if it never had its value, this is reported, and the exit code
+is 1. A remote that cannot be reached at the end is named: its own watchdog switches its outputs
 off.
 
 Examples:
   mesa set 7i77.0.0.output-03 on --for 2s --addr 10.10.10.10
   mesa set 7i77.0.1.analogout0 0.5 --for 1s --analog --drive-enable --sim 7i92-7i77 --yes";
 
-/// Sets one output for a time, and makes it safe again
+/// Set one output for a time, then make it safe again
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Set {
     #[command(flatten)]
     target: Target,
-    /// The output; parameters and inversions are not set
+    /// Output to set; parameters and inversions are refused
     pin: String,
-    /// What to set it to: on or off, or a number within its range
+    /// Value to set: on or off, or a number within the range of the output
     #[arg(allow_negative_numbers = true)]
     value: String,
-    /// For how long: 0.1 s to 60 s, as 2s, 1.5s or 500ms
+    /// Time for which the output is set: 0.1 s to 60 s, as 2s, 1.5s or 500ms
     #[arg(long = "for", value_name = "TIME", value_parser = parse_time)]
     time: Duration,
-    /// Let an analog output be set
+    /// Allow an analog output to be set
     #[arg(long)]
     analog: bool,
-    /// Let a drive be enabled
+    /// Allow a drive to be enabled
     #[arg(long)]
     drive_enable: bool,
     #[command(flatten)]
@@ -82,9 +82,9 @@ impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?.pass_time(Passage::Paced);
         let settings = found.with_patience(settings());
-        let mut board = Board::identify(found.open_with(unhurried())?, settings)?;
-        // Everything is off, and no remote runs before the consent.
-        board.discover()?;
+        let board = Board::identify(found.open_with(unhurried())?, settings)?;
+        // All outputs are off, and no remote runs before the consent.
+        let board = board.discover()?;
         let pins = board.pins();
         let pin = named::find(pins, board.missing(), &self.pin)?;
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
@@ -118,7 +118,8 @@ impl Set {
         }
     }
 
-    /// What moves a machine has to be asked for by its name, and reach its terminal.
+    /// Checks that an output that may move a machine was allowed by its flag, and reaches its
+    /// terminal.
     fn allow(&self, info: &PinInfo, enables: &[&PinInfo]) -> Result<(), Failure> {
         let name = &info.name;
         let refuse = |what: String| Err(Failure::usage(format_args!("{name} {what}")));
@@ -129,13 +130,16 @@ impl Set {
         };
         let what = match hazard(info) {
             Hazard::Watchdog => {
-                return refuse("is what makes the board safe; it is not set by hand".to_owned());
+                return refuse(
+                    "belongs to the watchdog that makes the board safe; it is not set by hand"
+                        .to_owned(),
+                );
             }
             Hazard::Making => {
                 return refuse(
-                    "says how the board makes its outputs, or counts, and drives none by itself: an \
-                     inversion or a limit would switch outputs that nobody named. Set the output, or \
-                     let a program set this"
+                    "configures how the board makes its outputs, or counts, and drives none by itself: \
+                     an inversion or a limit would switch outputs that were not named. Set the \
+                     output, or let a program set this"
                         .to_owned(),
                 );
             }
@@ -155,14 +159,14 @@ impl Set {
         match (own, other) {
             (None, None) => Ok(()),
             (Some(own), None) => refuse(format!(
-                "{what}: a machine may move. Give {own} if that is meant"
+                "{what}: a machine may move. Give {own} to allow it"
             )),
             (own, Some(other)) => {
                 let flags: Vec<_> = own.into_iter().chain([other]).collect();
                 let by: Vec<_> = enables.iter().map(|by| with_place(by)).collect();
                 refuse(format!(
                     "{what}, with 0 V at its terminal while it is not enabled by {}: a machine may \
-                     move. Give {} if that is meant",
+                     move. Give {} to allow it",
                     by.join(" and "),
                     flags.join(" ")
                 ))
@@ -182,7 +186,7 @@ impl Set {
             format!(" {}", info.unit)
         };
         let with = enables.iter().filter_map(|by| match hazard(by) {
-            // What is enabled by another one has no terminal of its own.
+            // An enable that is enabled by another pin has no terminal of its own.
             Hazard::DriveEnable if by.enabled_by.is_some() => None,
             Hazard::DriveEnable => Some(format!(", enables EVERY drive on {}", with_place(by))),
             _ => Some(format!(
@@ -207,7 +211,7 @@ impl Set {
     }
 }
 
-/// How a board is talked to whose outputs a person drives.
+/// Bus configuration for outputs that a person drives.
 pub fn unhurried() -> UdpConfig {
     UdpConfig {
         cycle_deadline: DEADLINE,
@@ -215,7 +219,7 @@ pub fn unhurried() -> UdpConfig {
     }
 }
 
-/// With what settings.
+/// Driver settings for outputs that a person drives.
 pub fn settings() -> Settings {
     Settings {
         period: PERIOD,
@@ -232,19 +236,20 @@ fn with_place(info: &PinInfo) -> String {
     }
 }
 
-/// What a pin can do to a machine.
+/// Possible effect of a pin on a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hazard {
-    /// No more than any output.
+    /// Ordinary output.
     None,
     Analog,
     DriveEnable,
     Watchdog,
-    /// It is no output: it changes what others are.
+    /// Not an output: changes how outputs or inputs work.
     Making,
 }
 
-/// By the name, because remotes that nobody knows have enables as well: rather too often than not.
+/// Classifies a pin by its name, because unknown remotes have enables as well; in doubt, as more
+/// hazardous.
 pub fn hazard(info: &PinInfo) -> Hazard {
     let last = info.name.rsplit('.').next().unwrap_or_default();
     let harmless = [
@@ -269,15 +274,15 @@ pub fn hazard(info: &PinInfo) -> Hazard {
     }
 }
 
-/// Whether a number says how fast a module of the board works, and not what an output has.
+/// True if a number sets the rate of a module of the board, not the value of an output.
 fn is_rate(name: &str) -> bool {
     let modules = [".dpll.", ".encoder.", ".ssr.", ".inmux.", ".packet-"];
     modules.iter().any(|module| name.contains(module))
 }
 
-/// Pins that tell what an output did: inputs at terminals, and read-back of I/O pins.
+/// True for pins that show the effect of an output: inputs at terminals, and read-back of I/O pins.
 fn is_told(info: &PinInfo) -> bool {
-    // Those that tell nothing more than others do.
+    // Ends of names of pins that duplicate others.
     let more = [
         "-not",
         "_not",
@@ -290,7 +295,7 @@ fn is_told(info: &PinInfo) -> bool {
         && !more.iter().any(|end| info.name.ends_with(end))
 }
 
-/// The pins that are told about, in their order.
+/// Pins to report, in their order.
 fn told(pins: &Pins) -> Vec<PinId> {
     let ids = pins.ids();
     let inputs = ids.filter(|&pin| pins.info_of(pin).is_some_and(is_told));

@@ -1,4 +1,4 @@
-//! What a jog showed.
+//! Report of a jog.
 
 use std::fmt::{self, Display};
 use std::time::Duration;
@@ -9,20 +9,20 @@ use serde_json::Value;
 
 use crate::commands::named;
 
-/// What became of it.
+/// Outcome of a jog.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case", tag = "outcome", content = "reason")]
 pub enum Outcome {
     Done,
     Stopped(String),
     Failed(String),
-    /// It never had the value.
+    /// Never had the value.
     NotSet(String),
-    /// It was set, and ended before anything showed that it had the value.
+    /// Was set, and ended before the value was confirmed.
     NotConfirmed(String),
 }
 
-/// A jog that is over.
+/// Report of a finished jog.
 #[derive(Debug, Serialize)]
 pub struct Report {
     pin: String,
@@ -33,15 +33,16 @@ pub struct Report {
     #[serde(flatten)]
     outcome: Outcome,
     changes: Vec<Change>,
-    /// Inputs that were not valid before it was set: what they did is not known.
+    /// Number of inputs that were not valid before the output was set, so that their changes are
+    /// unknown.
     not_seen: usize,
-    /// Remotes that have not shown that they switched it off again.
+    /// Remotes that have not confirmed that the output is off again.
     pub not_reached: Vec<String>,
     #[serde(skip)]
     text: String,
 }
 
-/// An input that was another one while the output was set.
+/// An input that changed while the output was set.
 #[derive(Debug, Serialize)]
 pub struct Change {
     pin: String,
@@ -94,7 +95,7 @@ impl Report {
         }
     }
 
-    /// Why it came to an end before its time, if the machine ended it.
+    /// Reason for an end before the time, if the machine ended the jog.
     pub fn failure(&self) -> Option<String> {
         match &self.outcome {
             Outcome::Failed(reason) => Some(format!("{}: {reason}", self.pin)),
@@ -128,7 +129,7 @@ impl Display for Report {
             let count = self.not_seen;
             writeln!(
                 f,
-                "{count} inputs were not valid before: what they did is not known"
+                "{count} inputs were not valid before: their changes are not known"
             )?;
         }
         if self.changes.is_empty() {

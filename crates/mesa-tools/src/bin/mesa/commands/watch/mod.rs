@@ -1,4 +1,4 @@
-//! `mesa watch`: the pins of a machine on a full screen, live.
+//! `mesa watch`: live pins of a machine on a full screen.
 
 mod screen;
 pub mod view;
@@ -25,15 +25,15 @@ use crate::target::Target;
 use screen::Pins;
 
 const AFTER_HELP: &str = "\
-It starts the machine with all outputs off and drives nothing. A board that another program drives
-is left alone. Keys: / filter while typing, Enter done; arrows, PgUp, PgDn, Home, End scroll; q, Esc
-or Ctrl-C end it, with outputs off and ports stopped.
+Starts the machine with all outputs off and drives nothing. A board that another program drives is
+left alone. Keys: / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End scroll;
+q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
 
 Example:
   mesa watch --sim 7i92-7i77
   mesa watch 'TB8' --addr 10.10.10.10 --period 2";
 
-/// The pins of a machine on a full screen, live; drives nothing
+/// Show the pins of a machine live on a full screen; drives nothing
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Watch {
@@ -41,7 +41,7 @@ pub struct Watch {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// Filter to begin with: a part of a pin's name, terminal or signal, or a pattern with * or ?
+    /// Initial filter: a part of a pin's name, terminal or signal, or a pattern with * or ?
     #[arg(default_value = "", hide_default_value = true)]
     pattern: String,
     /// Period of the cycle in milliseconds, 1 to 10
@@ -83,8 +83,8 @@ impl Watch {
     }
 }
 
-/// What the thread of the cycle does in each: nothing, but set a board up again that lost its set-up,
-/// and end when somebody else drives it.
+/// Work of each cycle: sets up a board again that lost its set-up, and ends if another program
+/// drives it.
 fn cycle_until(
     is_over: Arc<AtomicBool>,
 ) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, Bus>) -> ControlFlow<()> {
@@ -99,7 +99,7 @@ fn cycle_until(
     }
 }
 
-/// The pins of a machine that runs.
+/// Pins of a running machine.
 struct Live {
     pins: Pins,
     reader: SnapshotReader,

@@ -1,4 +1,4 @@
-//! The screen: what was typed, what was seen, and how it is drawn.
+//! The screen: keys, samples and drawing.
 
 use std::time::Duration;
 
@@ -16,12 +16,12 @@ use crate::place;
 
 use super::view::{self, Line};
 
-/// Terminals with fewer rows have no room for everything.
+/// Terminals with fewer rows have no room for the cycle and the remotes.
 const LOW: u16 = 20;
-/// With fewer columns the terminal of a pin comes before its trend.
+/// With fewer columns, the terminal of a pin comes before its trend.
 const NARROW: u16 = 120;
 
-/// Everything that the screen shows.
+/// State of the screen.
 #[derive(Debug)]
 pub struct Pins {
     board: String,
@@ -31,7 +31,7 @@ pub struct Pins {
     scroll: Scroll,
     seen: Option<Snapshot>,
     lines: Vec<Line>,
-    /// By pin.
+    /// Trend of each pin.
     trends: Vec<Trend>,
     palette: Palette,
 }
@@ -51,7 +51,7 @@ impl Pins {
         }
     }
 
-    /// Takes what a cycle showed.
+    /// Takes the snapshot of a cycle.
     pub fn take(&mut self, snapshot: &Snapshot) {
         self.trends
             .resize_with(snapshot.infos().len(), Trend::default);
@@ -64,7 +64,7 @@ impl Pins {
         }
     }
 
-    /// A key was pressed.
+    /// Handles a key press.
     pub fn key(&mut self, key: KeyEvent) -> Wish {
         let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
         match key.code {
@@ -90,7 +90,7 @@ impl Pins {
         Wish::Continue
     }
 
-    /// The filter is another one.
+    /// Applies a changed filter.
     fn choose(&mut self) {
         let Some(seen) = &self.seen else {
             return;
@@ -106,7 +106,7 @@ impl Pins {
             return;
         };
         let remotes = seen.remotes().count() as u16;
-        // A low terminal shows pins rather than how the cycle is.
+        // A low terminal shows pins instead of the cycle and the remotes.
         let [cycle, remotes] = if frame.area().height < LOW {
             [0, 0]
         } else {
@@ -287,7 +287,7 @@ pub mod tests {
         writer.reader().read().unwrap()
     }
 
-    /// What is seen of a machine with a 7I77.
+    /// Snapshot of a running machine with a 7I77.
     pub fn snapshot() -> Snapshot {
         run(&mut driver(), 20)
     }

@@ -1,4 +1,4 @@
-//! What the screen shows, as text: remotes, and pins in groups.
+//! Content of the screen as text: remotes, and pins in groups.
 
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
@@ -10,13 +10,13 @@ use crate::pattern::Pattern;
 /// A line of the list of pins.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Line {
-    /// A terminal block, or a part of the machine that is at none.
+    /// A terminal block, or a part of the machine without one.
     Heading(String),
     /// A pin or parameter, by its number in the snapshot.
     Pin(usize),
 }
 
-/// The pins that fit a pattern, grouped by terminal block, in the order of the machine.
+/// The pins that match a pattern, grouped by terminal block, in the order of the machine.
 pub fn lines(snapshot: &Snapshot, pattern: &Pattern, board: &str) -> Vec<Line> {
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
     let remotes: Vec<_> = snapshot.remotes().collect();
@@ -37,8 +37,8 @@ pub fn lines(snapshot: &Snapshot, pattern: &Pattern, board: &str) -> Vec<Line> {
     lines.collect()
 }
 
-/// The terminal block of a pin, with the remote whose block it is; without one, the part of the
-/// machine that the pin belongs to.
+/// The terminal block of a pin, with its remote; without a block, the part of the machine that the
+/// pin belongs to.
 fn heading(info: &PinInfo, remotes: &[RemoteSnapshot], board: &str) -> String {
     let rest = short(&info.name, board);
     let part = rest.rsplit_once('.').map_or(board, |(part, _)| part);
@@ -58,7 +58,7 @@ pub fn short<'a>(name: &'a str, board: &str) -> &'a str {
     rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(name)
 }
 
-/// A value in a column of numbers.
+/// Formats a value for a column.
 pub fn number(value: AnyValue, unit: &str) -> String {
     let text = match value.hal_type {
         HalType::Bit => if value.bits == 0 { "off" } else { "ON" }.to_owned(),
@@ -68,7 +68,7 @@ pub fn number(value: AnyValue, unit: &str) -> String {
     format!("{text} {unit}").trim_end().to_owned()
 }
 
-/// Whether a reading is to be trusted, in a word.
+/// Short note about a reading that is not valid; else empty.
 pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
     if info.role.is_param() || reading.valid {
         return String::new();
@@ -79,7 +79,8 @@ pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
     }
 }
 
-/// What a remote is doing, since when, and why; a reason of before is said to be one.
+/// Place and name of a remote, its state, the time since the last change, and counts with the
+/// reason. The reason of an earlier fault is marked as such.
 pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 4] {
     let since = short_time(snapshot.time().since(remote.since));
     let counts = format!("{} transfers, {} failed", remote.transfers, remote.failures);

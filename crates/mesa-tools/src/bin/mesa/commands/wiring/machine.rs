@@ -1,5 +1,5 @@
-//! The machine whose wiring is checked: its cycle runs in a thread of its own, and drives one output at a
-//! time if it gets the order.
+//! The machine under check: its cycle runs in a thread of its own, and drives one output at a time
+//! on request.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -18,21 +18,21 @@ use crate::context::{Context, Failure};
 use crate::link::Bus;
 use crate::running::{self, Keeper};
 
-/// How long an output may take until it can be driven: whoever agreed to it is at the wires. A single
-/// transfer may fail, and the host be late.
+/// Time within which an output must become ready to be driven. Short, because the person who agreed
+/// to it is at the wires; long enough for a failed transfer and a late host.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// What becomes of an output.
+/// Progress of an output that is driven.
 pub enum Driven {
-    /// It was seen to be on.
+    /// Confirmed to be on.
     On,
-    /// It is off again.
+    /// Off again.
     Off,
-    /// Why it was off before its time, or never on.
+    /// Off before its time, or never on, with the reason.
     Failed(String),
 }
 
-/// A running machine. Whoever drops it stops it, with all outputs off.
+/// A running machine. Dropping it stops the machine, with all outputs off.
 pub struct Machine {
     pub reader: SnapshotReader,
     is_over: Arc<AtomicBool>,
@@ -43,7 +43,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// `time` is how long an output is on.
+    /// Starts the cycle. `time` is the time for which an output is on.
     pub fn start(driver: Driver<Bus>, context: &Context, time: Duration) -> Self {
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
@@ -61,12 +61,12 @@ impl Machine {
                 return ControlFlow::Break(());
             }
             while let Ok((pin, on)) = requested.try_recv() {
-                // One that is refused is never seen to be on, and no index is told to have come.
+                // A refused request is never seen to be on, so no index is reported for it.
                 let _ = cycle.pins_mut().set_any(pin, AnyValue::from(on));
             }
             let Some(running) = &mut jog else {
                 keeper.look_after(cycle.driver);
-                // Everything is off: what a fault has disarmed may be driven again.
+                // All outputs are off: groups that a fault disarmed may be driven again.
                 cycle.pins_mut().rearm_all();
                 let order: Option<PinId> = wanted.try_recv().ok();
                 let values = |pin| (pin, true.into(), false.into());
@@ -104,24 +104,24 @@ impl Machine {
         }
     }
 
-    /// Lets an output be on for its time. Not before the one before is off.
+    /// Switches an output on for its time. Only valid once the previous output is off.
     pub fn drive(&self, pin: PinId) {
-        // If nobody takes it any more, the reader has ended.
+        // Without a receiver the cycle has ended, which the reader shows.
         let _ = self.orders.try_send(pin);
     }
 
-    /// Arms the latch of an encoder's index, or takes that back.
+    /// Arms the latch of an encoder's index, or disarms it.
     pub fn set_index_enable(&self, pin: PinId, on: bool) {
-        // What no cycle takes is requested again.
+        // A request that no cycle takes is repeated by the check.
         let _ = self.requests.try_send((pin, on));
     }
 
-    /// What has become of the output; told once.
+    /// Progress of the output; each step is returned once.
     pub fn driven(&self) -> Option<Driven> {
         self.done.try_recv().ok()
     }
 
-    /// Stops it.
+    /// Stops the machine.
     pub fn end(mut self) -> Result<(), Failure> {
         self.stop()
     }
@@ -142,7 +142,7 @@ impl Drop for Machine {
     }
 }
 
-/// Whether an output can be driven.
+/// True if an output can be driven.
 pub fn is_ready(snapshot: &Snapshot, info: &PinInfo) -> bool {
     let mut remotes = snapshot.remotes();
     let remote = remotes.find(|remote| remote.group == info.group);
@@ -151,7 +151,7 @@ pub fn is_ready(snapshot: &Snapshot, info: &PinInfo) -> bool {
     runs && running::trouble(snapshot.board().0).is_none()
 }
 
-/// Why what a pin shows is not valid.
+/// Reason why the value of a pin is not valid.
 pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
     if let Some(trouble) = running::trouble(snapshot.board().0) {
         return trouble.to_string();

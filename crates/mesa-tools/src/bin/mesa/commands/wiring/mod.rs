@@ -11,8 +11,8 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
-use mesa_hal::{Board, Rounded, Settings};
-use mesa_tools::diagnosis::wiring::{self, Check};
+use mesa_hal::{Board, Configured, Rounded, Settings};
+use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
@@ -30,27 +30,27 @@ use report::{Item, Outcome, Report, What};
 use session::{Lines, Session};
 
 const AFTER_HELP: &str = "\
-It names one terminal after the other, and waits until the input there has changed and is back; of
-an encoder, until it has counted and stands; of its index, until the encoder was turned past it and
-the index was latched, as homing does it. If another input changes instead, it says which, and
-goes on waiting. What changes by itself, or is not valid, does not count. Keys: Enter skips a
+Names one terminal after the other, and waits until the input there has changed and returned; for
+an encoder, until it has counted and stopped; for an index, until the encoder was turned past it and
+the index was latched, as in homing. If another input changes instead, it is named, and the wait
+continues. Inputs that change by themselves or are not valid do not count. Keys: Enter skips a
 terminal, b and Enter goes back, q and Enter ends with the report; so does Ctrl-C.
 
-PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole.
+PATTERN is a part of a pin's name, terminal or signal; with * or ?, a pattern of the whole.
 
-It starts the machine with all outputs off and drives nothing. With --outputs it goes on with the
-digital outputs: each is on for a while, all others off, and you say whether it came on. Drive
-enables and analog outputs are never driven. The board's own I/O pins are not driven either. A board
-that another program drives is left alone.
+Starts the machine with all outputs off and drives nothing. With --outputs the digital outputs
+follow: each is on for a while, all others off, and the question is whether it came on. Drive
+enables and analog outputs are never driven, nor are the board's own I/O pins. A board that another
+program drives is left alone.
 
-Exits with 1 if a terminal is not in order, or was not checked.
+Exits with 1 if a terminal is not in order or was not checked.
 
 Examples:
   mesa wiring TB8 --addr 10.10.10.10 --report cabinet.txt
   mesa wiring output --outputs --sim 7i92-7i77
   mesa wiring '*.input-0?' --sim 7i92-7i77 --timeout 2 --json < /dev/null";
 
-/// A guided check of the wiring: which terminal changes when it is actuated
+/// Guide a check of the wiring, terminal by terminal
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Wiring {
@@ -58,20 +58,20 @@ pub struct Wiring {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// Which terminals; all unless given
+    /// Pattern that selects terminals; all unless given
     pattern: Option<Pattern>,
-    /// Keep the report in FILE from the beginning, up to date after each terminal: as JSON if its name
-    /// ends in .json, else as text. A file that is there already is replaced after a question
+    /// File for the report, updated after each terminal: JSON if its name ends in .json, else text.
+    /// An existing file is replaced after a question
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// How long each terminal is waited for, 0.5 to 3600. Default: without an end; without a
-    /// terminal to type at it has to be given
+    /// Time to wait at each terminal, in seconds, 0.5 to 3600. Default: no limit; required if
+    /// standard input is not a terminal
     #[arg(long, value_name = "S", value_parser = seconds::<500, 3_600_000>)]
     timeout: Option<Duration>,
     /// Check the digital outputs as well, one at a time
     #[arg(long)]
     outputs: bool,
-    /// How long an output is on, 0.1 to 10
+    /// Time for which an output is on, in seconds, 0.1 to 10
     #[arg(
         long = "for",
         value_name = "S",
@@ -86,7 +86,7 @@ pub struct Wiring {
     asks: Asks,
 }
 
-/// So many milliseconds, given as seconds.
+/// Parses a time in seconds, between limits in milliseconds.
 fn seconds<const LEAST: u64, const MOST: u64>(text: &str) -> Result<Duration, String> {
     let (least, most) = (LEAST as f64 / 1e3, MOST as f64 / 1e3);
     let seconds = text.parse().ok();
@@ -100,7 +100,7 @@ impl Wiring {
         let is_terminal = io::stdin().is_terminal();
         if !is_terminal && self.timeout.is_none() {
             return Err(Failure::usage(
-                "nobody is at the keyboard; say with --timeout S how long each terminal is waited for",
+                "standard input is not a terminal: give --timeout S, the time to wait at each terminal",
             ));
         }
         if let Some(path) = &self.report {
@@ -109,16 +109,16 @@ impl Wiring {
         let found = self.target.find()?.pass_time(Passage::Paced);
         let address = found.address.to_string();
         let settings = found.with_patience(self.settings());
-        let mut board = Board::identify(found.open_with(set::unhurried())?, settings)?;
-        // Everything is off, and no remote runs before the consent.
-        board.discover()?;
+        let board = Board::identify(found.open_with(set::unhurried())?, settings)?;
+        // All outputs are off, and no remote runs before the consent.
+        let board = board.discover()?;
         let (check, items) = self.terminals(&board);
         if items.is_empty() {
             let missing = board.missing().iter().filter(|one| is_there(one));
             let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
             return Err(Failure::refused(format_args!(
-                "no terminal fits that could be checked; `mesa pins` has all pins, and a pattern with * or \
-                 ? is of a whole name{}",
+                "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
+                 or ? has to match a whole name{}",
                 missing.concat()
             )));
         }
@@ -144,11 +144,11 @@ impl Wiring {
         let (lines, parts) = (Lines::of_standard_input(is_terminal), (check, items));
         let mut session = Session::new(context, &machine, (lines, self.timeout), parts, name);
         session.is_agreed = self.asks.yes;
-        // Where it can not be kept is better known before the work is done.
+        // Fails before the check begins if the file cannot be written.
         keep(&session, Outcome::Unfinished)?;
         let outcome = session.run(|session| {
             if let Err(failure) = keep(session, Outcome::Unfinished) {
-                complain(format_args!("mesa: the report is not kept: {failure}"));
+                complain(format_args!("mesa: the report is not written: {failure}"));
             }
         });
         let (report, kept) = (report(&session, outcome), keep(&session, outcome));
@@ -182,8 +182,8 @@ impl Wiring {
         settings
     }
 
-    /// What there is to be checked.
-    fn terminals(&self, board: &Board<Bus>) -> (Check, Vec<Item>) {
+    /// Terminals to check.
+    fn terminals(&self, board: &Configured<Bus>) -> (WiringCheck, Vec<Item>) {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);
@@ -203,10 +203,10 @@ impl Wiring {
             let outputs = wiring::outputs(pins, &remotes, harmless).into_iter();
             items.extend(outputs.map(|(pin, info)| Item::new(info, What::Output(pin))));
         }
-        (Check::new(points), items)
+        (WiringCheck::new(points), items)
     }
 
-    /// Says which outputs are driven.
+    /// Asks for consent to drive the outputs, if there are any.
     fn consent(
         &self,
         context: &Context,
@@ -235,7 +235,7 @@ impl Wiring {
     }
 }
 
-/// Whether a remote answers, and takes no part all the same: because of its field power, for example.
+/// True if a missing remote answers without taking part, for example because of its field power.
 fn is_there(remark: &Remark) -> bool {
     match &remark.kind {
         RemarkKind::NoSuchChannel { .. } => false,

@@ -1,10 +1,10 @@
-//! What became of each terminal.
+//! Report on the terminals.
 
 use std::fmt::{self, Display};
 use std::path::Path;
 
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo};
-use mesa_tools::diagnosis::wiring::{Judgement, Kind, Point, Verdict, exchanged};
+use mesa_tools::diagnosis::wiring::{Point, PointKind, WiringJudgement, WiringVerdict, exchanged};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -13,55 +13,55 @@ use crate::commands::watch::view;
 use crate::context::Failure;
 use crate::{files, place};
 
-/// A terminal that is to be checked.
+/// A terminal to check.
 pub struct Item {
     pub info: PinInfo,
     pub what: What,
     pub mark: Mark,
-    pub judgement: Option<Judgement>,
-    /// What a person says of an output.
+    pub judgement: Option<WiringJudgement>,
+    /// Answer of a person about an output.
     pub said: Option<String>,
-    /// Why it is not valid, unstable, or has failed.
+    /// Reason why it is not valid, is unstable, or has failed.
     pub reason: Option<String>,
 }
 
 /// An input by its number in the check, or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
-    Input(usize, Kind),
+    Input(usize, PointKind),
     Output(PinId),
 }
 
-/// What became of it.
+/// Result of a terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Mark {
-    Judged(Verdict),
+    Judged(WiringVerdict),
     Not(Not),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Not {
-    /// Nobody came to it.
+    /// Not reached before the end.
     NotChecked,
     /// The output could not be driven to the end of its time.
     Failed,
 }
 
-/// How it ended.
+/// End of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Not yet.
+    /// Still running.
     Unfinished,
-    /// Everything was asked for.
+    /// All terminals were gone through.
     Done,
-    /// Somebody ended it.
+    /// Ended by a person.
     Ended,
-    /// A signal did.
+    /// Ended by a signal.
     Stopped,
-    /// The machine did.
+    /// Ended by the machine.
     Failed,
 }
 
@@ -89,10 +89,13 @@ impl Item {
         self.judgement.as_ref()?.moved
     }
 
-    /// Which way a number went.
+    /// Direction in which a number changed.
     fn direction(&self) -> Option<&'static str> {
         let (before, after) = self.moved()?;
-        let is_number = matches!(self.what, What::Input(_, Kind::Counter | Kind::Analog));
+        let is_number = matches!(
+            self.what,
+            What::Input(_, PointKind::Counter | PointKind::Analog)
+        );
         let word = if after.as_f64() > before.as_f64() {
             "up"
         } else {
@@ -101,7 +104,7 @@ impl Item {
         is_number.then_some(word)
     }
 
-    /// What became of it, for people.
+    /// Result as text.
     pub fn words(&self, names: &Names<'_>) -> String {
         let is_output = matches!(self.what, What::Output(_));
         let others = || {
@@ -114,31 +117,31 @@ impl Item {
             Mark::Not(Not::NotChecked) => "not checked".to_owned(),
             Mark::Not(Not::Failed) => format!("FAILED: {}", reason()),
             Mark::Judged(verdict) => match verdict {
-                Verdict::Ok => {
+                WiringVerdict::Ok => {
                     let before = match &others()[..] {
                         "" => String::new(),
                         others => format!("; before that {others} changed"),
                     };
                     format!("ok{}{before}", self.path())
                 }
-                Verdict::CountsDown => format!(
+                WiringVerdict::CountsDown => format!(
                     "COUNTS DOWN, {}: exchange A and B, or give it a negative scale, before a drive is enabled",
                     self.range().unwrap_or_default()
                 ),
-                Verdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
-                Verdict::NoChange => match &*reason() {
+                WiringVerdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
+                WiringVerdict::NoChange => match &*reason() {
                     "" => "NO CHANGE".to_owned(),
                     reason => format!("NO CHANGE: {reason}"),
                 },
-                Verdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
-                Verdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
-                Verdict::Together => {
+                WiringVerdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
+                WiringVerdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
+                WiringVerdict::Together => {
                     format!("CHANGED TOGETHER with {}: connected?", others())
                 }
-                Verdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
-                Verdict::Unstable => format!("UNSTABLE: {}", reason()),
-                Verdict::NotValid => format!("NOT VALID: {}", reason()),
-                Verdict::Skipped => "skipped".to_owned(),
+                WiringVerdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
+                WiringVerdict::Unstable => format!("UNSTABLE: {}", reason()),
+                WiringVerdict::NotValid => format!("NOT VALID: {}", reason()),
+                WiringVerdict::Skipped => "skipped".to_owned(),
             },
         }
     }
@@ -148,13 +151,15 @@ impl Item {
             return String::new();
         };
         match (self.what, self.direction()) {
-            (What::Input(_, Kind::Counter), Some(way)) => format!(": counts {way}, {range}"),
-            (What::Input(_, Kind::Index), _) => format!(": it came, the encoder counted {range}"),
+            (What::Input(_, PointKind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            (What::Input(_, PointKind::Index), _) => {
+                format!(": it came, the encoder counted {range}")
+            }
             _ => format!(": {range}"),
         }
     }
 
-    /// Where it rested, and the farthest from there that it was.
+    /// Value at rest, and the value farthest from it.
     fn range(&self) -> Option<String> {
         let (before, after) = self.moved()?;
         let range = format!("{} to {} {}", text(before), text(after), self.info.unit);
@@ -162,7 +167,7 @@ impl Item {
     }
 }
 
-/// A value for people; a level is on or off.
+/// Formats a value; a level is on or off.
 pub fn text(value: AnyValue) -> String {
     match (value.hal_type, value.as_f64() != 0.0) {
         (HalType::Bit, true) => "on".to_owned(),
@@ -171,7 +176,7 @@ pub fn text(value: AnyValue) -> String {
     }
 }
 
-/// What terminals are called.
+/// Names of terminals.
 pub struct Names<'a> {
     pub board: &'a str,
     pub points: &'a [Point],
@@ -187,21 +192,21 @@ impl Names<'_> {
         }
     }
 
-    /// The same of an input by its number.
+    /// As [`info`](Self::info), for an input by its number.
     pub fn point(&self, number: usize) -> String {
         let point = self.points.get(number);
         point.map_or_else(String::new, |point| self.info(&point.info))
     }
 }
 
-/// What was found.
+/// Report of a check.
 #[derive(Debug, Serialize)]
 pub struct Report {
     address: String,
     outcome: Outcome,
     pub ok: bool,
     terminals: Vec<Row>,
-    /// Names of pins: each changed when the other one was asked for.
+    /// Pairs of pins, by name: each changed when the other one was asked for.
     exchanged: Vec<[String; 2]>,
     missing: Vec<String>,
     #[serde(skip)]
@@ -246,7 +251,7 @@ impl Report {
             let pairs = pairs.iter().map(|&(one, two)| [name(one), name(two)]);
             pairs.collect()
         };
-        let is_ok = |item: &Item| item.mark == Mark::Judged(Verdict::Ok);
+        let is_ok = |item: &Item| item.mark == Mark::Judged(WiringVerdict::Ok);
         Self {
             address,
             outcome,
@@ -258,7 +263,7 @@ impl Report {
         }
     }
 
-    /// Puts it into a file: JSON, if its name ends in .json, else text.
+    /// Writes the report to a file: JSON if its name ends in .json, else text.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
         let is_json = path.extension().is_some_and(|end| end == "json");
         let text = if is_json {
@@ -280,10 +285,10 @@ impl Row {
             terminal: info.place.terminal.clone(),
             signal: info.place.signal.clone(),
             kind: match item.what {
-                What::Input(_, Kind::Digital) => "digital",
-                What::Input(_, Kind::Counter) => "counter",
-                What::Input(_, Kind::Index) => "index",
-                What::Input(_, Kind::Analog) => "analog",
+                What::Input(_, PointKind::Digital) => "digital",
+                What::Input(_, PointKind::Counter) => "counter",
+                What::Input(_, PointKind::Index) => "index",
+                What::Input(_, PointKind::Analog) => "analog",
                 What::Output(_) => "output",
             },
             verdict: item.mark,
@@ -301,7 +306,7 @@ impl Row {
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_ok = |row: &&Row| row.verdict == Mark::Judged(Verdict::Ok);
+        let is_ok = |row: &&Row| row.verdict == Mark::Judged(WiringVerdict::Ok);
         let ok = self.terminals.iter().filter(is_ok).count();
         let how = match self.outcome {
             Outcome::Done => "",

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use mesa_hal::bus::{Clock, HostClock};
 use mesa_hal::hal::{AnyValue, PinId};
 use mesa_hal::runner::Snapshot;
-use mesa_tools::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
+use mesa_tools::diagnosis::wiring::{
+    HANDS_OFF, PointKind, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict,
+};
 
 use super::machine::{self, Driven, Machine};
 use super::report::{Item, Mark, Names, Not, Outcome, What, text};
@@ -14,16 +16,16 @@ use crate::context::Context;
 use crate::output::complain;
 use crate::sim::console;
 
-/// How often inputs, keys and signals are looked at.
+/// Interval of the checks of inputs, keys and signals.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Remotes that were just started, or had a fault, are back within that.
+/// Time within which remotes recover after a start or a fault.
 const COMES_BACK: Duration = Duration::from_secs(1);
 
-/// What somebody types, line by line.
+/// Typed lines.
 pub struct Lines {
     lines: Receiver<String>,
-    /// A person's, who ends it by closing the input.
+    /// True if a person types the lines, and ends the check by closing the input.
     is_terminal: bool,
 }
 
@@ -35,7 +37,7 @@ impl Lines {
     }
 }
 
-/// What was typed.
+/// Input of the person.
 enum Typed {
     Nothing,
     Skip,
@@ -43,7 +45,7 @@ enum Typed {
     Text(String),
 }
 
-/// Where to go on.
+/// Direction in which the check continues.
 enum Next {
     Forward,
     Back,
@@ -53,11 +55,11 @@ pub struct Session<'a> {
     pub context: &'a Context,
     pub machine: &'a Machine,
     pub lines: Lines,
-    pub check: Check,
+    pub check: WiringCheck,
     pub board: String,
     pub items: Vec<Item>,
     pub timeout: Option<Duration>,
-    /// Each output is driven without a question.
+    /// True if outputs are driven without a question.
     pub is_agreed: bool,
     clock: HostClock,
     seen: Option<Snapshot>,
@@ -68,7 +70,7 @@ impl<'a> Session<'a> {
         context: &'a Context,
         machine: &'a Machine,
         (lines, timeout): (Lines, Option<Duration>),
-        (check, items): (Check, Vec<Item>),
+        (check, items): (WiringCheck, Vec<Item>),
         board: String,
     ) -> Self {
         Self {
@@ -92,7 +94,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Goes through all terminals; `keep` is called when one has been judged.
+    /// Goes through all terminals; calls `keep` after each judgement.
     pub fn run(&mut self, keep: impl Fn(&Self)) -> Outcome {
         match self.go(keep) {
             Ok(()) => Outcome::Done,
@@ -125,8 +127,8 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// A moment passes: what was typed meanwhile, and what the inputs showed.
-    fn pass(&mut self) -> Result<(Typed, Option<Judgement>), Outcome> {
+    /// Waits for one interval. Returns what was typed, and the judgement if there is one.
+    fn pass(&mut self) -> Result<(Typed, Option<WiringJudgement>), Outcome> {
         if self.context.stop.signal().is_some() {
             return Err(Outcome::Stopped);
         }
@@ -150,14 +152,15 @@ impl<'a> Session<'a> {
         Ok((typed, judgement))
     }
 
-    fn look(&mut self) -> Option<Judgement> {
+    fn look(&mut self) -> Option<WiringJudgement> {
         let read = match &mut self.seen {
             Some(seen) => self.machine.reader.read_into(seen),
             None => self.machine.reader.read().map(|seen| {
                 self.seen = Some(seen);
             }),
         };
-        // What could not be read is looked at again a moment later; what is half read is of no cycle.
+        // A failed read is repeated after the next interval. A snapshot that was half read mixes
+        // cycles, and is discarded.
         if read.is_err() {
             self.seen = None;
         }
@@ -190,8 +193,8 @@ impl<'a> Session<'a> {
             .is_some_and(|timeout| since.elapsed() >= timeout)
     }
 
-    /// Asks for an input.
-    fn input(&mut self, at: usize, (point, kind): (usize, Kind)) -> Result<Next, Outcome> {
+    /// Checks an input.
+    fn input(&mut self, at: usize, (point, kind): (usize, PointKind)) -> Result<Next, Outcome> {
         let begun = Instant::now();
         self.check.ask(point);
         loop {
@@ -221,75 +224,75 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn tell(&self, at: usize, (point, kind): (usize, Kind), news: News) {
+    fn tell(&self, at: usize, (point, kind): (usize, PointKind), news: WiringMessage) {
         let name = |other| self.names().point(other);
         match (news, kind) {
-            (News::Ready(level), Kind::Digital) => {
+            (WiringMessage::Ready(level), PointKind::Digital) => {
                 self.say(at, &format!("actuate it now; it is {}", text(level)));
             }
-            (News::Ready(_), Kind::Counter) => {
+            (WiringMessage::Ready(_), PointKind::Counter) => {
                 self.say(at, "turn it now by hand, in its positive direction");
             }
-            (News::Ready(_), Kind::Index) => {
+            (WiringMessage::Ready(_), PointKind::Index) => {
                 self.say(at, "turn the encoder past its index, by hand");
             }
-            (News::Ready(value), Kind::Analog) => {
+            (WiringMessage::Ready(value), PointKind::Analog) => {
                 self.say(at, &format!("change it now; it is {}", text(value)));
             }
-            (News::Held(value), _) => {
+            (WiringMessage::Held(value), _) => {
                 let value = text(value);
                 let what = format!("let it go first: it is {value}, and was not before");
                 self.say(at, &what);
             }
-            (News::NotValid, _) => {
+            (WiringMessage::NotValid, _) => {
                 self.say(
                     at,
                     &format!("NOT VALID, and waited for: {}", self.reason(at)),
                 );
             }
-            (News::Restless(it), _) if it == point => {
+            (WiringMessage::Restless(it), _) if it == point => {
                 self.say(at, "CHANGES BY ITSELF; waited for until it is quiet");
             }
-            (News::Restless(other), _) => {
+            (WiringMessage::Restless(other), _) => {
                 let other = name(other);
                 complain(format_args!(
                     "  {other} CHANGES BY ITSELF, and does not count"
                 ));
             }
-            (News::Changed(level), Kind::Digital) => {
+            (WiringMessage::Changed(level), PointKind::Digital) => {
                 complain(format_args!("  {}; let it go", text(level)));
             }
-            (News::Changed(_), Kind::Index) => complain("  the encoder moves"),
-            (News::Changed(_), _) => complain("  it moves; let it rest"),
-            (News::NoIndex(from, to), _) => complain(format_args!(
+            (WiringMessage::Changed(_), PointKind::Index) => complain("  the encoder moves"),
+            (WiringMessage::Changed(_), _) => complain("  it moves; let it rest"),
+            (WiringMessage::NoIndex(from, to), _) => complain(format_args!(
                 "  {}; turn it on, by more than a turn",
                 no_index((from, to))
             )),
-            (News::Instead(other), _) => {
+            (WiringMessage::Instead(other), _) => {
                 complain(format_args!(
                     "  {} changed instead: exchanged?",
                     name(other)
                 ));
             }
-            (News::Dithers, _) => complain(format_args!("  {DITHERS}")),
+            (WiringMessage::Dithers, _) => complain(format_args!("  {DITHERS}")),
         }
     }
 
-    fn judged(&mut self, at: usize, found: Judgement) {
+    fn judged(&mut self, at: usize, found: WiringJudgement) {
         let reason = match found.verdict {
-            Verdict::NotValid => Some(self.reason(at)),
-            Verdict::Unstable if self.is_index(at) => {
+            WiringVerdict::NotValid => Some(self.reason(at)),
+            WiringVerdict::Unstable if self.is_index(at) => {
                 Some("it came while the encoder stood: noise, or an open wire?".to_owned())
             }
-            Verdict::NoChange if self.is_index(at) => Some(match found.moved {
+            WiringVerdict::NoChange if self.is_index(at) => Some(match found.moved {
                 Some(path) => format!("{}: is it wired?", no_index(path)),
                 None => "the encoder was not turned".to_owned(),
             }),
-            Verdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
+            WiringVerdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
                 Some(DITHERS.to_owned())
             }
-            Verdict::Unstable => Some("it changes by itself".to_owned()),
-            Verdict::NoChange => self.stuck(at),
+            WiringVerdict::Unstable => Some("it changes by itself".to_owned()),
+            WiringVerdict::NoChange => self.stuck(at),
             _ => None,
         };
         self.mark(at, Mark::Judged(found.verdict), reason);
@@ -299,9 +302,9 @@ impl<'a> Session<'a> {
         self.tell_words(at);
     }
 
-    /// Where a level was that did not change.
+    /// Reason for a level that did not change.
     fn stuck(&self, at: usize) -> Option<String> {
-        let What::Input(point, Kind::Digital) = self.items.get(at)?.what else {
+        let What::Input(point, PointKind::Digital) = self.items.get(at)?.what else {
             return None;
         };
         let value = text(self.check.value(point)?);
@@ -310,7 +313,7 @@ impl<'a> Session<'a> {
 
     fn is_index(&self, at: usize) -> bool {
         let item = self.items.get(at);
-        item.is_some_and(|item| matches!(item.what, What::Input(_, Kind::Index)))
+        item.is_some_and(|item| matches!(item.what, What::Input(_, PointKind::Index)))
     }
 
     fn is_restless(&self, at: usize) -> bool {
@@ -335,8 +338,9 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Waits until an output can be driven, and somebody agrees to it; where to go on if nobody does.
-    /// What somebody agreed to while it could not be driven is forgotten.
+    /// Waits until an output can be driven and the person agrees. Returns the direction to continue
+    /// in if the person does not. An agreement given while the output cannot be driven is
+    /// discarded.
     fn may_drive(&mut self, at: usize) -> Result<Option<Next>, Outcome> {
         let (mut is_said, mut is_asked) = (false, false);
         let mut away = Instant::now();
@@ -364,7 +368,7 @@ impl<'a> Session<'a> {
                 Typed::Text(line) if is_yes(&line) => {}
                 Typed::Back => return Ok(Some(Next::Back)),
                 Typed::Skip | Typed::Text(_) => {
-                    self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                    self.mark(at, Mark::Judged(WiringVerdict::Skipped), None);
                     return Ok(Some(Next::Forward));
                 }
                 Typed::Nothing if !is_ready && self.is_timeout(away) => {
@@ -383,7 +387,7 @@ impl<'a> Session<'a> {
         found.is_some_and(|(seen, item)| machine::is_ready(seen, &item.info))
     }
 
-    /// What a person typed before a question is no answer to it.
+    /// Discards lines that a person typed before the question.
     fn forget_typed(&self) {
         while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
             std::thread::sleep(LOOK);
@@ -430,7 +434,7 @@ impl<'a> Session<'a> {
                 typed if was_on => answer = Some(typed),
                 _ => {}
             }
-            // The next one only when this one is off.
+            // The next output only once this one is off.
             let Some(since) = ended else {
                 continue;
             };
@@ -438,7 +442,7 @@ impl<'a> Session<'a> {
                 return Ok(self.answered(at, typed));
             }
             if self.is_timeout(since) {
-                self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                self.mark(at, Mark::Judged(WiringVerdict::Skipped), None);
                 self.tell_words(at);
                 return Ok(Next::Forward);
             }
@@ -448,10 +452,12 @@ impl<'a> Session<'a> {
     fn answered(&mut self, at: usize, typed: Typed) -> Next {
         let (verdict, said) = match typed {
             Typed::Back => return Next::Back,
-            Typed::Text(line) if is_yes(&line) => (Verdict::Ok, None),
-            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => (Verdict::NoChange, None),
-            Typed::Text(line) => (Verdict::OtherChanged, Some(line)),
-            Typed::Skip | Typed::Nothing => (Verdict::Skipped, None),
+            Typed::Text(line) if is_yes(&line) => (WiringVerdict::Ok, None),
+            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => {
+                (WiringVerdict::NoChange, None)
+            }
+            Typed::Text(line) => (WiringVerdict::OtherChanged, Some(line)),
+            Typed::Skip | Typed::Nothing => (WiringVerdict::Skipped, None),
         };
         self.mark(at, Mark::Judged(verdict), None);
         if let Some(item) = self.items.get_mut(at) {
@@ -462,7 +468,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Of an encoder that was turned, and its index did not come.
+/// Text for an encoder that was turned without its index coming.
 fn no_index((from, to): (AnyValue, AnyValue)) -> String {
     format!(
         "the encoder counted {} to {}, and its index did not come",

@@ -11,7 +11,7 @@ use std::net::Ipv4Addr;
 use std::path::Path;
 
 use clap::ValueEnum;
-use mesa_hal_sim::{Motor, MotorConfig, MotorError, Terminal};
+use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimTerminal};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -23,11 +23,11 @@ use crate::files::bounded;
 use check::{Lines, Range};
 
 /// Size limit of a description; no real one comes near it.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// Limits of switches and handwheels.
-const MOST_SWITCHES: usize = 64;
-const MOST_WHEELS: usize = 8;
+const MAX_SWITCHES: usize = 64;
+const MAX_WHEELS: usize = 8;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -122,7 +122,7 @@ struct WireTable {
 /// Reads the description in a file.
 pub fn read(path: &Path) -> Result<MachineOptions, String> {
     let in_file = |error: String| format!("{}: {error}", path.display());
-    let bytes = bounded(path, MOST_BYTES).map_err(|error| in_file(error.to_string()))?;
+    let bytes = bounded(path, MAX_BYTES).map_err(|error| in_file(error.to_string()))?;
     let text = String::from_utf8(bytes);
     let text = text.map_err(|error| in_file(format!("no description of a machine: {error}")))?;
     let directory = path.parent().unwrap_or(Path::new(""));
@@ -306,8 +306,8 @@ fn switches(
     for table in tables {
         let names = switches.iter().map(|switch| switch.name.as_str());
         let name = lines.name(&table.name, "switch.name", names)?;
-        if switches.len() == MOST_SWITCHES {
-            let reason = format!("allowed are {MOST_SWITCHES} switches");
+        if switches.len() == MAX_SWITCHES {
+            let reason = format!("allowed are {MAX_SWITCHES} switches");
             return Err(lines.wrong(&table.name, "switch.name", &reason));
         }
         let wanted = table.axis.get_ref();
@@ -351,8 +351,8 @@ fn wheels(lines: &Lines<'_>, tables: &[Wheel]) -> Result<Vec<WheelPlan>, String>
     for table in tables {
         let names = wheels.iter().map(|wheel| wheel.name.as_str());
         let name = lines.name(&table.name, "wheel.name", names)?;
-        if wheels.len() == MOST_WHEELS {
-            let reason = format!("allowed are {MOST_WHEELS} handwheels");
+        if wheels.len() == MAX_WHEELS {
+            let reason = format!("allowed are {MAX_WHEELS} handwheels");
             return Err(lines.wrong(&table.name, "wheel.name", &reason));
         }
         let speed = table.speed.as_ref();
@@ -388,7 +388,7 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             channel: Some(channel),
             input: Some(input),
             pin: None,
-        } => Terminal::Remote {
+        } => SimTerminal::Remote {
             port: PORT,
             channel: channel.into(),
             input: input.into(),
@@ -397,14 +397,14 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             channel: None,
             input: Some(input),
             pin: None,
-        } => Terminal::Board {
+        } => SimTerminal::Board {
             input: input.into(),
         },
         WireTable {
             channel: None,
             input: None,
             pin: Some(pin),
-        } => Terminal::Pin { pin: pin.into() },
+        } => SimTerminal::Pin { pin: pin.into() },
         _ => {
             let allowed = "allowed are { channel = CH, input = N } for an input of a remote, \
                            { input = N } for one of the board, { pin = N } for an I/O pin";

@@ -23,7 +23,7 @@ fn the_example_is_read_as_its_comments_say() {
     assert_eq!((limit.from, limit.to), (502.0, f64::INFINITY));
     assert!(limit.normally_closed);
     let estop = mill.plan.estop.unwrap();
-    assert_eq!(estop.inputs[0].terminal, Terminal::Board { input: 15 });
+    assert_eq!(estop.inputs[0].terminal, SimTerminal::Board { input: 15 });
 }
 
 #[test]

@@ -5,10 +5,10 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use crate::full_screen::is_control;
 
 /// Length limit of the console's lines.
-const MOST_CHARACTERS: usize = 1000;
+const MAX_CHARACTERS: usize = 1000;
 
 /// Length of the command history.
-const MOST_BEFORE: usize = 100;
+const MAX_BEFORE: usize = 100;
 
 /// The text being typed, and the history.
 #[derive(Debug, Default)]
@@ -31,7 +31,7 @@ impl CommandLine {
             .intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
         match key.code {
             _ if is_control(key, 'u') => self.text.clear(),
-            KeyCode::Char(character) if is_plain && self.text.chars().count() < MOST_CHARACTERS => {
+            KeyCode::Char(character) if is_plain && self.text.chars().count() < MAX_CHARACTERS => {
                 self.text.push(character);
             }
             KeyCode::Backspace => {
@@ -60,7 +60,7 @@ impl CommandLine {
         }
         if self.before.last() != Some(&text) {
             self.before.push(text.clone());
-            if self.before.len() > MOST_BEFORE {
+            if self.before.len() > MAX_BEFORE {
                 self.before.remove(0);
             }
         }
@@ -109,13 +109,13 @@ mod tests {
     #[test]
     fn what_is_kept_is_bounded() {
         let mut line = CommandLine::default();
-        for n in 0..2 * MOST_BEFORE {
+        for n in 0..2 * MAX_BEFORE {
             enter(&mut line, &n.to_string());
         }
-        assert_eq!(line.before.len(), MOST_BEFORE);
-        for _ in 0..2 * MOST_CHARACTERS {
+        assert_eq!(line.before.len(), MAX_BEFORE);
+        for _ in 0..2 * MAX_CHARACTERS {
             press(&mut line, KeyCode::Char('ü'));
         }
-        assert_eq!(line.text().chars().count(), MOST_CHARACTERS);
+        assert_eq!(line.text().chars().count(), MAX_CHARACTERS);
     }
 }

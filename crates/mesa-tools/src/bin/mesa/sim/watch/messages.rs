@@ -11,7 +11,7 @@ use ratatui::widgets::{Block, Paragraph};
 use crate::full_screen::{Palette, Scroll};
 
 /// Older lines are dropped.
-const MOST_LINES: usize = 2000;
+const MAX_LINES: usize = 2000;
 
 /// Kind of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ impl Messages {
     }
 
     fn push(&mut self, kind: Kind, text: String) {
-        if self.lines.len() == MOST_LINES {
+        if self.lines.len() == MAX_LINES {
             self.lines.pop_front();
         }
         self.lines.push_back((kind, text));

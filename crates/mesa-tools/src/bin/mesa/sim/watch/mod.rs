@@ -24,7 +24,7 @@ use command_line::CommandLine;
 use messages::Messages;
 
 /// Maximum number of queued commands; the one in progress may be a `wait until`.
-const MOST_COMMANDS: usize = 16;
+const MAX_COMMANDS: usize = 16;
 
 /// The screen: a view of each board, and the console.
 pub struct Watch<'a> {
@@ -217,7 +217,7 @@ impl Screen for Watch<'_> {
 /// Starts a thread that executes commands one after the other, so that none of them blocks the
 /// screen. Returns the channel of the commands and that of their answers.
 fn answer_commands(network: Network) -> (SyncSender<String>, Receiver<String>) {
-    let (commands, lines) = sync_channel::<String>(MOST_COMMANDS);
+    let (commands, lines) = sync_channel::<String>(MAX_COMMANDS);
     let (sender, answers) = channel();
     thread::spawn(move || {
         for line in lines {

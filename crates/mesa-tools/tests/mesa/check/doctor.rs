@@ -1,0 +1,297 @@
+//! `mesa doctor`.
+
+use std::fs;
+use std::net::Ipv4Addr;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::interop::{Process, Scratch, board::Board};
+use crate::run::{Run, command, done, hold_against_schema, json, run};
+
+/// Verdict and figure of the check whose name contains a text.
+fn finding<'a>(diagnosis: &'a Value, check: &str) -> (&'a str, &'a str) {
+    let findings = diagnosis["findings"].as_array().expect("findings");
+    let is_it = |one: &&Value| {
+        one["check"]
+            .as_str()
+            .is_some_and(|name| name.contains(check))
+    };
+    let one = findings.iter().find(is_it);
+    let one = one.unwrap_or_else(|| panic!("no {check}: {diagnosis:#}"));
+    let text = |name: &str| one[name].as_str().expect("a text");
+    (text("verdict"), text("figure"))
+}
+
+/// Runs a diagnosis, which need not succeed: exit code, JSON and standard error.
+fn diagnosis(arguments: &[&str]) -> (Option<i32>, Value, String) {
+    let run = run(&[&["doctor", "--json"], arguments].concat());
+    let value = serde_json::from_str(&run.out).unwrap_or_else(|error| panic!("{error}: {run:?}"));
+    hold_against_schema("doctor", &value);
+    (run.code, value, run.err)
+}
+
+/// A period that a busy test machine keeps.
+const SLOW: &str = "10000";
+
+/// A root directory with these files, in place of a computer's.
+fn computer(name: &str, files: &[(&str, &str)]) -> PathBuf {
+    let root = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let root = root.join(format!("{}-{name}", std::process::id()));
+    for (path, text) in files {
+        let path = root.join(path);
+        fs::create_dir_all(path.parent().expect("a directory")).expect("a scratch directory");
+        fs::write(path, text).expect("a scratch file");
+    }
+    root
+}
+
+#[test]
+fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
+    let board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io:2"],
+    );
+    let address = board.address.to_string();
+    // Long enough for a busy machine, and short enough for the DPLL of a 7I97.
+    let period = ["--period", "10000", "--exchanges", "10"];
+    let ask = [&["--addr", address.as_str()][..], &period].concat();
+    let refused = run(&[&["doctor"][..], &ask].concat());
+    assert_eq!(refused.code, Some(2), "not a terminal: {refused:?}");
+    assert!(refused.err.contains("--passive"), "{refused:?}");
+
+    let (_, found, said) = diagnosis(&[&ask[..], &["--yes"]].concat());
+    assert!(said.contains("no output was ever on"), "{said}");
+    assert_eq!(finding(&found, "network route").0, "ok");
+    assert_eq!(finding(&found, "second master").0, "ok");
+    assert_eq!(
+        finding(&found, "firmware"),
+        ("ok", "7I97, network firmware 16")
+    );
+    let (_, loss) = finding(&found, "packet loss");
+    assert!(loss.contains(" of 10 lost"), "{loss}");
+    let (_, watchdog) = finding(&found, "board: watchdog against period");
+    assert_eq!(watchdog, "50 ms, period 10 ms");
+    assert_eq!(
+        finding(&found, "channel 0, 7I77: field power"),
+        ("unknown", "not measured in this software mode")
+    );
+    let (_, kernel) = finding(&found, "kernel");
+    assert!(kernel.contains("PREEMPT_RT"), "{kernel}");
+    let shown = board.stop("TERM");
+    for enable in 0..6 {
+        assert_eq!(shown[&format!("board.enable{enable}")], "0");
+    }
+}
+
+#[test]
+fn a_remote_without_field_power_is_bad_and_the_exit_code_says_so() {
+    let mut board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"],
+    );
+    let address = board.address.to_string();
+    board.console.run("field 0 0");
+    let ask = [
+        "--addr",
+        &address,
+        "--period",
+        "5000",
+        "--exchanges",
+        "10",
+        "--yes",
+    ];
+    let (code, found, _) = diagnosis(&ask);
+    assert_eq!(
+        (code, &found["verdict"]),
+        (Some(1), &"bad".into()),
+        "{found:#}"
+    );
+    let text = run(&[&["doctor"][..], &ask].concat());
+    assert_eq!(text.code, Some(1), "{text:?}");
+    assert!(
+        text.out.contains("BAD") && text.out.contains("-> "),
+        "{text:?}"
+    );
+}
+
+#[test]
+fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
+    let root = computer(
+        "doctor",
+        &[
+            (
+                "proc/net/route",
+                "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\n",
+            ),
+            ("sys/class/net/eth0/type", "1\n"),
+            ("sys/kernel/realtime", "1\n"),
+            ("sys/devices/system/cpu/online", "0-3\n"),
+            ("sys/devices/system/cpu/isolated", "3\n"),
+            (
+                "sys/devices/system/cpu/cpu2/cpufreq/scaling_governor",
+                "powersave\n",
+            ),
+            (
+                "proc/self/limits",
+                "Max locked memory  unlimited  unlimited  bytes\nMax realtime priority  95  95\n",
+            ),
+        ],
+    );
+    let root = root.to_str().expect("UTF-8");
+    let passive = [
+        "--sim",
+        "7i97",
+        "--passive",
+        "--exchanges",
+        "10",
+        "--period",
+        SLOW,
+        "--root",
+        root,
+    ];
+    let (_, found, said) = diagnosis(&passive);
+    assert_eq!(said, "", "nothing was started");
+    for (check, verdict) in [
+        ("kernel", "ok"),
+        ("realtime priority", "ok"),
+        ("locked memory", "ok"),
+        ("isolated CPUs", "ok"),
+        ("CPU frequency", "look"),
+        ("CPU idle states", "unknown"),
+    ] {
+        assert_eq!(finding(&found, check).0, verdict, "{check}: {found:#}");
+    }
+    let findings = found["findings"].as_array().expect("findings");
+    assert!(findings.iter().all(|one| {
+        !one["check"]
+            .as_str()
+            .is_some_and(|name| name.contains("channel"))
+    }));
+    let text = done(&[&["doctor"], &passive[..]].concat());
+    assert!(
+        text.contains("look     CPU frequency: governor powersave"),
+        "{text}"
+    );
+    fs::remove_dir_all(root).expect("it is there");
+}
+
+/// The page that lists the points that are not confirmed.
+const GATEWARE: &str = include_str!("../../../../../docs/gateware.md");
+
+#[test]
+fn the_report_gathers_what_decides_everything_that_is_not_confirmed() {
+    let file = Scratch::new("doctor-report.json");
+    let machine = "7i92-7i77,2=7i72";
+    let ask = [
+        "doctor",
+        "--sim",
+        machine,
+        "--period",
+        SLOW,
+        "--exchanges",
+        "10",
+        "--report",
+    ];
+    let ended = run(&[&ask[..], &[file.path(), "--yes"]].concat());
+    assert!(ended.err.contains("4 of 4 questions"), "{ended:?}");
+    let text = fs::read_to_string(&file.0).expect("a report");
+    let report: Value = serde_json::from_str(&text).expect("JSON");
+    hold_against_schema("doctor_report", &report);
+    let questions = report["questions"].as_array().expect("questions");
+    let of = |fact: &str| {
+        let mut all = questions.iter();
+        let question = all.find(|one| one["stands_in"] == fact);
+        question.unwrap_or_else(|| panic!("nothing decides {fact}"))
+    };
+    let mut places = 0;
+    for part in GATEWARE.split("\n## ") {
+        let words = part.split_whitespace().collect::<Vec<_>>().join(" ");
+        if words.contains("not confirmed") {
+            let (fact, _) = words.split_once(':').expect("a heading");
+            assert!(of(fact)["found"][0].is_string(), "{fact}: {report:#}");
+            places += 1;
+        }
+    }
+    assert_eq!(places, 3, "places where something is not confirmed");
+    let scale = of("FACTS 8.4")["found"][0].as_str().expect("a text");
+    let is_told = scale.starts_with("FieldVoltage: ") && scale.contains("16 bits, 0 to ");
+    assert!(is_told, "{scale}");
+    assert_eq!(report["memory"][0]["values"][0], 0x55AA_CAFE_u32);
+
+    let passive = run(&[&ask[..], &[file.path(), "--passive", "--yes"]].concat());
+    assert!(passive.err.contains("1 of 4 questions"), "{passive:?}");
+    let nowhere = run(&[&ask[..], &["/nowhere/report.json", "--passive"]].concat());
+    assert!(
+        nowhere.code == Some(1) && nowhere.err.contains("/nowhere/report.json"),
+        "{nowhere:?}"
+    );
+}
+
+#[test]
+fn where_no_board_is_the_network_and_the_computer_are_looked_at_all_the_same() {
+    let (code, found, _) = diagnosis(&["--addr", "127.93.0.11", "--passive"]);
+    assert_eq!(code, Some(1));
+    let (verdict, figure) = finding(&found, "board");
+    assert!(
+        verdict == "bad" && figure.contains("nobody listens"),
+        "{figure}"
+    );
+    finding(&found, "kernel");
+    for arguments in [
+        ["--period", "99"],
+        ["--period", "10001"],
+        ["--exchanges", "9"],
+    ] {
+        let run = run(&[&["doctor", "--sim", "7i97", "--passive"], &arguments[..]].concat());
+        assert_eq!(run.code, Some(2), "{arguments:?}: {run:?}");
+    }
+}
+
+#[test]
+fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    let ask = [
+        "doctor",
+        "--addr",
+        &address,
+        "--exchanges",
+        "100000",
+        "--yes",
+    ];
+    let mut process = Process::new(command(&ask).spawn().expect("mesa starts"));
+    board.wait_for_packets(1000);
+    process.signal("INT");
+    let ended = Run::from(process.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(ended.err.contains("nothing was left running"), "{ended:?}");
+    assert!(ended.out.contains("packet loss"), "{ended:?}");
+}
+
+#[test]
+fn a_board_that_another_program_drives_is_left_alone() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    let other = [
+        "doctor",
+        "--addr",
+        &address,
+        "--passive",
+        "--exchanges",
+        "100000",
+    ];
+    let mut other = Process::new(command(&other).spawn().expect("mesa starts"));
+    board.wait_for_packets(1000);
+    let (code, found, _) = diagnosis(&["--addr", &address, "--yes"]);
+    other.signal("INT");
+    other.output();
+    assert_eq!(code, Some(1), "{found:#}");
+    let (verdict, figure) = finding(&found, "board");
+    assert!(
+        verdict == "bad" && figure.contains("somebody else drives"),
+        "{figure}"
+    );
+    let value = json(&["peek", "0:0x100", "--addr", &address]);
+    assert_eq!(value["registers"][0]["value"], 0x55AA_CAFE_u32);
+}

@@ -1,0 +1,275 @@
+//! Another program that begins to drive the board after a command has opened it.
+
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crate::check::wiring::Guided;
+use crate::interop::board::Board;
+use crate::interop::tools::{has_program, skip};
+use crate::interop::{Process, Scratch, wait_until};
+use crate::run::{Run, command, done, hold_against_schema, run};
+use crate::terminal::Terminal;
+use serde_json::{Value, json};
+
+const SAID: &str = "somebody else drives this board";
+
+fn board() -> Board {
+    let card = ["--board", "7i92-7i77", "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &card)
+}
+
+/// Sends some 1000 packets a second, as a cycle of 500 Hz does, until dropped.
+struct Master {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Master {
+    fn start(address: SocketAddrV4) -> Self {
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+        socket.connect(address).expect("the board");
+        let stop = Arc::new(AtomicBool::new(false));
+        let is_over = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let (begun, mut sent) = (Instant::now(), 0);
+            while !is_over.load(Ordering::Relaxed) {
+                // A busy machine wakes it late: everything due is sent.
+                while sent < begun.elapsed().as_millis() {
+                    // A read of the cookie, which is harmless.
+                    let _ = socket.send(&[0x81, 0x42, 0x00, 0x01]);
+                    sent += 1;
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        Self {
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for Master {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Starts a command, and waits until it has the board; for a jog, until its output is on.
+fn begin(board: &mut Board, arguments: &[&str]) -> Process {
+    let address = board.address.to_string();
+    let all = [arguments, &["--addr", &address, "--yes"]].concat();
+    let process = Process::new(command(&all).spawn().expect("mesa starts"));
+    let runs = |board: &mut Board| {
+        let values = board.console.show("all");
+        let received = values["network.received.packets"].parse();
+        let received: u64 = received.expect("it is a count");
+        match arguments {
+            ["set", ..] => values["remote.0.output-03"] == "1",
+            _ => received > 1000,
+        }
+    };
+    wait_until(format_args!("{arguments:?} runs"), || runs(board));
+    process
+}
+
+fn is_off(board: &mut Board) {
+    for channel in ["0", "1"] {
+        for (name, value) in board.console.show(channel) {
+            let what = name.rsplit('.').next().unwrap_or_default();
+            let outputs = ["output", "analogout", "analogena", "spinena"];
+            if outputs.iter().any(|start| what.starts_with(start)) {
+                let value: f64 = value.parse().unwrap_or(1.0);
+                assert!(value.abs() < 0.01, "{name} is {value}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_command_that_runs_a_cycle_ends_with_the_reason_and_everything_off() {
+    let file = Scratch::new("second-master.csv");
+    let never = ["--trigger", "7i77.0.0.input-03", "--timeout", "3600"];
+    let scope = [
+        &["scope", "encoder.00.position"],
+        &never[..],
+        &["--csv", file.path()],
+    ]
+    .concat();
+    for arguments in [
+        &["set", "7i77.0.0.output-03", "on", "--for", "60s"][..],
+        &["latency", "--seconds", "3600"],
+        &["pins", "--seconds", "60"],
+        &scope,
+    ] {
+        let mut board = board();
+        let process = begin(&mut board, arguments);
+        let master = Master::start(board.address);
+        let ended = Run::from(process.output());
+        drop(master);
+        assert_eq!(ended.code, Some(1), "{arguments:?}: {ended:?}");
+        assert!(ended.err.contains(SAID), "{arguments:?}: {ended:?}");
+        is_off(&mut board);
+    }
+    assert!(!file.0.exists());
+}
+
+#[test]
+fn a_screen_ends_with_the_reason() {
+    let board = board();
+    let arguments = format!("watch --addr {}", board.address);
+    let Some(terminal) = Terminal::start("second", &arguments) else {
+        return;
+    };
+    terminal.wait_for_text("0.0 7I77  running");
+    let master = Master::start(board.address);
+    let text = terminal.wait_for_text("exit code 1");
+    assert!(text.contains("somebody else drives"), "{text}");
+    drop(master);
+}
+
+#[test]
+fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
+    let mut board = board();
+    let arguments = format!("watch --addr {}", board.address);
+    let Some(terminal) = Terminal::start("again", &arguments) else {
+        return;
+    };
+    terminal.wait_for_text("0.0 7I77  running");
+    let mut is_bitten = || board.console.show("all")["board.watchdog-bitten"] == "1";
+    assert!(!is_bitten());
+    terminal.signal("STOP");
+    wait_until("nobody feeds the watchdog", &mut is_bitten);
+    let master = Master::start(board.address);
+    terminal.signal("CONT");
+    let text = terminal.wait_for("the end", |text| {
+        let has_ended = text.contains("exit code");
+        assert!(has_ended || is_bitten(), "it was set up again: {text}");
+        has_ended
+    });
+    assert!(text.contains("exit code 1"), "{text}");
+    assert!(text.contains("somebody else drives"), "{text}");
+    drop(master);
+}
+
+#[test]
+fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
+    let driving = ["*.7i77.0.0.output-03", "--outputs", "--yes", "--for", "10"];
+    for (arguments, waits) in [
+        (&["*7i77.0.0.input-0?"][..], "actuate it now"),
+        (&driving, "driven; did it come on?"),
+    ] {
+        let mut board = board();
+        let file = Scratch::new("second-master.json");
+        let keep = ["--json", "--report", file.path()];
+        let guided = Guided::begin(&board, &[arguments, &keep].concat());
+        guided.says(waits);
+        let is_on = |board: &mut Board| board.console.show("0")["remote.0.output-03"] == "1";
+        wait_until("it is driven", || arguments.len() == 1 || is_on(&mut board));
+        let master = Master::start(board.address);
+        let said = guided.says(SAID);
+        assert!(said.starts_with("mesa: "), "{said}");
+        let ended = guided.ended();
+        drop(master);
+        assert_eq!(ended.code, Some(1), "{ended:?}");
+        is_off(&mut board);
+        let report: Value = serde_json::from_str(&ended.out).expect("JSON");
+        let kept = std::fs::read_to_string(&file.0).expect("a report");
+        let kept: Value = serde_json::from_str(&kept).expect("JSON");
+        for report in [report, kept] {
+            hold_against_schema("wiring", &report);
+            assert_eq!(
+                [&report["outcome"], &report["ok"]],
+                [&json!("failed"), &json!(false)]
+            );
+        }
+    }
+}
+
+#[test]
+fn who_is_asked_and_takes_his_time_is_looked_at_again() {
+    let board = board();
+    let address = board.address;
+    let poke = format!("poke 6:0x14 0 --addr {address}");
+    let Some(terminal) = Terminal::start("asked", &poke) else {
+        return;
+    };
+    terminal.wait_for_text("Go on? [y/N]");
+    let master = Master::start(address);
+    terminal.type_keys(&["y", "Enter"]);
+    let text = terminal.wait_for_text("exit code");
+    assert!(text.contains("exit code 1"), "{text}");
+    assert!(text.contains("somebody else drives"), "{text}");
+    drop(master);
+    let peek = ["peek", "6:0x14", "--addr", &address.to_string()];
+    assert!(done(&peek).contains("0x0001  1"), "nothing was written");
+    // Without a second master the write is done.
+    let Some(terminal) = Terminal::start("alone", &poke) else {
+        return;
+    };
+    terminal.wait_for_text("Go on? [y/N]");
+    terminal.type_keys(&["y", "Enter"]);
+    terminal.wait_for_text("exit code 0");
+    assert!(done(&peek).contains("0x0000  0"));
+}
+
+/// All boards have the same factory address.
+#[test]
+fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then() {
+    let at = Ipv4Addr::new(127, 93, 0, 78);
+    let mut first = Board::start(at, &["--board", "7i97"]);
+    let address = first.address.to_string();
+    let poke = format!("poke 6:0x14 0 --addr {address}");
+    let Some(terminal) = Terminal::start("swapped", &poke) else {
+        return;
+    };
+    terminal.wait_for_text("Go on? [y/N]");
+    first.kill();
+    let second = Board::start(at, &["--board", "7i92-7i77"]);
+    terminal.type_keys(&["y", "Enter"]);
+    let text = terminal.wait_for_text("exit code");
+    assert!(text.contains("exit code 1"), "{text}");
+    let text = text.replace('\n', " ");
+    assert!(text.contains("another board answers here by now"), "{text}");
+    let peek = ["peek", "6:0x14", "--addr", &address];
+    assert!(done(&peek).contains("0x0001  1"), "nothing was written");
+    drop(second);
+}
+
+#[test]
+fn who_only_looks_at_a_board_stops_nothing() {
+    // mesaflash knows one port only.
+    let address = Ipv4Addr::new(127, 93, 0, 77);
+    let mut board = Board::start(address, &["--board", "7i92-7i77"]);
+    let mut latency = begin(&mut board, &["latency", "--seconds", "3600"]);
+    let address = board.address.to_string();
+    for _ in 0..8 {
+        let info = run(&["info", "--addr", &address]);
+        assert_eq!(info.code, Some(1), "{info:?}");
+        assert!(info.err.contains(SAID), "{info:?}");
+    }
+    if has_program("mesaflash") {
+        let mut mesaflash = Command::new("mesaflash");
+        mesaflash.args(["--device", "7i92", "--addr", "127.93.0.77", "--readhmid"]);
+        let asked = mesaflash.output().expect("mesaflash starts");
+        let text = String::from_utf8_lossy(&asked.stdout);
+        assert!(text.contains("IO Connections for P2"), "{text}");
+        std::thread::sleep(Duration::from_secs(1));
+    } else {
+        skip("mesaflash");
+    }
+    assert!(
+        latency.child().try_wait().expect("a child").is_none(),
+        "it runs"
+    );
+    latency.signal("INT");
+    let ended = Run::from(latency.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+}

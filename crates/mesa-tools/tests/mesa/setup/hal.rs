@@ -1,0 +1,292 @@
+//! `mesa hal`: content of the files, conditions for writing them, and a run of the generated
+//! program. `tests/interop_linuxcnc` loads them in LinuxCNC.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Read};
+use std::net::Ipv4Addr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use serde_json::Value;
+
+use crate::interop::board::Board;
+use crate::interop::{Process, example};
+use crate::run::{Run, command, done, json, run};
+
+const NAMES: [&str; 5] = [
+    "machine.ini",
+    "board.hal",
+    "motion.hal",
+    "bench.hal",
+    "main.rs",
+];
+
+fn directory(name: &str) -> PathBuf {
+    let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&directory);
+    directory
+}
+
+fn text(found: &Value, name: &str) -> String {
+    let files = found["files"].as_array().expect("files");
+    let mut named = files.iter().filter(|file| file["path"] == name);
+    let file = named.next().unwrap_or_else(|| panic!("no {name}"));
+    file["text"].as_str().expect("a text").to_owned()
+}
+
+fn has(text: &str, lines: &[&str]) {
+    for line in lines {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+}
+
+#[test]
+fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
+    let found = json(&[
+        "hal",
+        "--sim",
+        "7i92-7i77,0=7i77-io:2,2=7i72",
+        "--mode",
+        "0.0=2",
+    ]);
+    assert_eq!(found["board"], "hm2_7i92.0");
+    let board = text(&found, "board.hal");
+    has(
+        &board,
+        &[
+            "\n# port 0, channel 0: 7I77, mode 2\n# port 0, channel 1: 7I77, mode 0\n# port 0, channel 2: 7I72",
+            "\nloadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP config=[HOSTMOT2]CONFIG\n",
+            "\nsetp hm2_7i92.0.encoder.05.scale [JOINT_5]ENCODER_SCALE\n",
+            "\nnet encoder-00-index-enable <=> hm2_7i92.0.encoder.00.index-enable  # TB3 pin 7, 8 IDX0, /IDX0",
+            "\nnet 7i77-0-0-input-02 <= hm2_7i92.0.7i77.0.0.input-02  # TB8 pin 3 INPUT2\n",
+            "\nnet 7i77-0-0-output-10 => hm2_7i92.0.7i77.0.0.output-10  # TB7 pin 19 OUTPUT10\n",
+            "\nnet 7i77-0-0-fieldvoltage <= hm2_7i92.0.7i77.0.0.fieldvoltage  # in ",
+            "\nnet 7i77-0-1-analogout0 => hm2_7i92.0.7i77.0.1.analogout0  # TB5 pin 4 AOUT0 in ",
+            "\nsetp hm2_7i92.0.7i77.0.1.analogout0-minlim -10\n",
+            "\nnet 7i72-0-2-output-47 => hm2_7i92.0.7i72.0.2.output-47  # TB2 pin 24 OUTPUT47\n",
+            "\n# net joint-0-enable => hm2_7i92.0.7i77.0.1.analogena  # TB5 pin 1, 2, 5",
+            "\n# net joint-5-enable => hm2_7i92.0.7i77.0.1.spinena  # TB5 pin 21, 22 ENA5-, ENA5+\n",
+        ],
+    );
+    for pin in ["analogena", "spinena", "-not", "fault-", "running", "gpio"] {
+        let mut nets = board.lines().filter(|line| line.starts_with("net "));
+        assert!(!nets.any(|line| line.contains(pin)), "{pin}:\n{board}");
+    }
+    has(
+        &text(&found, "machine.ini"),
+        &[
+            "\n# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10\n",
+            "\nCONFIG = \"sserial_port_0=200xxxxx\"\n",
+            "\nJOINTS = 6\nKINEMATICS = trivkins coordinates=XYZABC\n",
+            "\n[JOINT_3]\nTYPE = ANGULAR\n",
+        ],
+    );
+    has(
+        &text(&found, "motion.hal"),
+        &[
+            "\nnet estop-pressed => estop-latch.2.fault-in\n",
+            "\n#   net estop-pressed <= hm2_7i92.0.7i77.0.0.input-00-not\nsets estop-pressed true\n",
+            "\nnet 7i77-0-1-analogout5 <= pid.5.output\n",
+        ],
+    );
+}
+
+#[test]
+fn a_7i97_has_its_own_outputs_and_those_of_a_card_beside_them() {
+    let found = json(&["hal", "--sim", "7i97,0=7i77-io,1=7i77-analog"]);
+    let board = text(&found, "board.hal");
+    has(
+        &board,
+        &[
+            "\nsetp hm2_7i97.0.pwmgen.00.offset-mode 1\n",
+            "\nsetp hm2_7i97.0.pwmgen.05.scale 10\n",
+            "\nnet pwmgen-00-value => hm2_7i97.0.pwmgen.00.value  # TB3 pin 4 AOUT0 in V\n",
+            "\nnet inmux-00-input-10 <= hm2_7i97.0.inmux.00.input-10  # TB5 pin 4 IN10\n",
+            "\nnet ssr-00-out-02 => hm2_7i97.0.ssr.00.out-02  # TB5 pin 17, 18 OUT2-, OUT2+\n",
+            "\nnet gpio-043-in <= hm2_7i97.0.gpio.043.in  # P1 pin 11, DB25 pin 6 IO43\n",
+            "\n# net joint-4-enable => hm2_7i97.0.pwmgen.04.enable  # TB3 pin 17, 18 ENA4-, ENA4+\n",
+            "\n# net joint-0-enable => hm2_7i97.0.7i77.0.1.analogena",
+        ],
+    );
+    let motion = text(&found, "motion.hal");
+    has(&motion, &["\nnet pwmgen-05-value <= pid.5.output\n"]);
+    assert!(!motion.contains("7i77-0-1"), "{motion}");
+}
+
+#[test]
+fn outputs_that_dither_here_do_so_in_linuxcnc() {
+    let dithers = |machine| {
+        let board = text(&json(&["hal", "--sim", machine]), "board.hal");
+        let lines = board.lines().filter(|line| line.contains(".dither"));
+        lines.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let all = (0..6).map(|n| format!("setp hm2_7i97.0.pwmgen.{n:02}.dither 1"));
+    assert_eq!(dithers("7i97t"), all.collect::<Vec<_>>());
+    assert_eq!(dithers("7i97"), [""; 0]);
+}
+
+#[test]
+fn a_board_without_servo_outputs_has_a_joint_that_follows_itself() {
+    let found = json(&["hal", "--sim", "7i92-7i77,1=7i72"]);
+    let motion = text(&found, "motion.hal");
+    has(
+        &motion,
+        &["\nnet joint-0-command <= joint.0.motor-pos-cmd => joint.0.motor-pos-fb\n"],
+    );
+    assert!(!motion.contains("pid"), "{motion}");
+    has(
+        &text(&found, "machine.ini"),
+        &["\nJOINTS = 1\n", "coordinates=X\n"],
+    );
+    assert!(!text(&found, "main.rs").contains("Joint"));
+}
+
+#[test]
+fn the_program_is_the_one_that_is_compiled_here() {
+    let found = json(&["hal", "--sim", "7i92-7i77"]);
+    let (text, file) = (
+        text(&found, "main.rs"),
+        concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/mesa/setup/hal_skeleton.rs"
+        ),
+    );
+    if std::env::var_os("BLESS").is_some() {
+        fs::write(file, &text).expect("it can be written");
+    }
+    let expected = fs::read_to_string(file).expect("the program");
+    assert_eq!(text, expected, "BLESS=1 writes {file} anew");
+}
+
+#[test]
+fn the_program_runs_until_a_signal_and_enables_no_drive() {
+    let mut board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i92-7i77", "--port", "0"],
+    );
+    let cycles = |board: &mut Board| -> u64 {
+        let network = board.console.show("network");
+        network["network.received.packets"]
+            .parse()
+            .expect("a number")
+    };
+    let mut started = Command::new(example("hal_skeleton"))
+        .arg(board.address.to_string())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let mut said = BufReader::new(started.stderr.take().expect("piped"));
+    let mut program = Process::new(started);
+    let mut line = String::new();
+    said.read_line(&mut line).expect("it runs");
+    assert_eq!(line, "hm2_7i92.0 runs; Ctrl-C ends it\n");
+    let before = cycles(&mut board);
+    while cycles(&mut board) < before + 100 {
+        assert!(program.child().try_wait().expect("a child").is_none());
+    }
+    let truth = board.console.show("all");
+    for name in ["analogena", "spinena", "analogout0"] {
+        let value: f64 = truth[&format!("remote.1.{name}")]
+            .parse()
+            .expect("a number");
+        assert_eq!(value, 0.0, "{name}");
+    }
+    program.signal("INT");
+    assert_eq!(program.output().status.code(), Some(130));
+    said.read_to_string(&mut line).expect("its end");
+    assert!(!line.contains("rror"), "{line}");
+    assert_eq!(board.console.show("all")["board.watchdog-bitten"], "1");
+}
+
+#[test]
+fn files_are_replaced_only_when_that_is_asked_for() {
+    let directory = directory("hal-replaced");
+    let out = directory.to_str().expect("UTF-8");
+    let printed = done(&["hal", "--sim", "7i97", "--out", out]);
+    let names: Vec<_> = printed.lines().map(Path::new).collect();
+    assert_eq!(names, NAMES.map(|name| directory.join(name)));
+    let read = |name: &str| fs::read_to_string(directory.join(name)).expect("it is there");
+    let written = read("board.hal");
+    assert!(written.contains("hm2_7i97.0"), "{written}");
+
+    fs::write(directory.join("board.hal"), "mine").expect("writable");
+    fs::remove_file(directory.join("machine.ini")).expect("it is there");
+    let refused = run(&["hal", "--sim", "7i97", "--out", out]);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    let what = "replaces board.hal, motion.hal, bench.hal, main.rs: not a terminal";
+    assert!(refused.err.contains(what), "{refused:?}");
+    assert_eq!(read("board.hal"), "mine");
+    assert!(!directory.join("machine.ini").exists(), "all or none");
+
+    done(&["hal", "--sim", "7i97", "--out", out, "--yes"]);
+    assert_eq!(read("board.hal"), written);
+    assert!(directory.join("machine.ini").exists());
+
+    fs::remove_file(directory.join("main.rs")).expect("it is there");
+    fs::create_dir(directory.join("main.rs")).expect("a directory");
+    let device = run(&["hal", "--sim", "7i97", "--out", out, "--yes"]);
+    assert_eq!(device.code, Some(2), "{device:?}");
+    assert!(
+        device.err.contains("main.rs: no regular file"),
+        "{device:?}"
+    );
+}
+
+#[test]
+fn without_a_directory_everything_is_printed() {
+    let printed = done(&["hal", "--sim", "7i97"]);
+    let mut rest = &*printed;
+    for name in NAMES {
+        let (_, behind) = rest.split_once(&format!("==> {name} <==\n")).expect(name);
+        rest = behind;
+    }
+    // The reader has closed the pipe.
+    let mut started = command(&["hal", "--sim", "7i97"])
+        .spawn()
+        .expect("it starts");
+    drop(started.stdout.take());
+    let ended = Run::from(Process::new(started).output());
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(!ended.err.contains("panic"), "{ended:?}");
+}
+
+#[test]
+fn what_can_not_be_done_is_said() {
+    let nobody = run(&["hal", "--addr", "127.93.9.1"]);
+    assert_eq!(nobody.code, Some(1), "{nobody:?}");
+    assert!(nobody.err.contains("127.93.9.1:27181: "), "{nobody:?}");
+    let file = directory("hal-file");
+    File::create(&file).expect("a file");
+    let place = file.join("below");
+    for place in ["/proc/nothing", place.to_str().expect("UTF-8")] {
+        let place = run(&["hal", "--sim", "7i97", "--out", place]);
+        assert_eq!(place.code, Some(1), "{place:?}");
+        assert_eq!(place.out, "");
+    }
+    let _ = fs::remove_file(&file);
+    let mode = ["hal", "--sim", "7i92-7i77", "--mode", "0.0"];
+    assert_eq!(run(&mode).code, Some(2));
+    assert_eq!(run(&["hal"]).code, Some(2));
+}
+
+#[test]
+fn a_signal_ends_it_with_nothing_written_and_the_board_stopped() {
+    // Late replies, to slow the command down.
+    let slow = ["--board", "7i92-7i77", "--port", "0", "--late", "0.5"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &slow);
+    let directory = directory("hal-stopped");
+    let out = directory.to_str().expect("UTF-8");
+    let address = board.address.to_string();
+    let started = command(&["hal", "--addr", &address, "--out", out]).spawn();
+    let mut process = Process::new(started.expect("it starts"));
+    while board.console.show("network")["network.received.packets"] == "0" {}
+    process.signal("INT");
+    let ended = Run::from(process.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(
+        ended.err.contains("ended by SIGINT; nothing was written"),
+        "{ended:?}"
+    );
+    assert!(!directory.exists());
+    assert_eq!(board.console.show("all")["board.watchdog-bitten"], "1");
+}

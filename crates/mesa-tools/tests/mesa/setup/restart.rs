@@ -1,0 +1,174 @@
+//! `mesa reset` and `mesa reload`.
+
+use std::net::{Ipv4Addr, UdpSocket};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
+
+use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
+use mesa_hal::transport::udp::UdpBus;
+
+use crate::interop::{PATIENCE, Process, board::Board};
+use crate::run::{Run, command, done, json, patient, run};
+
+fn board() -> (Board, String) {
+    let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    (board, address)
+}
+
+#[test]
+fn a_reset_needs_consent_and_is_waited_for() {
+    let (board, address) = board();
+    let reset = ["reset", "--addr", &address];
+    let refused = run(&reset);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("--yes"), "{refused:?}");
+    let text = done(&[&reset[..], &["--dry-run"]].concat());
+    assert!(text.contains("restarts the network side"), "{text}");
+    let planned = json(&[&reset[..], &["--dry-run"]].concat());
+    assert_eq!(
+        (&planned["dry_run"], &planned["address"]),
+        (&true.into(), &address.as_str().into())
+    );
+    let value = json(&[&reset[..], &["--yes"]].concat());
+    assert_eq!(value["board"], "7I97");
+    done(&["led", "--addr", &address]);
+    assert_eq!(board.stop("TERM")["board.resets"], "1");
+}
+
+#[test]
+fn a_reload_needs_something_to_load_and_takes_the_outputs() {
+    let (mut board, address) = board();
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
+    let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
+    let mut flash = flash.expect("a 7I97");
+    for area in [Area::User, Area::Fallback] {
+        let start = flash.layout().addresses(area).start;
+        let erased = flash.write(area, start, &[0xFF; 256], |_, _| {});
+        erased.expect("it is erased");
+    }
+    drop(bus);
+    let reload = ["reload", "--addr", &address, "--yes"];
+    let refused = run(&reload);
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(
+        refused.err.contains("no configuration in the flash memory"),
+        "{refused:?}"
+    );
+
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
+    let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
+    let mut flash = flash.expect("a 7I97");
+    let data = [
+        [0xFF; 16],
+        [0xAA, 0x99, 0x55, 0x66, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+    ]
+    .concat();
+    let mut put = |area| {
+        let start = flash.layout().addresses(area).start;
+        let written = flash.write(area, start, &data, |_, _| {});
+        written.expect("it is written when it is named");
+    };
+    let planned = || json(&["reload", "--addr", &address, "--dry-run"])["would"].to_string();
+    put(Area::Fallback);
+    // The state after an interrupted write of the user area.
+    assert!(planned().contains("it loads the fallback"), "{}", planned());
+    put(Area::User);
+    assert!(!planned().contains("fallback"), "{}", planned());
+    drop(bus);
+    // An output pin, as in `mesa poke`.
+    done(&["poke", "0:0x1108", "0x10000", "--addr", &address, "--yes"]);
+    done(&["poke", "0:0x1008", "0", "--addr", &address, "--yes"]);
+    assert_eq!(board.console.show("board")["board.pin-050"], "0");
+    let text = done(&reload);
+    assert!(
+        text.contains("reload done, it answers again after"),
+        "{text}"
+    );
+    assert_eq!(board.console.show("board")["board.pin-050"], "1");
+    assert_eq!(board.stop("TERM")["board.reloads"], "1");
+}
+
+/// A proxy between a client and a simulated board, which loses packets.
+pub struct Between {
+    pub address: String,
+    /// A message for each lost packet.
+    pub losses: Receiver<()>,
+}
+
+/// Forwards packets to a simulated board, except those that begin with `lost`. After a lost packet,
+/// forwards nothing more if `is_last`.
+pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
+    let face = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    let address = face.local_addr().expect("an address").to_string();
+    let back = face.try_clone().expect("a socket");
+    let behind = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    behind.connect(board.address).expect("the board");
+    let replies = behind.try_clone().expect("a socket");
+    let client = Arc::new(Mutex::new(None));
+    let last = Arc::clone(&client);
+    let (told, losses) = channel();
+    std::thread::spawn(move || {
+        let (mut buffer, mut is_over) = ([0; 2048], false);
+        while let Ok((len, from)) = face.recv_from(&mut buffer) {
+            let is_lost = buffer[..len].starts_with(lost);
+            is_over |= is_lost && is_last;
+            if is_lost || is_over {
+                let _ = told.send(());
+                continue;
+            }
+            *client.lock().expect("nobody panics") = Some(from);
+            let _ = behind.send(&buffer[..len]);
+        }
+    });
+    std::thread::spawn(move || {
+        let mut buffer = [0; 2048];
+        loop {
+            // After the end of a board, the error is that of an earlier packet.
+            let Ok(len) = replies.recv(&mut buffer) else {
+                continue;
+            };
+            let to = *last.lock().expect("nobody panics");
+            let _ = to.map(|to| back.send_to(&buffer[..len], to));
+        }
+    });
+    Between { address, losses }
+}
+
+/// A write of one word to LBPReset. Manual: 7I97, "MEMORY SPACE 6 LAYOUT".
+const RESET: &[u8] = &[0x01, 0xD9, 0x1C, 0x00];
+
+#[test]
+fn a_reset_that_was_lost_on_its_way_is_noticed() {
+    let (board, _) = board();
+    let Between { address, .. } = between(&board, RESET, false);
+    let lost = run(&["reset", "--addr", &address, "--yes"]);
+    assert_eq!(lost.code, Some(1), "{lost:?}");
+    assert!(lost.err.contains("has not restarted"), "{lost:?}");
+}
+
+#[test]
+fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
+    let (board, _) = board();
+    let Between { address, .. } = between(&board, RESET, true);
+    let gone = run(&["reset", "--addr", &address, "--yes", "--wait", "1"]);
+    assert_eq!(gone.code, Some(1), "{gone:?}");
+    for said in [
+        "does not answer again",
+        "127.0.0.1 (from the EEPROM)",
+        "192.168.1.121",
+    ] {
+        assert!(gone.err.contains(said), "{said}: {gone:?}");
+    }
+    let Between { address, losses } = between(&board, RESET, true);
+    let waiting = command(&["reset", "--addr", &address, "--yes", "--wait", "60"]).spawn();
+    let mut waiting = Process::new(waiting.expect("mesa starts"));
+    losses.recv_timeout(PATIENCE).expect("it has reset it");
+    waiting.signal("INT");
+    let ended = Run::from(waiting.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(ended.err.contains("cannot be taken back"), "{ended:?}");
+    assert!(ended.err.contains("outputs stay as they are"), "{ended:?}");
+    let run = run(&["reset", "--addr", &address, "--wait", "61"]);
+    assert!(run.code == Some(2) && run.err.contains("1..=60"), "{run:?}");
+}

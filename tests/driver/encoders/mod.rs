@@ -1,0 +1,5 @@
+//! Encoders: counts, settings, velocity, index and probe.
+
+mod board_7i97;
+mod index;
+mod two_cards;

@@ -1,0 +1,7 @@
+//! Outputs: enables, limits, arming and re-arming.
+
+mod axis_enables;
+mod limits;
+mod not_armed;
+mod rearm;
+mod second_fault;

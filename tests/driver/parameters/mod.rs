@@ -1,0 +1,4 @@
+//! Parameters in the non-volatile memory of remotes.
+
+mod remote;
+mod remote_watchdog;

@@ -1,0 +1,201 @@
+//! A remote uses a written watchdog time only from its next power-up on, and does not report the
+//! time in use until then: the driver lets the watchdog bite. The truth is the time for which an
+//! output of the simulated remote stays on without process data.
+
+use std::time::Duration;
+
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
+use crate::common::once::Once;
+use mesa_hal::bus::{BusErrorKind, Clock};
+use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
+use mesa_hal::lbp::RemoteFaults;
+use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal_sim::SimFpga;
+use mesa_hal_sim::devices::{Device, Outputs48};
+use mesa_hal_sim::remote::SimRemote;
+
+const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
+const NAME: &str = "nvwatchdogtimeout";
+
+/// A board whose 7I72 reports `written` and uses `used`: written, powered up with it, written
+/// again, and found by another program.
+fn board(used: u32, written: u32) -> SimFpga {
+    let mut bus = fpga();
+    for (millis, is_used) in [(used, true), (written, false)] {
+        let board = Board::identify(bus, Settings::default()).expect("a board");
+        let mut board = board.discover().expect("its remotes");
+        board
+            .write_remote_parameter((0, OUTPUTS as u8), NAME, millis)
+            .expect("it takes it");
+        let mut machine = Machine::with(board.start().expect("all of them run"));
+        if is_used {
+            let now = machine.now();
+            machine.device_mut(OUTPUTS).set_power(now, false);
+            machine.device_mut(OUTPUTS).set_power(now, true);
+        }
+        bus = machine.driver.shutdown().0;
+        bus.wait(Duration::from_secs(1));
+    }
+    bus
+}
+
+fn runs(machine: &mut Machine) {
+    machine.until(7000, |machine| {
+        let all = [FIELD, ANALOG, OUTPUTS];
+        machine.driver.rearm().unwrap().waiting == 0
+            && all.iter().all(|&channel| machine.is_valid(channel))
+    });
+}
+
+/// Time for which an output stays on without process data, up to 3 s, in ms.
+fn stays_on(machine: &mut Machine) -> u64 {
+    machine.cards.set_all(machine.driver.pins_mut());
+    machine.cycles(3);
+    assert_eq!(
+        machine.device(OUTPUTS).world().output(47),
+        Some(true),
+        "it is on"
+    );
+    let begin = machine.now();
+    let is_on = |machine: &Machine| machine.device(OUTPUTS).world().output(47) == Some(true);
+    while is_on(machine) && machine.now() - begin < 3_000_000_000 {
+        machine.pass_nanos(1_000_000);
+    }
+    (machine.now() - begin) / 1_000_000
+}
+
+#[test]
+fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_off() {
+    for (used, written, proved, true_time) in [
+        (50, 50, 50..=50, 49..=52),
+        // The others have 50 ms, so that it gets no data for longer than its own 20.
+        (50, 20, 60..=75, 49..=52),
+        (20, 50, 50..=50, 19..=22),
+        (5000, 50, 0..=0, 2999..=3001),
+        (0, 50, 0..=0, 2999..=3001),
+    ] {
+        let what = format!("{used} ms in use, {written} written");
+        let started = Driver::start(board(used, written), Settings::default());
+        let mut machine = Machine::with(started.expect("all of them run"));
+        let said = RemoteWatchdog::Known(Duration::from_millis(written.into()));
+        assert_eq!(machine.status(OUTPUTS).watchdog, said, "{what}");
+        runs(&mut machine);
+        machine.cards.set_all(machine.driver.pins_mut());
+        machine.cycles(3);
+        machine.driver.prove_watchdogs().expect("the bus works");
+        let found = machine.status(OUTPUTS).watchdog;
+        let millis = found.time().map_or(0, |time| time.as_millis());
+        assert!(proved.contains(&millis), "{what}: {found:?}");
+        for channel in [FIELD, ANALOG] {
+            assert_eq!(machine.status(channel).watchdog, FIFTY, "{what}");
+        }
+        // No output that was on comes on again by itself.
+        for _ in 0..300 {
+            machine.cycles(1);
+            for channel in [FIELD, OUTPUTS] {
+                let world = machine.device(channel).world();
+                assert!((0..16).all(|n| world.output(n) == Some(false)), "{what}");
+            }
+        }
+        assert_eq!(machine.driver.board_state(), BoardState::Running);
+        runs(&mut machine);
+        let time = stays_on(&mut machine);
+        assert!(true_time.contains(&time), "{what}: {time} ms");
+    }
+}
+
+#[test]
+fn a_watchdog_that_is_off_by_its_parameter_is_not_waited_for() {
+    let started = Driver::start(board(0, 0), Settings::default());
+    let mut machine = Machine::with(started.expect("all of them run"));
+    machine.cable(FIELD).unplug();
+    machine.cable(ANALOG).unplug();
+    machine.until(500, |machine| {
+        !machine.is_running(FIELD) && !machine.is_running(ANALOG)
+    });
+    let before = machine.now();
+    machine.driver.prove_watchdogs().expect("nothing is asked");
+    assert_eq!(machine.now(), before);
+    assert_eq!(machine.status(OUTPUTS).watchdog, RemoteWatchdog::Off);
+}
+
+/// The bus fails from any exchange of the call on: the result is an error, or a true statement
+/// about a watchdog.
+#[test]
+fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
+    let mut has_failed = 0;
+    for exchange in (0..40).step_by(5) {
+        for count in [1, 2000] {
+            let bus = Faulty::new(board(0, 50), 1);
+            let driver = Driver::start(bus, Settings::default()).expect("all of them run");
+            let mut machine = Machine::with(driver);
+            machine.cycles(5);
+            let bus = machine.driver.bus_mut();
+            for failing in bus.exchanges() + exchange..bus.exchanges() + exchange + count {
+                bus.fail_at(failing, Fault::NotExecuted(BusErrorKind::Lost));
+            }
+            match machine.driver.prove_watchdogs() {
+                Ok(()) => assert_eq!(machine.status(OUTPUTS).watchdog, RemoteWatchdog::Off),
+                Err(error) => {
+                    has_failed += 1;
+                    assert!(
+                        matches!(error, DriverError::NotRunning { .. })
+                            || error.to_string().contains("Lost, injected"),
+                        "{error}"
+                    );
+                }
+            }
+            let world = machine.driver.bus_mut().fpga();
+            let device = crate::common::machine::device(world, OUTPUTS);
+            assert!((0..48).all(|n| device.world().output(n) == Some(false)));
+        }
+    }
+    assert!(has_failed > 2, "{has_failed}");
+}
+
+#[test]
+fn a_bite_that_is_reported_together_with_another_fault_is_a_bite() {
+    let started = Driver::start(fpga(), Settings::default());
+    let mut machine = Machine::with(started.expect("all of them run"));
+    runs(&mut machine);
+    // Before it bites, and while it is not addressed.
+    let later = Once::at(machine.now() + 20_000_000, |fpga| {
+        let remote = fpga.device_mut::<SimRemote<Device<Outputs48>>>(0, OUTPUTS);
+        let remote = remote.expect("a 7I72");
+        remote.set_faults(remote.faults() | RemoteFaults::ILLEGAL_MODE);
+    });
+    machine.fpga().set_director(later);
+    machine.driver.prove_watchdogs().expect("the bus works");
+    let status = machine.status(OUTPUTS);
+    assert!(
+        status.faults.contains(RemoteFaults::ILLEGAL_MODE),
+        "{:?}",
+        status.faults
+    );
+    assert_eq!(status.watchdog, FIFTY);
+}
+
+/// Remotes that are about to stop, because the application has just switched their port off, are
+/// not tested; so their watchdogs keep their state.
+#[test]
+fn watchdogs_of_a_port_that_is_switched_off_are_not_judged() {
+    let started = Driver::start(fpga(), Settings::default());
+    let mut machine = Machine::with(started.expect("all of them run"));
+    let run = machine
+        .driver
+        .pins()
+        .output("hm2_7i92.0.sserial.port-0.run");
+    let run = run.expect("a port");
+    for cycles in [0, 1, 2, 3, 100] {
+        runs(&mut machine);
+        machine.driver.pins_mut().set(run, false);
+        machine.cycles(cycles);
+        machine.driver.prove_watchdogs().expect("the bus works");
+        for channel in [FIELD, ANALOG, OUTPUTS] {
+            let found = machine.status(channel).watchdog;
+            assert_eq!(found, FIFTY, "channel {channel}, after {cycles} cycles");
+        }
+        machine.driver.pins_mut().set(run, true);
+    }
+    runs(&mut machine);
+}

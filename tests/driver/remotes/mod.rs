@@ -1,0 +1,4 @@
+//! Remotes: each simulated device, and those that are optional.
+
+mod devices;
+pub mod optional;

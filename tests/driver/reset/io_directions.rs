@@ -1,0 +1,162 @@
+//! A reset or a bite overtakes the packet that changes the direction of an I/O pin.
+
+use std::sync::{Arc, Mutex};
+
+use crate::common::ethernet::{SimLink, WIRE, bus, good};
+use crate::common::machine::Machine;
+use mesa_hal::bus::Clock;
+use mesa_hal::driver::BoardState;
+use mesa_hal::hal::{Output, Param};
+use mesa_hal::transport::udp::UdpBus;
+use mesa_hal_sim::{ChangeCause, Director, SimFpga, machines};
+
+/// I/O pins of a 7I97's expansion connector: one that is switched on, and one whose direction
+/// changes.
+const ON: usize = 40;
+const CHANGED: usize = 42;
+/// Longer than a board takes for a packet.
+const PACKET: u64 = 20_000;
+
+#[derive(Debug, Default)]
+struct Seen {
+    lost_at: Option<u64>,
+    bites: bool,
+    lost: bool,
+    on: Option<u64>,
+    /// Time spans in which the pin was on after the loss.
+    spans: Vec<(u64, u64)>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Loss(Arc<Mutex<Seen>>);
+
+impl Director for Loss {
+    fn due(&self) -> Option<u64> {
+        self.0.lock().expect("nobody panicked").lost_at
+    }
+
+    fn act(&mut self, fpga: &mut SimFpga) {
+        let bites = {
+            let mut seen = self.0.lock().expect("nobody panicked");
+            seen.lost_at = None;
+            seen.lost = true;
+            seen.bites
+        };
+        if bites {
+            // The time of the watchdog is over.
+            fpga.write_register(0x0C00, 0);
+        } else {
+            fpga.reload();
+            self.drives(fpga, ChangeCause::Reset);
+        }
+    }
+
+    fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
+        let mut seen = self.0.lock().expect("nobody panicked");
+        let now = SimFpga::now(fpga);
+        let is_on = fpga.is_driven(ON) && fpga.pin_level(ON);
+        if let Some(since) = seen.on.take()
+            && seen.lost
+        {
+            seen.spans.push((since, now));
+        }
+        seen.on = is_on.then_some(now);
+    }
+}
+
+struct Rig {
+    machine: Machine<UdpBus<SimLink>, ()>,
+    loss: Loss,
+    on: Output<bool>,
+    changed: Param<bool>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let mut machine = Machine::<_, ()>::on(bus(machines::i7i97(1)), |s| {
+            let none = "xxxxxxxx".parse().expect("no channels");
+            s.serial_ports = [(0, none)].into();
+        });
+        let loss = Loss::default();
+        machine.fpga().set_director(Box::new(loss.clone()));
+        let on = machine.output(&format!("gpio.{ON:03}.out"));
+        let is_output = machine.param(&format!("gpio.{ON:03}.is_output"));
+        let changed = machine.param(&format!("gpio.{CHANGED:03}.is_output"));
+        machine.set_param(is_output, true);
+        let mut this = Self {
+            machine,
+            loss,
+            on,
+            changed,
+        };
+        this.cycles(5);
+        let fpga = this.machine.fpga();
+        assert!(fpga.is_driven(ON) && fpga.pin_level(ON));
+        this
+    }
+
+    fn cycles(&mut self, count: usize) {
+        for _ in 0..count {
+            let _ = self.machine.driver.read();
+            self.machine.driver.pins_mut().set(self.on, true);
+            let _ = self.machine.driver.write();
+            self.machine.rest();
+        }
+    }
+
+    /// The board loses its set-up `after` the begin of the write; returns how long the pin was on
+    /// then.
+    fn loses_it(&mut self, bites: bool, after: u64) -> u64 {
+        let _ = self.machine.driver.read();
+        self.machine.set_param(self.changed, true);
+        let at = self.machine.driver.bus_mut().now().as_nanos() + after;
+        {
+            let mut seen = self.loss.0.lock().expect("nobody panicked");
+            (seen.lost_at, seen.bites) = (Some(at), bites);
+        }
+        let _ = self.machine.driver.write();
+        self.machine.rest();
+        self.cycles(20);
+        assert_ne!(
+            self.machine.driver.board_state(),
+            BoardState::Running,
+            "{after}"
+        );
+        let seen = self.loss.0.lock().expect("nobody panicked");
+        assert_eq!(seen.on, None, "{bites}, {after}");
+        let longest = seen.spans.iter().map(|(from, to)| to - from.max(&at));
+        longest.max().unwrap_or(0)
+    }
+}
+
+#[test]
+fn a_board_that_is_reset_drives_an_io_pin_for_no_longer_than_a_packet_takes() {
+    let mut on = 0;
+    for after in (0..300_000).step_by(5_000) {
+        let longest = Rig::new().loses_it(false, after);
+        assert!(longest <= PACKET, "{after}: on for {longest} ns");
+        on += u32::from(longest > 0);
+    }
+    println!("{on} resets were overtaken");
+}
+
+#[test]
+fn a_packet_that_comes_twice_drives_an_io_pin_of_a_reset_board_for_no_longer_than_it_takes() {
+    for late in [200_000, 500_000, 818_000] {
+        let mut rig = Rig::new();
+        rig.machine.driver.bus_mut().link().to_board =
+            Box::new(move |_, _| vec![WIRE, WIRE + late]);
+        let longest = rig.loses_it(false, 260_000);
+        assert!(longest <= PACKET, "{late}: on for {longest} ns");
+    }
+}
+
+#[test]
+fn a_board_whose_watchdog_bites_drives_an_io_pin_until_its_evidence_is_read() {
+    for after in (0..300_000).step_by(5_000) {
+        let mut rig = Rig::new();
+        rig.machine.driver.bus_mut().link().to_board = good();
+        let longest = rig.loses_it(true, after);
+        assert!(longest <= 200_000, "{after}: on for {longest} ns");
+    }
+}

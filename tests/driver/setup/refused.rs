@@ -1,0 +1,173 @@
+//! A configuration that cannot run is refused at the start, with the missing part, and everything
+//! is stopped.
+
+use std::time::Duration;
+
+use crate::common::machine::{OUTPUTS, fpga, start};
+use mesa_hal::Settings;
+use mesa_hal::bus::Phase;
+use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::discovery::RemoteTable;
+use mesa_hal::driver::{
+    Board, Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig, TraceSettings,
+};
+use mesa_hal::hostmot2::Gtag;
+use mesa_hal::modules::{Module, Registrar};
+use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
+
+#[test]
+fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
+    const OTHER: RemoteTable = RemoteTable::new("other card", *b"7I84", &[]);
+    let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
+        let mut config = SerialConfig::default();
+        config.channels.insert(2, remote);
+        let result = start(&mut *fpga, |s| s.serial_ports = [(0, config)].into());
+        let Err(DriverError::Missing(missing)) = result else {
+            panic!("built");
+        };
+        missing.kind
+    };
+    let any = RemoteConfig {
+        presence: Presence::Required,
+        ..RemoteConfig::default()
+    };
+    let (kind, unit_number) = (Some(&OTHER), Some(1));
+    let mut simulated = fpga();
+    let wrong = build(RemoteConfig { kind, ..any }, &mut simulated);
+    assert!(matches!(wrong, RemarkKind::WrongRemote(_)), "{wrong}");
+    let wrong = build(RemoteConfig { unit_number, ..any }, &mut simulated);
+    assert!(matches!(wrong, RemarkKind::WrongRemote(_)), "{wrong}");
+    let wrong = build(RemoteConfig { mode: 7, ..any }, &mut simulated);
+    assert!(
+        matches!(wrong, RemarkKind::Tables(_))
+            && wrong.to_string().contains("software mode 7 is not one of"),
+        "{wrong}"
+    );
+    simulated.plug(0, OUTPUTS, None);
+    let wrong = build(any, &mut simulated);
+    assert!(matches!(wrong, RemarkKind::DidNotStart(_)), "{wrong}");
+    assert_eq!(
+        simulated.read_register(0x5D00) & 0xFFFF,
+        0xC100,
+        "the others are stopped"
+    );
+}
+
+/// Directions that the board reads back are evidence, which is only known when all modules have
+/// registered: with no serial port, nothing registers after this one.
+#[test]
+fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
+    #[derive(Debug)]
+    struct Curious;
+
+    impl Module for Curious {}
+
+    let mut firmware = machines::firmware_7i97(1);
+    firmware
+        .modules
+        .retain(|module| module.gtag != gtag::SSERIAL);
+    let fpga = SimFpga::new(firmware);
+    let mut board = Board::identify(fpga, Settings::default()).expect("a 7I97");
+    let register = |r: &mut Registrar<'_>| {
+        let ports = r.module(Gtag::IO_PORT).expect("I/O ports");
+        r.image.read(Phase::Data, ports.register(1, 0)?);
+        Ok([Curious])
+    };
+    board.add(register).expect("nobody else reads it yet");
+    let error = board.start().map(drop).expect_err("two phases");
+    assert!(error.to_string().contains("read in two phases"), "{error}");
+}
+
+#[test]
+fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
+    let mut simulated = fpga();
+    let period = Duration::from_micros(50);
+    let result = start(&mut simulated, |s| s.period = period);
+    let Err(DriverError::PeriodTooShort { needed, .. }) = result else {
+        panic!("built");
+    };
+    assert!(needed > period && needed < 2 * period, "{needed:?}");
+}
+
+/// A bus that accepts no list of the cycle, as one whose packets are too small.
+#[derive(Debug)]
+struct TooSmall(SimFpga);
+
+impl RegisterBus for &mut TooSmall {
+    type Error = SimError;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+        self.0.exchange(accesses, words)
+    }
+
+    fn prepare(&mut self, _: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Err(SimError::OutsideBuffer {
+            address: 0,
+            first: 0,
+            count: 0,
+            len: 0,
+        })
+    }
+
+    fn finish(&mut self, _: &AccessList, _: &mut [u32]) -> Result<Reply, SimError> {
+        panic!("there is no list")
+    }
+}
+
+impl Clock for &mut TooSmall {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.0)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.0.wait(duration);
+    }
+}
+
+#[test]
+fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
+    let mut bus = TooSmall(fpga());
+    let error = Driver::start(&mut bus, Settings::default()).unwrap_err();
+    assert!(matches!(error, DriverError::Bus(_)), "{error}");
+    for channel in 0..3u16 {
+        let cs = bus.0.read_register(0x5D00 + 4 * channel);
+        assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");
+    }
+    assert_eq!(bus.0.read_register(0x1100), 0, "all pins are inputs");
+}
+
+#[test]
+fn invalid_settings_are_refused_with_the_values_that_are_allowed() {
+    let trace = |cycles, after| {
+        let of = TraceSettings::default();
+        Some(TraceSettings {
+            cycles,
+            after,
+            ..of
+        })
+    };
+    let mut settings = [(); 4].map(|()| Settings::default());
+    settings[0].bus_error_limit = 0;
+    settings[1].watchdog = Some(Duration::from_secs(3600));
+    settings[2].trace = trace(0, 0);
+    settings[3].trace = trace(5, 5);
+    let said = [
+        "at least 1",
+        "at most 4.29 s",
+        "at least 1 cycle",
+        "fewer after the event",
+    ];
+    for (settings, said) in settings.into_iter().zip(said) {
+        let error = Driver::start(fpga(), settings).expect_err(said).to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_restart_of_a_channel_without_a_remote_returns_false() {
+    let mut driver = start(fpga(), |_| {}).expect("it runs");
+    assert!(driver.restart((0, OUTPUTS as u8)));
+    for (port, channel) in [(0, 7), (0, 200), (7, 0)] {
+        assert!(!driver.restart((port, channel)), "{port}.{channel}");
+    }
+}
