@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
-use mesa_hal::transport::udp::{UdpBus, UdpError};
+use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, Configured, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
@@ -13,6 +13,7 @@ use mesa_tools::setup::{
 use serialport::SerialPort;
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{Found, Target};
 
@@ -71,9 +72,9 @@ impl SerialLine {
 
 /// Remotes in setup mode.
 pub enum OpenCabinet {
-    /// Remotes of a board. `board` is dropped before `found`, which holds the simulated machine.
+    /// Remotes of a board.
     Board {
-        board: Box<Configured<UdpBus>>,
+        board: Box<Configured<Bus>>,
         found: Found,
     },
     /// The remote on a serial port.

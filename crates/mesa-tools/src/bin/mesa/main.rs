@@ -8,6 +8,7 @@ mod consent;
 mod context;
 mod files;
 mod full_screen;
+mod link;
 mod modes;
 mod number;
 mod output;
@@ -15,6 +16,7 @@ mod pattern;
 mod place;
 mod running;
 mod sim;
+mod simulated;
 mod target;
 mod words;
 

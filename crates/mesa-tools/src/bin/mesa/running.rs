@@ -7,21 +7,22 @@ use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
-use mesa_hal::transport::udp::{UdpBus, UdpError};
+use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::words;
 
 /// Starts everything on a board with all outputs off. Reports on standard error which remotes were
 /// found, which are missing, and what disagrees with its table.
-pub fn start(bus: UdpBus, settings: Settings) -> Result<Driver<UdpBus>, Failure> {
+pub fn start(bus: Bus, settings: Settings) -> Result<Driver<Bus>, Failure> {
     go(Board::identify(bus, settings)?.discover()?)
 }
 
 /// As [`start`], for a board whose remotes are known.
-pub fn go(board: Configured<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
+pub fn go(board: Configured<Bus>) -> Result<Driver<Bus>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
@@ -34,7 +35,7 @@ pub fn trouble(state: BoardState) -> Option<BoardState> {
 
 /// Fails if another program was found to drive the board during the run, because readings are
 /// uncertain then.
-pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
+pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
     match bus.statistics().others {
         0 => Ok(()),
         packets => {
@@ -46,7 +47,7 @@ pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
 
 /// Result of a run. Another program that drives the board is returned as the reason; outputs that
 /// could not be stopped because of it are reported first.
-pub fn check_end(ended: &Ended<UdpBus>) -> Result<(), Failure> {
+pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
     let alone = check_alone(ended.driver.bus());
     match (alone, ended.stopped.clone()) {
         (Err(other), Err(error)) => {
@@ -61,7 +62,7 @@ pub fn check_end(ended: &Ended<UdpBus>) -> Result<(), Failure> {
 }
 
 /// Fails if another program drives the board, or if the board does not run any more.
-pub fn check(driver: &Driver<UdpBus>) -> Result<(), Failure> {
+pub fn check(driver: &Driver<Bus>) -> Result<(), Failure> {
     check_alone(driver.bus())?;
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
 }
@@ -82,7 +83,7 @@ pub struct Keeper {
 
 impl Keeper {
     /// Checks the state of the board; call in each cycle.
-    pub fn look_after(&mut self, driver: &mut Driver<UdpBus>) {
+    pub fn look_after(&mut self, driver: &mut Driver<Bus>) {
         self.failed = match driver.board_state() {
             BoardState::Running => Duration::ZERO,
             _ => self.failed + driver.period(),
@@ -108,7 +109,7 @@ pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<Strin
 }
 
 /// Text about the remotes on each channel, missing remotes and remarks.
-fn found(driver: &Driver<UdpBus>) -> String {
+fn found(driver: &Driver<Bus>) -> String {
     let mut text = String::new();
     for port in driver.ports() {
         let layout = port.layout();
@@ -138,7 +139,7 @@ fn found(driver: &Driver<UdpBus>) -> String {
 }
 
 /// True if nothing answers on a channel.
-fn is_silent(driver: &Driver<UdpBus>, id: RemoteId) -> bool {
+fn is_silent(driver: &Driver<Bus>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
     missing.any(|remark| remark.remote == Some(id) && remark.is_silent())
 }

@@ -1,27 +1,37 @@
 //! Target board of a command.
 
 use std::cell::OnceCell;
+use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::Settings;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
-use mesa_hal_sim::{Mishaps, UdpFace};
 
 use crate::consent::Asks;
 use crate::context::Failure;
-use crate::output::complain;
+use crate::link::{BoardLink, Bus};
 use crate::sim::machine::{Machine, MachineOptions};
+use crate::simulated::{Passage, Simulated};
 
 /// Timeout of an answer when the identity of a board is checked again.
 const AGAIN: Duration = Duration::from_millis(100);
+
+/// Minimum deadline of a reply from a program on this host, such as `mesa sim`: it answers when the
+/// host lets it run. A real board answers within the deadlines of a command.
+const ON_THIS_HOST: Duration = Duration::from_millis(500);
+
+/// Minimum watchdog time of a simulated board, whose outputs are not real: on a busy host neither
+/// this program nor the board runs in time.
+const WATCHDOG: Duration = Duration::from_secs(3);
+
+/// Cycles without a transfer after which inputs of a simulated board are not valid.
+const STALE_AFTER: u32 = 50;
 
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
@@ -66,48 +76,86 @@ pub struct Found {
     pub address: SocketAddrV4,
     /// Card and MAC address of the first board that answered at the address.
     who: OnceCell<(String, MacAddress)>,
-    // Dropping it ends the simulated machine.
-    _simulated: Option<Embedded>,
+    /// Simulated machine in place of a board.
+    simulated: Option<Simulated>,
 }
 
 impl Target {
-    /// Determines the address of the board; starts the simulated machine if that is the board.
+    /// Determines the address of the board; builds the simulated machine if that is the board.
     pub fn find(&self) -> Result<Found, Failure> {
-        if let Some(machine) = &self.sim {
-            let embedded = Embedded::start(machine)?;
-            return Ok(Found {
-                address: embedded.address,
-                who: OnceCell::new(),
-                _simulated: Some(embedded),
-            });
-        }
-        let address = match self.addr {
-            Some(address) => address,
-            None => from_environment()?,
+        let (address, simulated) = match (&self.sim, self.addr) {
+            (Some(options), _) => {
+                let machine = Machine::new(options)?;
+                let address = SocketAddrV4::new(Ipv4Addr::LOCALHOST, lbp16::PORT);
+                (address, Some(Simulated::new(machine.board)))
+            }
+            (None, Some(address)) => (address, None),
+            (None, None) => (from_environment()?, None),
         };
         Ok(Found {
             address,
             who: OnceCell::new(),
-            _simulated: None,
+            simulated,
         })
     }
 }
 
 impl Found {
+    /// Sets how the time of a simulated machine passes; the default is virtual time.
+    pub fn pass_time(self, passage: Passage) -> Self {
+        if let Some(simulated) = &self.simulated {
+            simulated.set_passage(passage);
+        }
+        self
+    }
+
+    /// A link to the board. Nothing is sent.
+    pub fn link(&self) -> io::Result<BoardLink> {
+        match &self.simulated {
+            Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
+            None => UdpLink::connect(self.address).map(BoardLink::Socket),
+        }
+    }
+
     /// Opens the bus of the board. Fails if another program drives the board, which is not
     /// disturbed.
-    pub fn open(&self) -> Result<UdpBus, Failure> {
+    pub fn open(&self) -> Result<Bus, Failure> {
         self.open_with(UdpConfig::default())
     }
 
-    /// As [`open`](Self::open), with the deadlines of `config`.
-    pub fn open_with(&self, config: UdpConfig) -> Result<UdpBus, Failure> {
+    /// As [`open`](Self::open), with the deadlines of `config`; longer ones if the board is a
+    /// program on this host.
+    pub fn open_with(&self, config: UdpConfig) -> Result<Bus, Failure> {
+        let config = self.patient(config);
         let tries = config.setup_tries;
-        let bus = UdpBus::connect(self.address, config);
+        let link = self.link().map_err(UdpError::from);
+        let bus = link.and_then(|link| UdpBus::new(link, config));
         let mut bus = bus.map_err(|error| self.refuses(tries, error))?;
         let is = EthernetBoard::new(&mut bus).identity()?;
         self.check_same(is)?;
         Ok(bus)
+    }
+
+    /// True if the board is simulated, in this program or in another one on this host.
+    fn is_on_this_host(&self) -> bool {
+        self.address.ip().is_loopback()
+    }
+
+    fn patient(&self, mut config: UdpConfig) -> UdpConfig {
+        if self.is_on_this_host() {
+            config.setup_deadline = config.setup_deadline.max(ON_THIS_HOST);
+            config.cycle_deadline = config.cycle_deadline.max(ON_THIS_HOST);
+        }
+        config
+    }
+
+    /// Lengthens the times in `settings` after which a simulated board and its inputs are given up.
+    pub fn with_patience(&self, mut settings: Settings) -> Settings {
+        if self.is_on_this_host() {
+            settings.watchdog = settings.watchdog.map(|time| time.max(WATCHDOG));
+            settings.fault_policy.stale_after = STALE_AFTER;
+        }
+        settings
     }
 
     /// Fails if another board answers than before. Boards share factory addresses, and an action
@@ -129,12 +177,11 @@ impl Found {
     /// Checks again, before an action, that no other program drives the board and that it is still
     /// the same one. Changes nothing on the board.
     pub fn check_free(&self) -> Result<(), Failure> {
-        let config = UdpConfig::default();
-        let free = UdpLink::connect(self.address)
-            .map_err(UdpError::from)
-            .and_then(|link| UdpBus::check_free(link, config));
+        let config = self.patient(UdpConfig::default());
+        let link = self.link().map_err(UdpError::from);
+        let free = link.and_then(|link| UdpBus::check_free(link, config));
         free.map_err(|error| self.refuses(config.setup_tries, error))?;
-        if self.who.get().is_none() {
+        if self.who.get().is_none() || self.simulated.is_some() {
             return Ok(());
         }
         // Without opening a bus, which would clear counters that another program relies on.
@@ -182,48 +229,4 @@ pub fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
         .ok_or_else(|| {
             format!("`{text}` is no IPv4 address; give it as 10.10.10.10 or 10.10.10.10:27181")
         })
-}
-
-/// A simulated machine that runs in a thread, in real time, until it is dropped.
-#[derive(Debug)]
-struct Embedded {
-    address: SocketAddrV4,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-/// Longest time between two checks for the end.
-const TICK: Duration = Duration::from_millis(1);
-
-impl Embedded {
-    fn start(options: &MachineOptions) -> Result<Self, Failure> {
-        let mut machine = Machine::new(options)?;
-        let free = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0);
-        let mut face = UdpFace::bind(free, Mishaps::default())?;
-        let address = SocketAddrV4::new(Ipv4Addr::LOCALHOST, face.local_addr()?.port());
-        let stop = Arc::new(AtomicBool::new(false));
-        let ended = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            while !ended.load(Ordering::Relaxed) {
-                if let Err(error) = face.step(&mut machine.board, TICK) {
-                    complain(format_args!("mesa: the simulated machine ends: {error}"));
-                    return;
-                }
-            }
-        });
-        Ok(Self {
-            address,
-            stop,
-            thread: Some(thread),
-        })
-    }
-}
-
-impl Drop for Embedded {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
 }

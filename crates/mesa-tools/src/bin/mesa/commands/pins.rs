@@ -95,7 +95,7 @@ impl Pins {
             cycle_deadline: DEADLINE,
             ..UdpConfig::default()
         })?;
-        let driver = running::start(bus, settings)?;
+        let driver = running::start(bus, found.with_patience(settings))?;
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let cycles = (self.seconds / PERIOD.as_secs_f64()).ceil() as u64;

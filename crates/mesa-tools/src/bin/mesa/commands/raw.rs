@@ -6,11 +6,12 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Rounded;
 use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
-use mesa_hal::transport::udp::{PacketLink, UdpLink};
+use mesa_hal::transport::udp::PacketLink;
 use serde::Serialize;
 
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::link::BoardLink;
 use crate::target::Target;
 
 const AFTER_HELP: &str = "\
@@ -108,7 +109,7 @@ impl Raw {
             let what = format!("{}: writes {}", found.address, writes.join(", "));
             self.asks.consent(context, &what, Some(&found))?;
         }
-        let mut link = UdpLink::connect(found.address)?;
+        let mut link = found.link()?;
         let mut buffer = [0; ROOM];
         link.send(&request)?;
         if expected == 0 {
@@ -185,7 +186,7 @@ impl Raw {
 /// Waits for a datagram; `None` after the deadline or a signal.
 fn receive(
     context: &Context,
-    link: &mut UdpLink,
+    link: &mut BoardLink,
     buffer: &mut [u8],
     deadline: mesa_hal::bus::Instant,
 ) -> Result<Option<usize>, Failure> {

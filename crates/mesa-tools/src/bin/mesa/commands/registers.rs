@@ -7,10 +7,10 @@ use clap::Args;
 use mesa_hal::bus::{Access, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
-use mesa_hal::transport::udp::UdpBus;
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::target::{ChangedTarget, Target};
 
 const PLACES: &str = "\
@@ -98,7 +98,7 @@ impl Poke {
                 )));
             }
         }
-        EthernetBoard::<UdpBus>::check_poke(space, address, self.values.len())
+        EthernetBoard::<Bus>::check_poke(space, address, self.values.len())
             .map_err(Failure::usage)?;
         let found = self.target.find()?;
         let values: Vec<String> = self

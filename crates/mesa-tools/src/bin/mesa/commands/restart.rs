@@ -1,16 +1,17 @@
 //! `mesa reset` and `mesa reload`: restart of a board.
 
 use std::fmt::{self, Display};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::Clock;
 use mesa_hal::ethernet::{
     AddressSource, Area, EthernetBoard, EthernetError, FlashLayout, Identity,
 };
-use mesa_hal::transport::udp::UdpBus;
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
 
@@ -82,7 +83,7 @@ impl Restart {
         context: &Context,
         action: &'static str,
         what: &str,
-        restart: impl FnOnce(&mut UdpBus, &Identity) -> Result<(), Failure>,
+        restart: impl FnOnce(&mut Bus, &Identity) -> Result<(), Failure>,
     ) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         let mut bus = found.open()?;
@@ -96,7 +97,7 @@ impl Restart {
         if !context.agrees(&self.target, &found, &format!("{what}{loads}"))? {
             return Ok(context.ending());
         }
-        let begun = Instant::now();
+        let begun = bus.now();
         restart(&mut bus, &identity)?;
         complain(format_args!(
             "mesa: the {action} is sent; {}",
@@ -106,10 +107,12 @@ impl Restart {
         loop {
             match EthernetBoard::new(&mut bus).restarted(&before) {
                 Ok(_) => break,
-                Err(EthernetError::Bus(error)) if begun.elapsed() > limit => {
-                    return Err(silent(&found, &identity, begun.elapsed(), error));
+                Err(EthernetError::Bus(error)) => {
+                    let waited = bus.now().since(begun);
+                    if waited > limit {
+                        return Err(silent(&found, &identity, waited, error));
+                    }
                 }
-                Err(EthernetError::Bus(_)) => {}
                 Err(error) => return Err(error.into()),
             }
             if let Some(signal) = context.stop.signal() {
@@ -124,7 +127,7 @@ impl Restart {
         context.print(&Restarted {
             board: identity.card,
             action,
-            answered_after_s: begun.elapsed().as_secs_f64(),
+            answered_after_s: bus.now().since(begun).as_secs_f64(),
         })?;
         Ok(context.ending())
     }
@@ -167,7 +170,7 @@ fn layout_of(identity: &Identity) -> Result<&'static FlashLayout, Failure> {
 
 /// Warning about the configuration that the FPGA will load; empty for the user configuration. Fails
 /// if there is no configuration, because the board would not answer any more.
-fn what_it_loads(bus: &mut UdpBus, identity: &Identity) -> Result<&'static str, Failure> {
+fn what_it_loads(bus: &mut Bus, identity: &Identity) -> Result<&'static str, Failure> {
     let layout = layout_of(identity)?;
     let mut flash = EthernetBoard::new(bus).into_flash(*layout)?;
     if flash.begins(Area::User)? {

@@ -3,10 +3,10 @@
 use clap::Args;
 use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
-use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Configured, Driver, Rounded};
 
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::output::complain;
 
 /// Argument of a command that drives outputs of remotes.
@@ -21,7 +21,7 @@ pub struct SlowWatchdog {
 impl SlowWatchdog {
     /// Checks the watchdog times that the remotes of these outputs store. Returns a warning about
     /// slow watchdogs, or fails if they were not allowed.
-    pub fn check(self, board: &Configured<UdpBus>, groups: &[GroupId]) -> Result<String, Failure> {
+    pub fn check(self, board: &Configured<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
         let driven = |remote: &FoundRemote| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
         let slow = remotes.filter_map(|(port, remote)| {
@@ -51,8 +51,8 @@ impl SlowWatchdog {
 
     /// Lets the watchdogs bite, with all outputs off, because the time that a remote stores may not
     /// be the one in use. All groups have to be re-armed afterwards.
-    pub fn prove(self, driver: &mut Driver<UdpBus>, groups: &[GroupId]) -> Result<(), Failure> {
-        let slow = |driver: &Driver<UdpBus>| {
+    pub fn prove(self, driver: &mut Driver<Bus>, groups: &[GroupId]) -> Result<(), Failure> {
+        let slow = |driver: &Driver<Bus>| {
             let remotes = driver.ports().iter().flat_map(|port| {
                 let number = port.layout().instance;
                 port.remotes().map(move |remote| (number, remote))

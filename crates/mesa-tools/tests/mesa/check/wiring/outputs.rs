@@ -200,7 +200,7 @@ fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
     terminal.wait_for_text("[1/10] TB8 pin 17 OUTPUT0 (7i77.0.0.output-00): y and Enter drives it");
     assert_eq!(lit(&mut board), [""; 0]);
     terminal.type_keys(&["Enter"]);
-    terminal.wait_for_text("[2/10] ");
+    terminal.wait_for_text("[2/10] TB8 pin 18 OUTPUT1 (7i77.0.0.output-01): y and Enter drives it");
     terminal.type_keys(&["y", "Enter"]);
     wait_for(&mut board, 0, "output-01", "1");
     assert_eq!(lit(&mut board), ["remote.0.output-01"]);

@@ -14,7 +14,7 @@ use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::network::Network;
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{BoardState, Driver, Settings};
 use mesa_tools::diagnosis::{
     self, FigureVerdict, Finding, Host, RoundTrips, board, computer, network,
@@ -24,6 +24,7 @@ use serde::Serialize;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
 use crate::target::{Found, Target};
@@ -181,7 +182,7 @@ impl Doctor {
     fn ask(
         &self,
         context: &Context,
-        bus: &mut UdpBus,
+        bus: &mut Bus,
         findings: &mut Vec<Finding>,
     ) -> Result<(), Failure> {
         let mut board = EthernetBoard::new(bus);
@@ -200,7 +201,7 @@ impl Doctor {
     fn start(
         &self,
         context: &Context,
-        bus: UdpBus,
+        bus: Bus,
         findings: &mut Vec<Finding>,
     ) -> Result<Result<(), Failure>, Failure> {
         let settings = Settings {
@@ -226,7 +227,7 @@ impl Doctor {
     }
 
     /// Runs cycles; returns their number, and how many of them failed.
-    fn cycle(&self, context: &Context, driver: &mut Driver<UdpBus>) -> (u32, u32) {
+    fn cycle(&self, context: &Context, driver: &mut Driver<Bus>) -> (u32, u32) {
         let begun = driver.bus_mut().now();
         let (mut cycles, mut failed) = (0, 0);
         while driver.bus_mut().now().since(begun) < CYCLES && context.stop.signal().is_none() {
@@ -244,7 +245,7 @@ impl Doctor {
 
 /// Findings about a machine that has run for a short time.
 fn judge(
-    driver: &Driver<UdpBus>,
+    driver: &Driver<Bus>,
     period: Duration,
     watchdog: Duration,
     (cycles, failed): (u32, u32),
@@ -286,7 +287,7 @@ fn judge(
 }
 
 /// Finding about bites of the board's watchdog since its last set-up.
-fn bite(bus: &mut UdpBus, firmware: &HostMot2) -> Result<Finding, Failure> {
+fn bite(bus: &mut Bus, firmware: &HostMot2) -> Result<Finding, Failure> {
     let registers = WatchdogRegisters::locate(firmware)?;
     let status = bus.read(registers.status)?;
     if status & WatchdogRegisters::HAS_BIT == 0 {

@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
-use mesa_hal::transport::udp::UdpBus;
 use mesa_tools::inventory::{self, ChannelContent, Inventory, InventoryData};
 use serde::Serialize;
 
 use crate::context::Failure;
+use crate::link::Bus;
 
 /// All data of the report.
 #[derive(Debug, Serialize)]
@@ -100,7 +100,7 @@ const DECIDERS: [Decider; 3] = [
 /// Reads the data; neither the board nor a remote stores anything. Without `remotes`, the remotes
 /// are left alone.
 pub fn gather(
-    bus: &mut UdpBus,
+    bus: &mut Bus,
     address: String,
     stop: &Stop,
     remotes: bool,
@@ -157,7 +157,7 @@ impl Report {
 }
 
 /// Inventories in software mode 0 and, if needed, in the modes that settle a question.
-fn inventories(bus: &mut UdpBus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
+fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
     let mut take = |modes: &BTreeMap<(u8, u8), u8>| {
         let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
         taken.map_err(Failure::refused)

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip, FlashLayout};
 use mesa_hal::lbp16::registers::flash::SECTOR;
-use mesa_hal::transport::udp::UdpBus;
 
 use crate::context::{Context, Ending, Failure};
 use crate::files;
+use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found, Target};
 use progress::{Bar, Progress};
@@ -236,7 +236,7 @@ impl Verify {
 }
 
 impl Change {
-    fn open<'a>(&self, bus: &'a mut UdpBus, found: &Found) -> Result<Chip<'a, UdpBus>, Failure> {
+    fn open<'a>(&self, bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
         let mut flash = open(bus, found)?;
         if self.without_fallback {
             flash.without_fallback();
@@ -246,7 +246,7 @@ impl Change {
 }
 
 /// True if the user area is to be erased, and there is nothing else to start from.
-fn is_alone(flash: &mut Chip<'_, UdpBus>, areas: &[Written]) -> Result<bool, Failure> {
+fn is_alone(flash: &mut Chip<'_, Bus>, areas: &[Written]) -> Result<bool, Failure> {
     let is_user = areas.iter().any(|part| part.area == Some(Name::User));
     Ok(is_user && !flash.begins(Area::Fallback)?)
 }
@@ -261,7 +261,7 @@ fn risk(is_alone: bool) -> &'static str {
 }
 
 /// Opens the flash memory of a board; fails if its layout is not known.
-fn open<'a>(bus: &'a mut UdpBus, found: &Found) -> Result<Chip<'a, UdpBus>, Failure> {
+fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
     let mut board = EthernetBoard::new(bus);
     let card = board.identity()?.card;
     let layout = FlashLayout::for_card(&card).ok_or_else(|| {

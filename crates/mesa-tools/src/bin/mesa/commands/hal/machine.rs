@@ -8,11 +8,11 @@ use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sslbp::{MAX_CHANNELS, PortLayout};
-use mesa_hal::transport::udp::UdpBus;
 
 use super::super::named;
 use super::super::set::{Hazard, hazard};
 use crate::context::Failure;
+use crate::link::Bus;
 use crate::pattern::Pattern;
 use crate::place;
 
@@ -82,7 +82,7 @@ pub struct Joint {
 impl Machine {
     /// Takes the parts of a board that is discovered and not started: the driver's own pins, which
     /// LinuxCNC does not have, do not exist yet.
-    pub fn of(board: &Configured<UdpBus>, address: SocketAddrV4) -> Result<Self, Failure> {
+    pub fn of(board: &Configured<Bus>, address: SocketAddrV4) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -147,7 +147,7 @@ impl Machine {
 /// Dither settings of PWM modules of version 1, which `mesa-hal` always dithers. In LinuxCNC dither
 /// is a parameter that is off at first. Every LinuxCNC that supports such a module has the
 /// parameter (2.9.2 and later; FIELD 3.3).
-fn dither(board: &Configured<UdpBus>, prefix: &str) -> Vec<(String, String)> {
+fn dither(board: &Configured<Bus>, prefix: &str) -> Vec<(String, String)> {
     let modules = board.firmware().modules_of(Gtag::PWM);
     let versions = modules.flat_map(|(_, it)| (0..it.instances).map(|_| it.version));
     (0..)
@@ -158,7 +158,7 @@ fn dither(board: &Configured<UdpBus>, prefix: &str) -> Vec<(String, String)> {
 }
 
 /// Modes of all channels in LinuxCNC's format, and one line for each remote.
-fn ports(board: &Configured<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
+fn ports(board: &Configured<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
     let instances = PortLayout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
@@ -183,7 +183,7 @@ fn ports(board: &Configured<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String
 }
 
 /// Pairs of the first encoder and the first analog output, the second ones, and so on.
-fn joints(board: &Configured<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
+fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {
         let encoder = pin.name.strip_suffix(".position")?;

@@ -6,12 +6,12 @@ use std::time::Duration;
 use mesa_hal::bus::{BusStatistics, RegisterBus};
 use mesa_hal::driver::{DriverStatistics, Pace, RemoteState};
 use mesa_hal::runner::{Cycle, Latency as Recorder, RunStatistics, Runner};
-use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Driver, Settings};
 use serde::Serialize;
 
 use super::{Latency, without};
 use crate::context::{Context, Failure};
+use crate::link::Bus;
 use crate::running;
 
 /// Cycles at the start that are not counted, while caches fill and the board's DPLL locks.
@@ -57,7 +57,7 @@ pub struct Offline {
 
 impl Offline {
     /// Remotes of a driver that are or were offline.
-    fn of(driver: &Driver<UdpBus>) -> Vec<Self> {
+    fn of(driver: &Driver<Bus>) -> Vec<Self> {
         let remotes = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
             port.remotes().map(move |remote| (number, remote))
@@ -84,7 +84,7 @@ impl Offline {
 }
 
 impl Mark {
-    fn take(cycle: &Cycle<'_, UdpBus>) -> Self {
+    fn take(cycle: &Cycle<'_, Bus>) -> Self {
         Self {
             cycle: cycle.number,
             cpu: cpu_time(),
@@ -96,7 +96,7 @@ impl Mark {
 }
 
 /// Measures at each pace, one after the other, in the calling thread.
-pub fn each(asked: &Latency, bus: UdpBus, context: &Context) -> Result<Vec<Measured>, Failure> {
+pub fn each(asked: &Latency, bus: Bus, context: &Context) -> Result<Vec<Measured>, Failure> {
     asked.realtime().apply()?;
     let mut all: Vec<Measured> = Vec::new();
     let mut bus = Some(bus);
@@ -119,9 +119,9 @@ pub fn each(asked: &Latency, bus: UdpBus, context: &Context) -> Result<Vec<Measu
 fn one(
     asked: &Latency,
     pace: Pace,
-    bus: UdpBus,
+    bus: Bus,
     context: &Context,
-) -> Result<(Measured, UdpBus), Failure> {
+) -> Result<(Measured, Bus), Failure> {
     let period = Duration::from_secs(1) / asked.rate;
     let settings = Settings {
         period,
@@ -164,7 +164,7 @@ fn one(
         cycles: end.cycle.saturating_sub(WARM_UP),
         begin,
         end,
-        refused: bus.link().refused.clone(),
+        refused: bus.link().refused().to_vec(),
         offline,
         stopped,
     };

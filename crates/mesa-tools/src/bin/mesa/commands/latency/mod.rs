@@ -16,6 +16,7 @@ use mesa_hal::runner::Realtime;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
+use crate::simulated::Passage;
 use crate::target::Target;
 use measure::Measured;
 use report::Report;
@@ -99,7 +100,7 @@ impl Latency {
         if let Some(file) = &self.plot {
             self.asks.replaces(context, file)?;
         }
-        let found = self.target.find()?;
+        let found = self.target.find()?.pass_time(Passage::Host);
         let bus = found.open()?;
         let measured = self.watched(|| measure::each(self, bus, context))?;
         let report = Report::of(self.rate, &measured);

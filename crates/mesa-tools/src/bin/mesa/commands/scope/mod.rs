@@ -108,7 +108,7 @@ impl Scope {
             cycle_deadline: DEADLINE,
             ..UdpConfig::default()
         })?;
-        let driver = running::start(bus, settings)?;
+        let driver = running::start(bus, found.with_patience(settings))?;
         let pins = driver.pins();
         let find = |name: &String| named::find(pins, driver.missing(), name);
         let recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;

@@ -3,15 +3,16 @@
 use std::ops::{ControlFlow, RangeBounds};
 use std::time::Duration;
 
+use mesa_hal::Driver;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
-use mesa_hal::{Driver, UdpBus};
 
 use super::report::{Change, Outcome, Report};
 use crate::context::{Context, Failure};
+use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
 
@@ -84,7 +85,7 @@ impl Jog {
     /// consent for those as well. The output is on for `time`, or not at all if it cannot be set
     /// within `patience`.
     pub fn new(
-        driver: &Driver<UdpBus>,
+        driver: &Driver<Bus>,
         (pin, value, safe): (PinId, AnyValue, AnyValue),
         (time, patience): (Duration, Duration),
     ) -> Self {
@@ -124,7 +125,7 @@ impl Jog {
     /// Runs the jog to its end, and makes everything safe.
     pub fn run(
         mut self,
-        driver: Driver<UdpBus>,
+        driver: Driver<Bus>,
         context: &Context,
         info: &PinInfo,
     ) -> Result<Report, Failure> {
@@ -199,14 +200,14 @@ impl Jog {
     }
 
     /// Runs the jog's part of a cycle. Breaks when the jog is over, with the pin safe.
-    pub fn step(&mut self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
+    pub fn step(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
         match self.cycle(cycle) {
             ControlFlow::Continue(()) => ControlFlow::Continue(()),
             ControlFlow::Break(()) => self.end(cycle),
         }
     }
 
-    fn end(&self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
+    fn end(&self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
         // Parameters are included: one such as the direction of an I/O pin would otherwise apply to
         // the last writes as well.
         for step in &self.steps {
@@ -225,7 +226,7 @@ impl Jog {
         self.failure.as_deref()
     }
 
-    fn cycle(&mut self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
+    fn cycle(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
         let now = cycle.pins().now();
         let begun = *self.begun.get_or_insert(now);
         if let Err(failure) = running::check(cycle.driver) {
@@ -290,7 +291,7 @@ impl Jog {
 
     fn set(
         &mut self,
-        cycle: &mut Cycle<'_, UdpBus>,
+        cycle: &mut Cycle<'_, Bus>,
         steps: impl RangeBounds<usize>,
         is_on: bool,
     ) -> ControlFlow<()> {
@@ -335,7 +336,7 @@ impl Jog {
     }
 
     /// Reason why the pin cannot be driven, or is not driven any more.
-    fn reason(&self, driver: &Driver<UdpBus>) -> Option<String> {
+    fn reason(&self, driver: &Driver<Bus>) -> Option<String> {
         let group = self.groups.iter().copied().find(|&group| {
             let state = driver.pins().group_state(group);
             let is_disarmed = state.is_none_or(|state| !state.armed);
@@ -379,7 +380,7 @@ impl Told {
 }
 
 /// Finds the input that shows the level of an I/O pin which is driven low and high.
-fn level(driver: &Driver<UdpBus>, output: &Step) -> Option<Level> {
+fn level(driver: &Driver<Bus>, output: &Step) -> Option<Level> {
     let pins = driver.pins();
     let all = driver.modules::<Gpio>().flat_map(Gpio::pins);
     let is_it = |out| PinId::from(out) == output.pin;

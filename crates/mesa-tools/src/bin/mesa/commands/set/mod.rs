@@ -17,6 +17,7 @@ use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
 use crate::place;
 use crate::running;
+use crate::simulated::Passage;
 use crate::target::Target;
 
 /// Long, because nothing here is fast and the thread has no priority. Short enough to feed remotes,
@@ -79,8 +80,9 @@ pub struct Set {
 
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
-        let board = Board::identify(found.open_with(unhurried())?, settings())?;
+        let found = self.target.find()?.pass_time(Passage::Paced);
+        let settings = found.with_patience(settings());
+        let board = Board::identify(found.open_with(unhurried())?, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
         let pins = board.pins();

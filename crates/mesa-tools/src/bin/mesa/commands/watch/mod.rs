@@ -9,16 +9,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::Settings;
 use mesa_hal::runner::{Runner, SnapshotReader};
-use mesa_hal::{Settings, UdpBus};
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyEvent;
 
 use crate::context::{Context, Ending, Failure};
 use crate::full_screen::{self, Screen, Wish};
+use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::running::{self, Keeper};
+use crate::simulated::Passage;
 use crate::target::Target;
 use screen::Pins;
 
@@ -54,14 +56,14 @@ impl Watch {
             context,
             "`mesa pins` prints the pins once, `mesa pins --json` for programs",
         )?;
-        let found = self.target.find()?;
+        let found = self.target.find()?.pass_time(Passage::Paced);
         let mut settings = Settings {
             period: Duration::from_millis(self.period),
             watchdog: Some(running::WATCHDOG),
             ..Settings::default()
         };
         self.modes.put(&mut settings);
-        let driver = running::start(found.open()?, settings)?;
+        let driver = running::start(found.open()?, found.with_patience(settings))?;
         let pins = Pins::new(driver.name(), driver.period(), self.pattern.clone());
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
@@ -85,7 +87,7 @@ impl Watch {
 /// drives it.
 fn cycle_until(
     is_over: Arc<AtomicBool>,
-) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, UdpBus>) -> ControlFlow<()> {
+) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, Bus>) -> ControlFlow<()> {
     let mut keeper = Keeper::default();
     move |cycle| {
         let is_alone = running::check_alone(cycle.driver.bus()).is_ok();

@@ -8,13 +8,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use mesa_hal::Driver;
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
-use mesa_hal::{Driver, UdpBus};
 
 use crate::commands::set::jog::Jog;
 use crate::context::{Context, Failure};
+use crate::link::Bus;
 use crate::running::{self, Keeper};
 
 /// Time within which an output must become ready to be driven. Short, because the person who agreed
@@ -43,7 +44,7 @@ pub struct Machine {
 
 impl Machine {
     /// Starts the cycle. `time` is the time for which an output is on.
-    pub fn start(driver: Driver<UdpBus>, context: &Context, time: Duration) -> Self {
+    pub fn start(driver: Driver<Bus>, context: &Context, time: Duration) -> Self {
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let is_over = Arc::new(AtomicBool::new(false));
@@ -54,7 +55,7 @@ impl Machine {
         let mut keeper = Keeper::default();
         let mut jog: Option<Jog> = None;
         let mut is_told = false;
-        let work = move |cycle: &mut Cycle<'_, UdpBus>| {
+        let work = move |cycle: &mut Cycle<'_, Bus>| {
             let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
             if over.load(Ordering::Relaxed) || !is_alone {
                 return ControlFlow::Break(());

@@ -11,7 +11,6 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
-use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Configured, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
@@ -19,9 +18,11 @@ use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::pattern::Pattern;
+use crate::simulated::Passage;
 use crate::target::{Found, Target};
 use crate::{place, running};
 use machine::Machine;
@@ -105,9 +106,10 @@ impl Wiring {
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;
         }
-        let found = self.target.find()?;
+        let found = self.target.find()?.pass_time(Passage::Paced);
         let address = found.address.to_string();
-        let board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
+        let settings = found.with_patience(self.settings());
+        let board = Board::identify(found.open_with(set::unhurried())?, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
         let (check, items) = self.terminals(&board);
@@ -181,7 +183,7 @@ impl Wiring {
     }
 
     /// Terminals to check.
-    fn terminals(&self, board: &Configured<UdpBus>) -> (WiringCheck, Vec<Item>) {
+    fn terminals(&self, board: &Configured<Bus>) -> (WiringCheck, Vec<Item>) {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);
