@@ -59,6 +59,11 @@ fn read(path: &Path) -> String {
 fn links(text: &str) -> impl Iterator<Item = &str> {
     let targets = text.split("](").skip(1);
     let targets = targets.filter_map(|rest| rest.split_once(')').map(|(target, _)| target));
+    let named = text.lines().filter_map(|line| {
+        let (_, target) = line.strip_prefix('[')?.split_once("]: ")?;
+        Some(target)
+    });
+    let targets = targets.chain(named);
     targets.filter(|target| !target.contains("::") && !target.contains("//"))
 }
 
