@@ -190,7 +190,7 @@ pub mod transport;
 
 pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
-pub use driver::{Board, Driver, DriverError, Settings};
+pub use driver::{Board, Configured, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};

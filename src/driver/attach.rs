@@ -1,6 +1,6 @@
 //! Typed handles of a board and its remotes.
 
-use super::{Board, Driver};
+use super::{Configured, Driver};
 use crate::boards::{AttachError, BoardHandles, BoardTable, CardHandles, CardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::RemoteTable;
@@ -8,23 +8,22 @@ use crate::hostmot2::RemoteId;
 use crate::modules::serial::RemoteStatus;
 use crate::sslbp::Channel;
 
-impl<B: RegisterBus + Clock> Board<B> {
-    /// The handles of a remote, which has to be of their kind. Call after
-    /// [`discover`](Self::discover).
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// The handles of a remote, which has to be of their kind.
     ///
     /// # Errors
     /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
     /// (swapped channels), or it lacks a pin in its software mode.
     pub fn attach<T: RemoteHandles>(&self, remote: impl Into<RemoteId>) -> Result<T, AttachError> {
         let remote = remote.into();
-        let stage = self.stages.get(usize::from(remote.port));
+        let stage = self.0.stages.get(usize::from(remote.port));
         let found = stage.and_then(|stage| stage.remote(remote.channel));
         let found = found.map(|found| (&found.descriptor, &*found.pins.prefix));
         RemoteTable::attach(self.pins(), found, remote)
     }
 
     /// The handles of a whole card with `first` as its first channel: those of its remotes and of its
-    /// encoders. Call after [`discover`](Self::discover).
+    /// encoders.
     ///
     /// # Errors
     /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its
@@ -34,7 +33,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         first: impl Into<RemoteId>,
     ) -> Result<T, AttachError> {
         let first = first.into();
-        let stage = self.stages.get(usize::from(first.port));
+        let stage = self.0.stages.get(usize::from(first.port));
         let remote = |channel| {
             let remote = stage?.remote(channel)?;
             Some((&remote.descriptor, &*remote.pins.prefix))
@@ -54,10 +53,10 @@ impl<B: RegisterBus + Clock> Board<B> {
 }
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// As [`Board::attach`].
+    /// As [`Configured::attach`].
     ///
     /// # Errors
-    /// As [`Board::attach`].
+    /// As [`Configured::attach`].
     pub fn attach<T: RemoteHandles>(&self, remote: impl Into<RemoteId>) -> Result<T, AttachError> {
         let remote = remote.into();
         let found = self.remote(remote);
@@ -65,10 +64,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         RemoteTable::attach(self.pins(), found, remote)
     }
 
-    /// As [`Board::attach_card`].
+    /// As [`Configured::attach_card`].
     ///
     /// # Errors
-    /// As [`Board::attach_card`].
+    /// As [`Configured::attach_card`].
     pub fn attach_card<T: CardHandles>(
         &self,
         first: impl Into<RemoteId>,
@@ -82,10 +81,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         CardTable::attach(board, self.firmware(), &remote, first)
     }
 
-    /// As [`Board::attach_board`].
+    /// As [`Configured::attach_board`].
     ///
     /// # Errors
-    /// As [`Board::attach_board`].
+    /// As [`Configured::attach_board`].
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }

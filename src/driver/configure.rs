@@ -29,18 +29,29 @@ use crate::modules::pwm::Pwm;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{Module, RegisterError, Registrar, undriven};
 
-/// A board that is being configured: its firmware is known, and nothing is driven yet.
+/// An identified board: its firmware is known, and nothing is driven. Modules are added in this stage.
 ///
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
-pub struct Board<B: RegisterBus + Clock> {
-    pub(super) bus: SafeBus<B>,
-    pub(super) plan: Plan,
-    pub(super) stages: Vec<PortStage>,
+pub struct Board<B: RegisterBus + Clock>(Assembly<B>);
+
+/// A board that is set up, with all outputs off, and whose remotes are known.
+///
+/// The remotes stay in setup mode until the [start](Self::start): in this stage their parameters are
+/// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter), and handles are
+/// [attached](Self::attach). Dropping it makes the board drive nothing.
+#[derive(Debug)]
+pub struct Configured<B: RegisterBus + Clock>(pub(super) Assembly<B>);
+
+/// The parts of a driver before its start.
+#[derive(Debug)]
+pub(super) struct Assembly<B: RegisterBus + Clock> {
+    pub bus: SafeBus<B>,
+    pub plan: Plan,
+    pub stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
     description: FirmwareCheck,
-    is_discovered: bool,
 }
 
 /// The plan of a driver, without the bus.
@@ -90,7 +101,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         let status = plan.status;
         let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
         let connection = plan.register(&mut *bus, status, Connection::register)?;
-        let mut board = Self {
+        let mut board = Assembly {
             bus,
             plan,
             stages: Vec::new(),
@@ -101,13 +112,105 @@ impl<B: RegisterBus + Clock> Board<B> {
             },
             connection,
             description,
-            is_discovered: false,
         };
         board.add_built_in()?;
         board.stages = board.plan.locate_ports()?;
-        Ok(board)
+        Ok(Self(board))
     }
 
+    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
+    ///
+    /// # Errors
+    /// [`DriverError::Register`]: the module cannot be used, with the reason.
+    pub fn add<M, I>(
+        &mut self,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
+    ) -> Result<(), DriverError<B::Error>>
+    where
+        M: Module,
+        I: IntoIterator<Item = M>,
+    {
+        self.0.add(register)
+    }
+
+    /// The description of the board's firmware.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.0.plan.firmware
+    }
+
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.0.plan.name
+    }
+
+    /// All pins and parameters so far.
+    pub fn pins(&self) -> &Pins {
+        &self.0.plan.pins
+    }
+
+    /// Sets the board up, with everything off, and discovers its remotes.
+    ///
+    /// # Errors
+    /// [`DriverError`]. Everything that was started is stopped again.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn discover(self) -> Result<Configured<B>, DriverError<B::Error>> {
+        let mut assembly = self.0;
+        match assembly.find_remotes() {
+            Ok(()) => Ok(Configured(assembly)),
+            Err(error) => Err(assembly.stopped(error)),
+        }
+    }
+
+    /// [Discovers](Self::discover) the remotes, and [starts](Configured::start).
+    ///
+    /// # Errors
+    /// [`DriverError`].
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+        self.discover()?.start()
+    }
+}
+
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// The description of the board's firmware.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.0.plan.firmware
+    }
+
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.0.plan.name
+    }
+
+    /// All pins and parameters.
+    pub fn pins(&self) -> &Pins {
+        &self.0.plan.pins
+    }
+
+    /// Starts the remotes and plans the cycle.
+    ///
+    /// The remotes then run, with all outputs off, until the first write. If the start fails,
+    /// everything that was started is stopped again.
+    ///
+    /// # Errors
+    /// [`DriverError`].
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+        let mut assembly = self.0;
+        match assembly.start_ports() {
+            Ok((exchanges, words)) => Ok(assembly.into_driver(exchanges, words)),
+            Err(error) => Err(assembly.stopped(error)),
+        }
+    }
+}
+
+impl<B: RegisterBus + Clock> Assembly<B> {
     fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
         self.add(Dpll::register)?;
         if self.plan.settings.pace == Pace::Board && self.parts.of::<Dpll>().next().is_none() {
@@ -121,12 +224,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.add(Leds::register)
     }
 
-    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
-    ///
-    /// # Errors
-    /// [`DriverError::Register`]: the module cannot be used, with the reason.
-    /// [`DriverError::AddedLate`] after [`discover`](Self::discover).
-    pub fn add<M, I>(
+    fn add<M, I>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
     ) -> Result<(), DriverError<B::Error>>
@@ -134,9 +232,6 @@ impl<B: RegisterBus + Clock> Board<B> {
         M: Module,
         I: IntoIterator<Item = M>,
     {
-        if self.is_discovered {
-            return Err(DriverError::AddedLate);
-        }
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
         let made = self.plan.register(&mut *self.bus, group, register)?;
@@ -148,39 +243,6 @@ impl<B: RegisterBus + Clock> Board<B> {
                 version: None,
             }));
         Ok(())
-    }
-
-    /// The description of the board's firmware.
-    pub fn firmware(&self) -> &HostMot2 {
-        &self.plan.firmware
-    }
-
-    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
-    pub fn name(&self) -> &str {
-        &self.plan.name
-    }
-
-    /// All pins and parameters so far.
-    pub fn pins(&self) -> &Pins {
-        &self.plan.pins
-    }
-
-    /// Sets the board up, starts the remotes and plans the cycle.
-    ///
-    /// The remotes then run, with all outputs off, until the first write. If the start fails,
-    /// everything that was started is stopped again.
-    ///
-    /// # Errors
-    /// [`DriverError`].
-    ///
-    /// # Real time
-    /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(mut self) -> Result<Driver<B>, DriverError<B::Error>> {
-        self.discover()?;
-        match self.start_ports() {
-            Ok((exchanges, words)) => Ok(self.into_driver(exchanges, words)),
-            Err(error) => Err(self.stopped(error)),
-        }
     }
 
     fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError<B::Error>> {
@@ -199,29 +261,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(frozen)
     }
 
-    /// Sets the board up, with everything off, and discovers its remotes. They stay in setup mode
-    /// until the [start](Self::start): in this stage their parameters are
-    /// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter).
-    ///
-    /// Only the first call has an effect; [`start`](Self::start) calls it if the application has
-    /// not.
-    ///
-    /// # Errors
-    /// [`DriverError`]. Everything that was started is stopped again.
-    ///
-    /// # Real time
-    /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn discover(&mut self) -> Result<(), DriverError<B::Error>> {
-        if self.is_discovered {
-            return Ok(());
-        }
-        self.find_remotes().map_err(|error| self.stopped(error))
-    }
-
     fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
         // I/O pins come last, after all modules have taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
-        self.is_discovered = true;
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));

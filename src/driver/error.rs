@@ -67,9 +67,6 @@ pub enum DriverError<E: BusError> {
         /// The reason.
         source: ParameterError<PortError<E>>,
     },
-    /// A module was added after the board was set up.
-    #[error("modules are added before `discover`, which sets the board up; add them first")]
-    AddedLate,
     /// The board should pace the cycle, and cannot.
     #[error("the board can not pace the cycle: {why}; let the host pace it (`Pace::Host`)")]
     NotPaced {

@@ -84,7 +84,7 @@ pub use crate::modules::serial::{
 pub use crate::modules::settings::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
-pub use configure::Board;
+pub use configure::{Board, Configured};
 pub use error::{CycleError, DriverError};
 pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::error::remote_watchdog;
-use super::{Board, Driver, DriverError, Remark, remark};
+use super::{Configured, Driver, DriverError, Remark, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
@@ -85,9 +85,8 @@ impl KeptParameter<'_> {
     }
 }
 
-impl<B: RegisterBus + Clock> Board<B> {
-    /// Reads a parameter of a remote. `name` is spelled as by the remote or as by LinuxCNC. Call
-    /// after [`discover`](Self::discover).
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// Reads a parameter of a remote. `name` is spelled as by the remote or as by LinuxCNC.
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
@@ -106,8 +105,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     }
 
     /// Writes a parameter that a remote stores, for example `NVWatchDogTimeout`, and reads it back.
-    /// `name` is spelled as by the remote or as by LinuxCNC. Call after
-    /// [`discover`](Self::discover): nothing is driven.
+    /// `name` is spelled as by the remote or as by LinuxCNC. Nothing is driven in this stage.
     ///
     /// A non-volatile parameter is written only if its value changes, and the remote uses it from
     /// its next power-up on.
@@ -123,7 +121,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
-        let (value, period) = (value.into(), self.plan.settings.period);
+        let (value, period) = (value.into(), self.0.plan.settings.period);
         let remote = remote.into();
         let parameter = KeptParameter { remote, name };
         let (mut memory, store, pins) = self.in_setup(remote)?;

@@ -4,10 +4,10 @@ use alloc::collections::BTreeMap;
 use alloc::string::ToString;
 use alloc::vec::Vec;
 
-use super::configure::Plan;
+use super::configure::{Assembly, Plan};
 use super::error::remote_watchdog;
 use super::remark;
-use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
+use super::{Configured, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
@@ -54,10 +54,10 @@ impl PortStage {
 }
 
 /// Results of discovery.
-impl<B: RegisterBus + Clock> Board<B> {
+impl<B: RegisterBus + Clock> Configured<B> {
     /// The remotes that take part, with their addresses, port by port; absent optional ones included.
     pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &FoundRemote)> {
-        let stages = self.stages.iter();
+        let stages = self.0.stages.iter();
         stages.flat_map(|stage| {
             let number = stage.number();
             let remotes = stage.remotes.iter();
@@ -71,12 +71,12 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Remotes that were configured and do not take part, with the reason. They are searched for
     /// again at the next start; see [`Presence::Optional`].
     pub fn missing(&self) -> &[Remark] {
-        &self.plan.missing
+        &self.0.plan.missing
     }
 
     /// Remarks about the remotes that take part.
     pub fn remarks(&self) -> &[Remark] {
-        &self.plan.remarks
+        &self.0.plan.remarks
     }
 
     /// The memory and the pins of a remote in setup mode.
@@ -88,9 +88,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         &mut self,
         remote: RemoteId,
     ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
-        let Self {
+        let Assembly {
             bus, plan, stages, ..
-        } = self;
+        } = &mut self.0;
         let stage = stages.get_mut(usize::from(remote.port));
         let found = stage.and_then(|stage| {
             let is_it = |found: &&mut FoundRemote| {

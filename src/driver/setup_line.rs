@@ -1,18 +1,18 @@
 //! One remote in setup mode at its own baud rate: for maintenance while a board is configured.
 
 use super::remark::{Remark, RemarkKind};
-use super::{Board, DriverError};
+use super::{Configured, DriverError};
 use crate::bus::{Clock, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemote};
 
-impl<B: RegisterBus + Clock> Board<B> {
+impl<B: RegisterBus + Clock> Configured<B> {
     /// Stops the serial port of a remote and starts only that remote, in setup mode, at this baud
     /// rate: 115200 for a card with its jumper in the setup position. Returns the line to the
     /// remote, and its identity; a remote with only a running bootloader reports neither unit number
     /// nor tables.
     ///
-    /// Call after [`discover`](Self::discover), with the channel configured. The remotes that were
+    /// The channel has to be configured. The remotes that were
     /// discovered on the port are stopped from here on; [`end_setup_at`](Self::end_setup_at)
     /// restores the usual baud rate of the channel.
     ///
@@ -58,12 +58,12 @@ impl<B: RegisterBus + Clock> Board<B> {
 
     /// The line of an existing channel.
     fn line(&mut self, remote: RemoteId) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
-        let stage = self.stages.get_mut(usize::from(remote.port));
+        let stage = self.0.stages.get_mut(usize::from(remote.port));
         let line = stage
             .zip(Channel::new(remote.channel))
             .map(|(stage, channel)| PortLink {
                 port: &mut stage.port,
-                bus: &mut *self.bus,
+                bus: &mut *self.0.bus,
                 channel,
             });
         line.filter(|line| line.port.layout().mask().contains(line.channel))

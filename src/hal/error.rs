@@ -89,7 +89,7 @@ pub enum PinError {
     ReadOnly,
     /// The parameter is kept in a remote, which accepts it in setup mode only.
     #[error(
-        "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Board::write_remote_parameter` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port"
+        "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Configured::write_remote_parameter` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port"
     )]
     InRemote,
     /// The value is not finite, or outside the limits of the parameter.

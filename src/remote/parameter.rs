@@ -229,7 +229,7 @@ fn range(kind: HalType, bits: u8) -> String {
 /// The parameter is kept in the remote and is accessible in setup mode only: the driver reads it
 /// there and [`publish`](Self::publish)es it. Changing it is a separate operation, before the
 /// driver starts or while its port is stopped:
-/// [`Board::write_remote_parameter`](crate::driver::Board::write_remote_parameter),
+/// [`Configured::write_remote_parameter`](crate::driver::Configured::write_remote_parameter),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Debug, PartialEq)]
 pub struct RemoteParameter {

@@ -412,8 +412,8 @@ pub fn busy_machine_with_watchdog(millis: u32) -> Machine {
         watchdog: Some(std::time::Duration::from_secs(1)),
         ..Settings::default()
     };
-    let mut board = Board::identify(fpga(), settings).expect("a board");
-    board.discover().expect("its remotes");
+    let board = Board::identify(fpga(), settings).expect("a board");
+    let mut board = board.discover().expect("its remotes");
     board
         .write_remote_parameter((0, 2), "nvwatchdogtimeout", millis)
         .expect("it takes it");

@@ -7,7 +7,9 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
-use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
+use mesa_hal::driver::{
+    Board, BoardState, Configured, Driver, DriverError, RemoteWatchdog, Settings,
+};
 use mesa_hal::hal::PinError;
 use mesa_hal::remote::ParameterError;
 use mesa_hal::transport::{Fault, Faulty};
@@ -42,14 +44,13 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_with_the_way_to_write_it() {
 }
 
 /// A board whose remotes are in setup mode.
-fn discovered(fpga: SimFpga) -> Board<SimFpga> {
-    let mut board = Board::identify(fpga, Settings::default()).expect("a board");
-    board.discover().expect("its remotes");
-    board
+fn discovered(fpga: SimFpga) -> Configured<SimFpga> {
+    let board = Board::identify(fpga, Settings::default()).expect("a board");
+    board.discover().expect("its remotes")
 }
 
 fn write(
-    board: &mut Board<SimFpga>,
+    board: &mut Configured<SimFpga>,
     channel: usize,
     name: &str,
     value: u32,
@@ -67,7 +68,6 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
     ] {
         write(&mut board, channel, name, value).expect("it takes it");
     }
-    board.discover().expect("they stay discovered");
     let field = board.read_remote_parameter((0, FIELD as u8), "nvwatchdogtimeout");
     assert_eq!(field.expect("it is read").raw, 100);
     let mut machine = Machine::with(board.start().expect("all of them run"));

@@ -22,8 +22,8 @@ const NAME: &str = "nvwatchdogtimeout";
 fn board(used: u32, written: u32) -> SimFpga {
     let mut bus = fpga();
     for (millis, is_used) in [(used, true), (written, false)] {
-        let mut board = Board::identify(bus, Settings::default()).expect("a board");
-        board.discover().expect("its remotes");
+        let board = Board::identify(bus, Settings::default()).expect("a board");
+        let mut board = board.discover().expect("its remotes");
         board
             .write_remote_parameter((0, OUTPUTS as u8), NAME, millis)
             .expect("it takes it");

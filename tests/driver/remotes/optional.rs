@@ -62,8 +62,8 @@ fn board(end: Option<Box<dyn RemoteEnd>>, mut settings: Settings) -> Board<SimFp
 
 /// A machine whose valve block is absent.
 fn shop() -> Shop {
-    let mut board = board(None, optional(OUTPUTS, 0, &VALVES));
-    board.discover().expect("two remotes");
+    let board = board(None, optional(OUTPUTS, 0, &VALVES));
+    let board = board.discover().expect("two remotes");
     assert_eq!(board.remotes().count(), 3);
     assert_eq!(board.missing(), []);
     let absent = board.attach::<Valves>((0, OUTPUTS as u8));
@@ -111,8 +111,8 @@ fn reason(shop: &Shop) -> String {
 fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let mut shop = {
         // A remote that is present is used with its own tables, optional or not.
-        let mut board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
-        board.discover().expect("three remotes");
+        let board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
+        let mut board = board.discover().expect("three remotes");
         assert_eq!(board.remotes().count(), 3);
         assert_eq!(board.remarks(), []);
         let channel = OUTPUTS as u8;
@@ -161,8 +161,8 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
 
 #[test]
 fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
-    let mut board = board(None, Settings::default());
-    board.discover().expect("two remotes");
+    let board = board(None, Settings::default());
+    let mut board = board.discover().expect("two remotes");
     let error = board
         .read_remote_parameter((0, OUTPUTS as u8), "nvwatchdogtimeout")
         .unwrap_err();

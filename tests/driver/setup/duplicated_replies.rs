@@ -40,8 +40,8 @@ fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
 #[test]
 fn the_description_of_a_remote_is_its_own_on_a_network_that_duplicates() {
     let discovered = |bus| {
-        let mut board = Board::identify(bus, Settings::default()).ok()?;
-        board.discover().ok()?;
+        let board = Board::identify(bus, Settings::default()).ok()?;
+        let board = board.discover().ok()?;
         let remotes = board.remotes();
         let found: Vec<_> = remotes
             .map(|(id, found)| (id, found.descriptor.clone()))

@@ -8,7 +8,7 @@ use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::RemoteDescriptor;
-use mesa_hal::driver::{Board, DriverError};
+use mesa_hal::driver::{Configured, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
 
@@ -54,11 +54,11 @@ impl core::fmt::Display for RemotePlace {
     }
 }
 
-impl<B: RegisterBus + Clock> Cabinet for Board<B> {
+impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     type Error = DriverError<B::Error>;
 
     fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
-        let there = Board::remotes(self).filter(|(_, remote)| !remote.is_absent);
+        let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent);
         there
             .map(|(id, remote)| (RemotePlace::Channel(id), remote.descriptor.clone()))
             .collect()

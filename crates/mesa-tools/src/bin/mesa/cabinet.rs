@@ -6,7 +6,7 @@ use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::transport::udp::{UdpBus, UdpError};
-use mesa_hal::{Board, DriverError, Settings};
+use mesa_hal::{Board, Configured, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
 };
@@ -73,7 +73,7 @@ impl SerialLine {
 pub enum OpenCabinet {
     /// Remotes of a board. `board` is dropped before `found`, which holds the simulated machine.
     Board {
-        board: Box<Board<UdpBus>>,
+        board: Box<Configured<UdpBus>>,
         found: Found,
     },
     /// The remote on a serial port.
@@ -110,8 +110,7 @@ impl CabinetTarget {
             return Ok(OpenCabinet::Serial(Box::new(open)));
         }
         let found = self.target.find()?;
-        let mut board = Board::identify(found.open()?, Settings::default())?;
-        board.discover()?;
+        let board = Board::identify(found.open()?, Settings::default())?.discover()?;
         for missing in board.missing().iter().filter(|remark| !remark.is_silent()) {
             complain(format_args!("MISSING: {missing}"));
         }

@@ -8,7 +8,7 @@ use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::transport::udp::{UdpBus, UdpError};
-use mesa_hal::{Board, BoardState, Driver, Settings};
+use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
 
 use crate::context::Failure;
 use crate::output::complain;
@@ -17,11 +17,11 @@ use crate::words;
 /// Starts everything on a board with all outputs off. Reports on standard error which remotes were
 /// found, which are missing, and what disagrees with its table.
 pub fn start(bus: UdpBus, settings: Settings) -> Result<Driver<UdpBus>, Failure> {
-    go(Board::identify(bus, settings)?)
+    go(Board::identify(bus, settings)?.discover()?)
 }
 
-/// As [`start`], for a board that is identified, and possibly discovered.
-pub fn go(board: Board<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
+/// As [`start`], for a board whose remotes are known.
+pub fn go(board: Configured<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)

@@ -28,7 +28,7 @@ const TYPED: &[(&str, &str)] = &[
     ),
     (" (`FlashLayout::for_card`)", ""),
     (
-        "write it before with `Board::write_remote_parameter` while the board is configured, or at run \
+        "write it before with `Configured::write_remote_parameter` while the board is configured, or at run \
          time with `Driver::write_remote_parameter`, which stops its port",
         "`mesa param set` writes it",
     ),

@@ -1,12 +1,11 @@
 use super::*;
-use mesa_hal::Settings;
+use mesa_hal::{Board, Settings};
 use mesa_hal_sim::{Motor, machines};
 
-fn board() -> Board<mesa_hal_sim::SimFpga> {
+fn board() -> Configured<mesa_hal_sim::SimFpga> {
     let bus = machines::six_axes_7i92(Motor::default());
-    let mut board = Board::identify(bus, Settings::default()).unwrap();
-    board.discover().unwrap();
-    board
+    let board = Board::identify(bus, Settings::default()).unwrap();
+    board.discover().unwrap()
 }
 
 #[test]

@@ -4,7 +4,7 @@ use clap::Args;
 use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal::{Board, Driver, Rounded};
+use mesa_hal::{Configured, Driver, Rounded};
 
 use crate::context::Failure;
 use crate::output::complain;
@@ -21,7 +21,7 @@ pub struct SlowWatchdog {
 impl SlowWatchdog {
     /// Checks the watchdog times that the remotes of these outputs store. Returns a warning about
     /// slow watchdogs, or fails if they were not allowed.
-    pub fn check(self, board: &Board<UdpBus>, groups: &[GroupId]) -> Result<String, Failure> {
+    pub fn check(self, board: &Configured<UdpBus>, groups: &[GroupId]) -> Result<String, Failure> {
         let driven = |remote: &FoundRemote| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
         let slow = remotes.filter_map(|(port, remote)| {

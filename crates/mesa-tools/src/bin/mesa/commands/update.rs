@@ -166,8 +166,7 @@ impl Update {
             serial_ports: [(id.port, only)].into(),
             ..Settings::default()
         };
-        let mut board = Board::identify(found.open()?, settings)?;
-        board.discover()?;
+        let mut board = Board::identify(found.open()?, settings)?.discover()?;
         let (mut link, started) =
             board
                 .setup_at(id, SETUP_BAUD_RATE)

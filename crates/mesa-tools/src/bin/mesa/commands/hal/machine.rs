@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::net::SocketAddrV4;
 
-use mesa_hal::Board;
+use mesa_hal::Configured;
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
@@ -82,7 +82,7 @@ pub struct Joint {
 impl Machine {
     /// Takes the parts of a board that is discovered and not started: the driver's own pins, which
     /// LinuxCNC does not have, do not exist yet.
-    pub fn of(board: &Board<UdpBus>, address: SocketAddrV4) -> Result<Self, Failure> {
+    pub fn of(board: &Configured<UdpBus>, address: SocketAddrV4) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -147,7 +147,7 @@ impl Machine {
 /// Dither settings of PWM modules of version 1, which `mesa-hal` always dithers. In LinuxCNC dither
 /// is a parameter that is off at first. Every LinuxCNC that supports such a module has the
 /// parameter (2.9.2 and later; FIELD 3.3).
-fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
+fn dither(board: &Configured<UdpBus>, prefix: &str) -> Vec<(String, String)> {
     let modules = board.firmware().modules_of(Gtag::PWM);
     let versions = modules.flat_map(|(_, it)| (0..it.instances).map(|_| it.version));
     (0..)
@@ -158,7 +158,7 @@ fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
 }
 
 /// Modes of all channels in LinuxCNC's format, and one line for each remote.
-fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
+fn ports(board: &Configured<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
     let instances = PortLayout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
@@ -183,7 +183,7 @@ fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), F
 }
 
 /// Pairs of the first encoder and the first analog output, the second ones, and so on.
-fn joints(board: &Board<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
+fn joints(board: &Configured<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {
         let encoder = pin.name.strip_suffix(".position")?;

@@ -114,8 +114,7 @@ impl Hal {
         let found = self.target.find()?;
         let mut settings = Settings::default();
         self.modes.put(&mut settings);
-        let mut board = Board::identify(found.open()?, settings)?;
-        board.discover()?;
+        let board = Board::identify(found.open()?, settings)?.discover()?;
         let machine = Machine::of(&board, found.address)?;
         for remote in &machine.remotes {
             complain(format_args!("{}: {remote}", machine.board));

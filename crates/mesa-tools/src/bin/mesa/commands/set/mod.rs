@@ -80,9 +80,9 @@ pub struct Set {
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
-        let mut board = Board::identify(found.open_with(unhurried())?, settings())?;
+        let board = Board::identify(found.open_with(unhurried())?, settings())?;
         // All outputs are off, and no remote runs before the consent.
-        board.discover()?;
+        let board = board.discover()?;
         let pins = board.pins();
         let pin = named::find(pins, board.missing(), &self.pin)?;
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();

@@ -12,7 +12,7 @@ use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal::{Board, Rounded, Settings};
+use mesa_hal::{Board, Configured, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
@@ -107,9 +107,9 @@ impl Wiring {
         }
         let found = self.target.find()?;
         let address = found.address.to_string();
-        let mut board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
+        let board = Board::identify(found.open_with(set::unhurried())?, self.settings())?;
         // All outputs are off, and no remote runs before the consent.
-        board.discover()?;
+        let board = board.discover()?;
         let (check, items) = self.terminals(&board);
         if items.is_empty() {
             let missing = board.missing().iter().filter(|one| is_there(one));
@@ -181,7 +181,7 @@ impl Wiring {
     }
 
     /// Terminals to check.
-    fn terminals(&self, board: &Board<UdpBus>) -> (WiringCheck, Vec<Item>) {
+    fn terminals(&self, board: &Configured<UdpBus>) -> (WiringCheck, Vec<Item>) {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);

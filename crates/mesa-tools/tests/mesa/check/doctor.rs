@@ -177,7 +177,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
 }
 
 /// The page that lists the points that are not confirmed.
-const GATEWARE: &str = include_str!("../../../../docs/gateware.md");
+const GATEWARE: &str = include_str!("../../../../../docs/gateware.md");
 
 #[test]
 fn the_report_gathers_what_decides_everything_that_is_not_confirmed() {

@@ -3,8 +3,8 @@
 use std::net::Ipv4Addr;
 
 use crate::interop::{PATIENCE, Process, board::Board};
-use crate::restart::{Between, between};
 use crate::run::{Run, command, done, json, run};
+use crate::setup::restart::{Between, between};
 
 /// Manual: 7I97, "ELBPCOM": the cookie of HostMot2, and the IP address in the EEPROM.
 const QUESTIONS: [&str; 2] = ["01420001", "82492000"];

@@ -4,11 +4,11 @@ use std::fs;
 
 use serde_json::Value;
 
+use crate::check::set::board;
+use crate::check::wiring::{Guided, INPUTS, entry};
 use crate::interop::{Process, Scratch};
 use crate::run::{Run, command, hold_against_schema, run};
-use crate::set::board;
 use crate::terminal::Terminal;
-use crate::wiring::{Guided, INPUTS, entry};
 
 #[test]
 fn what_makes_no_sense_is_refused_before_anything_is_started() {

@@ -2,12 +2,12 @@
 
 use serde_json::Value;
 
+use crate::check::set::safety::board_without_watchdog;
+use crate::check::set::{board, lit, wait_for};
+use crate::check::wiring::Guided;
 use crate::interop::board::Board;
 use crate::run::{done, hold_against_schema, run};
-use crate::set::{board, lit, wait_for};
-use crate::set_safety::board_without_watchdog;
 use crate::terminal::Terminal;
-use crate::wiring::Guided;
 
 const OUTPUTS: &str = "*7i77.0.0.output-0?";
 

@@ -3,9 +3,9 @@
 
 use std::net::Ipv4Addr;
 
+use crate::check::set::{OUTPUT, begin, ended, impatient_board as board, lit, wait_until};
 use crate::interop::board::Board;
 use crate::run::{done, hold_against_schema, json, run};
-use crate::set::{OUTPUT, begin, ended, impatient_board as board, lit, wait_until};
 
 fn board_7i97() -> Board {
     let card = ["--board", "7i97", "--port", "0"];

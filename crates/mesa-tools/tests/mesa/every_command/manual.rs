@@ -52,7 +52,7 @@ fn bad_usage_ends_with_2_and_nothing_on_standard_output() {
 /// Of two entries with one name a parser keeps only the last.
 #[test]
 fn the_schema_names_each_thing_once() {
-    let schema = include_str!("../../../../docs/mesa.schema.json");
+    let schema = include_str!("../../../../../docs/mesa.schema.json");
     let entries = schema.lines().filter_map(|line| {
         let entry = line.strip_prefix("    \"")?;
         entry.split_once("\":").map(|(name, _)| name)

@@ -1,5 +1,7 @@
 //! `mesa set`: the state of an output comes from the simulated board's console.
 
+pub mod safety;
+
 use std::fs;
 use std::net::Ipv4Addr;
 use std::process::Output;

@@ -146,7 +146,10 @@ fn the_program_is_the_one_that_is_compiled_here() {
     let found = json(&["hal", "--sim", "7i92-7i77"]);
     let (text, file) = (
         text(&found, "main.rs"),
-        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mesa/hal_skeleton.rs"),
+        concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/mesa/setup/hal_skeleton.rs"
+        ),
     );
     if std::env::var_os("BLESS").is_some() {
         fs::write(file, &text).expect("it can be written");

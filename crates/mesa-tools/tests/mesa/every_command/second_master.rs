@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use crate::check::wiring::Guided;
 use crate::interop::board::Board;
 use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch, wait_until};
 use crate::run::{Run, command, done, hold_against_schema, run};
 use crate::terminal::Terminal;
-use crate::wiring::Guided;
 use serde_json::{Value, json};
 
 const SAID: &str = "somebody else drives this board";

@@ -1,5 +1,8 @@
 //! `mesa wiring`: the simulated board's console takes the operator's actions.
 
+mod ends;
+mod outputs;
+
 use std::fs;
 use std::net::Ipv4Addr;
 use std::process::Stdio;
@@ -7,11 +10,11 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use crate::check::set::board;
 use crate::interop::board::Board;
 use crate::interop::console::Console;
 use crate::interop::{Process, Scratch};
 use crate::run::{Run, command, hold_against_schema, run};
-use crate::set::board;
 
 /// A running check: its output, and the operator's input.
 pub struct Guided {
@@ -149,7 +152,7 @@ fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
     let missing = report["missing"].as_array().expect("a list");
     assert_eq!(missing.len(), 1, "{report:#}");
     // Nothing was driven.
-    assert_eq!(crate::set::lit(&mut board), [""; 0]);
+    assert_eq!(crate::check::set::lit(&mut board), [""; 0]);
 }
 
 #[test]

@@ -121,18 +121,18 @@ fn what_a_person_should_look_at_is_on_top() {
 
 #[test]
 fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_outputs_on() {
-    let mut board = crate::set::board();
+    let mut board = crate::check::set::board();
     let address = board.address.to_string();
     let found = |address: &str| json(&["--addr", address])["findings"].to_string();
     assert_eq!(found(&address), "[]", "nobody has begun");
     done(&["param", "list", "--addr", &address]);
     assert_eq!(found(&address), "[]", "what only read leaves nothing");
-    let jog = [crate::set::OUTPUT, "on", "--for", "60s"];
-    let mut killed = crate::set::begin(&board, &jog);
-    crate::set::wait_for(&mut board, 0, "output-03", "1");
+    let jog = [crate::check::set::OUTPUT, "on", "--for", "60s"];
+    let mut killed = crate::check::set::begin(&board, &jog);
+    crate::check::set::wait_for(&mut board, 0, "output-03", "1");
     killed.signal("KILL");
     let _ = killed.output();
-    crate::set::wait_until(&mut board, "board", "board.watchdog-bitten", "1");
+    crate::check::set::wait_until(&mut board, "board", "board.watchdog-bitten", "1");
     let left = found(&address);
     assert!(left.contains("it was not stopped"), "{left}");
     assert!(left.contains("watchdog has bitten"), "{left}");

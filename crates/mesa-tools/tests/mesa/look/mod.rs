@@ -1,0 +1,10 @@
+//! Commands that show a board: inventory, pins, values, registers.
+
+mod firmwares;
+mod info;
+mod list;
+mod pins;
+mod raw;
+mod registers;
+mod scope;
+mod watch;

@@ -1,0 +1,9 @@
+//! Commands that set up a board or its remotes.
+
+mod flash;
+mod hal;
+mod ip;
+mod led;
+mod param;
+pub mod restart;
+mod update;

@@ -1,0 +1,6 @@
+//! The simulated board as a program.
+
+mod board;
+mod control;
+mod machine;
+mod watch;
