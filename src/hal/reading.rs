@@ -51,6 +51,11 @@ impl Age {
         cycles: u64::MAX,
         time: Duration::MAX,
     };
+
+    /// An age, for tests of an application.
+    pub const fn new(cycles: u64, time: Duration) -> Self {
+        Self { cycles, time }
+    }
 }
 
 /// Result of reading a pin.
@@ -68,6 +73,11 @@ pub struct Reading<T> {
 }
 
 impl<T> Reading<T> {
+    /// A reading, for tests of an application.
+    pub const fn new(value: T, valid: bool, age: Age) -> Self {
+        Self { value, valid, age }
+    }
+
     /// The value, if it is valid.
     pub fn ok(self) -> Option<T> {
         self.valid.then_some(self.value)
@@ -83,11 +93,8 @@ impl<T> Reading<T> {
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};
     /// # use core::time::Duration;
-    /// let lost = Reading {
-    ///     value: true,
-    ///     valid: false, // the wire has lost this cycle's reply
-    ///     age: Age { cycles: 1, time: Duration::from_millis(1) },
-    /// };
+    /// // The wire has lost this cycle's reply.
+    /// let lost = Reading::new(true, false, Age::new(1, Duration::from_millis(1)));
     /// assert_eq!((lost.ok(), lost.within(3), lost.within(0)), (None, Some(true), None));
     /// ```
     pub fn within(self, cycles: u64) -> Option<T> {

@@ -12,7 +12,7 @@ use crate::tally::Tally;
 ///
 /// ```
 /// use std::ops::ControlFlow;
-/// use mesa_hal::{Driver, Settings, runner::{Judgement, Latency, Runner}};
+/// use mesa_hal::{Driver, Settings, runner::{Latency, RateJudgement, Runner}};
 /// use mesa_hal_sim::machines;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

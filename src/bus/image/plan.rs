@@ -132,7 +132,7 @@ impl ImagePlan {
     }
 
     /// Registers a read that is made only after a module has
-    /// [requested](crate::modules::WriteCycle::ask_extra) it, and when the driver checks the
+    /// [requested](crate::modules::WriteCycle::request_extra) it, and when the driver checks the
     /// evidence.
     pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
         add_read(&mut self.reads, phase, address, true)
