@@ -57,14 +57,14 @@ fn read(path: &Path) -> String {
 
 /// The targets of links, without those of the documentation and of the web.
 fn links(text: &str) -> impl Iterator<Item = &str> {
-    let targets = text.split("](").skip(1);
-    let targets = targets.filter_map(|rest| rest.split_once(')').map(|(target, _)| target));
-    let named = text.lines().filter_map(|line| {
-        let (_, target) = line.strip_prefix('[')?.split_once("]: ")?;
-        Some(target)
-    });
-    let targets = targets.chain(named);
-    targets.filter(|target| !target.contains("::") && !target.contains("//"))
+    let inline = text.split("](").skip(1);
+    let inline = inline.filter_map(|rest| rest.split_once(')').map(|(target, _)| target));
+    // `[name]: target`, on a line of its own.
+    let defined = text.lines().filter(|line| line.starts_with('['));
+    let defined = defined.filter_map(|line| line.split_once("]: ").map(|(_, target)| target));
+    inline
+        .chain(defined)
+        .filter(|target| !target.contains("::") && !target.contains("//"))
 }
 
 /// The anchors of a page's headings, as a browser of repositories makes them.

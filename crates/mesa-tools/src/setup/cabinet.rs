@@ -12,8 +12,8 @@ use mesa_hal::driver::{Configured, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
 
-/// Remotes in setup mode with readable and writable parameters: those of a [`Board`] after
-/// [`discover`](Board::discover), or the one on a serial port
+/// Remotes in setup mode with readable and writable parameters: those of a
+/// [`Configured`] board, or the one on a serial port
 /// ([`SerialCabinet`](super::SerialCabinet)).
 pub trait Cabinet {
     /// Error of an access to a parameter.
