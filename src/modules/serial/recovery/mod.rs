@@ -53,6 +53,39 @@ enum Restart {
     },
 }
 
+/// Progress of the last transfer, with safe values, of a port that is switched off.
+///
+/// A STOP after a transfer that was lost would leave outputs on until the remote's own watchdog bites.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum LastTransfer {
+    #[default]
+    Pending,
+    /// Written, after this number of transfers that may not have arrived.
+    InFlight(u8),
+    Done,
+}
+
+impl LastTransfer {
+    /// Doubtful transfers after which the remotes are stopped all the same.
+    const MAX_DOUBTFUL: u8 = 10;
+
+    /// The transfer in flight is complete.
+    fn complete(&mut self, certain: bool) {
+        if let Self::InFlight(doubtful) = *self {
+            *self = match doubtful.saturating_add(1) {
+                more if !certain && more < Self::MAX_DOUBTFUL => Self::InFlight(more),
+                _ => Self::Done,
+            };
+        }
+    }
+
+    fn begin(&mut self) {
+        if *self == Self::Pending {
+            *self = Self::InFlight(0);
+        }
+    }
+}
+
 /// The remotes of a port.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
@@ -75,8 +108,8 @@ pub(crate) struct Recovery {
     /// The board was set up again, and no remote has transferred since: remotes found stopped were
     /// stopped before.
     is_set_up_again: bool,
-    /// The port is switched off, and safe values were sent to its remotes.
-    is_safe_sent: bool,
+    /// The transfer of safe values before the remotes of a port that is switched off are stopped.
+    last_transfer: LastTransfer,
     pub statistics: PortStatistics,
     restart: Restart,
     /// Restarts wait at least until this time, so that the other channels transfer meanwhile.
@@ -109,7 +142,7 @@ impl Recovery {
             run: true,
             is_board_running: true,
             is_set_up_again: false,
-            is_safe_sent: false,
+            last_transfer: LastTransfer::default(),
             statistics: PortStatistics::default(),
             restart: Restart::None,
             no_restart_before: now,
@@ -214,6 +247,7 @@ impl Recovery {
         };
         match complete.operation {
             PortOperation::Transfer(mask) => {
+                self.last_transfer.complete(complete.certain);
                 if complete.certain {
                     self.statistics.transfers.tally(1);
                 } else {
@@ -340,12 +374,13 @@ impl Recovery {
         if !self.run {
             self.end_restart(now);
             // Outputs are safe already; a last transfer sends them to the remotes.
-            if !running.is_empty() && !core::mem::replace(&mut self.is_safe_sent, true) {
+            if !running.is_empty() && self.last_transfer != LastTransfer::Done {
+                self.last_transfer.begin();
                 return transfer(running);
             }
             return self.stop_for_good(running, now);
         }
-        self.is_safe_sent = false;
+        self.last_transfer = LastTransfer::Pending;
         if hold {
             return transfer(running);
         }

@@ -498,3 +498,30 @@ fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
     assert_eq!(rig.cycle(), 0x0803);
     assert_eq!(rig.cycle(), 0x0903);
 }
+
+/// A STOP after a lost transfer leaves outputs on until the remotes' own watchdogs bite.
+#[test]
+fn a_port_that_is_switched_off_repeats_the_safe_values_until_they_have_arrived() {
+    let mut rig = Rig::new();
+    rig.recovery.run = false;
+    assert_eq!(rig.write(), 0x1003, "with safe values");
+    for _ in 0..3 {
+        rig.read_with(false);
+        assert_eq!(rig.write(), 0x1003, "once more, because it may be lost");
+    }
+    rig.read();
+    assert_eq!(rig.write(), 0x0803);
+}
+
+#[test]
+fn a_port_that_is_switched_off_stops_even_if_every_transfer_is_in_doubt() {
+    let mut rig = Rig::new();
+    rig.recovery.run = false;
+    let mut transfers = 0;
+    while rig.write() == 0x1003 {
+        transfers += 1;
+        assert!(transfers < 20, "no end");
+        rig.read_with(false);
+    }
+    assert_eq!(transfers, 10);
+}
