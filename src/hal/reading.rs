@@ -35,7 +35,6 @@ pub enum Rejection {
 
 /// Time since the last good transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
 pub struct Age {
     /// In cycles: 0 if this read completed the transfer that the last write started.
     pub cycles: u64,
@@ -51,17 +50,11 @@ impl Age {
         cycles: u64::MAX,
         time: Duration::MAX,
     };
-
-    /// An age, for tests of an application.
-    pub const fn new(cycles: u64, time: Duration) -> Self {
-        Self { cycles, time }
-    }
 }
 
 /// Result of reading a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
-#[non_exhaustive]
 pub struct Reading<T> {
     /// The value: the last good one if `valid` is false, or the type's zero if there was none yet.
     pub value: T,
@@ -73,11 +66,6 @@ pub struct Reading<T> {
 }
 
 impl<T> Reading<T> {
-    /// A reading, for tests of an application.
-    pub const fn new(value: T, valid: bool, age: Age) -> Self {
-        Self { value, valid, age }
-    }
-
     /// The value, if it is valid.
     pub fn ok(self) -> Option<T> {
         self.valid.then_some(self.value)
@@ -93,8 +81,11 @@ impl<T> Reading<T> {
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};
     /// # use core::time::Duration;
-    /// // The wire has lost this cycle's reply.
-    /// let lost = Reading::new(true, false, Age::new(1, Duration::from_millis(1)));
+    /// let lost = Reading {
+    ///     value: true,
+    ///     valid: false, // the wire has lost this cycle's reply
+    ///     age: Age { cycles: 1, time: Duration::from_millis(1) },
+    /// };
     /// assert_eq!((lost.ok(), lost.within(3), lost.within(0)), (None, Some(true), None));
     /// ```
     pub fn within(self, cycles: u64) -> Option<T> {

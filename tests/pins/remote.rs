@@ -287,7 +287,10 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
     let refused = pins.set_param(baud, 10).unwrap_err();
     assert_eq!(refused, PinError::InRemote);
     let text = refused.to_string();
-    assert!(text.contains("`Board::write_remote_parameter`"), "{text}");
+    assert!(
+        text.contains("`Configured::write_remote_parameter`"),
+        "{text}"
+    );
     assert!(text.contains("`Driver::write_remote_parameter`"), "{text}");
 
     let field = field_io(0);
