@@ -85,7 +85,7 @@
 //! | parameter | a value that configures pins, or the remote itself, and that is rarely changed |
 //! | group | pins that become valid, old and safe together: those of a remote, or of the board |
 //! | valid | an input is valid if the last read of its group, and its transfer, were good |
-//! | age | time since the start of the transfer, or of the read, that a value comes from |
+//! | age | time since the transfer that a value comes from; for pins of the board, since the read |
 //! | safe state | the state of outputs that are not armed: off, 0, or their safe value |
 //! | armed | a group's outputs follow the application. After a fault they are safe until re-armed |
 //! | re-arm | to let the outputs of a group follow again after a fault: [`Driver::rearm`] |

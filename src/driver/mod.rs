@@ -74,14 +74,14 @@ mod trace;
 mod watchdogs;
 
 pub use crate::modules::encoder::EncoderSetup;
+pub use crate::modules::events::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::gpio::GpioConfig;
+pub use crate::modules::report::{BoardState, CycleReport};
 pub use crate::modules::serial::{
     Failure, FailureCounts, FaultPolicy, FoundRemote, OfflineReason, PortStatistics, RemoteState,
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
-pub use crate::modules::{BoardState, CycleReport};
-pub use crate::modules::{Event, EventKind, EventMask, Events, Repeating};
-pub use crate::modules::{
+pub use crate::modules::settings::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 pub use configure::{Board, Configured};

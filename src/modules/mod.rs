@@ -17,21 +17,19 @@ pub mod led;
 pub mod outputs;
 pub mod pwm;
 mod registrar;
-mod report;
+pub(crate) mod report;
 pub mod serial;
-mod settings;
+pub(crate) mod settings;
 mod undriven;
 pub mod watchdog;
 
 pub use error::RegisterError;
-pub use events::{Event, EventKind, EventMask, Events, Repeating};
 pub use registrar::Registrar;
-pub use report::{BoardState, CycleReport};
-pub use settings::{
-    Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
-};
-
 pub use undriven::{Undriven, UndrivenReason, undriven};
+
+// The driver's language: applications find it in `driver`.
+pub(crate) use report::{BoardState, CycleReport};
+pub(crate) use settings::{Pace, Settings};
 
 use core::any::Any;
 use core::fmt;
