@@ -10,6 +10,7 @@ mod validity;
 mod watch;
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -68,6 +69,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         sampled_before: 0,
         is_clearing: false,
         proved_in_trouble: false,
+        proved_by_usual_time: BTreeSet::new(),
         came_by_pin: false,
         off: vec![0; plan.ports.len()],
     };
@@ -156,6 +158,8 @@ struct Scenario {
     /// Watchdogs were tested while a fault was present: one that did not answer counts as off
     /// since.
     proved_in_trouble: bool,
+    /// Remotes whose watchdogs were tested although the driver had not read their times.
+    proved_by_usual_time: BTreeSet<usize>,
     /// The board came back by pin, and nothing was re-armed since: the next re-arming is for the
     /// remotes that come with it.
     came_by_pin: bool,
@@ -306,17 +310,22 @@ impl Scenario {
         Ok(())
     }
 
-    /// Checks the current outputs of the machine.
-    fn stands_now<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
+    /// Notes that the board, cleared by pin, has been set up, at `at` or later. Until the bus works,
+    /// the set-up is tried with each write.
+    fn comes_by_pin<B: Host>(&mut self, driver: &Driver<B>, at: u64) {
         let runs = driver.board_state() == BoardState::Running;
-        // Until the bus works, the set-up is tried with each write.
         if self.is_clearing && runs {
             self.is_clearing = false;
             self.oracle.set_up(false);
             self.came_by_pin = true;
-            self.oracle.remotes_are_asked(self.sim.now());
+            self.oracle.remotes_are_asked(at);
         }
         self.came_by_pin &= runs;
+    }
+
+    /// Checks the current outputs of the machine.
+    fn stands_now<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
+        self.comes_by_pin(driver, self.sim.now());
         self.oracle.check(self.sim.now())?;
         if self.stranger.1 && self.plan.extras.stranger != Stranger::None {
             self.oracle.check_stranger(self.sim.now())?;

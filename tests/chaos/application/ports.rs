@@ -44,17 +44,17 @@ impl Application {
         })
     }
 
-    /// The remotes whose watchdog times the driver has read. For others it assumes the usual time,
-    /// which may be too short for their watchdogs to bite.
-    pub fn known_watchdogs<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+    /// The remotes whose watchdog times the driver has not read. It assumes the usual time, which may
+    /// be too short for their watchdogs to bite.
+    pub fn assumed_watchdogs<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
         let remotes = self.remotes.iter();
-        let known = remotes.filter(|remote| {
+        let assumed = remotes.filter(|remote| {
             let (port, channel) = remote.place;
             let port = driver.ports().get(port);
             let status = port.and_then(|port| port.remote(channel));
-            status.is_some_and(|status| status.watchdog != RemoteWatchdog::Assumed)
+            status.is_some_and(|status| status.watchdog == RemoteWatchdog::Assumed)
         });
-        known.map(|remote| remote.number).collect()
+        assumed.map(|remote| remote.number).collect()
     }
 
     /// Switches all ports on.
