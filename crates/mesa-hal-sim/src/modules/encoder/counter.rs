@@ -64,11 +64,11 @@ pub(super) struct Counter {
     line: Abz,
     waiting: [(Clocks, Abz); WAITING],
     pending: usize,
-    filters: [Filter; 4],
+    filters: Filters,
     /// The levels that were counted last.
-    counted: Levels,
+    counted: Lanes,
     /// The levels that are counted next, and the clock edge of that.
-    due: Option<(Clocks, Levels)>,
+    due: Option<(Clocks, Lanes)>,
     /// False until the first sample after configuration, which is not counted.
     is_started: bool,
     /// Pending changes, each after a clock edge; the oldest first.
@@ -96,32 +96,54 @@ pub(super) enum CountPlace {
     Plain,
 }
 
-/// A filter that counts up while its line is high and down while the line is low. The level follows
-/// at the ends, one tick later.
-#[derive(Clone, Copy, Debug, Default)]
-struct Filter {
-    samples: u8,
-    level: bool,
+/// Levels of A, B, the conditioned index and the probe: the top bit of each byte, A in the lowest.
+type Lanes = u32;
+
+const ONES: Lanes = 0x0101_0101;
+const TOPS: Lanes = 0x8080_8080;
+
+fn lanes(levels: Levels) -> Lanes {
+    Lanes::from_le_bytes(levels.map(|level| if level { 0x80 } else { 0 }))
 }
 
-impl Filter {
-    fn take(&mut self, line: bool, length: u8) {
-        let samples = self.samples;
-        self.level = (self.level || samples >= length) && samples > 0;
-        self.samples = if line {
-            samples.max((samples + 1).min(length))
-        } else {
-            samples.saturating_sub(1)
-        };
+fn levels(lanes: Lanes) -> Levels {
+    lanes.to_le_bytes().map(|lane| lane != 0)
+}
+
+/// The filters of the four lines, a byte each. A filter counts up while its line is high and down
+/// while the line is low. The level follows at the ends, one tick later.
+#[derive(Clone, Copy, Debug, Default)]
+struct Filters {
+    /// At most 15 each, so that the top bits are free for comparisons.
+    samples: u32,
+    levels: Lanes,
+}
+
+impl Filters {
+    fn settled(lines: Lanes, length: u8) -> Self {
+        Self {
+            samples: (lines >> 7) * u32::from(length),
+            levels: lines,
+        }
     }
 
-    fn is_settled(self, line: bool, length: u8) -> bool {
-        self.level == line
-            && if line {
-                self.samples >= length
-            } else {
-                self.samples == 0
-            }
+    /// The filters that are full, and those that are not empty.
+    fn ends(self, length: u8) -> [Lanes; 2] {
+        let full = (self.samples | TOPS) - ONES * u32::from(length);
+        let filled = self.samples + (TOPS - ONES);
+        [full & TOPS, filled & TOPS]
+    }
+
+    fn take(&mut self, lines: Lanes, length: u8) {
+        let [full, filled] = self.ends(length);
+        self.levels = (self.levels | full) & filled;
+        self.samples += (lines & !full) >> 7;
+        self.samples -= (!lines & filled) >> 7;
+    }
+
+    fn are_settled(self, lines: Lanes, length: u8) -> bool {
+        let [full, filled] = self.ends(length);
+        self.levels == lines && lines & !full == 0 && filled & !lines == 0
     }
 }
 
@@ -146,8 +168,8 @@ impl Counter {
             line: [false; 3],
             waiting: [(0, [false; 3]); WAITING],
             pending: 0,
-            filters: [Filter::default(); 4],
-            counted: [false; 4],
+            filters: Filters::default(),
+            counted: 0,
             due: None,
             is_started: false,
             changes: [(0, CountChange::Clear); QUEUED],
@@ -164,12 +186,8 @@ impl Counter {
     pub fn settle(&mut self, line: Abz) {
         self.line = line;
         self.pending = 0;
-        let length = self.filter_length();
         let inputs = self.inputs();
-        self.filters = inputs.map(|level| Filter {
-            samples: if level { length } else { 0 },
-            level,
-        });
+        self.filters = Filters::settled(inputs, self.filter_length());
         self.counted = inputs;
         self.due = None;
     }
@@ -188,10 +206,10 @@ impl Counter {
             LATCH_ON_PROBE | PROBE_POLARITY
         };
         let live = match self.due {
-            Some((at, levels)) if at <= now + TO_COUNT - TO_LIVE => levels,
+            Some((at, lanes)) if at <= now + TO_COUNT - TO_LIVE => lanes,
             _ => self.counted,
         };
-        let [a, b, index, _] = live.map(u32::from);
+        let [a, b, index, _] = levels(live).map(u32::from);
         let live = a | b << 1 | index << 2;
         u32::from(self.latch) << 16 | self.control & !absent | live
     }
@@ -280,9 +298,9 @@ impl Counter {
             }
             let [load, before, second] = divider.loaded();
             let tick = load + delay;
-            let ends = |&mut (at, _): &mut (Clocks, Levels)| at <= to || tick <= to;
-            if let Some((at, levels)) = self.due.take_if(ends) {
-                self.count(levels, stamps.after(at + 1) as u16);
+            let ends = |&mut (at, _): &mut (Clocks, Lanes)| at <= to || tick <= to;
+            if let Some((at, lanes)) = self.due.take_if(ends) {
+                self.count(lanes, stamps.after(at + 1) as u16);
             }
             if tick > to {
                 return;
@@ -307,13 +325,8 @@ impl Counter {
 
     /// True if samples of the present lines change nothing.
     fn is_settled(&self) -> bool {
-        let length = self.filter_length();
-        let filters = self.filters.iter().zip(self.inputs());
-        self.is_started
-            && self.due.is_none()
-            && filters
-                .into_iter()
-                .all(|(filter, line)| filter.is_settled(line, length))
+        let (lines, length) = (self.inputs(), self.filter_length());
+        self.is_started && self.due.is_none() && self.filters.are_settled(lines, length)
     }
 
     /// Takes the lines at the clock edge of a sample.
@@ -335,20 +348,16 @@ impl Counter {
         if !core::mem::replace(&mut self.is_started, true) {
             return;
         }
-        let length = self.filter_length();
-        let inputs = self.inputs();
-        for (filter, line) in self.filters.iter_mut().zip(inputs) {
-            filter.take(line, length);
-        }
-        let levels = self.filters.map(|filter| filter.level);
-        self.due = (levels != self.counted).then_some((tick + TO_COUNT, levels));
+        self.filters.take(self.inputs(), self.filter_length());
+        let lanes = self.filters.levels;
+        self.due = (lanes != self.counted).then_some((tick + TO_COUNT, lanes));
     }
 
     /// Counts the filtered levels. A latch takes the count before this step.
-    fn count(&mut self, levels: Levels, stamp: u16) {
-        let before = core::mem::replace(&mut self.counted, levels);
-        let [a, b, index, probe] = levels;
-        let [a_before, b_before, index_before, probe_before] = before;
+    fn count(&mut self, lanes: Lanes, stamp: u16) {
+        let before = core::mem::replace(&mut self.counted, lanes);
+        let [a, b, index, probe] = levels(lanes);
+        let [a_before, b_before, index_before, probe_before] = levels(before);
         let held = self.count;
         let step = self.step([a_before, b_before], [a, b]);
         if step != 0 {
@@ -394,13 +403,13 @@ impl Counter {
     }
 
     /// Inputs of the filters: A, B, the index with its polarity and its gate, and the probe.
-    fn inputs(&self) -> Levels {
+    fn inputs(&self) -> Lanes {
         let [a, b, index] = self.line;
         let polarity = self.control & AB_POLARITY != 0;
         let is_gated = self.control & GATE_WITH_AB != 0;
         let is_active = index == (self.control & INDEX_POLARITY != 0);
         let index = is_active && (!is_gated || (a == polarity && b == polarity));
-        [a, b, index, self.probe]
+        lanes([a, b, index, self.probe])
     }
 
     /// Handles the rise of the conditioned index. A count at the same time is lost if the index
