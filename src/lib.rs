@@ -177,6 +177,7 @@ pub mod guides;
 pub mod hal;
 pub mod hostmot2;
 pub mod modules;
+mod packed;
 pub mod remote;
 mod rounded;
 #[cfg(feature = "std")]

@@ -36,8 +36,10 @@ pub(super) struct BoardCycle {
     /// The state that was published last.
     shown: Option<BoardState>,
     rows: EventRows,
-    /// Consecutive failed reads and writes.
-    read_failures: u32,
+    /// [`DriverStatistics::read_errors`] at the last good read, or the last set-up: those since
+    /// then are consecutive.
+    old_read_errors: u64,
+    /// Consecutive failed writes.
     write_failures: u32,
     /// Writes since the last read, including the one that belongs to it.
     writes_since_read: u32,
@@ -97,7 +99,7 @@ impl BoardCycle {
             state: BoardState::Running,
             shown: None,
             rows: EventRows::default(),
-            read_failures: 0,
+            old_read_errors: 0,
             write_failures: 0,
             writes_since_read: 0,
             look_closely: true,
@@ -182,7 +184,7 @@ impl BoardCycle {
             let consecutive = self.count_failed_read(now, EventKind::NotThere { found });
             return Err((found, consecutive));
         }
-        self.read_failures = 0;
+        self.old_read_errors = self.statistics.read_errors;
         self.connection.count_exchange(&mut self.pins, false);
         Ok(self.take(now, at, closely))
     }
@@ -196,14 +198,14 @@ impl BoardCycle {
     fn count_failed_read(&mut self, now: Instant, what: EventKind) -> u32 {
         self.rows.failed_reads.add(&self.events, now, 1, what);
         self.statistics.read_errors.tally(1);
-        self.read_failures = self.read_failures.saturating_add(1);
         self.look_closely = true;
         self.not_read();
         if self.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
         }
         self.publish();
-        self.read_failures
+        let errors = self.statistics.read_errors;
+        u32::try_from(errors.saturating_sub(self.old_read_errors)).unwrap_or(u32::MAX)
     }
 
     /// Lets every module take its inputs from the valid image read at `at`.
@@ -484,7 +486,7 @@ impl BoardCycle {
         self.state = BoardState::Running;
         self.events.tell(now, EventKind::BoardSetUp);
         self.connection.level = 0;
-        self.read_failures = 0;
+        self.old_read_errors = self.statistics.read_errors;
         self.write_failures = 0;
     }
 

@@ -16,7 +16,6 @@ mod memory;
 mod packets;
 mod restart;
 
-pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
 pub use flash::{Area, Flash, FlashDifference, FlashStep};

@@ -3,6 +3,8 @@
 use core::fmt;
 use core::time::Duration;
 
+use crate::packed::packed_enum;
+
 /// The outcome of one read. All counts are of this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -65,6 +67,7 @@ impl CycleReport {
     }
 }
 
+packed_enum! {
 /// State of the board itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -90,6 +93,7 @@ pub enum BoardState {
     /// [`Driver::rearm`](crate::driver::Driver::rearm) finds the board that the driver was started
     /// with.
     OtherFirmware,
+}
 }
 
 impl fmt::Display for BoardState {

@@ -116,6 +116,9 @@ use crate::tally::Tally;
 pub struct Runner<B: RegisterBus + Clock> {
     driver: Driver<B>,
     statistics: RunStatistics,
+    /// [`DriverStatistics::read_errors`](crate::driver::DriverStatistics::read_errors) before the
+    /// run.
+    old_read_errors: u64,
     snapshot: Option<SnapshotWriter>,
     commands: Option<CommandQueue>,
     is_sleeping: bool,
@@ -215,6 +218,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
     /// A runner of a started driver, whose settings contain the period and the pace.
     pub fn new(driver: Driver<B>) -> Self {
         Self {
+            old_read_errors: driver.statistics().read_errors,
             driver,
             statistics: RunStatistics::default(),
             snapshot: None,
@@ -307,7 +311,8 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 Pace::Board => Duration::ZERO,
             };
             let read = self.driver.read();
-            self.statistics.failed_reads.tally(read.is_err().into());
+            let errors = self.driver.statistics().read_errors;
+            self.statistics.failed_reads = errors.saturating_sub(self.old_read_errors);
             if let Some(commands) = &mut self.commands {
                 commands.take(&mut self.driver);
             }

@@ -13,10 +13,10 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
 use core::time::Duration;
 
 use super::RunStatistics;
-use super::packed::{Packed, WordSink};
 use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
+use crate::packed::{Packed, WordSink};
 use crate::sslbp::RemoteName;
 use crate::tally::Tally;
 

@@ -138,6 +138,25 @@ fn what_a_read_has_brought_and_why_not_is_told_in_its_cycle() {
     assert_eq!(ended.statistics.failed_reads, told[1]);
 }
 
+#[test]
+fn reads_that_failed_before_the_run_are_not_those_of_the_run() {
+    let mut driver = runner().driver;
+    driver.bus_mut().reset_for(2_500_000);
+    assert!(driver.read().is_err());
+    assert!(driver.read().is_err());
+    let mut failed = 0;
+    let ended = Runner::new(driver).run(|cycle| {
+        failed += u64::from(cycle.read.is_err());
+        match cycle.number {
+            0..20 => ControlFlow::Continue(()),
+            _ => ControlFlow::Break(()),
+        }
+    });
+    assert!((1..20).contains(&failed), "{failed}");
+    assert_eq!(ended.statistics.failed_reads, failed);
+    assert!(ended.driver.statistics().read_errors >= failed + 2);
+}
+
 #[cfg(feature = "realtime")]
 #[test]
 fn a_signal_ends_it_with_the_ports_stopped() {

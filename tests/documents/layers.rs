@@ -35,9 +35,9 @@ const LAYERS: [(&str, &[&str]); 11] = [
     ("transport", &["bus", "lbp16", "ethernet"]),
 ];
 
-/// Modules outside of the layers: the serialized forms of settings and events, rounded numbers,
-/// counters, and fractions of a time.
-const FORMS: [&str; 4] = ["serial_form", "Rounded", "tally", "fraction"];
+/// Modules outside of the layers: the serialized forms of settings and events, values as words,
+/// rounded numbers, counters, and fractions of a time.
+const FORMS: [&str; 5] = ["serial_form", "packed", "Rounded", "tally", "fraction"];
 
 #[test]
 fn a_layer_knows_only_those_below_it() {

@@ -6,11 +6,12 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect, cut};
 use mesa_hal::Settings;
+use mesa_hal::boards::FlashLayout;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
-    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep, LedMode, LedTime,
+    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashStep, LedMode, LedTime,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

@@ -3,14 +3,16 @@
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::fmt;
+use core::slice;
 use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
-use super::words::WORDS;
 use super::{Event, EventKind, EventMask};
 use crate::bus::Instant;
+use crate::packed::{Packed, WordSink};
 
-/// The words of an event.
-type EventSlot = [AtomicU32; WORDS];
+/// The words of an event, each as its low and its high half: 64-bit atomics do not exist
+/// everywhere.
+type EventSlot = [[AtomicU32; 2]; Event::WORDS];
 
 /// A ring of events: one thread at a time puts events in, any number of threads take them out.
 ///
@@ -45,9 +47,7 @@ struct Queue {
 
 impl Queue {
     fn cycle(&self) -> u64 {
-        let [low, high] = &self.cycle;
-        let [low, high] = [low, high].map(|half| u64::from(half.load(Ordering::Relaxed)));
-        low | high << 32
+        load(&self.cycle)
     }
 
     fn slot(&self, number: usize) -> Option<&EventSlot> {
@@ -123,17 +123,34 @@ impl Queue {
 }
 
 fn put(slot: &EventSlot, event: Event) {
-    for (place, word) in slot.iter().zip(event.to_words()) {
-        place.store(word, Ordering::Relaxed);
-    }
+    event.pack(&mut SlotWords(slot.iter()));
 }
 
 fn take(slot: &EventSlot) -> Option<Event> {
-    let mut words = [0; WORDS];
-    for (word, place) in words.iter_mut().zip(slot) {
-        *word = place.load(Ordering::Relaxed);
+    Event::unpack(&mut slot.iter().map(load))
+}
+
+/// The words of a slot that are not written yet.
+struct SlotWords<'a>(slice::Iter<'a, [AtomicU32; 2]>);
+
+impl WordSink for SlotWords<'_> {
+    fn put(&mut self, word: u64) {
+        if let Some(halves) = self.0.next() {
+            store(halves, word);
+        }
     }
-    Event::from_words(words)
+}
+
+fn store([low, high]: &[AtomicU32; 2], word: u64) {
+    low.store(word as u32, Ordering::Relaxed);
+    high.store((word >> 32) as u32, Ordering::Relaxed);
+}
+
+fn load(halves: &[AtomicU32; 2]) -> u64 {
+    let [low, high] = halves
+        .each_ref()
+        .map(|half| u64::from(half.load(Ordering::Relaxed)));
+    low | high << 32
 }
 
 impl fmt::Debug for Queue {
@@ -179,9 +196,7 @@ impl EventSink {
     /// Sets the number of the cycle that begins.
     #[inline]
     pub fn begin_cycle(&self, number: u64) {
-        let [low, high] = &self.0.cycle;
-        low.store(number as u32, Ordering::Relaxed);
-        high.store((number >> 32) as u32, Ordering::Relaxed);
+        store(&self.0.cycle, number);
     }
 
     /// Puts an event into the queue.

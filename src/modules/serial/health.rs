@@ -7,12 +7,14 @@ use super::watchdog::OutputsState;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::{EventKind, EventRow, EventSink, Repeating};
+use crate::packed::packed_enum;
 use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
 use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY_TRANSFERS: u64 = 1000;
 
+packed_enum! {
 /// State of the remote on a channel.
 ///
 /// A remote that is offline gets no frame: neither process data nor a START, until the time of its
@@ -39,6 +41,7 @@ pub enum RemoteState {
         /// The reason why it was offline.
         reason: OfflineReason,
     },
+}
 }
 
 /// A remote of a port.

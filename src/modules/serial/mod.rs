@@ -25,6 +25,3 @@ pub use remote::{FoundRemote, WATCHDOG_PARAMETER};
 pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
 pub use watchdog::RemoteWatchdog;
-
-#[cfg(all(test, feature = "std"))]
-pub(crate) use offline::tests::every_reason;

@@ -1,9 +1,11 @@
 //! Reasons why a remote is offline.
 
 use super::Failure;
+use crate::packed::{packed_enum, packed_word};
 use crate::sslbp::RemoteName;
 use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 
+packed_enum! {
 /// Reason why a remote is offline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -86,6 +88,7 @@ pub enum OfflineReason {
     #[error("the board does not run, and its lines may be dead with it; re-arm")]
     BoardDown,
 }
+}
 
 impl OfflineReason {
     /// The reason for a remote that reports these faults.
@@ -128,89 +131,38 @@ impl OfflineReason {
     }
 }
 
-/// Conversion to numbers, which other threads can take without a lock.
-impl OfflineReason {
-    /// A number for the variant, from 0 on, and two for its fields.
-    pub(crate) fn to_words(self) -> (u8, u32, u32) {
-        let sizes = |sizes: ProcessDataSizes| u32::from_le_bytes([sizes.rx, sizes.tx, 0, 0]);
-        match self {
-            Self::Absent => (0, 0, 0),
-            Self::TooManyFailures(failure) => (1, failure as u32, 0),
-            Self::NotRunning(cs) => (2, cs.0, 0),
-            Self::Watchdog => (3, 0, 0),
-            Self::IllegalMode => (4, 0, 0),
-            Self::FieldPower(faults) => (5, faults.bits().into(), 0),
-            Self::Reported(faults) => (6, faults.bits().into(), 0),
-            Self::DidNotStart(cs) => (7, cs.0, 0),
-            Self::AnotherDevice { name, unit_number } => {
-                (8, u32::from_le_bytes(name.0), unit_number)
-            }
-            Self::OtherTables { found, expected } => (9, found, expected),
-            Self::OtherSizes { found, expected } => (10, sizes(found), sizes(expected)),
-            Self::PortStuck => (11, 0, 0),
-            Self::Stopped => (12, 0, 0),
-            Self::Requested => (13, 0, 0),
-            Self::BoardDown => (14, 0, 0),
-        }
-    }
+packed_word!(Failure, |failure| *failure as u64, |number| Self::ALL
+    .get(usize::try_from(number).ok()?)
+    .copied(),);
+packed_word!(CsStatus, |cs| cs.0.into(), |word| Some(Self(word as u32)));
+packed_word!(RemoteFaults, |faults| faults.bits().into(), |bits| Some(
+    Self::from_bits_retain(bits as u8)
+),);
+packed_word!(
+    RemoteName,
+    |name| u32::from_le_bytes(name.0).into(),
+    |word| Some(Self((word as u32).to_le_bytes())),
+);
+packed_word!(
+    ProcessDataSizes,
+    |sizes| u16::from_le_bytes([sizes.rx, sizes.tx]).into(),
+    |word| {
+        let [rx, tx] = (word as u16).to_le_bytes();
+        Some(Self { rx, tx })
+    },
+);
 
-    /// The reason for numbers from [`to_words`](Self::to_words).
-    pub(crate) fn from_words((number, one, other): (u8, u32, u32)) -> Option<Self> {
-        let faults = RemoteFaults::from_bits_retain(one as u8);
-        let sizes = |word: u32| {
-            let [rx, tx, ..] = word.to_le_bytes();
-            ProcessDataSizes { rx, tx }
-        };
-        Some(match number {
-            0 => Self::Absent,
-            1 => Self::TooManyFailures(*Failure::ALL.get(one as usize)?),
-            2 => Self::NotRunning(CsStatus(one)),
-            3 => Self::Watchdog,
-            4 => Self::IllegalMode,
-            5 => Self::FieldPower(faults),
-            6 => Self::Reported(faults),
-            7 => Self::DidNotStart(CsStatus(one)),
-            8 => Self::AnotherDevice {
-                name: RemoteName::from_register(one),
-                unit_number: other,
-            },
-            9 => Self::OtherTables {
-                found: one,
-                expected: other,
-            },
-            10 => Self::OtherSizes {
-                found: sizes(one),
-                expected: sizes(other),
-            },
-            11 => Self::PortStuck,
-            12 => Self::Stopped,
-            13 => Self::Requested,
-            14 => Self::BoardDown,
-            _ => return None,
-        })
-    }
-}
-
-#[cfg(test)]
-pub(crate) mod tests {
+#[cfg(all(test, feature = "std"))]
+mod tests {
     use super::*;
-    use alloc::vec::Vec;
-
-    /// One reason of each variant, with these fields.
-    pub(crate) fn every_reason(one: u32, other: u32) -> Vec<OfflineReason> {
-        let numbers = 0..=u8::MAX;
-        let reasons = numbers.map_while(|number| OfflineReason::from_words((number, one, other)));
-        reasons.collect()
-    }
+    use crate::packed::Packed;
+    use crate::packed::tests::{again, every};
 
     #[test]
-    fn every_reason_comes_back_from_its_numbers() {
-        let reasons = every_reason(7, 0xFEDC_0904);
-        assert_eq!(reasons.len(), 15);
-        for (number, reason) in (0..).zip(reasons) {
-            let words = reason.to_words();
-            assert_eq!(words.0, number, "{reason:?}");
-            assert_eq!(OfflineReason::from_words(words), Some(reason));
+    fn every_reason_comes_back_from_its_words() {
+        // The fields of a reason differ, so that exchanged fields are not equal.
+        for reason in every::<OfflineReason>(&[7, 0xFEDC_0904]) {
+            assert_eq!(again(&reason), Some(reason));
         }
         let sizes = |rx, tx| ProcessDataSizes { rx, tx };
         for reason in [
@@ -226,14 +178,16 @@ pub(crate) mod tests {
                 found: 0xFEDC_BA98,
                 expected: 1,
             },
+            OfflineReason::NotRunning(CsStatus(u32::MAX)),
+            OfflineReason::Reported(RemoteFaults::from_bits_retain(0x81)),
         ] {
-            assert_eq!(OfflineReason::from_words(reason.to_words()), Some(reason));
+            assert_eq!(again(&reason), Some(reason));
         }
         for failure in Failure::ALL {
             let reason = OfflineReason::TooManyFailures(failure);
-            assert_eq!(OfflineReason::from_words(reason.to_words()), Some(reason));
+            assert_eq!(again(&reason), Some(reason));
         }
-        let unknown = Failure::ALL.len() as u32;
-        assert_eq!(OfflineReason::from_words((1, unknown, 0)), None);
+        let unknown = Failure::ALL.len() as u64;
+        assert_eq!(Failure::unpack(&mut core::iter::once(unknown)), None);
     }
 }

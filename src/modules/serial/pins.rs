@@ -38,7 +38,7 @@ pub(super) struct PortPins {
 /// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
 /// `run` is false; the others as observed with LinuxCNC 2.9).
 fn port_state(recovery: &Recovery, machine: &PortMachine) -> u32 {
-    let running = recovery.running;
+    let running = recovery.running();
     let has_transferred = |channel| machine.link(channel).good > 0;
     match (recovery.run, running.is_empty()) {
         // Normal operation. Single remotes may be offline: see their `running`.

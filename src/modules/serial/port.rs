@@ -122,7 +122,7 @@ impl SerialPort {
 
     /// Clears the first fault of remotes whose outputs follow the application (again).
     fn note_armed(&mut self, pins: &PinStore, now: Instant) {
-        let marked = self.recovery.marked;
+        let marked = self.recovery.marked();
         if marked.is_empty() {
             return;
         }
@@ -170,7 +170,7 @@ impl SerialPort {
     /// switched off are about to stop, and their replies are not evaluated any more.
     pub(crate) fn running(&self) -> ChannelMask {
         if self.recovery.run {
-            self.recovery.running
+            self.recovery.running()
         } else {
             ChannelMask::NONE
         }
@@ -202,7 +202,7 @@ impl SerialPort {
                 health.watchdog = RemoteWatchdog::Known(silence);
             }
         }
-        let not_running = asked.difference(self.recovery.running);
+        let not_running = asked.difference(self.recovery.running());
         self.restart(not_running, pins, now);
     }
 
@@ -344,7 +344,7 @@ impl Module for SerialPort {
             remote.pins.restarted();
         }
         self.recovery.set_up_again();
-        let not_running = self.recovery.known.difference(self.recovery.running);
+        let not_running = self.recovery.known.difference(self.recovery.running());
         self.restart(not_running, pins, now);
     }
 }

@@ -13,8 +13,8 @@ use crate::hal::Pins;
 use crate::hal::{
     Age, AnyValue, GroupId, GroupState, HalType, Handle, PinId, PinInfo, Reading, Value,
 };
+use crate::packed::Packed;
 use crate::runner::RunStatistics;
-use crate::runner::packed::Packed;
 use crate::sslbp::{RemoteFaults, RemoteName};
 
 /// All values that the cycle published, of the same time: after the write of a cycle.
@@ -61,6 +61,11 @@ pub struct RemoteSnapshot {
     pub failures: u64,
     /// Number of restarts.
     pub restarts: u64,
+}
+
+/// The next value. The words of a snapshot are those of values, so there is always one.
+fn next<T: Packed + Default>(words: &mut impl Iterator<Item = u64>) -> T {
+    T::unpack(words).unwrap_or_default()
 }
 
 /// The words before those of the pins.
@@ -175,13 +180,13 @@ impl Snapshot {
             id,
             name,
             group,
-            since: Packed::unpack(&mut words),
-            state: Packed::unpack(&mut words),
-            first_fault: Packed::unpack(&mut words),
-            faults: Packed::unpack(&mut words),
-            transfers: Packed::unpack(&mut words),
-            failures: Packed::unpack(&mut words),
-            restarts: Packed::unpack(&mut words),
+            since: next(&mut words),
+            state: RemoteState::unpack(&mut words).unwrap_or(RemoteState::Running),
+            first_fault: next(&mut words),
+            faults: next(&mut words),
+            transfers: next(&mut words),
+            failures: next(&mut words),
+            restarts: next(&mut words),
         })
     }
 
@@ -193,12 +198,12 @@ impl Snapshot {
         let mut words = self.from(0);
         let words = &mut words;
         Head {
-            cycle: Packed::unpack(words),
-            time: Packed::unpack(words),
-            board: (Packed::unpack(words), Packed::unpack(words)),
-            run: Packed::unpack(words),
-            driver: Packed::unpack(words),
-            bus: Packed::unpack(words),
+            cycle: next(words),
+            time: next(words),
+            board: (next(words), next(words)),
+            run: next(words),
+            driver: next(words),
+            bus: next(words),
         }
     }
 
@@ -207,7 +212,12 @@ impl Snapshot {
         let words = layout.remotes_at.saturating_sub(layout.groups_at);
         let each = words.checked_div(layout.groups.len()).unwrap_or(0);
         let at = number.saturating_mul(each).saturating_add(layout.groups_at);
-        let mut state = GroupState::unpack(&mut self.from(at));
+        let mut state = GroupState::unpack(&mut self.from(at)).unwrap_or(GroupState {
+            valid: false,
+            armed: false,
+            age: Age::NEVER,
+            faults: 0,
+        });
         let is_fresh = self.is_fresh();
         state.valid &= is_fresh;
         state.armed &= is_fresh;

@@ -2,7 +2,8 @@
 
 use std::fs;
 
-use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{self, Area, Bitfile};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use super::*;

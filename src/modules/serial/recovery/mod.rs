@@ -94,12 +94,12 @@ pub(crate) struct Recovery {
     /// Channels with a remote.
     pub known: ChannelMask,
     /// Channels that transfer.
-    pub running: ChannelMask,
+    running: ChannelMask,
     /// Channels with failures that good transfers have not made up for, or with an open row of
     /// failures.
     troubled: ChannelMask,
     /// Channels that run, and were offline since they were armed last.
-    pub marked: ChannelMask,
+    marked: ChannelMask,
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
@@ -154,7 +154,17 @@ impl Recovery {
         recovery
     }
 
-    /// Updates the masks after any event other than a good transfer.
+    /// Channels that transfer.
+    pub const fn running(&self) -> ChannelMask {
+        self.running
+    }
+
+    /// Channels that run, and were offline since they were armed last.
+    pub const fn marked(&self) -> ChannelMask {
+        self.marked
+    }
+
+    /// Updates the masks after any event other than a good transfer. Nothing else changes them.
     pub fn update(&mut self) {
         self.running = self.mask(Health::is_running);
         self.troubled = self.mask(Health::is_troubled);

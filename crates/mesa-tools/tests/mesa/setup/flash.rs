@@ -3,7 +3,8 @@
 use std::fs;
 use std::net::Ipv4Addr;
 
-use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{Area, EthernetBoard};
 use mesa_hal::transport::udp::UdpBus;
 
 use crate::interop::mesaflash::{Mesaflash, bitfile, configuration, free_address};

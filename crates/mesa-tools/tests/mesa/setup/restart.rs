@@ -4,7 +4,8 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 
-use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{Area, EthernetBoard};
 use mesa_hal::transport::udp::UdpBus;
 
 use crate::interop::{PATIENCE, Process, board::Board};

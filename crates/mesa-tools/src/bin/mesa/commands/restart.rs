@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::Clock;
-use mesa_hal::ethernet::{
-    AddressSource, Area, EthernetBoard, EthernetError, FlashLayout, Identity,
-};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{AddressSource, Area, EthernetBoard, EthernetError, Identity};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};

@@ -2,7 +2,8 @@
 
 use std::{error::Error, fmt::Write};
 
-use mesa_hal::ethernet::{Area, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::Area;
 use mesa_hal_sim::{
     BoardConfig, SimBoard, SimFpga,
     devices::{SimDevice, find, find_cable, find_mut},

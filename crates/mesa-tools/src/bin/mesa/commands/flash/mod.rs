@@ -7,7 +7,8 @@ mod restore;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
 use crate::context::{Context, Ending, Failure};

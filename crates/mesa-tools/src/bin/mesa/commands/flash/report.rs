@@ -3,7 +3,8 @@
 use std::fmt::{self, Display};
 use std::path::Path;
 
-use mesa_hal::ethernet::{Area, Bitfile, FlashDifference, FlashLayout};
+use mesa_hal::boards::FlashLayout;
+use mesa_hal::ethernet::{Area, Bitfile, FlashDifference};
 use serde::Serialize;
 
 /// Report of a flash command.
