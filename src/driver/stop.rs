@@ -70,8 +70,8 @@ impl<E: BusError> core::error::Error for StopError<E> {}
 
 /// A remote that may have an output on when the driver was stopped: it has not confirmed its safe
 /// values, and its own watchdog, which switches the outputs off, is not known to have bitten yet.
-/// Remotes that were not driven, or have been offline for longer than the watchdog's time, are not
-/// included.
+/// Remotes that have not started, were not driven, or have been offline for longer than the
+/// watchdog's time, are not included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {

@@ -76,6 +76,11 @@ impl Application {
         })
     }
 
+    /// The numbers of the remotes that the driver has started.
+    pub fn numbers(&self) -> impl Iterator<Item = usize> {
+        self.remotes.iter().map(|remote| remote.number)
+    }
+
     /// The number of a remote.
     pub fn number(&self, id: RemoteId) -> Option<usize> {
         let at = |remote: &&Remote| remote.id() == id;

@@ -250,7 +250,9 @@ impl Scenario {
             let mut begun = begun.iter().map(|begun| begun.planned);
             begun.any(|fault| fault.kind == FaultKind::WireSwapped && fault.target == remote)
         };
-        let silent = (0..self.plan.remotes()).find(|remote| {
+        // A remote that has not started was named at the start.
+        let mut driven = application.numbers();
+        let silent = driven.find(|remote| {
             self.oracle.is_on(*remote) && !said.contains(remote) && !is_swapped(*remote)
         });
         ensure(silent.is_none(), Promise::Told, now, || {
