@@ -27,15 +27,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             ..Settings::default()
         },
     )?;
-    board.add(Pulser::register)?;
-    let mut driver = board.start()?;
-    let pulser = driver.modules::<Pulser>().next();
+    let pulser = board.add(Pulser::register)?;
     let pulser = pulser.ok_or("the firmware has no pulse generator")?;
-    let (frequency, count) = (pulser.frequency, pulser.count);
+    let mut driver = board.start()?;
 
-    driver.pins_mut().set(frequency, 5_000.0);
+    driver.pins_mut().set(pulser.frequency, 5_000.0);
     run(&mut driver, 100)?;
-    println!("after 100 ms: {:?}", driver.pins().read(count));
+    println!("after 100 ms: {:?}", driver.pins().read(pulser.count));
 
     driver.bus_mut().reload();
     run(&mut driver, 10)?;
@@ -45,9 +43,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     while driver.rearm()?.waiting > 0 {
         run(&mut driver, 1)?;
     }
-    driver.pins_mut().set(frequency, 5_000.0);
+    driver.pins_mut().set(pulser.frequency, 5_000.0);
     run(&mut driver, 100)?;
-    println!("after 100 ms more: {:?}", driver.pins().read(count));
+    println!("after 100 ms more: {:?}", driver.pins().read(pulser.count));
     let (_, stopped) = driver.shutdown();
     Ok(stopped?)
 }

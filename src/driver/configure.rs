@@ -1,6 +1,7 @@
 //! From a bus to a driver: identification, set-up, planning of the cycle.
 
 use alloc::{boxed::Box, format, string::String, vec::Vec};
+use core::ops::Deref;
 use core::time::Duration;
 
 use super::arrival::ArrivalClock;
@@ -29,7 +30,8 @@ use crate::modules::pwm::Pwm;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{Module, RegisterError, Registrar, undriven};
 
-/// An identified board: its firmware is known, and nothing is driven. Modules are added in this stage.
+/// An identified board: its firmware is known, and nothing is driven. Modules are [added](Self::add)
+/// in this stage. Firmware, name and pins are those of its [`Plan`].
 ///
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
@@ -39,7 +41,8 @@ pub struct Board<B: RegisterBus + Clock>(Assembly<B>);
 ///
 /// The remotes stay in setup mode until the [start](Self::start): in this stage their parameters are
 /// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter), and handles are
-/// [attached](Self::attach). Dropping it makes the board drive nothing.
+/// [attached](Self::attach). Firmware, name and pins are those of its [`Plan`]. Dropping it makes
+/// the board drive nothing.
 #[derive(Debug)]
 pub struct Configured<B: RegisterBus + Clock>(pub(super) Assembly<B>);
 
@@ -54,28 +57,65 @@ pub(super) struct Assembly<B: RegisterBus + Clock> {
     description: FirmwareCheck,
 }
 
-/// The plan of a driver, without the bus.
+/// The plan of a driver before its start, without the bus: the part that [`Board`] and [`Configured`]
+/// have in common.
 #[derive(Debug)]
-pub(super) struct Plan {
-    pub firmware: HostMot2,
-    pub name: String,
-    pub table: &'static BoardTable,
-    pub settings: Settings,
-    pub pins: PinStore,
+pub struct Plan {
+    pub(super) firmware: HostMot2,
+    pub(super) name: String,
+    pub(super) table: &'static BoardTable,
+    pub(super) settings: Settings,
+    pub(super) pins: PinStore,
     /// The group of the board's own I/O.
-    pub group: GroupId,
+    pub(super) group: GroupId,
     /// The group of the driver's own pins.
-    pub status: GroupId,
-    pub io: IoPorts,
-    pub image: ImagePlan,
-    pub missing: Vec<Remark>,
-    pub remarks: Vec<Remark>,
+    pub(super) status: GroupId,
+    pub(super) io: IoPorts,
+    pub(super) image: ImagePlan,
+    pub(super) missing: Vec<Remark>,
+    pub(super) remarks: Vec<Remark>,
+    /// The modules that the current registration has added.
+    added: Vec<Box<dyn Module>>,
     /// The kinds of modules that the application drives.
     claimed: Vec<Gtag>,
     /// Sink of the driver's events.
-    pub events: EventSink,
+    pub(super) events: EventSink,
     /// Kinds of remotes: the application's own, then the built-in ones.
-    pub tables: Vec<&'static RemoteTable>,
+    pub(super) tables: Vec<&'static RemoteTable>,
+}
+
+impl Plan {
+    /// The description of the board's firmware.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.firmware
+    }
+
+    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// All pins and parameters so far: those of the modules, and after
+    /// [`Board::discover`] those of the remotes as well.
+    pub fn pins(&self) -> &Pins {
+        &self.pins
+    }
+}
+
+impl<B: RegisterBus + Clock> Deref for Board<B> {
+    type Target = Plan;
+
+    fn deref(&self) -> &Plan {
+        &self.0.plan
+    }
+}
+
+impl<B: RegisterBus + Clock> Deref for Configured<B> {
+    type Target = Plan;
+
+    fn deref(&self) -> &Plan {
+        &self.0.plan
+    }
 }
 
 impl<B: RegisterBus + Clock> Board<B> {
@@ -118,34 +158,21 @@ impl<B: RegisterBus + Clock> Board<B> {
         Ok(Self(board))
     }
 
-    /// Adds a part of the board: no, one or several instances of a module that `register` makes.
+    /// Adds modules of the application's own. `register` registers their registers and pins, and
+    /// [adds](Registrar::add) them; this function returns what `register` returns: the handles of
+    /// their pins. These handles are valid for this board in all further stages, up to the
+    /// [`Driver`].
+    ///
+    /// The guide [your own module](crate::guides::own_module) has an example.
     ///
     /// # Errors
-    /// [`DriverError::Register`]: the module cannot be used, with the reason.
-    pub fn add<M, I>(
+    /// [`DriverError::Register`]: the module cannot be used, with the reason. [`DriverError::Bus`]:
+    /// a [`Registrar::peek`] failed.
+    pub fn add<T>(
         &mut self,
-        register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
-    ) -> Result<(), DriverError<B::Error>>
-    where
-        M: Module,
-        I: IntoIterator<Item = M>,
-    {
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
+    ) -> Result<T, DriverError<B::Error>> {
         self.0.add(register)
-    }
-
-    /// The description of the board's firmware.
-    pub fn firmware(&self) -> &HostMot2 {
-        &self.0.plan.firmware
-    }
-
-    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
-    pub fn name(&self) -> &str {
-        &self.0.plan.name
-    }
-
-    /// All pins and parameters so far.
-    pub fn pins(&self) -> &Pins {
-        &self.0.plan.pins
     }
 
     /// Sets the board up, with everything off, and discovers its remotes.
@@ -176,21 +203,6 @@ impl<B: RegisterBus + Clock> Board<B> {
 }
 
 impl<B: RegisterBus + Clock> Configured<B> {
-    /// The description of the board's firmware.
-    pub fn firmware(&self) -> &HostMot2 {
-        &self.0.plan.firmware
-    }
-
-    /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
-    pub fn name(&self) -> &str {
-        &self.0.plan.name
-    }
-
-    /// All pins and parameters.
-    pub fn pins(&self) -> &Pins {
-        &self.0.plan.pins
-    }
-
     /// Starts the remotes and plans the cycle.
     ///
     /// The remotes then run, with all outputs off, until the first write. If the start fails,
@@ -224,25 +236,22 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         self.add(Leds::register)
     }
 
-    fn add<M, I>(
+    fn add<T>(
         &mut self,
-        register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
-    ) -> Result<(), DriverError<B::Error>>
-    where
-        M: Module,
-        I: IntoIterator<Item = M>,
-    {
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
+    ) -> Result<T, DriverError<B::Error>> {
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
-        let made = self.plan.register(&mut *self.bus, group, register)?;
-        self.parts
-            .modules
-            .extend(made.into_iter().map(|module| ModulePart {
-                module: Box::new(module),
-                group,
-                version: None,
-            }));
-        Ok(())
+        let registered = self.plan.register(&mut *self.bus, group, register);
+        let added = core::mem::take(&mut self.plan.added);
+        let handles = registered?;
+        let parts = added.into_iter().map(|module| ModulePart {
+            module,
+            group,
+            version: None,
+        });
+        self.parts.modules.extend(parts);
+        Ok(handles)
     }
 
     fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError<B::Error>> {
@@ -263,7 +272,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
         // I/O pins come last, after all modules have taken theirs.
-        self.add(|r| Ok([Gpio::register(r)?]))?;
+        self.add(Gpio::register)?;
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
@@ -420,13 +429,14 @@ impl Plan {
             firmware,
             missing: Vec::new(),
             remarks: Vec::new(),
+            added: Vec::new(),
             claimed: Vec::new(),
             tables,
         }
     }
 
     /// Calls `register` with a registrar for pins of this group.
-    pub fn register<B: RegisterBus, T>(
+    pub(super) fn register<B: RegisterBus, T>(
         &mut self,
         bus: &mut B,
         group: GroupId,
@@ -450,6 +460,7 @@ impl Plan {
             events: &self.events,
             io: &mut self.io,
             image: &mut self.image,
+            added: &mut self.added,
             claimed: &mut self.claimed,
             bus: &mut peek,
         });

@@ -84,7 +84,7 @@ pub use crate::modules::serial::{
 pub use crate::modules::settings::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
-pub use configure::{Board, Configured};
+pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};
 pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
@@ -184,7 +184,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &mut self.cycle.pins
     }
 
-    /// The modules of a kind, in the order in which they were added, for access to their pins.
+    /// The modules of a kind, in the order in which they were added, for access to the pins of
+    /// built-in modules. [`Board::add`] returns those of your own.
     ///
     /// ```no_run
     /// # fn pins(driver: &mesa_hal::Driver<mesa_hal_sim::SimFpga>) {

@@ -110,7 +110,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
 
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
-    pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
+    pub(super) fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
         let places = PortLayout::ports(&self.firmware);
         let ports = places.len() as u8;
         let serial_ports = &self.settings.serial_ports;
@@ -153,7 +153,7 @@ impl Plan {
     }
 
     /// Resets a port and discovers its remotes, and leaves them in setup mode.
-    pub fn discover<B: RegisterBus + Clock>(
+    pub(super) fn discover<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,
@@ -323,7 +323,7 @@ impl Plan {
     }
 
     /// Starts the remotes of a port in normal mode.
-    pub fn start<B: RegisterBus + Clock>(
+    pub(super) fn start<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,

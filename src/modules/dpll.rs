@@ -53,10 +53,10 @@ pub struct Dpll {
 
 impl Dpll {
     /// Registers the loop of a firmware, if the firmware has one and the settings allow it.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let first = r.driven(&[Gtag::HM2DPLL]).first().copied();
         let Some(module) = first.filter(|_| !r.settings.no_dpll) else {
-            return Ok(None);
+            return Ok(());
         };
         let module = module.descriptor;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
@@ -91,7 +91,7 @@ impl Dpll {
         let is_following = r.settings.pace == Pace::Host;
         let following =
             is_following.then(|| (r.image.read(Phase::First, sync), r.image.on_demand(phase)));
-        Ok(Some(Self {
+        r.add(Self {
             pins,
             clock_hz,
             dds_bits,
@@ -100,7 +100,8 @@ impl Dpll {
             settings,
             following,
             start: PhaseStart::default(),
-        }))
+        });
+        Ok(())
     }
 }
 

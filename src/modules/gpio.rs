@@ -57,7 +57,7 @@ impl Gpio {
     /// ask.
     ///
     /// [`Settings`]: crate::modules::Settings
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let mut pins = Vec::new();
         for number in 0.. {
             let Some(place) = r.io.place(number) else {
@@ -72,9 +72,11 @@ impl Gpio {
             let of_port = pins.iter().filter(|(place, _)| place.port == number);
             GpioPort::new(r, port, of_port.copied().collect())
         });
-        Ok(Self {
+        let module = Self {
             ports: ports.collect(),
-        })
+        };
+        r.add(module);
+        Ok(())
     }
 
     /// The I/O pins, by number.

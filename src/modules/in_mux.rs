@@ -97,8 +97,10 @@ const RAW_SCANS: u32 = 3;
 
 impl InMux {
     /// All instances of both kinds.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
-        r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
+        let modules = r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)?;
+        modules.into_iter().for_each(|module| r.add(module));
+        Ok(())
     }
 
     fn new(

@@ -26,22 +26,20 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// The LEDs of a firmware, if it has any.
-    ///
-    /// # Errors
-    /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
-    pub fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
+    /// Registers the LEDs of a firmware, if it has any.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let Some(DrivenModule { descriptor, .. }) = r.driven(&[Gtag::LED]).first().copied() else {
-            return Ok(None);
+            return Ok(());
         };
-        let module = descriptor;
-        let data = module.register(0, 0)?;
+        let data = descriptor.register(0, 0)?;
         let mut make = r.maker("led.");
         let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));
-        Ok(Some(Self {
+        let module = Self {
             leds: leds.collect::<Result<_, _>>()?,
             word: r.image.setting(Stage::Configure, data, 0),
-        }))
+        };
+        r.add(module);
+        Ok(())
     }
 }
 

@@ -42,8 +42,10 @@ const DRIVE_HZ: u32 = 1_000_000;
 
 impl Outputs {
     /// Registers all instances of both kinds.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
-        r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
+        let modules = r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)?;
+        modules.into_iter().for_each(|module| r.add(module));
+        Ok(())
     }
 
     fn new(

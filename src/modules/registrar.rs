@@ -1,12 +1,13 @@
 //! The place where a module registers the registers that it reads, writes and is set up with.
 
+use alloc::boxed::Box;
 use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
 
 use super::events::EventSink;
 use super::undriven::check;
-use super::{RegisterError, Settings};
+use super::{Module, RegisterError, Settings};
 
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
@@ -54,6 +55,8 @@ pub struct Registrar<'a> {
     pub(crate) events: &'a EventSink,
     /// The plan in which registers are registered.
     pub image: &'a mut ImagePlan,
+    /// The modules that this registration has [added](Self::add).
+    pub(crate) added: &'a mut Vec<Box<dyn Module>>,
     /// The kinds of modules that were requested, see [`module`](Self::module).
     pub(crate) claimed: &'a mut Vec<Gtag>,
     /// Reads a register.
@@ -111,6 +114,12 @@ impl Registrar<'_> {
     /// Makes pins like [`maker`](Self::maker), at a place on the board.
     pub fn maker_at(&mut self, stem: &str, place: Place) -> PinMaker<'_> {
         self.maker(stem).at(place)
+    }
+
+    /// Adds a module to the cycle, with the registers and pins that were registered for it. If the
+    /// registration fails afterwards, the module is discarded.
+    pub fn add(&mut self, module: impl Module) {
+        self.added.push(Box::new(module));
     }
 
     /// Reads a register at once.

@@ -1,7 +1,8 @@
 //! The registrations of the built-in modules on the firmwares of FACTS 9.2 and 9.3.
 
 use super::events::EventSink;
-use alloc::{string::ToString, vec::Vec};
+use alloc::{boxed::Box, string::ToString, vec::Vec};
+use core::any::Any;
 
 use super::dpll::Dpll;
 use super::encoder::{EncoderSetup, Encoders};
@@ -9,7 +10,7 @@ use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
 use super::undriven::{UndrivenReason, undriven};
-use super::{RegisterError, Registrar, Settings};
+use super::{Module, RegisterError, Registrar, Settings};
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
@@ -44,8 +45,23 @@ impl Bench {
         }
     }
 
-    fn register<T>(
+    /// The modules that `register` adds, which are of one kind.
+    fn register<M: Module>(
         &mut self,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<(), RegisterError>,
+    ) -> Result<Vec<M>, RegisterError> {
+        let mut added = Vec::new();
+        self.with_registrar(&mut added, register)?;
+        let modules = added.into_iter().map(|module| {
+            let module: Box<dyn Any> = module;
+            *module.downcast().unwrap()
+        });
+        Ok(modules.collect())
+    }
+
+    fn with_registrar<T>(
+        &mut self,
+        added: &mut Vec<Box<dyn Module>>,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
     ) -> Result<T, RegisterError> {
         let mut peek = |address| Ok(self.fpga.read(address).unwrap());
@@ -60,6 +76,7 @@ impl Bench {
             events: &EventSink::new("", 1),
             io: &mut self.io,
             image: &mut self.plan,
+            added,
             claimed: &mut Vec::new(),
             bus: &mut peek,
         })
@@ -92,7 +109,10 @@ fn i7i97() -> Bench {
 #[test]
 fn encoders_are_set_up_at_the_rate_of_their_board() {
     let mut bench = i7i97();
-    let encoders = bench.register(Encoders::register).unwrap().remove(0);
+    let encoders = bench
+        .register::<Encoders>(Encoders::register)
+        .unwrap()
+        .remove(0);
     assert_eq!(encoders.pins().len(), 6);
     let words = bench.set_up(0x3600, 0x4100);
     assert_eq!(words[..2], [(0x3800, 98), (0x3A00, 14)]);
@@ -113,7 +133,10 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
         },
         ..Settings::default()
     };
-    let encoders = bench.register(Encoders::register).unwrap().remove(0);
+    let encoders = bench
+        .register::<Encoders>(Encoders::register)
+        .unwrap()
+        .remove(0);
     assert_eq!(encoders.pins().len(), 7);
     // EncMux: FACTS 8.1, 12.7.
     assert_eq!(bench.outputs(), [1 << 7, 1 << 7]);
@@ -124,7 +147,10 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
 fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
     let mut bench = i7i97();
     bench.settings.encoders.rate = Some(TickRate(0x1000));
-    let error = bench.register(Encoders::register).unwrap_err().to_string();
+    let error = bench
+        .register::<Encoders>(Encoders::register)
+        .unwrap_err()
+        .to_string();
     assert_eq!(
         error,
         "rate of the encoders (`EncoderSetup::rate`): TickRate(4096), expected at most \
@@ -136,7 +162,7 @@ fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
 #[test]
 fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
     let mut bench = i7i97();
-    let pwm = bench.register(Pwm::register).unwrap().remove(0);
+    let pwm = bench.register::<Pwm>(Pwm::register).unwrap().remove(0);
     assert_eq!(pwm.pins().len(), 6);
     let words = bench.set_up(0x4100, 0x5000);
     // 48 kHz; 20 kHz of PDM.
@@ -156,7 +182,7 @@ fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
 #[test]
 fn relays_have_no_drive_before_their_pins_are_driven() {
     let mut bench = i7i97();
-    let outputs = bench.register(Outputs::register).unwrap();
+    let outputs = bench.register::<Outputs>(Outputs::register).unwrap();
     assert_eq!(outputs[0].outputs.len(), 6);
     let words = bench.set_up(0x7D00, 0x7F00);
     assert_eq!(words, [(0x7D00, 0), (0x7E00, 0), (0x7E00, 0x1030)]);
@@ -167,12 +193,12 @@ fn relays_have_no_drive_before_their_pins_are_driven() {
 #[test]
 fn input_scans_and_the_dpll_are_set_up_from_what_the_hardware_says() {
     let mut bench = i7i97();
-    let inputs = bench.register(InMux::register).unwrap();
+    let inputs = bench.register::<InMux>(InMux::register).unwrap();
     assert_eq!(inputs[0].pins.inputs.len(), 16);
     let control = 15 | 1 << 5 | 77 << 6 | 5 << 16 | 500 << 22;
     let expected = [(0x8000, control), (0x8100, 0), (0x8400, 0)];
     assert_eq!(bench.set_up(0x8000, 0x9000), expected);
-    bench.register(Dpll::register).unwrap().unwrap();
+    assert_eq!(bench.register::<Dpll>(Dpll::register).unwrap().len(), 1);
     let words = bench.set_up(0x7000, 0x7700);
     // 1 kHz with 42 bits; 100 us after the read.
     assert_eq!(words[..2], [(0x7000, 1_055_531_162), (0x7200, 0x1840_0000)]);
@@ -191,7 +217,7 @@ fn addresses_follow_the_descriptor_and_not_the_usual_place() {
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(gtag::PWM).unwrap().base = 0x9000;
     let mut bench = Bench::new(firmware);
-    bench.register(Pwm::register).unwrap();
+    bench.register::<Pwm>(Pwm::register).unwrap();
     assert_eq!(bench.set_up(0x4100, 0x5000), []);
     assert_eq!(bench.set_up(0x9000, 0x9500)[0], (0x9400, 0));
 }
@@ -205,7 +231,7 @@ fn each_instance_of_outm_has_its_register() {
         firmware.pins[pin] = SimPinDescriptor::new(gtag::OUT_M, instance, 0x81);
     }
     let mut bench = Bench::new(firmware);
-    let outputs = bench.register(Outputs::register).unwrap();
+    let outputs = bench.register::<Outputs>(Outputs::register).unwrap();
     assert_eq!(outputs.len(), 3, "one of SSR");
     assert_eq!(bench.set_up(0xB000, 0xB100), [(0xB000, 0), (0xB004, 0)]);
 }
@@ -214,19 +240,29 @@ fn each_instance_of_outm_has_its_register() {
 fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
     // A descriptor without instances counts as missing too.
     let mut bench = Bench::new(machines::firmware_7i92_7i77());
-    assert!(bench.register(Pwm::register).unwrap().is_empty());
+    assert!(bench.register::<Pwm>(Pwm::register).unwrap().is_empty());
     let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
-    assert!(bench.register(Pwm::register).unwrap().is_empty());
-    assert!(bench.register(Dpll::register).unwrap().is_none());
-    assert!(bench.register(InMux::register).unwrap().is_empty());
-    assert!(bench.register(Outputs::register).unwrap().is_empty());
+    assert!(bench.register::<Pwm>(Pwm::register).unwrap().is_empty());
+    assert!(bench.register::<Dpll>(Dpll::register).unwrap().is_empty());
+    assert!(bench.register::<InMux>(InMux::register).unwrap().is_empty());
+    assert!(
+        bench
+            .register::<Outputs>(Outputs::register)
+            .unwrap()
+            .is_empty()
+    );
 
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(gtag::MUXED_ENCODER).unwrap().version = 5;
     firmware.module_mut(gtag::PWM).unwrap().multiple = 7;
     let mut bench = Bench::new(firmware);
-    assert!(bench.register(Encoders::register).unwrap().is_empty());
-    assert!(bench.register(Pwm::register).unwrap().is_empty());
+    assert!(
+        bench
+            .register::<Encoders>(Encoders::register)
+            .unwrap()
+            .is_empty()
+    );
+    assert!(bench.register::<Pwm>(Pwm::register).unwrap().is_empty());
     assert_eq!(bench.outputs(), [0, 0, 0]);
     let texts: Vec<_> = undriven(&bench.firmware, &[])
         .iter()
@@ -275,8 +311,8 @@ fn doubled() -> Bench {
 #[test]
 fn instances_of_two_modules_of_a_kind_are_numbered_through() {
     let mut bench = doubled();
-    let encoders = bench.register(Encoders::register).unwrap();
-    let pwm = bench.register(Pwm::register).unwrap();
+    let encoders = bench.register::<Encoders>(Encoders::register).unwrap();
+    let pwm = bench.register::<Pwm>(Pwm::register).unwrap();
     let counts: Vec<_> = encoders.iter().map(|bank| bank.pins().len()).collect();
     assert_eq!(counts, [6, 2], "muxed, which come first, and plain");
     assert_eq!(pwm.iter().map(|bank| bank.pins().len()).sum::<usize>(), 8);
@@ -327,7 +363,7 @@ fn a_second_of_what_there_is_one_for_all_is_not_driven() {
     let dpll = SimModuleDescriptor::new(gtag::DPLL, 0, 1, 1, 0x7800, 7, 0x00, 0);
     firmware.modules.push(dpll);
     let mut bench = Bench::new(firmware);
-    bench.register(Dpll::register).unwrap().unwrap();
+    assert_eq!(bench.register::<Dpll>(Dpll::register).unwrap().len(), 1);
     assert_eq!(bench.set_up(0x7800, 0x7D00), []);
     let list = undriven(&bench.firmware, &[]);
     assert_eq!(list.len(), 1);
@@ -337,12 +373,13 @@ fn a_second_of_what_there_is_one_for_all_is_not_driven() {
 #[test]
 fn an_io_pin_has_one_user() {
     let mut bench = i7i97();
-    bench.register(Pwm::register).unwrap();
-    let again = bench.register(|r| r.use_io(Gtag::PWM, 3));
+    bench.register::<Pwm>(Pwm::register).unwrap();
+    let again = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::PWM, 3));
     assert_eq!(
         again.unwrap_err().to_string(),
         "I/O pin 3 is used by a module or as plain I/O already: choose another one"
     );
     // An instance without pins is accepted all the same: its pins may be local I/O.
-    bench.register(|r| r.use_io(Gtag::SSR, 1)).unwrap();
+    let without_pins = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::SSR, 1));
+    without_pins.unwrap();
 }

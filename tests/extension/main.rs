@@ -17,12 +17,12 @@ use gateware::{Gateware, PIN};
 use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, ModuleTerminals, PwmTable};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
-use mesa_hal::hal::{Input, Output, Param, Pins, Terminals};
+use mesa_hal::hal::{Output, Pins, Terminals};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::encoder::TickRate;
 use mesa_hal_sim::devices::{SimDevice, find, find_mut};
 use mesa_hal_sim::{SimFpga, machines};
-use pulser::{GTAG, Pulser};
+use pulser::{GTAG, Pulser, PulserPins};
 
 const PERIOD: Duration = Duration::from_millis(1);
 /// The register of the module's output.
@@ -85,15 +85,7 @@ struct Machine {
     driver: Driver<SimFpga>,
     lamp: Lamp,
     valves: Valves,
-    pulses: Pulses,
-}
-
-/// The application's handles of the module.
-#[derive(Clone, Copy)]
-struct Pulses {
-    frequency: Output<f64>,
-    width_us: Param<u32>,
-    count: Input<i32>,
+    pulses: PulserPins,
 }
 
 impl Machine {
@@ -103,17 +95,12 @@ impl Machine {
 
     fn on(fpga: SimFpga) -> Self {
         let mut board = Board::identify(fpga, settings()).expect("a board");
-        board.add(Pulser::register).expect("the module");
+        let pulses = board.add(Pulser::register).expect("the module");
+        let pulses = pulses.expect("the firmware has it");
         let board = board.discover().expect("the card");
         let valves = board.attach((0, 0)).expect("the card");
         let lamp = board.attach_board().expect("the board");
         let driver = board.start().expect("the machine is complete");
-        let pulser = driver.modules::<Pulser>().next().expect("the module");
-        let pulses = Pulses {
-            frequency: pulser.frequency,
-            width_us: pulser.width_us,
-            count: pulser.count,
-        };
         Self {
             driver,
             lamp,
@@ -297,13 +284,40 @@ fn what_is_not_there_or_there_already_is_told() {
     assert!(absent.to_string().contains("valve block"), "{absent}");
 
     let mut other = Board::identify(machines::i7i92_7i77(), Settings::default()).expect("a 7I92");
-    other
-        .add(Pulser::register)
-        .expect("there is none, which is fine");
+    let pulses = other.add(Pulser::register);
+    assert!(pulses.expect("there is none, which is fine").is_none());
     let other = other.discover().expect("no remotes");
     let error = other.attach_board::<Lamp>().err().expect("another board");
     assert!(error.to_string().contains("9X99"), "{error}");
     let driver = other.start().expect("a 7I92");
+    assert!(driver.modules::<Pulser>().next().is_none());
+}
+
+#[test]
+fn handles_of_a_module_are_valid_from_its_registration_to_the_driver() {
+    let mut board = Board::identify(fpga(), settings()).expect("a board");
+    let pulses = board.add(Pulser::register).expect("the module");
+    let pulses = pulses.expect("the firmware has it");
+    let name = |pins: &Pins| pins.info(pulses.frequency).map(|info| info.name.clone());
+    let expected = Some("hm2_9x99.0.pulser.frequency".to_owned());
+    assert_eq!(name(board.pins()), expected);
+    let board = board.discover().expect("the card");
+    assert_eq!(name(board.pins()), expected);
+    let driver = board.start().expect("the machine is complete");
+    assert_eq!(name(driver.pins()), expected);
+    let (_, stopped) = driver.shutdown();
+    stopped.expect("the bus does not fail");
+}
+
+#[test]
+fn a_module_whose_registration_fails_after_it_was_added_is_not_in_the_cycle() {
+    let mut board = Board::identify(fpga(), settings()).expect("a board");
+    let failed = board.add(|r| {
+        Pulser::register(r)?;
+        r.use_io(GTAG, 0)
+    });
+    println!("{}", failed.expect_err("its I/O pin is taken"));
+    let driver = board.start().expect("the board and the card");
     assert!(driver.modules::<Pulser>().next().is_none());
 }
 

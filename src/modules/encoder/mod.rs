@@ -10,6 +10,7 @@ mod velocity;
 
 use alloc::format;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
@@ -89,7 +90,7 @@ impl Encoders {
     /// Encoders of several modules, and of both kinds, are numbered consecutively in the order of
     /// the descriptors. The shared pins of a second module are named
     /// `encoder.bank-1.sample-frequency`, and so on.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let modules = r.driven(&[Gtag::MUXED_ENCODER, Gtag::ENCODER]);
         let counts = modules.iter().map(|module| module.descriptor.instances);
         let all = counts.fold(0, u8::saturating_add);
@@ -102,27 +103,29 @@ impl Encoders {
                 expected: format!("at most {all}, or a firmware that has more"),
             });
         }
-        let (mut banks, mut first_number) = (Vec::new(), 0_u8);
-        for module in &modules {
+        let mut first = 0_u8;
+        for (bank, module) in modules.iter().enumerate() {
             let count = left.min(module.descriptor.instances);
             if count == 0 {
                 break;
             }
-            let bank = banks.len();
-            banks.push(Self::new(r, module, (bank, first_number), count)?);
-            first_number = first_number.saturating_add(count);
+            let numbers = first..first.saturating_add(count);
+            first = numbers.end;
             left = left.saturating_sub(count);
+            let encoders = Self::new(r, module, bank, numbers)?;
+            r.add(encoders);
         }
-        Ok(banks)
+        Ok(())
     }
 
-    /// The first `count` encoders of a module, with names counted from `first_number`.
+    /// The first encoders of a module, as many as there are `numbers` for their names.
     fn new(
         r: &mut Registrar<'_>,
         of_kind: &DrivenModule,
-        (bank, first_number): (usize, u8),
-        count: u8,
+        bank: usize,
+        numbers: Range<u8>,
     ) -> Result<Self, RegisterError> {
+        let count = numbers.len() as u8;
         let module = &of_kind.descriptor;
         let (gtag, clock_hz) = (module.gtag, module.clock_hz);
         let is_muxed = gtag == Gtag::MUXED_ENCODER;
@@ -149,7 +152,7 @@ impl Encoders {
         let samples = if is_muxed { 0.5 } else { 1.0 };
         let [ticks, sample_hz] = [common.timestamps, common.rate].map(|rate| rate.hz(clock_hz));
         let mut axes = Vec::new();
-        for (instance, number) in (0..count).zip(first_number..) {
+        for (instance, number) in (0..count).zip(numbers) {
             let rates = [ticks, sample_hz * samples];
             axes.push(Encoder::new(r, of_kind, instance, number, rates)?);
         }

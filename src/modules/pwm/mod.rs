@@ -92,7 +92,7 @@ impl Pwm {
     ///
     /// Generators of several modules are numbered consecutively. The shared pins of a second module
     /// are named `pwmgen.bank-1.pwm_frequency`, and so on.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let modules = r.driven(&[Gtag::PWM]);
         let all = modules
             .last()
@@ -105,10 +105,11 @@ impl Pwm {
                 expected: format!("less than {all}, the generators of this firmware"),
             });
         }
-        let modules = modules.iter().enumerate();
-        modules
-            .map(|(bank, module)| Self::new(r, module, bank))
-            .collect()
+        for (bank, module) in modules.iter().enumerate() {
+            let module = Self::new(r, module, bank)?;
+            r.add(module);
+        }
+        Ok(())
     }
 
     fn new(

@@ -71,7 +71,8 @@ fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
     let register = |r: &mut Registrar<'_>| {
         let ports = r.module(Gtag::IO_PORT).expect("I/O ports");
         r.image.read(Phase::Data, ports.register(1, 0)?);
-        Ok([Curious])
+        r.add(Curious);
+        Ok(())
     };
     board.add(register).expect("nobody else reads it yet");
     let error = board.start().map(drop).expect_err("two phases");
