@@ -273,7 +273,8 @@ impl CardFinder<'_> {
 impl CardTable {
     /// Finds the handles of the card of this kind that has this first channel.
     pub(crate) fn attach<'a, T: CardHandles>(
-        (pins, board): (&'a Pins, &'a str),
+        pins: &'a Pins,
+        board: &'a str,
         firmware: &HostMot2,
         remotes: &'a dyn Fn(u8) -> FoundDescription<'a>,
         first: RemoteId,
@@ -313,7 +314,8 @@ impl RemoteTable {
 impl BoardTable {
     /// Finds the handles of a board of exactly this kind.
     pub(crate) fn attach<T: BoardHandles>(
-        (pins, prefix): (&Pins, &str),
+        pins: &Pins,
+        prefix: &str,
         firmware: &HostMot2,
     ) -> Result<T, AttachError> {
         let table = T::TABLE;

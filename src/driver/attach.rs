@@ -38,8 +38,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
             let remote = stage?.remote(channel)?;
             Some((&remote.descriptor, &*remote.pins.prefix))
         };
-        let board = (self.pins(), self.name());
-        CardTable::attach(board, self.firmware(), &remote, first)
+        let (pins, board) = (self.pins(), self.name());
+        CardTable::attach(pins, board, self.firmware(), &remote, first)
     }
 
     /// The handles of the board's own functions.
@@ -48,7 +48,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
     /// [`AttachError`]: the board is of another kind, its firmware lacks a module, or not all
     /// instances are in use.
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
-        BoardTable::attach((self.pins(), self.name()), self.firmware())
+        BoardTable::attach(self.pins(), self.name(), self.firmware())
     }
 }
 
@@ -77,8 +77,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let remote = self.remote((first.port, channel))?;
             Some((remote.descriptor, &*remote.pins.prefix))
         };
-        let board = (self.pins(), self.name());
-        CardTable::attach(board, self.firmware(), &remote, first)
+        let (pins, board) = (self.pins(), self.name());
+        CardTable::attach(pins, board, self.firmware(), &remote, first)
     }
 
     /// As [`Configured::attach_board`].
@@ -86,7 +86,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Errors
     /// As [`Configured::attach_board`].
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
-        BoardTable::attach((self.pins(), self.name()), self.firmware())
+        BoardTable::attach(self.pins(), self.name(), self.firmware())
     }
 
     /// The current state of a remote; `None` if no remote takes part at this address.

@@ -53,7 +53,6 @@ pub(super) struct Assembly<B: RegisterBus + Clock> {
     pub plan: Plan,
     pub stages: Vec<PortStage>,
     parts: Parts,
-    connection: Connection,
     description: FirmwareCheck,
 }
 
@@ -147,10 +146,10 @@ impl<B: RegisterBus + Clock> Board<B> {
             stages: Vec::new(),
             parts: Parts {
                 watchdog,
+                connection,
                 ports: Vec::new(),
                 modules: Vec::new(),
             },
-            connection,
             description,
         };
         board.add_built_in()?;
@@ -339,24 +338,22 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     fn into_driver(self, exchanges: Exchanges, words: Words) -> Driver<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
-        let dpll = self.parts.of::<Dpll>().next();
-        let phase_error_us = dpll.map(|dpll| dpll.pins.phase_error_us);
-        let of = (plan.name.as_str(), &plan.firmware);
-        let trace = plan.settings.trace;
-        let trace =
-            trace.map(|settings| Box::new(Trace::new(settings, &exchanges, of, &plan.events)));
+        let trace = plan.settings.trace.map(|settings| {
+            let (name, firmware, events) = (&plan.name, &plan.firmware, &plan.events);
+            Box::new(Trace::new(settings, &exchanges, name, firmware, events))
+        });
         let driver = Driver {
             bus: self.bus,
             firmware: plan.firmware,
             name: plan.name,
             exchanges,
             cycle: BoardCycle::new(
-                (words, plan.pins, plan.group),
+                words,
+                plan.pins,
+                plan.group,
                 self.parts,
-                self.connection,
                 plan.events,
                 ArrivalClock::new(pace, period),
-                phase_error_us,
             ),
             description: self.description,
             missing: plan.missing,

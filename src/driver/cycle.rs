@@ -6,12 +6,13 @@
 use core::time::Duration;
 
 use super::arrival::ArrivalClock;
-use super::connection::Connection;
 use super::rows::EventRows;
 use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, Rearmed, SerialPort};
 use crate::bus::{BusErrorKind, Instant, Reply, Words};
 use crate::hal::{GroupId, Input, PinStore};
+use crate::modules::dpll::Dpll;
 use crate::modules::events::EventSink;
+use crate::modules::watchdog::EvidenceRead;
 use crate::modules::{Module, ReadCycle, WriteCycle};
 use crate::tally::Tally;
 
@@ -28,7 +29,6 @@ pub(super) struct BoardCycle {
     pub parts: Parts,
     pub statistics: DriverStatistics,
     pub events: EventSink,
-    connection: Connection,
     beats: ArrivalClock,
     /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
@@ -52,6 +52,15 @@ pub(super) struct BoardCycle {
     pub is_last: bool,
 }
 
+/// Form of a cycle's write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct CycleWrite {
+    /// The next read includes the extra registers.
+    pub extra: bool,
+    /// No settings are written, because the board is not set up.
+    pub quiet: bool,
+}
+
 /// The next exchange of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "the board waits for it"]
@@ -66,12 +75,7 @@ pub(super) enum Order {
         has_run: bool,
     },
     /// The writes of every cycle. Then [`BoardCycle::sent`] or [`BoardCycle::write_failed`].
-    Cycle {
-        /// The next read includes the extra registers.
-        extra: bool,
-        /// No settings are written, because the board is not set up.
-        quiet: bool,
-    },
+    Cycle(CycleWrite),
     /// No further exchange.
     Nothing,
 }
@@ -79,23 +83,23 @@ pub(super) enum Order {
 impl BoardCycle {
     /// A board that has just been set up, with all outputs off.
     pub fn new(
-        (words, pins, group): (Words, PinStore, GroupId),
+        words: Words,
+        pins: PinStore,
+        group: GroupId,
         parts: Parts,
-        connection: Connection,
         events: EventSink,
         beats: ArrivalClock,
-        phase_error_us: Option<Input<f64>>,
     ) -> Self {
+        let dpll = parts.of::<Dpll>().next();
         Self {
+            phase_error_us: dpll.map(|dpll| dpll.pins.phase_error_us),
             words,
             pins,
             group,
             parts,
             statistics: DriverStatistics::default(),
             events,
-            connection,
             beats,
-            phase_error_us,
             state: BoardState::Running,
             shown: None,
             rows: EventRows::default(),
@@ -138,13 +142,13 @@ impl BoardCycle {
 
     /// The deadline of a reply, if the application has changed it.
     pub fn new_deadline(&mut self, period: Duration) -> Option<Duration> {
-        self.connection.new_deadline(&self.pins, period)
+        self.parts.connection.new_deadline(&self.pins, period)
     }
 
     /// Checks that the registers were read from a `HostMot2`; the error is the word in place of its
     /// cookie.
     pub fn check(&self) -> Result<(), u32> {
-        self.connection.check(&self.words)
+        self.parts.connection.check(&self.words)
     }
 
     /// Ends all rows and the events at `now`.
@@ -185,7 +189,7 @@ impl BoardCycle {
             return Err((found, consecutive));
         }
         self.old_read_errors = self.statistics.read_errors;
-        self.connection.count_exchange(&mut self.pins, false);
+        self.parts.connection.count_exchange(&mut self.pins, false);
         Ok(self.take(now, at, closely))
     }
 
@@ -200,7 +204,7 @@ impl BoardCycle {
         self.statistics.read_errors.tally(1);
         self.look_closely = true;
         self.not_read();
-        if self.connection.count_exchange(&mut self.pins, true) {
+        if self.parts.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
         }
         self.publish();
@@ -225,8 +229,13 @@ impl BoardCycle {
         };
         self.count(at, &reply, &report);
         let was_running = self.is_running();
-        let watchdog = &mut self.parts.watchdog;
-        let finding = watchdog.examine(&self.words, closely, at, certain);
+        let read = EvidenceRead {
+            words: &self.words,
+            at,
+            closely,
+            is_certain: certain,
+        };
+        let finding = self.parts.watchdog.examine(&read);
         self.found(now, finding);
         // With bad evidence, the inputs are not those of a board that is set up.
         if was_running && !self.is_running() {
@@ -336,7 +345,7 @@ impl BoardCycle {
             BoardState::Running => false,
             BoardState::WatchdogBitten => self.parts.watchdog.is_cleared(&self.pins),
             BoardState::Reset | BoardState::BusDown | BoardState::OtherFirmware => {
-                self.connection.is_cleared(&self.pins)
+                self.parts.connection.is_cleared(&self.pins)
             }
         }
     }
@@ -402,10 +411,10 @@ impl BoardCycle {
             self.publish();
             return Order::Nothing;
         }
-        Order::Cycle {
+        Order::Cycle(CycleWrite {
             extra: self.wants_closer_look(),
             quiet: !self.is_running(),
-        }
+        })
     }
 
     /// Notes the begin of the cycle's write.
@@ -430,7 +439,7 @@ impl BoardCycle {
         let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);
         row.add(&self.events, now, 1, kind);
         self.write_failures = self.write_failures.saturating_add(1);
-        if self.connection.count_exchange(&mut self.pins, true) {
+        if self.parts.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
             // Before the next write, which checks if the application has cleared the flag.
             self.publish();
@@ -467,7 +476,13 @@ impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
     pub fn looked(&mut self, now: Instant) {
-        let finding = self.parts.watchdog.examine(&self.words, true, now, true);
+        let read = EvidenceRead {
+            words: &self.words,
+            at: now,
+            closely: true,
+            is_certain: true,
+        };
+        let finding = self.parts.watchdog.examine(&read);
         self.found(now, finding);
     }
 
@@ -485,7 +500,7 @@ impl BoardCycle {
         }
         self.state = BoardState::Running;
         self.events.tell(now, EventKind::BoardSetUp);
-        self.connection.level = 0;
+        self.parts.connection.level = 0;
         self.old_read_errors = self.statistics.read_errors;
         self.write_failures = 0;
     }
@@ -584,9 +599,11 @@ impl BoardCycle {
         if self.shown.replace(self.state) != Some(self.state) {
             let has_bitten = self.state == BoardState::WatchdogBitten;
             self.parts.watchdog.show(&mut self.pins, has_bitten);
-            self.connection.show(&mut self.pins, self.state);
+            self.parts.connection.show(&mut self.pins, self.state);
         }
-        self.connection.publish(&mut self.pins, &self.statistics);
+        self.parts
+            .connection
+            .publish(&mut self.pins, &self.statistics);
     }
 }
 

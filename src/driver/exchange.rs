@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::cycle::Order;
+use super::cycle::{CycleWrite, Order};
 use super::pace::ReadResult;
 use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
@@ -114,13 +114,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     let now = self.bus.now();
                     self.cycle.quiesced(now, has_run)
                 }
-                Order::Cycle { extra, quiet } => return self.write_cycle((extra, quiet)),
+                Order::Cycle(form) => return self.write_cycle(form),
                 Order::Nothing => return Ok(()),
             };
         }
     }
 
-    fn write_cycle(&mut self, ask: (bool, bool)) -> Result<(), CycleError<B::Error>> {
+    fn write_cycle(&mut self, form: CycleWrite) -> Result<(), CycleError<B::Error>> {
         let period = self.pacer.period;
         if let Some(deadline) = self.cycle.new_deadline(period) {
             self.bus.set_cycle(period, Some(deadline));
@@ -128,7 +128,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let begun = self.bus.now();
         self.cycle.sending(begun);
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        let result = self.pacer.write(bus, &mut self.exchanges, words, ask);
+        let result = self.pacer.write(bus, &mut self.exchanges, words, form);
         let done = self.bus.now();
         match result {
             Ok(()) => {
@@ -244,17 +244,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     #[cold]
     fn trace_read(&mut self, failed: Option<BusErrorKind>) {
-        let now = (self.cycle.statistics.reads, self.bus.now());
+        let (cycle, now) = (self.cycle.statistics.reads, self.bus.now());
         if let Some(trace) = &mut self.trace {
-            trace.read(now, failed, &self.cycle.words);
+            trace.read(cycle, now, failed, &self.cycle.words);
         }
     }
 
     #[cold]
     fn trace_written(&mut self, failed: Option<BusErrorKind>) {
-        let now = (self.cycle.statistics.reads, self.bus.now());
+        let (cycle, now) = (self.cycle.statistics.reads, self.bus.now());
         if let Some(trace) = &mut self.trace {
-            trace.written(now, failed, &self.cycle.words);
+            trace.written(cycle, now, failed, &self.cycle.words);
         }
     }
 

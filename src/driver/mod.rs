@@ -101,6 +101,7 @@ use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
 use crate::modules::watchdog::Watchdog;
+use connection::Connection;
 use cycle::BoardCycle;
 use pace::Pacer;
 use safe_bus::SafeBus;
@@ -130,6 +131,7 @@ pub struct Driver<B: RegisterBus + Clock> {
 #[derive(Debug)]
 struct Parts {
     watchdog: Watchdog,
+    connection: Connection,
     ports: Vec<SerialPort>,
     modules: Vec<ModulePart>,
 }

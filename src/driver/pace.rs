@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::Pace;
+use super::cycle::CycleWrite;
 use crate::bus::{Clock, Exchanges, Instant, ReadRequest, RegisterBus, Words};
 use crate::fraction::Fraction;
 
@@ -107,20 +108,19 @@ impl Pacer {
         self.pace == Pace::Board && self.failures >= MAX_FAILURES
     }
 
-    /// Writes, and requests the next inputs with the write if the board paces. `quiet`: without
-    /// settings.
+    /// Writes, and requests the next inputs with the write if the board paces.
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         exchanges: &mut Exchanges,
         words: &mut Words,
-        (extra, quiet): (bool, bool),
+        form: CycleWrite,
     ) -> Result<(), B::Error> {
-        let ask = self.ask(extra);
+        let ask = self.ask(form.extra);
         if !ask.held {
-            return exchanges.write(bus, words, quiet);
+            return exchanges.write(bus, words, form.quiet);
         }
-        self.started = exchanges.start_cycle(bus, words, ask, quiet)?;
+        self.started = exchanges.start_cycle(bus, words, ask, form.quiet)?;
         Ok(())
     }
 

@@ -27,7 +27,7 @@ struct KeptParameter<'a> {
     name: &'a str,
 }
 
-impl KeptParameter<'_> {
+impl<'a> KeptParameter<'a> {
     fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
         match source {
             ParameterError::Memory(error) => error.into(),
@@ -48,17 +48,43 @@ impl KeptParameter<'_> {
     /// Checks everything that can be checked before anything is stopped.
     fn check<E: BusError>(
         self,
-        record: &DataRecord,
+        record: &'a DataRecord,
         value: AnyValue,
         period: Duration,
-    ) -> Result<u64, DriverError<E>> {
+    ) -> Result<CheckedWrite<'a>, DriverError<E>> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
         // 0 switches the watchdog off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
             let of = remote_watchdog(self.remote);
             DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
         }
-        Ok(raw)
+        Ok(CheckedWrite {
+            parameter: self,
+            record,
+            value,
+            raw,
+        })
+    }
+}
+
+/// A value for a parameter that passed all checks.
+#[derive(Clone, Copy, Debug)]
+struct CheckedWrite<'a> {
+    parameter: KeptParameter<'a>,
+    record: &'a DataRecord,
+    value: AnyValue,
+    /// The bits of the value.
+    raw: u64,
+}
+
+impl CheckedWrite<'_> {
+    /// Writes the parameter of a remote in setup mode, and reads it back.
+    fn write<B: RegisterBus + Clock>(
+        self,
+        memory: &mut PortLink<'_, B>,
+    ) -> Result<(), DriverError<B::Error>> {
+        let written = self.record.write_parameter(memory, self.value);
+        written.map_err(|error| self.parameter.failed(error))
     }
 
     /// Starts only the parameter's remote in setup mode, whatever ran before, and writes the
@@ -68,20 +94,17 @@ impl KeptParameter<'_> {
         bus: &mut B,
         port: &mut Port,
         is: &StartedRemote,
-        (record, value): (&DataRecord, AnyValue),
     ) -> Result<(), DriverError<B::Error>> {
-        let channel = is.channel;
+        let (remote, channel) = (self.parameter.remote, is.channel);
         let mut on_bus = port.on(bus);
         on_bus.stop_all()?;
         let outcomes = on_bus.start(StartMode::Setup, &[(channel, is.software_mode)])?;
         let Some(outcome) = outcomes.into_iter().next() else {
-            return Err(DriverError::no_remote(self.remote));
+            return Err(DriverError::no_remote(remote));
         };
-        let missing = |kind| DriverError::Missing(Remark::new(self.remote, kind));
+        let missing = |kind| DriverError::Missing(Remark::new(remote, kind));
         remark::is_same(is, outcome).map_err(missing)?;
-        let mut memory = PortLink { port, bus, channel };
-        let written = record.write_parameter(&mut memory, value);
-        written.map_err(|error| self.failed(error))
+        self.write(&mut PortLink { port, bus, channel })
     }
 }
 
@@ -126,9 +149,9 @@ impl<B: RegisterBus + Clock> Configured<B> {
         let parameter = KeptParameter { remote, name };
         let (mut memory, store, pins) = self.in_setup(remote)?;
         let record = parameter.record(pins)?;
-        let raw = parameter.check(record, value, period)?;
-        let written = record.write_parameter(&mut memory, value);
-        written.map_err(|error| parameter.failed(error))?;
+        let write = parameter.check(record, value, period)?;
+        write.write(&mut memory)?;
+        let raw = write.raw;
         pins.publish_parameter(store, name, raw);
         Ok(())
     }
@@ -167,14 +190,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
             return Err(DriverError::no_remote(remote));
         };
         let record = parameter.record(status.pins)?.clone();
-        let raw = parameter.check(&record, value, self.pacer.period)?;
+        let write = parameter.check(&record, value, self.pacer.period)?;
         let started = *status.started;
         // The remotes of other ports get no process data either, so all of them get safe values.
         self.all_off()?;
         let usual = self.cycle.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
-        let result =
-            fed.and_then(|()| self.write_in_setup(parameter, &started, (&record, value, raw)));
+        let result = fed.and_then(|()| self.write_in_setup(write, &started));
         self.cycle.make_safe();
         self.forget_started();
         self.cycle.look_closely();
@@ -200,24 +222,20 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn write_in_setup(
         &mut self,
-        parameter: KeptParameter<'_>,
+        write: CheckedWrite<'_>,
         started: &StartedRemote,
-        (record, value, raw): (&DataRecord, AnyValue, u64),
     ) -> Result<(), DriverError<B::Error>> {
         let bus = &mut *self.bus;
-        let port = self
-            .cycle
-            .parts
-            .ports
-            .get_mut(usize::from(parameter.remote.port));
-        let Some(serial) = port else {
-            return Err(DriverError::no_remote(parameter.remote));
+        let KeptParameter { remote, name } = write.parameter;
+        let ports = &mut self.cycle.parts.ports;
+        let Some(serial) = ports.get_mut(usize::from(remote.port)) else {
+            return Err(DriverError::no_remote(remote));
         };
-        let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
+        let result = write.start_and_write(bus, &mut serial.port, started);
         let stopped = serial.port.on(bus).stop_all();
         serial.taken_over(&mut self.cycle.pins, bus.now());
         result?;
-        serial.parameter_written(&mut self.cycle.pins, started.channel, parameter.name, raw);
+        serial.parameter_written(&mut self.cycle.pins, started.channel, name, write.raw);
         Ok(stopped?)
     }
 }

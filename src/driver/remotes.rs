@@ -14,7 +14,7 @@ use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, di
 use crate::hal::PinStore;
 use crate::hostmot2::{PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
-use crate::modules::serial::FoundRemote;
+use crate::modules::serial::{FoundRemote, StartedPort};
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
     Channel, CsStatus, MAX_CHANNELS, Port, PortError, PortLayout, PortLink, PortPlace,
@@ -165,13 +165,31 @@ impl Plan {
             let kind = RemarkKind::OldSslbp { major, minor };
             self.remarks.push(stage.remark(first, kind));
         }
+        let unusable = self.find_remotes(bus, stage)?;
+        let swapped = remark::swapped(&stage.remotes)
+            .map(|channel| stage.remark(channel, RemarkKind::Swapped));
+        self.remarks.extend(swapped);
+        for (channel, kind) in unusable {
+            self.do_without(stage, channel, kind)?;
+        }
+        stage.remotes.sort_by_key(|remote| remote.started.channel);
+        Ok(())
+    }
+
+    /// Starts the remotes of a port in setup mode, and adds those that are usable to the stage with
+    /// their parameters. Returns the other channels in use, with the reason.
+    fn find_remotes<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        stage: &mut PortStage,
+    ) -> Result<Vec<(Channel, RemarkKind)>, DriverError<B::Error>> {
         let start = |channel| Some((channel, stage.config(channel)?.mode));
         let starts: Vec<_> = Channel::ALL.into_iter().filter_map(start).collect();
         let options = DiscoveryOptions {
             tables: &self.tables,
             ..DiscoveryOptions::default()
         };
-        let mut absent = Vec::new();
+        let mut unusable = Vec::new();
         for outcome in discover_port(&mut stage.port, bus, &starts, &options)? {
             let outcome = outcome
                 .map_err(|failure| (failure.channel, RemarkKind::DidNotStart(failure)))
@@ -187,31 +205,37 @@ impl Plan {
                     }
                     stage.remotes.push(remote);
                 }
-                Err(missing) => absent.push(missing),
+                Err(missing) => unusable.push(missing),
             }
         }
-        let swapped = remark::swapped(&stage.remotes)
-            .map(|channel| stage.remark(channel, RemarkKind::Swapped));
-        self.remarks.extend(swapped);
-        for (channel, kind) in absent {
-            match stage.config(channel) {
-                Some(config) if config.presence == Presence::Optional => {
-                    let remote = self.absent(stage, channel, *config)?;
-                    stage.remotes.push(remote);
-                }
-                _ => {
-                    let remark = stage.remark(channel.index(), kind);
-                    let is = |channel, table: &_| remark::is(&stage.remotes, channel, table);
-                    let part = remark
-                        .is_silent()
-                        .then(|| remark::silent_part(is, channel.index()));
-                    let kind = part.flatten().unwrap_or(remark.kind);
-                    self.miss(stage, channel, kind)?;
-                }
+        Ok(unusable)
+    }
+
+    /// Continues without the remote of a channel: an optional one takes part as an absent remote,
+    /// any other is missing. A silent part of a card is reported as that, if the other parts are
+    /// there.
+    fn do_without<E: BusError>(
+        &mut self,
+        stage: &mut PortStage,
+        channel: Channel,
+        kind: RemarkKind,
+    ) -> Result<(), DriverError<E>> {
+        match stage.config(channel) {
+            Some(config) if config.presence == Presence::Optional => {
+                let remote = self.absent(stage, channel, *config)?;
+                stage.remotes.push(remote);
+                Ok(())
+            }
+            _ => {
+                let remark = stage.remark(channel.index(), kind);
+                let is = |channel, table: &_| remark::is(&stage.remotes, channel, table);
+                let part = remark
+                    .is_silent()
+                    .then(|| remark::silent_part(is, channel.index()));
+                let kind = part.flatten().unwrap_or(remark.kind);
+                self.miss(stage, channel, kind)
             }
         }
-        stage.remotes.sort_by_key(|remote| remote.started.channel);
-        Ok(())
     }
 
     /// Notes a remote that does not take part. Fails if the machine cannot do without it.
@@ -356,8 +380,13 @@ impl Plan {
             }
         }
         let (now, status) = (bus.now(), self.status);
-        let port = (stage.port.clone(), parameters);
-        let port = self.register(bus, status, |r| SerialPort::register(r, port, remotes, now))?;
+        let started = StartedPort {
+            port: stage.port.clone(),
+            parameters,
+            remotes,
+            at: now,
+        };
+        let port = self.register(bus, status, |r| SerialPort::register(r, started))?;
         self.check(&port)?;
         Ok(port)
     }

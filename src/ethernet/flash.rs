@@ -87,6 +87,15 @@ pub struct Flash<'a, B> {
     needs_fallback: bool,
 }
 
+/// A change of the chip, at an address.
+#[derive(Clone, Copy, Debug)]
+enum FlashChange<'a> {
+    /// Erases the sector that begins at the address.
+    EraseSector,
+    /// Writes an erased page.
+    WritePage(&'a [u8; PAGE]),
+}
+
 impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     /// The board's flash memory, after a check that the board and its chip are those that the
     /// layout is for.
@@ -295,8 +304,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     ) -> Result<(), EthernetError<B::Error>> {
         let mut erased = 0_usize;
         for (_, sector) in data.chunks(SECTOR).zip((address..).step_by(SECTOR)) {
-            let erase = Command::write(Space::Flash, 1);
-            self.change(sector, ERASE, (erase, flash::SECTOR_ERASE, &[0; 4]))?;
+            self.change(sector, FlashChange::EraseSector)?;
             erased = erased.saturating_add(SECTOR);
             progress(FlashStep::Erase, erased);
         }
@@ -309,8 +317,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
             }
             // An erased page is all FF already.
             if page != [0xFF; PAGE] {
-                let write = Command::write(Space::Flash, (PAGE / 4) as u8).standing();
-                self.change(at, WRITE, (write, flash::DATA, &page))?;
+                self.change(at, FlashChange::WritePage(&page))?;
             }
             written = written.saturating_add(chunk.len());
             progress(FlashStep::Write, written);
@@ -322,16 +329,27 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     fn change(
         &mut self,
         address: u32,
-        deadline: Duration,
-        (command, register, data): (Command, u16, &[u8]),
+        change: FlashChange<'_>,
     ) -> Result<(), EthernetError<B::Error>> {
+        let deadline = match change {
+            FlashChange::EraseSector => ERASE,
+            FlashChange::WritePage(_) => WRITE,
+        };
         let mut echo = [0; 4];
         self.board.run(&mut echo, deadline, |request| {
             // Cleared at the end of every packet, so it is part of each packet that writes.
             let enable = control::ENABLE_FLASH.to_le_bytes();
             request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
             request.write(Space::Flash, flash::ADDRESS, &address.to_le_bytes())?;
-            request.command(command, register, data)?;
+            match change {
+                FlashChange::EraseSector => {
+                    request.write(Space::Flash, flash::SECTOR_ERASE, &[0; 4])?;
+                }
+                FlashChange::WritePage(page) => {
+                    let write = Command::write(Space::Flash, (PAGE / 4) as u8).standing();
+                    request.command(write, flash::DATA, page)?;
+                }
+            }
             // Reading the address starts the write of a page, and waits for the end of any
             // operation.
             request.read(Space::Flash, flash::ADDRESS, 1)

@@ -174,7 +174,7 @@ pub(super) fn make_slot<T: Value>(
     let wire = spec
         .full_scale
         .map_or((0.0, 0.0), |full| (full.min, full.max));
-    let (min, max) = bounds(role, spec, wire, initial)?;
+    let (min, max) = bounds(role, spec, initial)?;
     let is_real = T::TYPE == HalType::Float;
     let safe = initial.to_bits();
     let slot = PinSlot {
@@ -217,21 +217,17 @@ fn parameter_index(pins: &Pins, key: Option<Key>) -> Result<u32, PinError> {
 
 /// The smallest and the largest value of a new pin, checked to be usable and to contain its first
 /// value.
-fn bounds<T: Value>(
-    role: Role,
-    spec: &Spec,
-    wire: (f64, f64),
-    initial: T,
-) -> Result<(T, T), PinError> {
+fn bounds<T: Value>(role: Role, spec: &Spec, initial: T) -> Result<(T, T), PinError> {
     // The first value of an input may lie outside its limits, which are informational.
     let limits = spec.limits.filter(|_| role != Role::Input);
-    let ends = limits.unwrap_or_default();
-    let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
+    let full_scale = spec.full_scale.map(|full| (full.min, full.max));
+    let mut ranges = [limits, full_scale].into_iter().flatten();
+    let are_finite = ranges.all(|(min, max)| min.is_finite() && max.is_finite());
     let (min, max) =
         limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
     let is_within = min <= initial && initial <= max && AnyValue::from(initial).is_finite();
-    let is_scaled = spec.full_scale.is_some();
-    if are_finite != [true; 4] || !is_within || (is_scaled && T::TYPE != HalType::Float) {
+    let is_scaled = full_scale.is_some();
+    if !are_finite || !is_within || (is_scaled && T::TYPE != HalType::Float) {
         return Err(PinError::BadLimits {
             name: ShortName::new(&spec.name),
             initial: initial.into(),

@@ -4,7 +4,7 @@ use super::remote_id::RemoteId;
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Gtag, HostMot2, PinDescriptor, TickRate};
+use super::{Gtag, HostMot2, ModuleInstance, PinDescriptor, TickRate};
 use crate::hal::{Place, Terminals};
 
 /// A kind of board: the rates for which it is designed, and the terminals of its modules.
@@ -149,9 +149,9 @@ impl BoardTable {
 
     /// Terminal of encoder, input, output or I/O pin `number` of an instance of a module. Of
     /// several instances, only the first one is on the board.
-    pub fn place(&self, firmware: &HostMot2, (gtag, instance): (Gtag, u8), number: u16) -> Place {
-        match instance {
-            0 => Terminals::of(self.ranges(firmware, gtag), number),
+    pub fn place(&self, firmware: &HostMot2, module: ModuleInstance, number: u16) -> Place {
+        match module.instance {
+            0 => Terminals::of(self.ranges(firmware, module.gtag), number),
             _ => Place::default(),
         }
     }

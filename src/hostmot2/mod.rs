@@ -20,7 +20,7 @@ pub use identify::HostMot2;
 pub(crate) use identify::{COOKIE, COOKIE_ADDRESS, FirmwareCheck};
 pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
-pub use module::ModuleDescriptor;
+pub use module::{ModuleDescriptor, ModuleInstance};
 pub use pin::PinDescriptor;
 pub(crate) use pin::list_of;
 pub use remote_id::{ParseRemoteIdError, RemoteId};

@@ -39,6 +39,15 @@ pub(super) const MODULE_WORDS: usize = 3;
 /// The last 32-bit register of the 16-bit address space.
 const LAST_REGISTER: u16 = 0xFFFC;
 
+/// One instance of a kind of module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ModuleInstance {
+    /// The kind of module.
+    pub gtag: Gtag,
+    /// The number of the instance among all instances of this kind, as in pin descriptors.
+    pub instance: u8,
+}
+
 impl ModuleDescriptor {
     /// Set in the version of encoders that have a probe (FACTS 9.1).
     pub(crate) const WITH_PROBE: u8 = 0x80;

@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
-use crate::hostmot2::{Gtag, IoPort, PinDescriptor, PinPlace, PortRegisters};
+use crate::hostmot2::{Gtag, IoPort, ModuleInstance, PinDescriptor, PinPlace, PortRegisters};
 
 pub use crate::hostmot2::GpioConfig;
 
@@ -95,7 +95,11 @@ impl GpioPins {
         let mut settings = r.settings.gpio.iter();
         let config = settings.find_map(|&(n, config)| (n == number).then_some(config));
         let config = config.unwrap_or_default();
-        let place = r.board.place(r.firmware, (Gtag::IO_PORT, 0), number);
+        let ports = ModuleInstance {
+            gtag: Gtag::IO_PORT,
+            instance: 0,
+        };
+        let place = r.board.place(r.firmware, ports, number);
         let mut make = r.maker_at(&format!("gpio.{number:03}."), place);
         let mut input = None;
         if is_read {

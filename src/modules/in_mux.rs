@@ -10,7 +10,7 @@ use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
-use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
 
 /// The pins of one input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,8 +98,9 @@ const RAW_SCANS: u32 = 3;
 impl InMux {
     /// All instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
-        let modules = r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)?;
-        modules.into_iter().for_each(|module| r.add(module));
+        for module in r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)? {
+            r.add(module);
+        }
         Ok(())
     }
 
@@ -110,12 +111,12 @@ impl InMux {
     ) -> Result<Self, RegisterError> {
         let DrivenModule { descriptor, .. } = module;
         let (gtag, clock_hz) = (descriptor.gtag, descriptor.clock_hz);
-        let number = module.number(instance);
-        r.use_io(gtag, number)?;
+        let of = module.instance(instance);
+        r.use_io(gtag, of.instance)?;
         let register = |register| descriptor.register(register, instance);
         let [control, mpg] = [register(0)?, register(4)?];
         let inputs = ((r.peek(control)? & LAST_INPUT) as u16).saturating_add(1);
-        let pins = InMuxPins::new(r, (gtag, number), inputs)?;
+        let pins = InMuxPins::new(r, of, inputs)?;
         let words = pins.words(r.pins, clock_hz);
         let [control_word, slow, modes] = words;
         let settings = [(control, control_word), (register(1)?, slow), (mpg, modes)];
@@ -167,7 +168,14 @@ impl InMux {
             self.mpgs.iter_mut().zip(of_pins).zip(of_board)
         {
             let is_held = held >> input_a & 0b11 != 0;
-            mpg.take(now, is_held, pins.fetch(reset));
+            let counting = if pins.fetch(reset) {
+                Counting::Reset
+            } else if is_held {
+                Counting::Held
+            } else {
+                Counting::Free
+            };
+            mpg.take(now, counting);
             pins.publish(count, mpg.count as i32);
             if is_held {
                 pins.withhold(count);
@@ -210,13 +218,10 @@ impl Module for InMux {
 
 impl InMuxPins {
     /// Makes the pins for `count` inputs.
-    fn new(
-        r: &mut Registrar<'_>,
-        (gtag, instance): (Gtag, u8),
-        count: u16,
-    ) -> Result<Self, PinError> {
-        let name = if gtag == Gtag::IN_M { "inm" } else { "inmux" };
-        let stem = format!("{name}.{instance:02}.");
+    fn new(r: &mut Registrar<'_>, of: ModuleInstance, count: u16) -> Result<Self, PinError> {
+        let is_muxed = of.gtag != Gtag::IN_M;
+        let name = if is_muxed { "inmux" } else { "inm" };
+        let stem = format!("{name}.{:02}.", of.instance);
         let mut make = r.maker(&stem);
         let mut all = Self {
             scan_rate: make.setting("scan_rate", 20_000)?,
@@ -229,7 +234,7 @@ impl InMuxPins {
             *param = make.setting(format!("enc{k}_4xmode"), false)?;
         }
         for n in 0..count {
-            let place = r.board.place(r.firmware, (gtag, instance), n);
+            let place = r.board.place(r.firmware, of, n);
             let mut make = r.maker_at(&stem, place);
             let mut pair = |name: &str| {
                 Ok::<_, PinError>(DigitalIn {
@@ -245,7 +250,7 @@ impl InMuxPins {
         }
         let mpgs = all.mpg_counts.iter_mut().zip(&mut all.mpg_resets);
         for ((k, a), (count, reset)) in (0..).zip((0u16..).step_by(2)).zip(mpgs) {
-            let at = |n| r.board.place(r.firmware, (gtag, instance), n);
+            let at = |n| r.board.place(r.firmware, of, n);
             let place = [at(a), at(a | 1)].into_iter().collect();
             let mut make = r.maker_at(&stem, place);
             *count = make.input(format!("enc{k}-count"))?;
@@ -258,14 +263,15 @@ impl InMuxPins {
     fn words(&self, pins: &mut PinStore, clock_hz: u32) -> [u32; 3] {
         let slow = (0..).zip(self.inputs.iter().map(|input| input.slow));
         let slow = bits_of(pins, slow);
-        let control = control(
-            (clock_hz, self.inputs.len() as u32),
-            pins.param(self.scan_rate),
-            pins.param(self.fast_scans),
-            pins.param(self.slow_scans),
-        );
+        let scan = ScanSettings {
+            clock_hz,
+            inputs: self.inputs.len() as u32,
+            scan_hz: pins.param(self.scan_rate),
+            short: pins.param(self.fast_scans),
+            long: pins.param(self.slow_scans),
+        };
         let modes = self.mpg_4x.map(|param| pins.param(param).into());
-        [control, slow, u32::from_le_bytes(modes)]
+        [scan.control(), slow, u32::from_le_bytes(modes)]
     }
 
     /// Publishes the levels, and withholds those that are `held`.
@@ -295,16 +301,28 @@ struct Mpg {
     count: i64,
 }
 
+/// Effect of an MPG's movements on its count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Counting {
+    /// They are counted.
+    Free,
+    /// The count stays, because the inputs are not valid.
+    Held,
+    /// The count is kept at 0.
+    Reset,
+}
+
 impl Mpg {
-    /// Takes the counter of a cycle. Movements while the counter is held, or its count is kept at
-    /// 0, do not count.
-    fn take(&mut self, now: u8, is_held: bool, is_reset: bool) {
+    /// Takes the counter of a cycle.
+    fn take(&mut self, now: u8, counting: Counting) {
         let last = self.last.replace(now).unwrap_or(now);
-        if is_reset {
-            self.count = 0;
-        } else if !is_held {
-            let moved = now.wrapping_sub(last) as i8;
-            self.count = self.count.wrapping_add(moved.into());
+        match counting {
+            Counting::Free => {
+                let moved = now.wrapping_sub(last) as i8;
+                self.count = self.count.wrapping_add(moved.into());
+            }
+            Counting::Held => {}
+            Counting::Reset => self.count = 0,
         }
     }
 }
@@ -324,17 +342,32 @@ const LARGEST_SHORT: u32 = 0x3F;
 const LONG: u32 = 22;
 const LARGEST_LONG: u32 = 0x3FF;
 
-/// The control register for `inputs` inputs that are scanned `scan_hz` times per second, with these
-/// filters, in scans; a value that does not fit becomes the nearest that does.
-fn control((clock_hz, inputs): (u32, u32), scan_hz: u32, short: u32, long: u32) -> u32 {
-    let channel_hz = f64::from(scan_hz) * f64::from(inputs);
-    let divisor = libm::round(f64::from(clock_hz) / 4.0 / channel_hz) - 1.0;
-    let divisor = divisor.clamp(0.0, f64::from(LARGEST_DIVISOR)) as u32;
-    inputs.saturating_sub(1) & LAST_INPUT
-        | INVERT
-        | divisor << DIVISOR
-        | short.min(LARGEST_SHORT) << SHORT
-        | long.min(LARGEST_LONG) << LONG
+/// Settings of the scanner, as requested.
+#[derive(Clone, Copy, Debug)]
+struct ScanSettings {
+    clock_hz: u32,
+    /// Number of inputs.
+    inputs: u32,
+    /// Scans of all inputs per second.
+    scan_hz: u32,
+    /// The short filter, in scans.
+    short: u32,
+    /// The long filter, in scans.
+    long: u32,
+}
+
+impl ScanSettings {
+    /// The control register; a value that does not fit becomes the nearest that does.
+    fn control(self) -> u32 {
+        let channel_hz = f64::from(self.scan_hz) * f64::from(self.inputs);
+        let divisor = libm::round(f64::from(self.clock_hz) / 4.0 / channel_hz) - 1.0;
+        let divisor = divisor.clamp(0.0, f64::from(LARGEST_DIVISOR)) as u32;
+        self.inputs.saturating_sub(1) & LAST_INPUT
+            | INVERT
+            | divisor << DIVISOR
+            | self.short.min(LARGEST_SHORT) << SHORT
+            | self.long.min(LARGEST_LONG) << LONG
+    }
 }
 
 /// Whole scans per second.
@@ -353,7 +386,14 @@ mod tests {
 
     #[test]
     fn the_default_scans_sixteen_inputs_at_20_khz() {
-        let control = control((CLOCK, 16), 20_000, 5, 500);
+        let scan = ScanSettings {
+            clock_hz: CLOCK,
+            inputs: 16,
+            scan_hz: 20_000,
+            short: 5,
+            long: 500,
+        };
+        let control = scan.control();
         // 25 MHz / 16 / 20 kHz = 78.1: divisor 77.
         assert_eq!(control, 15 | 1 << 5 | 77 << 6 | 5 << 16 | 500 << 22);
         assert!((scan_hz(control, CLOCK) - 20_032.05).abs() < 0.01);
@@ -361,7 +401,16 @@ mod tests {
 
     #[test]
     fn rates_and_filters_that_do_not_fit_become_the_nearest() {
-        let of_rate = |scan_hz| control((CLOCK, 1), scan_hz, 255, 60_000);
+        let of_rate = |scan_hz| {
+            let scan = ScanSettings {
+                clock_hz: CLOCK,
+                inputs: 1,
+                scan_hz,
+                short: 255,
+                long: 60_000,
+            };
+            scan.control()
+        };
         assert_eq!(of_rate(u32::MAX), 0xFFFF_0020);
         assert_eq!(of_rate(0), 0xFFFF_0020 | 1023 << 6);
     }
@@ -374,16 +423,21 @@ mod tests {
         ) {
             let mut wide = i64::from(start);
             let mut mpg = Mpg::default();
-            mpg.take(start, false, false);
+            mpg.take(start, Counting::Free);
             prop_assert_eq!(mpg.count, 0);
             let mut count = 0;
             for (step, is_held, reset) in steps {
                 wide += step;
-                mpg.take(wide as u8, is_held, reset == 0);
-                count = match (reset, is_held) {
-                    (0, _) => 0,
-                    (_, true) => count,
-                    _ => count + step,
+                let counting = match (reset, is_held) {
+                    (0, _) => Counting::Reset,
+                    (_, true) => Counting::Held,
+                    _ => Counting::Free,
+                };
+                mpg.take(wide as u8, counting);
+                count = match counting {
+                    Counting::Reset => 0,
+                    Counting::Held => count,
+                    Counting::Free => count + step,
                 };
                 prop_assert_eq!(mpg.count, count);
             }

@@ -9,7 +9,7 @@ use super::registrar::DrivenModule;
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{DigitalOut, Invert, Output, Spec};
-use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
 
 /// One instance of SSR or OutM: `hm2_7i97.0.ssr.00.out-00`, `hm2_7i97.0.outm.00.out-00` and so on.
 #[derive(Debug)]
@@ -43,8 +43,9 @@ const DRIVE_HZ: u32 = 1_000_000;
 impl Outputs {
     /// Registers all instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
-        let modules = r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)?;
-        modules.into_iter().for_each(|module| r.add(module));
+        for module in r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)? {
+            r.add(module);
+        }
         Ok(())
     }
 
@@ -53,9 +54,13 @@ impl Outputs {
         module: &DrivenModule,
         instance: u8,
     ) -> Result<Self, RegisterError> {
-        let number = module.number(instance);
+        let of = module.instance(instance);
+        let ModuleInstance {
+            gtag,
+            instance: number,
+        } = of;
         let module = &module.descriptor;
-        let (gtag, clock_hz) = (module.gtag, module.clock_hz);
+        let clock_hz = module.clock_hz;
         r.use_io(gtag, number)?;
         let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
         let stem = format!("{name}.{number:02}.");
@@ -71,8 +76,8 @@ impl Outputs {
                     .setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ)),
             );
         }
-        let outputs = numbers(r, gtag, number).into_iter();
-        let outputs = outputs.map(|output_number| output(r, &stem, (gtag, number), output_number));
+        let outputs = numbers(r, of).into_iter();
+        let outputs = outputs.map(|number| output(r, &stem, of, number));
         Ok(Self {
             gtag,
             outputs: outputs.collect::<Result<_, _>>()?,
@@ -100,10 +105,10 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
 fn output(
     r: &mut Registrar<'_>,
     stem: &str,
-    (gtag, instance): (Gtag, u8),
+    of: ModuleInstance,
     number: u8,
 ) -> Result<NumberedOutput, RegisterError> {
-    let place = r.board.place(r.firmware, (gtag, instance), number.into());
+    let place = r.board.place(r.firmware, of, number.into());
     let mut make = r.maker_at(stem, place);
     let invert = make.switch(format!("invert-{number:02}"), false)?;
     let invert = Some(Invert::Pin(invert));
@@ -118,9 +123,9 @@ fn output(
 
 /// The numbers of the outputs that have pins, in ascending order. Their secondary pins are 0x81
 /// (out-00) to 0xA0 (out-31); with SSR, 0xA0 is the reference and no output.
-fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
-    let end = if gtag == Gtag::SSR { 0xA0 } else { 0xA1 };
-    let pins = r.firmware.pins_of(gtag, instance);
+fn numbers(r: &Registrar<'_>, of: ModuleInstance) -> Vec<u8> {
+    let end = if of.gtag == Gtag::SSR { 0xA0 } else { 0xA1 };
+    let pins = r.firmware.pins_of(of.gtag, of.instance);
     let pins = pins.map(|(_, descriptor)| descriptor.secondary_pin);
     let outputs = pins.filter(|pin| (0x81..end).contains(pin));
     let mut numbers: Vec<u8> = outputs.map(|pin| pin.wrapping_sub(0x81)).collect();

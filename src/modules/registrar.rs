@@ -12,7 +12,7 @@ use super::{Module, RegisterError, Settings};
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::board_table::BoardTable;
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, ModuleInstance};
 
 /// A module of the firmware that is driven.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,14 @@ impl DrivenModule {
     /// The number of an instance among all instances of its kind.
     pub const fn number(&self, instance: u8) -> u8 {
         self.first.saturating_add(instance)
+    }
+
+    /// An instance, by its number within this module.
+    pub const fn instance(&self, instance: u8) -> ModuleInstance {
+        ModuleInstance {
+            gtag: self.descriptor.gtag,
+            instance: self.number(instance),
+        }
     }
 }
 

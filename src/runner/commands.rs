@@ -219,7 +219,7 @@ impl CommandQueue {
             count.tally(1);
             let is_done = match command {
                 QueuedCommand::Set(pin, value, faults) => {
-                    set(driver.pins_mut(), (pin, value), faults)
+                    set(driver.pins_mut(), pin, value, faults)
                 }
                 QueuedCommand::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
                 QueuedCommand::RearmGroup(group, epoch) => {
@@ -264,7 +264,7 @@ impl CommandQueue {
 
 /// Sets a pin or a setting, if that has an effect. `faults` is the fault count of the pin's group
 /// when the command was sent.
-fn set(pins: &mut Pins, (pin, value): (PinId, AnyValue), faults: u64) -> bool {
+fn set(pins: &mut Pins, pin: PinId, value: AnyValue, faults: u64) -> bool {
     let is_output = pins
         .info_of(pin)
         .is_some_and(|info| info.role == Role::Output);

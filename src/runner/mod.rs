@@ -88,7 +88,8 @@ pub use latency::{Latency, RateJudgement, RateVerdict};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
 pub use scope::{
-    Edge, MAX_SCOPE_CYCLES, MAX_SCOPE_PINS, Scope, ScopeError, ScopeRow, ScopeState, Trigger,
+    Edge, MAX_SCOPE_CYCLES, MAX_SCOPE_PINS, Scope, ScopeError, ScopeRange, ScopeRow, ScopeState,
+    Trigger,
 };
 pub use snapshot::{RemoteSnapshot, Snapshot, SnapshotError, SnapshotReader, SnapshotWriter};
 #[cfg(feature = "realtime")]

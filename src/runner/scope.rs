@@ -20,7 +20,7 @@ const HEAD: usize = 3;
 ///
 /// ```
 /// use std::ops::ControlFlow;
-/// use mesa_hal::runner::{Edge, Runner, Scope, ScopeState, Trigger};
+/// use mesa_hal::runner::{Edge, Runner, Scope, ScopeRange, ScopeState, Trigger};
 /// use mesa_hal::{Driver, Settings};
 /// use mesa_hal_sim::machines;
 ///
@@ -29,7 +29,8 @@ const HEAD: usize = 3;
 /// let driver = Driver::start(board, Settings::default())?;
 /// let lamp = driver.pins().output::<bool>("hm2_7i92.0.7i77.0.0.output-00")?;
 /// let trigger = Trigger { pin: lamp.into(), level: 0.5, edge: Edge::Rising };
-/// let mut scope = Scope::new(driver.pins(), &[lamp.into()], trigger, (5, 10))?;
+/// let range = ScopeRange { before: 5, cycles: 10 };
+/// let mut scope = Scope::new(driver.pins(), &[lamp.into()], trigger, range)?;
 /// let ended = Runner::new(driver).run(|cycle| {
 ///     let is_lit = cycle.number >= 50;
 ///     cycle.pins_mut().set(lamp, is_lit);
@@ -52,10 +53,8 @@ const HEAD: usize = 3;
 pub struct Scope {
     pins: Vec<(PinId, HalType)>,
     trigger: Trigger,
-    /// Cycles before the trigger, and all cycles.
-    before: usize,
-    cycles: usize,
-    /// A ring of `cycles` rows.
+    range: ScopeRange,
+    /// A ring of rows, one for each cycle of the range.
     words: Vec<u64>,
     /// Number of rows written so far.
     written: usize,
@@ -63,6 +62,15 @@ pub struct Scope {
     last: Option<f64>,
     /// The row of the trigger.
     triggered: Option<usize>,
+}
+
+/// The cycles that a scope records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScopeRange {
+    /// Cycles before the trigger: less than `cycles`.
+    pub before: usize,
+    /// All cycles: 2 to [`MAX_SCOPE_CYCLES`].
+    pub cycles: usize,
 }
 
 /// Trigger condition of a recording.
@@ -140,7 +148,7 @@ pub struct ScopeRow<'a> {
 }
 
 impl Scope {
-    /// A scope for the pins `recorded`, with `before` of `cycles` cycles before the trigger.
+    /// A scope for the pins `recorded`, over a range of cycles around the trigger.
     ///
     /// # Errors
     /// [`ScopeError`].
@@ -148,8 +156,9 @@ impl Scope {
         pins: &Pins,
         recorded: &[PinId],
         trigger: Trigger,
-        (before, cycles): (usize, usize),
+        range: ScopeRange,
     ) -> Result<Self, ScopeError> {
+        let ScopeRange { before, cycles } = range;
         let count = recorded.len();
         if !(1..=MAX_SCOPE_PINS).contains(&count) {
             return Err(ScopeError::Pins { count });
@@ -163,8 +172,7 @@ impl Scope {
         Ok(Self {
             pins: known.ok_or(ScopeError::ForeignPin)?,
             trigger,
-            before,
-            cycles,
+            range,
             words: alloc::vec![0; cycles.saturating_mul(HEAD.saturating_add(count))],
             written: 0,
             last: None,
@@ -205,9 +213,14 @@ impl Scope {
     /// The words of a row; the newest row overwrites the oldest.
     fn row(&self, number: usize) -> Range<usize> {
         let size = HEAD.saturating_add(self.pins.len());
-        let place = number.checked_rem(self.cycles).unwrap_or(0);
+        let place = number.checked_rem(self.range.cycles).unwrap_or(0);
         let at = place.saturating_mul(size);
         at..at.saturating_add(size)
+    }
+
+    /// Number of cycles from the trigger on.
+    fn after(&self) -> usize {
+        self.range.cycles.saturating_sub(self.range.before)
     }
 
     fn rows_from(&self, row: usize) -> usize {
@@ -217,11 +230,9 @@ impl Scope {
     /// The state.
     pub fn state(&self) -> ScopeState {
         match self.triggered {
-            Some(row) if self.rows_from(row) >= self.cycles.saturating_sub(self.before) => {
-                ScopeState::Done
-            }
+            Some(row) if self.rows_from(row) >= self.after() => ScopeState::Done,
             Some(_) => ScopeState::Triggered,
-            None if self.written < self.before => ScopeState::Filling,
+            None if self.written < self.range.before => ScopeState::Filling,
             None => ScopeState::Waiting,
         }
     }
@@ -229,9 +240,9 @@ impl Scope {
     /// The recorded cycles: all of them when it is [done](ScopeState::Done), none before the
     /// trigger.
     pub fn rows(&self) -> impl Iterator<Item = ScopeRow<'_>> + '_ {
-        let trigger = self.written.saturating_add(self.before);
+        let trigger = self.written.saturating_add(self.range.before);
         let trigger = self.triggered.unwrap_or(trigger);
-        let rows = trigger.saturating_sub(self.before)..self.written;
+        let rows = trigger.saturating_sub(self.range.before)..self.written;
         rows.filter_map(move |row| {
             let words = self.words.get(self.row(row))?;
             let (&[cycle, nanos, valid], values) = words.split_first_chunk()?;
@@ -260,7 +271,7 @@ impl Scope {
             Edge::Rising => before < level && now >= level,
             Edge::Falling => before > level && now <= level,
         };
-        if has_crossed && self.written >= self.before {
+        if has_crossed && self.written >= self.range.before {
             self.triggered = Some(self.written);
         }
     }
@@ -282,8 +293,12 @@ mod tests {
     use super::*;
     use crate::hal::{PinMaker, PinStore};
 
+    const fn range(before: usize, cycles: usize) -> ScopeRange {
+        ScopeRange { before, cycles }
+    }
+
     /// Feeds `volts` cycle by cycle; returns the recorded offsets and values.
-    fn record(volts: &[f64], edge: Edge, range: (usize, usize)) -> Vec<(i64, f64)> {
+    fn record(volts: &[f64], edge: Edge, range: ScopeRange) -> Vec<(i64, f64)> {
         let mut store = PinStore::default();
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "");
@@ -311,14 +326,14 @@ mod tests {
     #[test]
     fn the_cycles_around_the_trigger_are_recorded_and_no_others() {
         let volts = [0.0, 0.1, 0.2, 0.3, 1.5, 1.6, 0.4, 1.7, 1.8];
-        let rising = record(&volts, Edge::Rising, (2, 5));
+        let rising = record(&volts, Edge::Rising, range(2, 5));
         assert_eq!(rising, [(-2, 0.2), (-1, 0.3), (0, 1.5), (1, 1.6), (2, 0.4)]);
-        let falling = record(&volts, Edge::Falling, (1, 3));
+        let falling = record(&volts, Edge::Falling, range(1, 3));
         assert_eq!(falling, [(-1, 1.6), (0, 0.4), (1, 1.7)]);
         // The first crossing comes before the cycles that must precede a trigger are complete.
-        let late = record(&volts, Edge::Rising, (6, 8));
+        let late = record(&volts, Edge::Rising, range(6, 8));
         assert_eq!((late[0], late[6]), ((-6, 0.1), (0, 1.7)));
-        assert_eq!(record(&volts[..4], Edge::Rising, (1, 3)), []);
+        assert_eq!(record(&volts[..4], Edge::Rising, range(1, 3)), []);
     }
 
     #[test]
@@ -332,7 +347,7 @@ mod tests {
             level: 0.5,
             edge: Edge::Rising,
         };
-        let mut scope = Scope::new(&store, &[pin.into()], trigger, (0, 3)).expect("possible");
+        let mut scope = Scope::new(&store, &[pin.into()], trigger, range(0, 3)).expect("possible");
         store.publish(pin, false);
         assert_eq!(scope.sample(&store), ScopeState::Waiting);
         store.publish(pin, true);
@@ -367,24 +382,27 @@ mod tests {
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "");
         let pin = PinId::from(make.input::<bool>("switch").expect("made"));
-        let scope = |pins: &[PinId], pin, range| {
+        let scope = |pins: &[PinId], pin, cycles| {
             let trigger = Trigger {
                 pin,
                 level: 0.5,
                 edge: Edge::Rising,
             };
-            Scope::new(&store, pins, trigger, range).err()
+            Scope::new(&store, pins, trigger, cycles).err()
         };
         for count in [0, 17] {
             let pins = alloc::vec![pin; count];
-            assert_eq!(scope(&pins, pin, (0, 2)), Some(ScopeError::Pins { count }));
+            assert_eq!(
+                scope(&pins, pin, range(0, 2)),
+                Some(ScopeError::Pins { count })
+            );
         }
         for (before, cycles) in [(2, 2), (0, 1), (0, MAX_SCOPE_CYCLES + 1)] {
             let error = ScopeError::Cycles { before, cycles };
-            assert_eq!(scope(&[pin], pin, (before, cycles)), Some(error));
+            assert_eq!(scope(&[pin], pin, range(before, cycles)), Some(error));
         }
         let foreign = Some(ScopeError::ForeignPin);
-        assert_eq!(scope(&[pin], PinId::default(), (1, 2)), foreign);
-        assert_eq!(scope(&[PinId::default()], pin, (1, 2)), foreign);
+        assert_eq!(scope(&[pin], PinId::default(), range(1, 2)), foreign);
+        assert_eq!(scope(&[PinId::default()], pin, range(1, 2)), foreign);
     }
 }

@@ -36,8 +36,13 @@ pub struct Faulty<B> {
     scratch: Vec<u32>,
 }
 
-/// The number of an exchange, and the fault drawn for it.
-type NumberedFault = (u64, Option<Fault>);
+/// The fault that was drawn for an exchange, if any.
+#[derive(Clone, Copy, Debug, Default)]
+struct NumberedFault {
+    /// Number of the exchange.
+    exchange: u64,
+    fault: Option<Fault>,
+}
 
 /// An injected error, or an error of the inner bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -77,7 +82,7 @@ impl<B> Faulty<B> {
             random: Vec::new(),
             generator: SplitMix(seed),
             exchange: 0,
-            started: (0, None),
+            started: NumberedFault::default(),
             unnoticed: 0,
             counted: BusStatistics::default(),
             scratch: Vec::with_capacity(SCRATCH_WORDS),
@@ -119,7 +124,10 @@ impl<B> Faulty<B> {
             let hit = self.generator.unit() < *probability;
             drawn = drawn.or(hit.then_some(*fault));
         }
-        (number, planned.or(drawn))
+        NumberedFault {
+            exchange: number,
+            fault: planned.or(drawn),
+        }
     }
 }
 
@@ -128,7 +136,7 @@ impl<B: RegisterBus> Faulty<B> {
     /// result of an exchange that was dropped silently.
     fn execute<T>(
         &mut self,
-        (exchange, fault): NumberedFault,
+        NumberedFault { exchange, fault }: NumberedFault,
         accesses: &[Access],
         words: &mut [u32],
         unheard: T,
@@ -197,7 +205,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
 
     fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), Self::Error> {
         self.started = self.draw();
-        match self.started.1 {
+        match self.started.fault {
             Some(Fault::NotExecuted(_)) => Ok(()),
             Some(Fault::SilentWrite) if !reads(list.as_ref()) => Ok(()),
             _ => Ok(self.inner.start(list, words)?),

@@ -77,7 +77,7 @@ impl Bench {
                     cycle.guarded(now)
                 }
                 Order::Quiesce { has_run } => cycle.quiesced(now, has_run),
-                Order::Cycle { .. } => {
+                Order::Cycle(_) => {
                     cycle.sending(now);
                     cycle.sent(now);
                     return orders;
@@ -90,7 +90,7 @@ impl Bench {
 }
 
 fn usual(orders: &[Order]) -> bool {
-    matches!(orders, [Order::Cycle { quiet: false, .. }])
+    matches!(orders, [Order::Cycle(CycleWrite { quiet: false, .. })])
 }
 
 #[test]
@@ -104,10 +104,10 @@ fn a_usual_cycle_is_one_read_and_one_write() {
     // After an uncertain write, the next read includes the extra registers.
     let lost = Reply::UNKNOWN.with_lost_writes(1);
     assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
-    let extra = Order::Cycle {
+    let extra = Order::Cycle(CycleWrite {
         extra: true,
         quiet: false,
-    };
+    });
     assert_eq!(bench.write(), [extra]);
 }
 
@@ -122,7 +122,7 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
         let orders = bench.write();
         let quiesce = Order::Quiesce { has_run: false };
         assert!(
-            matches!(orders[..], [first, Order::Cycle { quiet: true, .. }] if first == quiesce),
+            matches!(orders[..], [first, Order::Cycle(CycleWrite { quiet: true, .. })] if first == quiesce),
             "{orders:?}"
         );
         let _ = bench.read(Reply::CERTAIN).expect("a board");
@@ -134,7 +134,7 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
     assert!(
         matches!(
             orders[..],
-            [Order::SetUp, Order::Cycle { quiet: false, .. }]
+            [Order::SetUp, Order::Cycle(CycleWrite { quiet: false, .. })]
         ),
         "{orders:?}"
     );
@@ -163,7 +163,10 @@ fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_th
             assert_eq!(orders[1..], rest);
             assert_eq!(bench.cycle().state(), BoardState::Reset);
         } else {
-            assert!(matches!(orders[1..], [Order::Cycle { quiet: false, .. }]));
+            assert!(matches!(
+                orders[1..],
+                [Order::Cycle(CycleWrite { quiet: false, .. })]
+            ));
         }
     }
 }
@@ -182,7 +185,7 @@ fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
     assert_eq!(bench.cycle().state(), BoardState::BusDown);
     let orders = bench.write();
     assert!(
-        matches!(orders[..], [Order::Cycle { quiet: true, .. }]),
+        matches!(orders[..], [Order::Cycle(CycleWrite { quiet: true, .. })]),
         "{orders:?}"
     );
     let mut bench = Bench::new();

@@ -97,7 +97,8 @@ impl Trace {
     pub(super) fn new(
         settings: TraceSettings,
         exchanges: &Exchanges,
-        (board, firmware): (&str, &HostMot2),
+        board: &str,
+        firmware: &HostMot2,
         sink: &EventSink,
     ) -> Self {
         let column = |exchanged: CycleRegister| TraceColumn {
@@ -127,7 +128,8 @@ impl Trace {
     /// Records a cycle's read, after its end.
     pub(super) fn read(
         &mut self,
-        (cycle, at): (u64, Instant),
+        cycle: u64,
+        at: Instant,
         failed: Option<BusErrorKind>,
         words: &Words,
     ) {
@@ -150,7 +152,8 @@ impl Trace {
     /// Records a cycle's write, which ends the cycle.
     pub(super) fn written(
         &mut self,
-        (cycle, at): (u64, Instant),
+        cycle: u64,
+        at: Instant,
         failed: Option<BusErrorKind>,
         words: &Words,
     ) {

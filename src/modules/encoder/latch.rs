@@ -62,6 +62,13 @@ enum LatchStage {
     Armed,
 }
 
+/// Movement of a counter between two reads, in counts without wrap-around.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Movement {
+    pub from: i64,
+    pub to: i64,
+}
+
 /// An index that was latched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct LatchedIndex {
@@ -143,13 +150,13 @@ impl Latch {
         rests
     }
 
-    /// Evaluates the control register of a read. The counter went `from` one count `to` another
-    /// since the read before, both without wrap-around; `behind` returns the distance of a latched
-    /// count behind `to`, if it is known. Returns the latched count once the latch has happened.
+    /// Evaluates the control register of a read. The counter has moved since the read before;
+    /// `behind` returns the distance of a latched count behind the end of the movement, if it is
+    /// known. Returns the latched count once the latch has happened.
     pub fn observe(
         &mut self,
         control: u32,
-        (from, to): (i64, i64),
+        moved: Movement,
         behind: impl Fn(u16) -> Option<i64>,
     ) -> Option<u16> {
         let is_trusted = self.is_trusted();
@@ -168,7 +175,7 @@ impl Latch {
             return None;
         }
         let is_armed = control & enable != 0;
-        let is_passed = is_suspect && self.has_passed_again(from, to);
+        let is_passed = is_suspect && self.has_passed_again(moved);
         if is_armed && latched(control) == self.before && !is_passed {
             self.stage = LatchStage::Armed;
             return None;
@@ -177,6 +184,7 @@ impl Latch {
         let latched = latched(control);
         let behind = behind(latched).filter(|_| is_trusted)?;
         if self.wanted == LatchRequest::Index {
+            let Movement { from, to } = moved;
             self.index = (to != from).then(|| LatchedIndex {
                 latched,
                 at: to.wrapping_sub(behind),
@@ -197,7 +205,7 @@ impl Latch {
 
     /// True if the counter moved over the last latched index in the same direction while the latch
     /// was armed: the index was then latched with the same count as before.
-    fn has_passed_again(&self, from: i64, to: i64) -> bool {
+    fn has_passed_again(&self, Movement { from, to }: Movement) -> bool {
         let Some(index) = self.index.filter(|index| index.latched == self.before) else {
             return false;
         };

@@ -22,7 +22,7 @@ pub use crate::hostmot2::TickRate;
 
 use pins::EncoderCommand;
 pub use pins::{EncoderBankPins, EncoderPins};
-use state::{EncoderReading, EncoderSample, EncoderState};
+use state::{EncoderRates, EncoderReading, EncoderSample, EncoderState};
 
 /// Set-up of the encoders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -150,10 +150,9 @@ impl Encoders {
         let rate_word = common.rate.0 | common.skew;
         let rate = r.image.setting(Stage::Configure, rate_register, rate_word);
         let samples = if is_muxed { 0.5 } else { 1.0 };
-        let [ticks, sample_hz] = [common.timestamps, common.rate].map(|rate| rate.hz(clock_hz));
+        let rates = common.rates(clock_hz, samples);
         let mut axes = Vec::new();
         for (instance, number) in (0..count).zip(numbers) {
-            let rates = [ticks, sample_hz * samples];
             axes.push(Encoder::new(r, of_kind, instance, number, rates)?);
         }
         Ok(Self {
@@ -174,9 +173,9 @@ impl Encoders {
     /// Writes the changed settings that all encoders share.
     fn write_common(&mut self, cycle: &mut WriteCycle<'_>) {
         let wanted = self.bank.common(cycle.pins, self.clock_hz, self.usual);
-        let [ticks, samples] = [wanted.timestamps, wanted.rate].map(|rate| rate.hz(self.clock_hz));
+        let rates = wanted.rates(self.clock_hz, self.samples);
         for Encoder { state, .. } in &mut self.axes {
-            state.set_rates(ticks, samples * self.samples);
+            state.set_rates(rates);
         }
         cycle.words.set(self.rate, wanted.rate.0 | wanted.skew);
         cycle.words.set(self.timestamps, wanted.timestamps.0);
@@ -192,7 +191,7 @@ impl Encoder {
         of_kind: &DrivenModule,
         instance: u8,
         number: u8,
-        [ticks, samples]: [f64; 2],
+        rates: EncoderRates,
     ) -> Result<Self, RegisterError> {
         let module = &of_kind.descriptor;
         let (gtag, n) = (module.gtag, of_kind.number(instance).into());
@@ -205,7 +204,7 @@ impl Encoder {
         let mode = r.image.setting(Stage::Configure, control, config.mode);
         r.image.step(Stage::Configure, count, 0);
         let mut state = EncoderState::new(config);
-        state.set_rates(ticks, samples);
+        state.set_rates(rates);
         r.pins.publish(pins.max_count_rate, state.max_count_rate());
         Ok(Self {
             pins,

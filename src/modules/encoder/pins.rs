@@ -2,7 +2,7 @@
 
 use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
-use super::state::{EncoderConfig, EncoderReading, EncoderState};
+use super::state::{EncoderConfig, EncoderRates, EncoderReading, EncoderState};
 use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Spec};
 use crate::hostmot2::TickRate;
 
@@ -240,6 +240,16 @@ pub(super) struct CommonPins {
     pub timestamps: TickRate,
     /// Word of the timer register: the source that latches the counts.
     pub timer: u32,
+}
+
+impl CommonPins {
+    /// The rates of an encoder that is sampled `samples` times per tick of the rate.
+    pub fn rates(&self, clock_hz: u32, samples: f64) -> EncoderRates {
+        EncoderRates {
+            tick_hz: self.timestamps.hz(clock_hz),
+            sample_hz: self.rate.hz(clock_hz) * samples,
+        }
+    }
 }
 
 impl EncoderBankPins {

@@ -1,9 +1,9 @@
 //! State of one encoder: counts, index and velocity.
 
-use super::latch::{HORIZON, Latch, LatchRequest};
+use super::latch::{HORIZON, Latch, LatchRequest, Movement};
 use super::pins::EncoderCommand;
 use super::registers::bits;
-use super::velocity::VelocityEstimator;
+use super::velocity::{CountStep, VelocityEstimator};
 use crate::bus::Instant;
 
 /// The registers of one encoder, as read in one exchange.
@@ -29,6 +29,25 @@ pub struct EncoderConfig {
     pub scale: f64,
     /// Time without a count after which velocity is 0, in seconds.
     pub idle_time: f64,
+}
+
+/// Rates of an encoder, per second.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EncoderRates {
+    /// Rate of the time stamps.
+    pub tick_hz: f64,
+    /// Rate of the samples, which is also the upper limit of the count rate.
+    pub sample_hz: f64,
+}
+
+/// Reliability of the counts between two reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum CountEvidence {
+    Certain,
+    /// The counter may have been set up again, or have moved by 32768 counts or more.
+    Unsure,
+    /// The counter may have wrapped around: the distance to a latched count is unknown.
+    Lost,
 }
 
 /// The values of an encoder after a cycle.
@@ -93,10 +112,7 @@ pub struct EncoderState {
     pub watches_errors: bool,
     /// The next read is evaluated in full: a command or the configuration may have changed.
     pub is_awake: bool,
-    /// Time stamps per second.
-    tick_hz: f64,
-    /// Samples per second, which is also the upper limit of the count rate.
-    sample_hz: f64,
+    rates: EncoderRates,
     /// A gap between two reads below this limit is neither ambiguous nor lets time stamps wrap
     /// unseen.
     short_gap_ns: u64,
@@ -123,21 +139,23 @@ impl EncoderState {
         Self {
             config,
             is_awake: true,
-            tick_hz: 1e6,
+            rates: EncoderRates {
+                tick_hz: 1e6,
+                sample_hz: 0.0,
+            },
             set_up_for: HORIZON,
             ..Self::default()
         }
     }
 
-    /// Changes the rates of time stamps and samples, per second. With another rate of the time
-    /// stamps the velocity estimate restarts, since times before and after cannot be compared;
-    /// counts continue.
-    pub fn set_rates(&mut self, tick_hz: f64, sample_hz: f64) {
-        if tick_hz != self.tick_hz {
+    /// Changes the rates. With another rate of the time stamps the velocity estimate restarts,
+    /// since times before and after cannot be compared; counts continue.
+    pub fn set_rates(&mut self, rates: EncoderRates) {
+        if rates.tick_hz != self.rates.tick_hz {
             self.velocity = VelocityEstimator::default();
         }
-        (self.tick_hz, self.sample_hz) = (tick_hz, sample_hz);
-        let seconds = AMBIGUOUS / sample_hz.max(tick_hz).max(1.0);
+        self.rates = rates;
+        let seconds = AMBIGUOUS / rates.sample_hz.max(rates.tick_hz).max(1.0);
         // A thousandth less than the limit: a gap of exactly the limit has to be evaluated in full.
         self.short_gap_ns = (seconds * 0.999e9) as u64;
     }
@@ -148,7 +166,7 @@ impl EncoderState {
     /// it counts are garbage, and no error is indicated (FACTS 12.6).
     pub fn max_count_rate(&self) -> f64 {
         let is_long = self.config.mode & bits::FILTER != 0;
-        2.0 * self.sample_hz / if is_long { 15.0 } else { 3.0 }
+        2.0 * self.rates.sample_hz / if is_long { 15.0 } else { 3.0 }
     }
 
     /// Skips a read that shows nothing new of an encoder at standstill without a request. Returns
@@ -233,13 +251,20 @@ impl EncoderState {
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
         let from = self.reading.rawcounts;
         let gap = sample.at.since(last.at).as_secs_f64();
-        let is_ambiguous = gap * self.sample_hz >= AMBIGUOUS;
+        let is_ambiguous = gap * self.rates.sample_hz >= AMBIGUOUS;
         let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
         self.reading.is_unsure |= is_ambiguous || is_disturbed;
         // Allows for twice the last speed: beyond that, the counter may have wrapped around.
         let is_lost = 2.0 * self.velocity.velocity.abs() * gap >= AMBIGUOUS;
+        let evidence = if is_lost {
+            CountEvidence::Lost
+        } else if is_ambiguous || is_disturbed {
+            CountEvidence::Unsure
+        } else {
+            CountEvidence::Certain
+        };
         self.advance(last, ticks, sample);
-        let index_came = self.check_latch(sample, from, (is_ambiguous || is_disturbed, is_lost));
+        let index_came = self.check_latch(sample, from, evidence);
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
         self.reading = EncoderReading {
@@ -270,14 +295,15 @@ impl EncoderState {
     /// True if counts stopped from one read to the next, at a rate near the highest one: the
     /// encoder is then beyond that rate rather than still.
     fn has_gone_beyond(&self, change: i64, elapsed: u64) -> bool {
-        let fewest = 0.5 * NEAR_FRACTION * self.max_count_rate() * (elapsed as f64 / self.tick_hz);
+        let fewest =
+            0.5 * NEAR_FRACTION * self.max_count_rate() * (elapsed as f64 / self.rates.tick_hz);
         self.reading.is_near_max && fewest >= MIN_MISSING && (change.unsigned_abs() as f64) < fewest
     }
 
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
         let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
-        let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.tick_hz);
+        let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.rates.tick_hz);
         // The age of a change that came after the time stamp counter was read would wrap to 65535
         // ticks.
         let age = sample.timestamp.wrapping_sub((sample.count >> 16) as u16);
@@ -287,31 +313,35 @@ impl EncoderState {
         self.reading.is_unsure |= self.has_gone_beyond(change, elapsed);
         self.reading.rawcounts = self.reading.rawcounts.wrapping_add(change);
         self.reading.count = self.reading.count.wrapping_add(change);
-        let (hz, idle_time) = (self.tick_hz, self.config.idle_time);
-        self.velocity
-            .update(change, changed_at, (last_ticks, ticks), hz, idle_time);
+        let step = CountStep {
+            counts: change,
+            changed_at,
+            from: last_ticks,
+            to: ticks,
+        };
+        let (hz, idle_time) = (self.rates.tick_hz, self.config.idle_time);
+        self.velocity.update(step, hz, idle_time);
         self.last = Some((sample, ticks));
     }
 
     /// Sets the count to 0 at a latched index, and keeps the position of a latched probe. Returns
     /// true if an index was latched.
-    fn check_latch(
-        &mut self,
-        sample: EncoderSample,
-        from: i64,
-        (is_unsure, is_lost): (bool, bool),
-    ) -> bool {
+    fn check_latch(&mut self, sample: EncoderSample, from: i64, evidence: CountEvidence) -> bool {
         let (wanted, count) = (self.latch.wanted, sample.count as u16);
-        let moved = (from, self.reading.rawcounts);
+        let moved = Movement {
+            from,
+            to: self.reading.rawcounts,
+        };
         let behind = |latched: u16| i64::from(count.wrapping_sub(latched) as i16);
-        let known = |latched| (!is_lost).then(|| behind(latched));
+        let known = |latched| (evidence != CountEvidence::Lost).then(|| behind(latched));
         let Some(latched) = self.latch.observe(sample.control, moved, known) else {
             return false;
         };
         let behind = behind(latched);
         let is_index = wanted == LatchRequest::Index;
         if is_index {
-            (self.reading.count, self.reading.is_unsure) = (behind, is_unsure);
+            self.reading.count = behind;
+            self.reading.is_unsure = evidence != CountEvidence::Certain;
         }
         self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index

@@ -20,21 +20,23 @@ pub struct VelocityEstimator {
     pub last_change: Option<u64>,
 }
 
+/// The counts of a cycle. Times are in ticks.
+#[derive(Clone, Copy, Debug)]
+pub struct CountStep {
+    /// Counts since the previous cycle.
+    pub counts: i64,
+    /// Time of the last of these counts; ignored if there are none.
+    pub changed_at: u64,
+    /// Time of the previous cycle.
+    pub from: u64,
+    /// Time of this cycle.
+    pub to: u64,
+}
+
 impl VelocityEstimator {
-    /// Takes a cycle's count change into account.
-    ///
-    /// - `change`: counts since the last call.
-    /// - `changed_at`: the time of the last of these counts, in ticks; ignored if `change` is 0.
-    /// - `previous` and `now`: the times of the previous call and of this one, in ticks.
-    /// - `hz`: ticks per second. `idle_time`: in seconds.
-    pub fn update(
-        &mut self,
-        change: i64,
-        changed_at: u64,
-        (previous, now): (u64, u64),
-        hz: f64,
-        idle_time: f64,
-    ) {
+    /// Takes the counts of a cycle into account. `hz`: ticks per second. `idle_time`: in seconds.
+    pub fn update(&mut self, step: CountStep, hz: f64, idle_time: f64) {
+        let (change, changed_at) = (step.counts, step.changed_at);
         let seconds = |from: u64, to: u64| to.saturating_sub(from) as f64 / hz;
         if change != 0 {
             // Without a known last change, all of them arrived after the previous call.
@@ -43,11 +45,11 @@ impl VelocityEstimator {
             } else {
                 change.signum()
             };
-            let elapsed = seconds(self.last_change.unwrap_or(previous), changed_at);
+            let elapsed = seconds(self.last_change.unwrap_or(step.from), changed_at);
             self.moved(change, change.saturating_sub(first) as f64, elapsed);
             self.last_change = Some(changed_at);
         } else if let Some(last) = self.last_change {
-            let elapsed = seconds(last, now);
+            let elapsed = seconds(last, step.to);
             if elapsed >= idle_time {
                 *self = Self::default();
             } else if elapsed > 0.0 {
@@ -74,7 +76,13 @@ mod tests {
     const HZ: f64 = 1e6;
 
     fn step(v: &mut VelocityEstimator, change: i64, at: u64, now: u64) -> f64 {
-        v.update(change, at, (now.saturating_sub(1_000), now), HZ, 0.5);
+        let step = CountStep {
+            counts: change,
+            changed_at: at,
+            from: now.saturating_sub(1_000),
+            to: now,
+        };
+        v.update(step, HZ, 0.5);
         v.velocity
     }
 

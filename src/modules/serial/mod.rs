@@ -21,6 +21,7 @@ pub use health::RemoteState;
 pub use offline::OfflineReason;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;
+pub(crate) use port::StartedPort;
 pub use remote::{FoundRemote, WATCHDOG_PARAMETER};
 pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;

@@ -9,13 +9,13 @@ use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, RemoteSlot};
 use super::watchdog::OutputsState;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
-use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
+use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, MAX_CHANNELS, PerChannel, Port, PortImage,
-    PortLayout, PortOperation, PortParameters, RemoteFaults,
+    COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, DoitTime, MAX_CHANNELS, PerChannel,
+    Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults,
 };
 use crate::tally::Tally;
 
@@ -43,52 +43,75 @@ struct Slots {
     channels: PerChannel<[ReadSlot; 4]>,
 }
 
+/// A port that runs in normal mode, with all its remotes started except the absent ones.
+#[derive(Debug)]
+pub(crate) struct StartedPort {
+    pub port: Port,
+    pub parameters: PortParameters,
+    pub remotes: Vec<FoundRemote>,
+    /// Time after the start.
+    pub at: Instant,
+}
+
+impl Slots {
+    /// Registers COMMAND and DATA.
+    fn register(image: &mut ImagePlan, layout: PortLayout) -> Self {
+        let command = image.read(Phase::Status, layout.command);
+        Self {
+            command,
+            data: image.read(Phase::Data, layout.data()),
+            channels: PerChannel([[command; 4]; MAX_CHANNELS as usize]),
+        }
+    }
+
+    /// Registers CS and the interface registers of a channel.
+    fn register_channel(&mut self, image: &mut ImagePlan, channel: Channel, at: ChannelRegisters) {
+        let [cs, interfaces @ ..] = &mut self.channels[channel];
+        *cs = image.read(Phase::Data, at.cs);
+        for (slot, address) in interfaces.iter_mut().zip(at.interfaces()) {
+            *slot = image.read_extra(Phase::Data, address);
+        }
+    }
+}
+
 impl SerialPort {
     /// Registers COMMAND, DATA, CS and the interface registers with process data. COMMAND is read
-    /// before the data that it validates, and written after all data. `port` runs in normal mode,
-    /// with all `remotes` started except the absent ones.
+    /// before the data that it validates, and written after all data.
     pub(crate) fn register(
         r: &mut Registrar<'_>,
-        (mut port, parameters): (Port, PortParameters),
-        remotes: Vec<FoundRemote>,
-        now: Instant,
+        started: StartedPort,
     ) -> Result<Self, RegisterError> {
+        let StartedPort {
+            mut port,
+            parameters,
+            remotes,
+            at,
+        } = started;
         let policy = r.settings.fault_policy;
         let layout = *port.layout();
-        let command = r.image.read(Phase::Status, layout.command);
-        let mut slots = Slots {
-            command,
-            data: r.image.read(Phase::Data, layout.data()),
-            channels: PerChannel([[command; 4]; MAX_CHANNELS as usize]),
-        };
+        let mut slots = Slots::register(r.image, layout);
         let doit = r
             .image
             .write(Phase::Trigger, layout.command, COMMAND_IGNORED);
         let (mut healths, mut served) = (Vec::new(), Vec::new());
         for remote in remotes {
-            let (started, is_absent) = (remote.started, remote.is_absent);
-            let channel = started.channel;
+            let channel = remote.started.channel;
             let Some(registers) = layout.channel(channel) else {
                 debug_assert!(false, "port {} has no channel {channel}", layout.instance);
                 continue;
             };
-            let [cs, interfaces @ ..] = &mut slots.channels[channel];
-            *cs = r.image.read(Phase::Data, registers.cs);
-            for (slot, address) in interfaces.iter_mut().zip(registers.interfaces()) {
-                *slot = r.image.read_extra(Phase::Data, address);
-            }
-            let remote = RemoteSlot::register(r, remote, registers)?;
-            let mut health = Health::new(started, RemoteWatchdog::of(&remote.pins), &policy);
-            if is_absent {
-                port.machine.set_sizes(&started);
-                health = health.absent(now, &policy);
+            slots.register_channel(r.image, channel, registers);
+            let mut health = Health::new(remote.started, remote.watchdog(), &policy);
+            if remote.is_absent {
+                port.machine.set_sizes(&remote.started);
+                health = health.absent(at, &policy);
             }
             health.event_sink = Some((r.events.clone(), layout.instance));
             healths.push(health);
-            served.push(remote);
+            served.push(RemoteSlot::register(r, remote, registers)?);
         }
         let pins = PortPins::register(r, layout.instance)?;
-        let recovery = Recovery::new(healths, parameters, policy, now);
+        let recovery = Recovery::new(healths, parameters, policy, at);
         let expected_time = port.doit_time(recovery.known);
         Ok(Self {
             port,

@@ -73,6 +73,18 @@ enum WatchdogStage {
     Running,
 }
 
+/// A read with evidence of the set-up.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EvidenceRead<'a> {
+    pub words: &'a Words,
+    /// Time at which the registers were read.
+    pub at: Instant,
+    /// The read includes the extra registers.
+    pub closely: bool,
+    /// All previous writes have arrived.
+    pub is_certain: bool,
+}
+
 impl Watchdog {
     /// Registers the watchdog of a firmware. Must be registered first: its time is the first write
     /// of the set-up.
@@ -141,14 +153,15 @@ impl Watchdog {
     }
 
     /// Evaluates the evidence of a read: returns the fault that it shows, or `None` if the set-up
-    /// stands. `closely`: the read includes the extra registers; `is_certain`: all previous writes
-    /// have arrived.
+    /// stands.
     pub(crate) fn examine(
         &mut self,
-        words: &Words,
-        closely: bool,
-        now: Instant,
-        is_certain: bool,
+        &EvidenceRead {
+            words,
+            at: now,
+            closely,
+            is_certain,
+        }: &EvidenceRead<'_>,
     ) -> Option<BoardState> {
         let time = words.word(self.time_left);
         if words.word(self.status) == NO_FPGA {

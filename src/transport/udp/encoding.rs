@@ -4,7 +4,7 @@ use core::ops::Range;
 use core::time::Duration;
 
 use super::UdpError;
-use super::ledger::{Account, Details, SLOTS, WriteEvidence};
+use super::ledger::{Account, Details, SLOTS, WriteEvidence, WriteNumber};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
 use crate::bus::{Access, AccessList, Direction, Hold, ListForm};
@@ -343,7 +343,7 @@ impl UdpList {
         buffer: &'a mut [u8],
         words: &[u32],
         wait: Option<Wait>,
-        write: Option<(u32, usize)>,
+        write: Option<WriteNumber>,
     ) -> &'a [u8] {
         let template = &self.request.bytes;
         let packet = buffer.get_mut(..template.len()).unwrap_or_default();
@@ -354,7 +354,7 @@ impl UdpList {
                 DETAILED.put(packet);
             }
         }
-        if let Some((number, slot)) = write {
+        if let Some(WriteNumber { number, slot }) = write {
             let register = SLOT.saturating_add((slot as u16).saturating_mul(2));
             let words = [register, number as u16].map(u16::to_le_bytes);
             put(packet, self.slot, words.as_flattened());

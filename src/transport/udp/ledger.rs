@@ -128,6 +128,13 @@ pub(super) struct Ledger {
     is_open: bool,
 }
 
+/// The number of a write, and the slot register of the board in which the write leaves the number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct WriteNumber {
+    pub number: u32,
+    pub slot: usize,
+}
+
 impl Ledger {
     /// A ledger without writes; the first one has the number after `newest`.
     pub(super) fn starting_after(newest: u32) -> Self {
@@ -153,9 +160,8 @@ impl Ledger {
         }
     }
 
-    /// Records that a write is sent; returns its number and the register that it leaves the number
-    /// in.
-    pub(super) fn open_write(&mut self, kind: WriteEvidence) -> (u32, usize) {
+    /// Records that a write is sent; returns its number.
+    pub(super) fn open_write(&mut self, kind: WriteEvidence) -> WriteNumber {
         self.newest = self.newest.wrapping_add(1);
         if kind == WriteEvidence::Cycle {
             self.has_cycles = true;
@@ -173,7 +179,10 @@ impl Ledger {
             let state = WriteState::Underway;
             *place = WriteEntry { state, kind, slot };
         }
-        (self.newest, slot)
+        WriteNumber {
+            number: self.newest,
+            slot,
+        }
     }
 
     /// Picks the register to reuse: one whose write is settled or missing for more than [`KEPT`]

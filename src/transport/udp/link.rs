@@ -69,11 +69,20 @@ impl UdpLink {
         let is_whole = set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok();
         let options = [
             // Polls the network device instead of waiting for its interrupt.
-            ("SO_BUSY_POLL", socket.set_busy_poll(BUSY_POLL).is_ok()),
+            SocketOption {
+                name: "SO_BUSY_POLL",
+                is_set: socket.set_busy_poll(BUSY_POLL).is_ok(),
+            },
             // In the queue of the network device.
-            ("SO_PRIORITY", socket.set_priority(PRIORITY).is_ok()),
+            SocketOption {
+                name: "SO_PRIORITY",
+                is_set: socket.set_priority(PRIORITY).is_ok(),
+            },
             // Datagrams are never fragmented; boards do not reassemble.
-            ("IP_MTU_DISCOVER", is_whole),
+            SocketOption {
+                name: "IP_MTU_DISCOVER",
+                is_set: is_whole,
+            },
         ];
         Ok(Self {
             refused: refused(options),
@@ -106,10 +115,18 @@ pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> 
     }
 }
 
+/// A socket option that the link asks for.
+#[derive(Clone, Copy, Debug)]
+struct SocketOption {
+    name: &'static str,
+    /// The host allowed it.
+    is_set: bool,
+}
+
 /// The names of the options that were not set.
-fn refused(options: [(&'static str, bool); 3]) -> Vec<&'static str> {
-    let refused = options.into_iter().filter(|(_, is_set)| !is_set);
-    refused.map(|(name, _)| name).collect()
+fn refused(options: [SocketOption; 3]) -> Vec<&'static str> {
+    let refused = options.iter().filter(|option| !option.is_set);
+    refused.map(|option| option.name).collect()
 }
 
 impl PacketLink for UdpLink {
@@ -158,8 +175,13 @@ mod tests {
     #[test]
     fn an_option_that_the_host_does_not_allow_is_named_and_no_other() {
         let options = [("ONE", false), ("TWO", true), ("THREE", false)];
+        let options = options.map(|(name, is_set)| SocketOption { name, is_set });
         assert_eq!(refused(options), ["ONE", "THREE"]);
-        assert!(refused(options.map(|(name, _)| (name, true))).is_empty());
+        let allowed = options.map(|option| SocketOption {
+            is_set: true,
+            ..option
+        });
+        assert!(refused(allowed).is_empty());
     }
 
     #[test]

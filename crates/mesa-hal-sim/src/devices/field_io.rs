@@ -202,7 +202,11 @@ impl FieldIo {
             self.sensed &= !(1 << n);
         }
         for (mpg, a) in self.mpgs.iter_mut().zip(MPG_INPUTS) {
-            mpg.update(self.sensed >> a & 1 != 0, self.sensed >> (a + 1) & 1 != 0);
+            let level = |input: usize| self.sensed >> input & 1 != 0;
+            mpg.update(Quadrature {
+                a: level(a),
+                b: level(a + 1),
+            });
         }
     }
 
@@ -351,29 +355,40 @@ fn convert(volts: f64) -> u64 {
     (volts / FULL_SCALE * 255.0).round().clamp(0.0, 255.0) as u64
 }
 
+/// Levels of two lines in quadrature.
+#[derive(Clone, Copy, Debug, Default)]
+struct Quadrature {
+    a: bool,
+    b: bool,
+}
+
+impl Quadrature {
+    /// Position within a cycle: 0 to 3.
+    fn phase(self) -> u8 {
+        u8::from(self.b) << 1 | u8::from(self.a ^ self.b)
+    }
+}
+
 /// A manual pulse generator: a counter of quadrature.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mpg {
     count: u8,
     every_edge: bool,
-    a: bool,
-    b: bool,
+    lines: Quadrature,
 }
 
 impl Mpg {
     /// Counts up if A leads B. 1X counts the edges of A while B is low, so that a bouncing A does
     /// not accumulate; 4X counts all edges.
-    fn update(&mut self, a: bool, b: bool) {
-        let (was_a, was_b) = (self.a, self.b);
-        (self.a, self.b) = (a, b);
-        let phase = |a: bool, b: bool| u8::from(b) << 1 | u8::from(a ^ b);
-        let step = phase(a, b).wrapping_sub(phase(was_a, was_b)) & 3;
+    fn update(&mut self, lines: Quadrature) {
+        let before = core::mem::replace(&mut self.lines, lines);
+        let step = lines.phase().wrapping_sub(before.phase()) & 3;
         let up = match step {
             1 => true,
             3 => false,
             _ => return,
         };
-        if self.every_edge || (a != was_a && !b) {
+        if self.every_edge || (lines.a != before.a && !lines.b) {
             self.count = if up {
                 self.count.wrapping_add(1)
             } else {
@@ -416,13 +431,13 @@ mod tests {
             };
             for _ in 0..3 {
                 for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
-                    mpg.update(a, b);
+                    mpg.update(Quadrature { a, b });
                 }
             }
             assert_eq!(mpg.count, expected);
             for _ in 0..4 {
                 for (a, b) in [(false, true), (true, true), (true, false), (false, false)] {
-                    mpg.update(a, b);
+                    mpg.update(Quadrature { a, b });
                 }
             }
             let back = if every_edge { 16 } else { 4 };

@@ -28,7 +28,7 @@ impl SimFpga {
                 self.settle_inputs();
                 let inputs = self.field_inputs(gtag);
                 let word = inputs.map_or(0, |inputs| inputs.read(now, register));
-                Inputs::word_of(&self.firmware, (gtag, instance), register, word)
+                Inputs::word_of(&self.firmware, gtag, instance, register, word)
             }
             gtag::SSR => self.ssr.as_ref().map_or(0, |ssr| ssr.read(register)),
             gtag::OUT_M => self.out_m.as_ref().map_or(0, |out| out.read(register)),

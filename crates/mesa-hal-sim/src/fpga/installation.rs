@@ -99,7 +99,7 @@ impl SimFpga {
 
     /// Applies the changes of switches and wheels up to now to their inputs, in order.
     pub(super) fn take_signals(&mut self) {
-        while let Some(change) = self.plant.installation.take(self.now, None) {
+        while let Some(change) = self.plant.installation.take(self.now) {
             self.put_on(&change);
         }
     }

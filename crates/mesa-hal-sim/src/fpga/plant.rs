@@ -271,8 +271,8 @@ impl Watcher for PortWatcher<'_> {
             self.plant.advance(now);
         }
         if is_wired {
-            let place = Some((self.port, channel));
-            while let Some(change) = self.plant.installation.take(now, place) {
+            let installation = &mut self.plant.installation;
+            while let Some(change) = installation.take_for(now, self.port, channel) {
                 put_on(remote, &change);
             }
         }

@@ -10,45 +10,89 @@ const RX: u8 = 0x01;
 /// TXEN of channel 0 in a secondary pin.
 const TXEN: u8 = OUTPUT_PIN | 0x11;
 
-const fn module(
-    (gtag, version, clock, instances): (u8, u8, u8, u8),
-    (base, registers, strides, multiple): (u16, u8, u8, u32),
-) -> SimModuleDescriptor {
-    SimModuleDescriptor::new(
-        gtag, version, clock, instances, base, registers, strides, multiple,
-    )
-}
+/// A module of one instance on ClockLow, in version 0 and with the usual strides. Its kind and its
+/// registers follow.
+const MODULE: SimModuleDescriptor = SimModuleDescriptor::new(0, 0, 1, 1, 0, 0, 0x00, 0);
 
 const fn watchdog() -> SimModuleDescriptor {
-    module((gtag::WATCHDOG, 0, 1, 1), (0x0C00, 3, 0x00, 0))
+    SimModuleDescriptor {
+        gtag: gtag::WATCHDOG,
+        base: 0x0C00,
+        registers: 3,
+        ..MODULE
+    }
 }
 
 const fn io_ports(ports: u8) -> SimModuleDescriptor {
-    module((gtag::IO_PORT, 0, 1, ports), (0x1000, 5, 0x00, 0x1F))
+    SimModuleDescriptor {
+        gtag: gtag::IO_PORT,
+        instances: ports,
+        base: 0x1000,
+        registers: 5,
+        multiple: 0x1F,
+        ..MODULE
+    }
 }
 
 const fn muxed_encoders(count: u8) -> SimModuleDescriptor {
-    module((gtag::MUXED_ENCODER, 4, 1, count), (0x3600, 5, 0x00, 0x03))
+    SimModuleDescriptor {
+        gtag: gtag::MUXED_ENCODER,
+        version: 4,
+        instances: count,
+        base: 0x3600,
+        registers: 5,
+        multiple: 0x03,
+        ..MODULE
+    }
 }
 
 const fn mux_select() -> SimModuleDescriptor {
-    module((gtag::MUX_SELECT, 0, 1, 1), (0, 0, 0x00, 0))
+    SimModuleDescriptor {
+        gtag: gtag::MUX_SELECT,
+        ..MODULE
+    }
 }
 
 const fn smart_serial(ports: u8) -> SimModuleDescriptor {
-    module((gtag::SSERIAL, 0, 1, ports), (0x5B00, 6, 0x10, 0x3C))
+    SimModuleDescriptor {
+        gtag: gtag::SSERIAL,
+        instances: ports,
+        base: 0x5B00,
+        registers: 6,
+        strides: 0x10,
+        multiple: 0x3C,
+        ..MODULE
+    }
 }
 
 const fn dpll() -> SimModuleDescriptor {
-    module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0))
+    SimModuleDescriptor {
+        gtag: gtag::DPLL,
+        base: 0x7000,
+        registers: 7,
+        ..MODULE
+    }
 }
 
 const fn pwm(count: u8) -> SimModuleDescriptor {
-    module((gtag::PWM, 0, 2, count), (0x4100, 5, 0x00, 0x03))
+    SimModuleDescriptor {
+        gtag: gtag::PWM,
+        clock: 2,
+        instances: count,
+        base: 0x4100,
+        registers: 5,
+        multiple: 0x03,
+        ..MODULE
+    }
 }
 
 const fn led() -> SimModuleDescriptor {
-    module((gtag::LED, 0, 1, 1), (0x0200, 1, 0x00, 0))
+    SimModuleDescriptor {
+        gtag: gtag::LED,
+        base: 0x0200,
+        registers: 1,
+        ..MODULE
+    }
 }
 
 /// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O. It
@@ -97,18 +141,42 @@ pub fn firmware_7i97(channels: u8) -> SimFirmware {
             mux_select(),
             smart_serial(1),
             pwm(6),
-            module((gtag::SSR, 0, 1, 1), (0x7D00, 2, 0x00, 0x03)),
-            module((gtag::IN_MUX, 0, 1, 1), (0x8000, 5, 0x00, 0x1F)),
+            SimModuleDescriptor {
+                gtag: gtag::SSR,
+                base: 0x7D00,
+                registers: 2,
+                multiple: 0x03,
+                ..MODULE
+            },
+            SimModuleDescriptor {
+                gtag: gtag::IN_MUX,
+                base: 0x8000,
+                registers: 5,
+                multiple: 0x1F,
+                ..MODULE
+            },
             led(),
         ],
         behind_end: vec![
             (
                 30,
-                module((gtag::CP_DRIVE, 0, 1, 1), (0x1E00, 1, 0x00, 0x01)),
+                SimModuleDescriptor {
+                    gtag: gtag::CP_DRIVE,
+                    base: 0x1E00,
+                    registers: 1,
+                    multiple: 0x01,
+                    ..MODULE
+                },
             ),
             (
                 31,
-                module((gtag::IN_MUX_WIDTH, 0, 0, 0), (0, 0, 0x00, 0x10)),
+                SimModuleDescriptor {
+                    gtag: gtag::IN_MUX_WIDTH,
+                    clock: 0,
+                    instances: 0,
+                    multiple: 0x10,
+                    ..MODULE
+                },
             ),
         ],
         pins: pins_7i97(channels),
@@ -200,10 +268,20 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> SimFirmware {
         .behind_end
         .retain(|(_, module)| module.gtag != gtag::IN_MUX_WIDTH);
     if let Some(inputs) = firmware.module_mut(gtag::IN_MUX) {
-        *inputs = module((gtag::IN_M, 0, 1, 1), (0x8500, 5, 0x00, 0));
+        *inputs = SimModuleDescriptor {
+            gtag: gtag::IN_M,
+            base: 0x8500,
+            registers: 5,
+            ..MODULE
+        };
     }
     if let Some(outputs) = firmware.module_mut(gtag::SSR) {
-        *outputs = module((gtag::OUT_M, 0, 1, 1), (0xB000, 1, 0x00, 0));
+        *outputs = SimModuleDescriptor {
+            gtag: gtag::OUT_M,
+            base: 0xB000,
+            registers: 1,
+            ..MODULE
+        };
     }
     for pin in &mut firmware.pins {
         match (pin.secondary, pin.pin) {
@@ -274,10 +352,33 @@ pub fn firmware_7i80_of_2016() -> SimFirmware {
     firmware.modules = vec![
         watchdog(),
         io_ports(4),
-        module((gtag::MUXED_ENCODER, 3, 1, 6), (0x3500, 5, 0x00, 0x03)),
+        SimModuleDescriptor {
+            gtag: gtag::MUXED_ENCODER,
+            version: 3,
+            instances: 6,
+            base: 0x3500,
+            registers: 5,
+            multiple: 0x03,
+            ..MODULE
+        },
         mux_select(),
-        module((gtag::SSERIAL, 0, 1, 1), (0x5A00, 6, 0x10, 0x3C)),
-        module((gtag::PWM, 0, 2, 2), (0x4000, 5, 0x00, 0x03)),
+        SimModuleDescriptor {
+            gtag: gtag::SSERIAL,
+            base: 0x5A00,
+            registers: 6,
+            strides: 0x10,
+            multiple: 0x3C,
+            ..MODULE
+        },
+        SimModuleDescriptor {
+            gtag: gtag::PWM,
+            clock: 2,
+            instances: 2,
+            base: 0x4000,
+            registers: 5,
+            multiple: 0x03,
+            ..MODULE
+        },
         led(),
     ];
     firmware

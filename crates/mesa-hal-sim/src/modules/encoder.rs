@@ -12,7 +12,7 @@ use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
 use crate::wire::Nanos;
 use crate::world::Segment;
 use clocks::{Clock, Clocks, Divider, Stamps, period};
-use counter::{Abz, CountChange, CountPlace, Counter, TO_SELECT};
+use counter::{Abz, CountChange, CountPlace, Counter, CounterPins, TO_SELECT};
 
 const COUNT: u8 = 0;
 const CONTROL: u8 = 1;
@@ -135,7 +135,11 @@ impl EncoderBank {
         // The dividers of plain encoders begin with a whole period.
         let divider = Divider::new(self.rate, u64::from(self.multiplexed));
         self.select = divider;
-        let (has_probe, mask, probe) = (self.has_probe, self.has_mask, self.probe);
+        let pins = CounterPins {
+            has_probe: self.has_probe,
+            mask: self.has_mask,
+            probe: self.probe,
+        };
         let lines = &self.lines;
         self.counters.clear();
         self.counters
@@ -146,7 +150,7 @@ impl EncoderBank {
                     (true, _) => CountPlace::Odd,
                 };
                 let line = lines.get(source).copied().unwrap_or_default();
-                Counter::new(place, divider, has_probe, mask, probe).with_lines(line)
+                Counter::new(place, divider, pins).with_lines(line)
             }));
     }
 

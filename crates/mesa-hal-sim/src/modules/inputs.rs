@@ -87,7 +87,8 @@ impl Inputs {
     /// instances differ only in the number of their inputs.
     pub(crate) fn word_of(
         firmware: &SimFirmware,
-        (gtag, instance): (u8, u8),
+        gtag: u8,
+        instance: u8,
         register: u8,
         word: u32,
     ) -> u32 {

@@ -2,7 +2,7 @@
 
 use super::firmware::Firmware;
 use super::memory::global;
-use super::timing;
+use super::timing::{self, Completion};
 
 /// High bytes of the COMMAND register.
 const STOP: u8 = 0x08;
@@ -144,11 +144,11 @@ impl Firmware {
         }
     }
 
-    fn complete_in_pass(&mut self, (until_clear, rest): (u64, u64), data: u8) {
-        self.spend(until_clear);
+    fn complete_in_pass(&mut self, times: Completion, data: u8) {
+        self.spend(times.until_clear);
         self.set_data(data);
         self.complete();
-        self.spend(rest);
+        self.spend(times.until_poll);
     }
 
     fn set_data(&mut self, value: u8) {

@@ -43,16 +43,36 @@ pub(super) const PASS_TAIL: u64 = 19;
 pub(super) const PASS_TAIL_START: u64 = 4;
 /// Additional time of the same while a DOIT is in work. T:t07a.
 pub(super) const PASS_TAIL_DOIT: u64 = 7;
-/// Completion of a DOIT, a normal START, a setup START and a stop: time from the end of the last
-/// channel's turn until COMMAND is cleared, and from there to the poll for a new command. A command
-/// that is written in between is taken in the same pass. T:t06b, r002.
-pub(super) const DOIT_DONE: (u64, u64) = (17, 18);
-/// See [`DOIT_DONE`].
-pub(super) const NORMAL_START_DONE: (u64, u64) = (18, 13);
-/// See [`DOIT_DONE`].
-pub(super) const SETUP_START_DONE: (u64, u64) = (23, 8);
-/// See [`DOIT_DONE`].
-pub(super) const STOP_DONE: (u64, u64) = (25, 4);
+/// Times of the completion of a command. T:t06b, r002.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Completion {
+    /// From the end of the last channel's turn until COMMAND is cleared.
+    pub until_clear: u64,
+    /// From there to the poll for a new command. A command that is written in between is taken in
+    /// the same pass.
+    pub until_poll: u64,
+}
+
+/// Completion of a DOIT.
+pub(super) const DOIT_DONE: Completion = Completion {
+    until_clear: 17,
+    until_poll: 18,
+};
+/// Completion of a normal START.
+pub(super) const NORMAL_START_DONE: Completion = Completion {
+    until_clear: 18,
+    until_poll: 13,
+};
+/// Completion of a setup START.
+pub(super) const SETUP_START_DONE: Completion = Completion {
+    until_clear: 23,
+    until_poll: 8,
+};
+/// Completion of a stop.
+pub(super) const STOP_DONE: Completion = Completion {
+    until_clear: 25,
+    until_poll: 4,
+};
 /// The poll for a new command. T:t03b.
 pub(super) const CHECK: u64 = 6;
 

@@ -97,16 +97,19 @@ impl Installation {
         }
     }
 
-    /// Takes the next due change, of any input or of the remote on a channel.
-    pub(crate) fn take(&mut self, now: Nanos, remote: Option<(usize, usize)>) -> Option<Change> {
-        let due = self.changes.iter().take_while(|change| change.at <= now);
-        let mut wanted = due.enumerate().filter(|(_, change)| {
-            remote.is_none_or(|(port, channel)| {
-                matches!(change.terminal, SimTerminal::Remote { port: p, channel: c, .. }
-                    if (p, c) == (port, channel))
-            })
-        });
-        let (index, _) = wanted.next()?;
+    /// Takes the next due change of any input.
+    pub(crate) fn take(&mut self, now: Nanos) -> Option<Change> {
+        self.take_of(now, |_| true)
+    }
+
+    /// Takes the next due change of an input of the remote on a channel.
+    pub(crate) fn take_for(&mut self, now: Nanos, port: usize, channel: usize) -> Option<Change> {
+        self.take_of(now, |terminal| is_on(terminal, port, channel))
+    }
+
+    fn take_of(&mut self, now: Nanos, is_wanted: impl Fn(SimTerminal) -> bool) -> Option<Change> {
+        let mut due = self.changes.iter().take_while(|change| change.at <= now);
+        let index = due.position(|change| is_wanted(change.terminal))?;
         let mut change = self.changes.remove(index)?;
         if self.pressed {
             let estop = self.estop.as_ref();
@@ -117,10 +120,7 @@ impl Installation {
 
     /// True if a signal is wired to the remote on a channel.
     pub(crate) fn is_wired_to(&self, port: usize, channel: usize) -> bool {
-        let there = |terminal: SimTerminal| {
-            matches!(terminal, SimTerminal::Remote { port: p, channel: c, .. }
-                if (p, c) == (port, channel))
-        };
+        let there = |terminal| is_on(terminal, port, channel);
         self.switches
             .iter()
             .any(|switch| there(switch.config().terminal))
@@ -138,6 +138,11 @@ impl Installation {
     pub(crate) fn put(&mut self, change: Change) {
         put(&mut self.changes, change);
     }
+}
+
+/// True if the terminal is one of the remote on a channel.
+fn is_on(terminal: SimTerminal, port: usize, channel: usize) -> bool {
+    matches!(terminal, SimTerminal::Remote { port: p, channel: c, .. } if p == port && c == channel)
 }
 
 fn is_supplied_by(estop: &EstopConfig, terminal: SimTerminal) -> bool {

@@ -3,6 +3,14 @@ use proptest::prelude::*;
 
 const HZ: f64 = 1e6;
 
+/// Time stamps in microseconds, and this number of samples per second.
+const fn rates(sample_hz: f64) -> EncoderRates {
+    EncoderRates {
+        tick_hz: HZ,
+        sample_hz,
+    }
+}
+
 /// The registers that the hardware would show: a wide counter, and the time of its last change.
 #[derive(Default)]
 struct Hardware {
@@ -240,7 +248,7 @@ fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
     let mut hardware = Hardware::default();
     // 1 million counts a second: 32768 of them take 32.8 ms.
     let mut fresh = encoder();
-    fresh.set_rates(HZ, 1e6);
+    fresh.set_rates(rates(1e6));
     let mut encoder = fresh.clone();
     assert!(!encoder.read(hardware.sample()).is_unsure);
     assert!(!encoder.read(hardware.step(10, 32_000)).is_unsure);
@@ -372,7 +380,7 @@ proptest! {
         let mut hardware = Hardware::default();
         let (mut close, mut restful) = (encoder(), encoder());
         for state in [&mut close, &mut restful] {
-            state.set_rates(HZ, 6e6);
+            state.set_rates(rates(6e6));
         }
         let mut shown = EncoderReading::default();
         let mut latched = 0;
@@ -414,7 +422,7 @@ proptest! {
 #[test]
 fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_rates(HZ, 6e6);
+    encoder.set_rates(rates(6e6));
     // Until no packet of the set-up is in flight.
     for _ in 0..=HORIZON {
         let _ = encoder.read(hardware.step(0, 1_000));
@@ -432,7 +440,7 @@ fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back(
 #[test]
 fn an_encoder_that_stands_still_is_passed_over() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_rates(HZ, 6e6);
+    encoder.set_rates(rates(6e6));
     for _ in 0..1_000 {
         let _ = encoder.read(hardware.step(0, 1_000));
     }
@@ -475,7 +483,7 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
     // millisecond.
     let run = |changes: &[i64]| {
         let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-        encoder.set_rates(HZ, 6e6);
+        encoder.set_rates(rates(6e6));
         let _ = encoder.read(hardware.sample());
         let read = |&change: &i64| encoder.read(hardware.step(change, 1_000));
         changes.iter().map(read).collect::<Vec<_>>()
@@ -496,7 +504,7 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
 #[test]
 fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_is_made_again() {
     let (mut encoder, mut hardware) = armed();
-    encoder.set_rates(HZ, 1e6);
+    encoder.set_rates(rates(1e6));
     encoder.read(hardware.step(1_000, 1_000));
     encoder.read(hardware.step(1_000, 1_000));
     // The index was 131,560 counts before the end: the same latched count as for an index 488
@@ -522,7 +530,7 @@ fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_
 #[test]
 fn an_index_in_a_slow_cycle_is_taken_and_stays_unsure_where_the_counter_can_wrap_around_in_it() {
     let (mut encoder, mut hardware) = armed();
-    encoder.set_rates(HZ, 1e6);
+    encoder.set_rates(rates(1e6));
     let sample = hardware.step(100, 50_000);
     let control = 0x1848 | u32::from((hardware.count - 30) as u16) << 16;
     let reading = encoder.read(EncoderSample { control, ..sample });

@@ -11,7 +11,7 @@ struct Board {
 }
 
 impl Board {
-    fn write(&mut self, (number, slot): (u32, usize)) {
+    fn write(&mut self, WriteNumber { number, slot }: WriteNumber) {
         self.received = self.received.wrapping_add(1);
         self.last = number as u16;
         self.slots[slot] = number as u16;
@@ -19,7 +19,7 @@ impl Board {
 
     /// A cycle that is one packet, executed and answered.
     fn cycle(&mut self, ledger: &mut Ledger) -> WriteReport {
-        let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
+        let WriteNumber { number, slot } = ledger.open_write(WriteEvidence::Cycle);
         self.slots[slot] = number as u16;
         self.reply(ledger, None)
     }
@@ -98,7 +98,7 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
     for _ in 0..SLOTS {
         assert_eq!(board.cycle(&mut ledger), WriteReport::default());
     }
-    let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
+    let WriteNumber { number, slot } = ledger.open_write(WriteEvidence::Cycle);
     ledger.open_request();
     let said = WriteReport { lost: 1, ..DOUBT };
     assert_eq!(board.cycle(&mut ledger), said);
@@ -113,7 +113,7 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
     };
     assert_eq!(board.cycle(&mut ledger), late);
     // A write that was executed and whose reply was lost is not lost.
-    let (number, slot) = ledger.open_write(WriteEvidence::Cycle);
+    let WriteNumber { number, slot } = ledger.open_write(WriteEvidence::Cycle);
     ledger.open_request();
     board.slots[slot] = number as u16;
     board.received += 1;

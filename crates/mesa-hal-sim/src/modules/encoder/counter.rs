@@ -23,14 +23,21 @@ const LIVE: u32 = 0b111;
 
 /// From a load of the divider to the change of the select line, and to the sample before it.
 pub(super) const TO_SELECT: Clocks = 2;
-/// From a load of the divider to the filters' tick: multiplexed, and plain.
-const TO_TICK: [Clocks; 2] = [2, 0];
+/// A time that differs between multiplexed and plain encoders.
+#[derive(Clone, Copy, Debug)]
+struct TimeByKind {
+    muxed: Clocks,
+    plain: Clocks,
+}
+
+/// From a load of the divider to the filters' tick.
+const TO_TICK: TimeByKind = TimeByKind { muxed: 2, plain: 0 };
 /// From a tick to the clock edge at which the levels of the filters appear as live bits, and to the
 /// edge at which they are counted.
 const TO_LIVE: Clocks = 1;
 const TO_COUNT: Clocks = 2;
-/// Time before a sample by which a line must have reached its level: multiplexed, and plain.
-const AHEAD: [Clocks; 2] = [3, 1];
+/// Time before a sample by which a line must have reached its level.
+const AHEAD: TimeByKind = TimeByKind { muxed: 3, plain: 1 };
 
 /// Levels of A, B and index.
 pub(super) type Abz = [bool; 3];
@@ -147,14 +154,24 @@ impl Filters {
     }
 }
 
+/// The pins that a counter has beside its lines.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CounterPins {
+    /// The firmware has a probe.
+    pub has_probe: bool,
+    /// The level of the index mask's pin.
+    pub mask: bool,
+    /// The level of the probe's pin.
+    pub probe: bool,
+}
+
 impl Counter {
-    pub fn new(
-        place: CountPlace,
-        divider: Divider,
-        has_probe: bool,
-        mask: bool,
-        probe: bool,
-    ) -> Self {
+    pub fn new(place: CountPlace, divider: Divider, pins: CounterPins) -> Self {
+        let CounterPins {
+            has_probe,
+            mask,
+            probe,
+        } = pins;
         Self {
             place,
             divider,
@@ -315,11 +332,11 @@ impl Counter {
         }
     }
 
-    fn of_place(&self, [muxed, plain]: [Clocks; 2]) -> Clocks {
+    fn of_place(&self, time: TimeByKind) -> Clocks {
         if self.place == CountPlace::Plain {
-            plain
+            time.plain
         } else {
-            muxed
+            time.muxed
         }
     }
 
