@@ -48,6 +48,13 @@ pub struct ModuleInstance {
     pub instance: u8,
 }
 
+impl ModuleInstance {
+    /// Instance `instance` of this kind of module.
+    pub const fn new(gtag: Gtag, instance: u8) -> Self {
+        Self { gtag, instance }
+    }
+}
+
 impl ModuleDescriptor {
     /// Set in the version of encoders that have a probe (FACTS 9.1).
     pub(crate) const WITH_PROBE: u8 = 0x80;

@@ -95,10 +95,7 @@ impl GpioPins {
         let mut settings = r.settings.gpio.iter();
         let config = settings.find_map(|&(n, config)| (n == number).then_some(config));
         let config = config.unwrap_or_default();
-        let ports = ModuleInstance {
-            gtag: Gtag::IO_PORT,
-            instance: 0,
-        };
+        let ports = ModuleInstance::new(Gtag::IO_PORT, 0);
         let place = r.board.place(r.firmware, ports, number);
         let mut make = r.maker_at(&format!("gpio.{number:03}."), place);
         let mut input = None;

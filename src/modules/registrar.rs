@@ -31,10 +31,7 @@ impl DrivenModule {
 
     /// An instance, by its number within this module.
     pub const fn instance(&self, instance: u8) -> ModuleInstance {
-        ModuleInstance {
-            gtag: self.descriptor.gtag,
-            instance: self.number(instance),
-        }
+        ModuleInstance::new(self.descriptor.gtag, self.number(instance))
     }
 }
 

@@ -311,12 +311,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 Pace::Host => begun.since(planned),
                 Pace::Board => Duration::ZERO,
             };
-            let read = self.driver.read();
-            let errors = self.driver.statistics().read_errors;
-            self.statistics.failed_reads = errors.saturating_sub(self.old_read_errors);
-            if let Some(commands) = &mut self.commands {
-                commands.take(&mut self.driver);
-            }
+            let read = self.read();
             let flow = work(&mut Cycle {
                 number: self.statistics.cycles,
                 read,
@@ -339,16 +334,41 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 let _ = self.driver.wait_transfers(limit);
                 ended = self.driver.bus_mut().now();
             }
-            if let Some(commands) = &mut self.commands {
-                // Faults that readers can see from here on must be known to senders of commands.
-                commands.look(&self.driver);
-            }
-            if let Some(snapshot) = &mut self.snapshot {
-                // The writer was made for this driver, so that it cannot refuse it.
-                let _ = snapshot.publish_run(&self.driver, &self.statistics);
-            }
+            self.publish();
             planned = self.next(planned, ended, period);
         }
+        Ended {
+            #[cfg(feature = "realtime")]
+            signal,
+            ..self.end()
+        }
+    }
+
+    /// Reads the board, and executes the commands of other threads.
+    fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        let read = self.driver.read();
+        let errors = self.driver.statistics().read_errors;
+        self.statistics.failed_reads = errors.saturating_sub(self.old_read_errors);
+        if let Some(commands) = &mut self.commands {
+            commands.take(&mut self.driver);
+        }
+        read
+    }
+
+    /// Shows the result of a cycle to other threads.
+    fn publish(&mut self) {
+        if let Some(commands) = &mut self.commands {
+            // Faults that readers can see from here on must be known to senders of commands.
+            commands.look(&self.driver);
+        }
+        if let Some(snapshot) = &mut self.snapshot {
+            // The writer was made for this driver, so that it cannot refuse it.
+            let _ = snapshot.publish_run(&self.driver, &self.statistics);
+        }
+    }
+
+    /// Stops the driver, and notifies other threads of the end.
+    fn end(mut self) -> Ended<B> {
         // Senders get an error from here on.
         drop(self.commands.take());
         let (driver, stopped) = self.driver.stop();
@@ -362,7 +382,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
             stopped,
             statistics: self.statistics,
             #[cfg(feature = "realtime")]
-            signal,
+            signal: None,
         }
     }
 

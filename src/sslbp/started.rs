@@ -122,11 +122,13 @@ impl StartedRemote {
     /// The remote on `channel`, started in this software mode, from the contents of interface
     /// registers 0 to 2.
     pub(crate) fn new(
-        (channel, software_mode): (Channel, u8),
-        [unit_number, name, tables]: [u32; 3],
+        channel: Channel,
+        software_mode: u8,
+        interfaces: [u32; 3],
         sizes: ProcessDataSizes,
         cs: CsStatus,
     ) -> Self {
+        let [unit_number, name, tables] = interfaces;
         Self {
             channel,
             software_mode,
@@ -309,7 +311,7 @@ mod tests {
 
     fn reason(cs: u32, registers: [u32; 3], rx: u8, tx: u8) -> StartFailureReason {
         let (sizes, cs) = (ProcessDataSizes { rx, tx }, CsStatus(cs));
-        let found = StartedRemote::new((Channel::ALL[1], 5), registers, sizes, cs);
+        let found = StartedRemote::new(Channel::ALL[1], 5, registers, sizes, cs);
         StartFailureReason::of(&found, LIMIT)
     }
 

@@ -244,7 +244,8 @@ impl Health {
     pub fn restarted(&mut self, now: Instant, start_registers: [u32; 3]) {
         let is = self.started;
         self.started = StartedRemote::new(
-            (is.channel, is.software_mode),
+            is.channel,
+            is.software_mode,
             start_registers,
             is.sizes,
             is.cs,

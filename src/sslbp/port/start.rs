@@ -40,11 +40,11 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         let (complete, snapshot) = self.run(PortOperation::Start(mode, mask), &writes)?;
         let limit = ProcessDataSizes::largest(self.port.layout.interface_registers);
         let mut unusable = ChannelMask::NONE;
-        for &start in channels {
-            let (channel, _) = start;
+        for &(channel, software_mode) in channels {
             let (interfaces, cs) = (snapshot.interface(channel), snapshot.status(channel));
             let [rx, tx] = self.read_variable(channel, ChannelVariable::RxSize)?;
-            let remote = StartedRemote::new(start, interfaces, ProcessDataSizes { rx, tx }, cs);
+            let sizes = ProcessDataSizes { rx, tx };
+            let remote = StartedRemote::new(channel, software_mode, interfaces, sizes, cs);
             let too_large = mode == StartMode::Normal && !remote.sizes.fit(limit);
             outcomes.push(if complete.good.contains(channel) && !too_large {
                 self.port.machine.set_sizes(&remote);

@@ -10,8 +10,8 @@ const RX: u8 = 0x01;
 /// TXEN of channel 0 in a secondary pin.
 const TXEN: u8 = OUTPUT_PIN | 0x11;
 
-/// A module of one instance on ClockLow, in version 0 and with the usual strides. Its kind and its
-/// registers follow.
+/// A module with one instance, on ClockLow, in version 0 and with the usual strides; without its
+/// kind and its registers.
 const MODULE: SimModuleDescriptor = SimModuleDescriptor::new(0, 0, 1, 1, 0, 0, 0x00, 0);
 
 const fn watchdog() -> SimModuleDescriptor {
@@ -86,6 +86,47 @@ const fn pwm(count: u8) -> SimModuleDescriptor {
     }
 }
 
+const fn ssr() -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::SSR,
+        base: 0x7D00,
+        registers: 2,
+        multiple: 0x03,
+        ..MODULE
+    }
+}
+
+const fn in_mux() -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::IN_MUX,
+        base: 0x8000,
+        registers: 5,
+        multiple: 0x1F,
+        ..MODULE
+    }
+}
+
+const fn cp_drive() -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::CP_DRIVE,
+        base: 0x1E00,
+        registers: 1,
+        multiple: 0x01,
+        ..MODULE
+    }
+}
+
+/// The entry with the number of inputs of InMux, which is no module.
+const fn in_mux_width(inputs: u32) -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::IN_MUX_WIDTH,
+        clock: 0,
+        instances: 0,
+        multiple: inputs,
+        ..MODULE
+    }
+}
+
 const fn led() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::LED,
@@ -141,44 +182,11 @@ pub fn firmware_7i97(channels: u8) -> SimFirmware {
             mux_select(),
             smart_serial(1),
             pwm(6),
-            SimModuleDescriptor {
-                gtag: gtag::SSR,
-                base: 0x7D00,
-                registers: 2,
-                multiple: 0x03,
-                ..MODULE
-            },
-            SimModuleDescriptor {
-                gtag: gtag::IN_MUX,
-                base: 0x8000,
-                registers: 5,
-                multiple: 0x1F,
-                ..MODULE
-            },
+            ssr(),
+            in_mux(),
             led(),
         ],
-        behind_end: vec![
-            (
-                30,
-                SimModuleDescriptor {
-                    gtag: gtag::CP_DRIVE,
-                    base: 0x1E00,
-                    registers: 1,
-                    multiple: 0x01,
-                    ..MODULE
-                },
-            ),
-            (
-                31,
-                SimModuleDescriptor {
-                    gtag: gtag::IN_MUX_WIDTH,
-                    clock: 0,
-                    instances: 0,
-                    multiple: 0x10,
-                    ..MODULE
-                },
-            ),
-        ],
+        behind_end: vec![(30, cp_drive()), (31, in_mux_width(16))],
         pins: pins_7i97(channels),
         local_pins: vec![
             SimPinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),

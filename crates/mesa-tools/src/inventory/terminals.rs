@@ -2,7 +2,7 @@
 
 use mesa_hal::boards::{BoardTable, DB25};
 use mesa_hal::hal::{Place, Terminals};
-use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
+use mesa_hal::hostmot2::{Gtag, HostMot2, ModuleInstance, PinDescriptor};
 
 /// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector.
 /// Empty for a pin without a direct way to a terminal.
@@ -10,7 +10,8 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     if !board.terminals.is_empty() {
         let number = u16::try_from(number).unwrap_or(u16::MAX);
-        let expansion = board.place(firmware, (Gtag::IO_PORT, 0), number);
+        let ports = ModuleInstance::new(Gtag::IO_PORT, 0);
+        let expansion = board.place(firmware, ports, number);
         if expansion != Place::default() {
             return list(&[expansion]);
         }

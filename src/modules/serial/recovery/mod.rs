@@ -257,12 +257,7 @@ impl Recovery {
         };
         match complete.operation {
             PortOperation::Transfer(mask) => {
-                self.last_transfer.complete(complete.certain);
-                if complete.certain {
-                    self.statistics.transfers.tally(1);
-                } else {
-                    self.statistics.unknown.tally(1);
-                }
+                self.count_transfer(complete.certain);
                 (outcome.started, outcome.reads_before) =
                     (complete.sent_from, complete.reads_before);
                 // Without remotes for which a restart was requested while the transfer was in
@@ -288,6 +283,16 @@ impl Recovery {
         }
         self.update();
         outcome
+    }
+
+    /// Counts a transfer that is complete. `certain`: its data went out once and in order.
+    fn count_transfer(&mut self, certain: bool) {
+        self.last_transfer.complete(certain);
+        if certain {
+            self.statistics.transfers.tally(1);
+        } else {
+            self.statistics.unknown.tally(1);
+        }
     }
 
     fn transferred(
@@ -371,29 +376,34 @@ impl Recovery {
         operation
     }
 
-    fn choose(&mut self, now: Instant, hold: bool) -> Option<PortOperation> {
+    /// The next operation of an idle port that is switched off. Outputs are safe already: a last
+    /// transfer sends them to the remotes, and then the port is stopped.
+    fn choose_last(&mut self, now: Instant) -> Option<PortOperation> {
+        self.end_restart(now);
         let running = self.running;
+        if !running.is_empty() && self.last_transfer != LastTransfer::Done {
+            self.last_transfer.begin();
+            return transfer(running);
+        }
+        self.stop_for_good(running, now)
+    }
+
+    /// The next operation of an idle port.
+    fn choose(&mut self, now: Instant, hold: bool) -> Option<PortOperation> {
+        if !self.run {
+            return self.choose_last(now);
+        }
+        self.last_transfer = LastTransfer::Pending;
+        let running = self.running;
+        if hold {
+            return transfer(running);
+        }
         // Only remotes with failures rest.
         let ready = if self.troubled.is_empty() {
             running
         } else {
             self.mask(|remote| remote.is_running() && remote.rest_until <= now)
         };
-        let transfer =
-            |mask: ChannelMask| (!mask.is_empty()).then_some(PortOperation::Transfer(mask));
-        if !self.run {
-            self.end_restart(now);
-            // Outputs are safe already; a last transfer sends them to the remotes.
-            if !running.is_empty() && self.last_transfer != LastTransfer::Done {
-                self.last_transfer.begin();
-                return transfer(running);
-            }
-            return self.stop_for_good(running, now);
-        }
-        self.last_transfer = LastTransfer::Pending;
-        if hold {
-            return transfer(running);
-        }
         match self.restart {
             Restart::Stopped(mask) if !ready.is_empty() => {
                 self.restart = Restart::OthersServed(mask);
@@ -424,6 +434,11 @@ impl Recovery {
         }
         transfer(ready)
     }
+}
+
+/// A transfer of these channels, if there are any.
+fn transfer(mask: ChannelMask) -> Option<PortOperation> {
+    (!mask.is_empty()).then_some(PortOperation::Transfer(mask))
 }
 
 /// True if a transfer is in flight.

@@ -10,7 +10,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use mesa_hal::Settings;
 use mesa_hal::hal::{HalType, PinInfo};
-use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeState, Trigger};
+use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeRange, ScopeState, Trigger};
 use mesa_hal::transport::udp::UdpConfig;
 use serde::Serialize;
 
@@ -125,9 +125,11 @@ impl Scope {
                 Direction::Falling => Edge::Falling,
             },
         };
-        let (before, cycles) = (self.before as usize, self.cycles as usize);
-        let mut scope =
-            Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
+        let range = ScopeRange {
+            before: self.before as usize,
+            cycles: self.cycles as usize,
+        };
+        let mut scope = Recorder::new(pins, &recorded, trigger, range).map_err(Failure::usage)?;
         let trigger = info(pin)?.name;
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
