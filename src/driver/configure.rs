@@ -94,8 +94,8 @@ impl Plan {
         &self.name
     }
 
-    /// All pins and parameters so far: those of the modules, and after
-    /// [`Board::discover`] those of the remotes as well.
+    /// All pins and parameters so far: those of the modules, and after [`Board::discover`] those of
+    /// the remotes as well.
     pub fn pins(&self) -> &Pins {
         &self.pins
     }
@@ -374,8 +374,8 @@ const STARTED: &str = "its remotes were started";
 /// Attempts to identify a board, or to set it up, when it is reset meanwhile.
 const TRIES: u32 = 3;
 
-/// Identifies the firmware of the board, and the words that identify it, read twice with the same result: words read around a reset
-/// do not identify a firmware.
+/// Identifies the firmware of the board, and the words that identify it, read twice with the same
+/// result: words read around a reset do not identify a firmware.
 fn identify_steady<B: RegisterBus>(
     bus: &mut B,
 ) -> Result<(HostMot2, FirmwareCheck), DriverError<B::Error>> {

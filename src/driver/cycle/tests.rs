@@ -122,7 +122,10 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
         let orders = bench.write();
         let quiesce = Order::Quiesce { has_run: false };
         assert!(
-            matches!(orders[..], [first, Order::Cycle(CycleWrite { quiet: true, .. })] if first == quiesce),
+            matches!(
+                orders[..],
+                [first, Order::Cycle(CycleWrite { quiet: true, .. })] if first == quiesce
+            ),
             "{orders:?}"
         );
         let _ = bench.read(Reply::CERTAIN).expect("a board");
