@@ -1,6 +1,7 @@
 //! The promises of the fault contract for outputs, checked against the simulator's true outputs.
 
 use std::collections::VecDeque;
+use std::mem;
 
 use super::journal::{BoardCommand, ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
 use super::plan::{MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
@@ -215,19 +216,21 @@ impl Track {
             };
             command.is_armed && self.shown.is(&shown)
         };
-        let replaced = self.commands.iter().skip(1).map(|next| next.at);
-        let replaced = replaced.chain([u64::MAX]);
-        let pairs: Vec<_> = self.commands.iter().zip(replaced).collect();
         // A remote that got a fault while it was not addressed keeps its outputs, and its watchdog
         // is fed by the first frame that reports the fault.
         let limit = if self.is_faulty { 2 } else { 1 } * self.limit;
-        let mut pairs = pairs
-            .into_iter()
+        // From the newest back, each with the time at which the next command replaced it.
+        let mut replaced = u64::MAX;
+        let mut pairs = self
+            .commands
+            .iter()
             .rev()
+            .map(|command| (command, mem::replace(&mut replaced, command.at)))
             .filter(|(command, _)| shows(command));
         // The same may have been commanded again since.
-        let newest = pairs.clone().next();
-        let found = pairs.find(|(command, _)| command.at <= self.since);
+        let newest = pairs.next();
+        let is_before = |(command, _): &(&Command, u64)| command.at <= self.since;
+        let found = newest.filter(is_before).or_else(|| pairs.find(is_before));
         let found = found
             .zip(newest)
             .map(|((command, _), (_, until))| (command, until));
