@@ -4,7 +4,8 @@
 //! A scenario follows from its seed: a machine, a bus to it, an application with its habits, and
 //! one to three faults. The promises to be kept are in `docs/faults.md`. `CHAOS_SCENARIOS` is the
 //! number of scenarios, `CHAOS_SEED` the first seed; a failure is printed with its seed and its
-//! story, and `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` repeats it exactly.
+//! story, and `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` repeats it exactly. `CHAOS_UNTIL=<promise>` ends
+//! with the first scenario that breaks this promise.
 
 mod application;
 #[path = "../common/mod.rs"]
@@ -36,6 +37,7 @@ fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     }
     let (first, count) = (number("CHAOS_SEED", 1), number("CHAOS_SCENARIOS", FEW));
+    let until = std::env::var("CHAOS_UNTIL").ok();
     println!("\nchaos: {count} scenarios from seed {first} on");
     std::panic::set_hook(Box::new(|_| {}));
     let report = Mutex::new(Report::default());
@@ -49,12 +51,15 @@ fn main() -> ExitCode {
                         break;
                     }
                     let one = Report::of(&Plan::new(first.wrapping_add(n)));
-                    report.lock().expect("nobody panics with it").add(one);
+                    if until.as_deref().is_some_and(|promise| one.breaks(promise)) {
+                        next.store(count, Ordering::Relaxed);
+                    }
+                    report.lock().expect("no scenario panics").add(one);
                 }
             });
         }
     });
-    let report = report.into_inner().expect("nobody panics with it");
+    let report = report.into_inner().expect("no scenario panics");
     let is_good = report.print(count >= MANY);
     if is_good {
         ExitCode::SUCCESS

@@ -48,6 +48,12 @@ impl Report {
         report
     }
 
+    /// True if a scenario broke the promise of this name.
+    pub fn breaks(&self, promise: &str) -> bool {
+        let mut broken = self.failures.keys().map(|(promise, _)| promise);
+        broken.any(|broken| format!("{broken:?}") == promise)
+    }
+
     pub fn add(&mut self, other: Self) {
         self.scenarios += other.scenarios;
         self.failures.extend(other.failures);
