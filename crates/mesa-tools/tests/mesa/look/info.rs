@@ -124,7 +124,7 @@ fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_o
     let mut board = crate::check::set::board();
     let address = board.address.to_string();
     let found = |address: &str| json(&["--addr", address])["findings"].to_string();
-    assert_eq!(found(&address), "[]", "nobody has begun");
+    assert_eq!(found(&address), "[]", "no client has begun");
     done(&["param", "list", "--addr", &address]);
     assert_eq!(found(&address), "[]", "what only read leaves nothing");
     let jog = [crate::check::set::OUTPUT, "on", "--for", "60s"];
