@@ -25,9 +25,9 @@
 #
 # Why it takes all this: LinuxCNC's driver (hm2_eth) does not take the loopback interface, wants the
 # MAC address of the board's EEPROM on the wire, and sets up the firewall and the interface, which
-# nobody wants outside of a private network. LinuxCNC refuses plain root, hence RTAPI_UID and a home
+# is not wanted outside of a private network. LinuxCNC refuses plain root, hence RTAPI_UID and a home
 # of that user. Network, IPC, mount and process namespaces vanish at the end, whatever happened.
-# Exit status: the client's; 98 if something is missing, 99 if the network can not be made.
+# Exit status: the client's; 98 if something is missing, 99 if the network cannot be made.
 set -u
 
 fail() {

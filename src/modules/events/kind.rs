@@ -230,7 +230,7 @@ pub enum EventKind {
         count: u32,
     },
     /// The queue was full: from this event on, until it was empty again, events were dropped.
-    [DROPPED = 17, fault; "events that were dropped from here on, because nobody took them: {count}"]
+    [DROPPED = 17, fault; "events that were dropped from here on, because the queue was full: {count}"]
     Dropped {
         /// Number of dropped events.
         count: u32,
@@ -296,7 +296,7 @@ impl fmt::Display for Repeating {
             Self::FailedWrites => "writes failed",
             Self::LostWrites => "writes were lost",
             Self::MissedPeriods => "periods went by without a good read",
-            Self::OtherMaster => "packets of somebody else came",
+            Self::OtherMaster => "packets from another master arrived",
         })
     }
 }

@@ -17,7 +17,7 @@ pub fn firmware(identity: &Identity) -> Finding {
     let version = identity.firmware_version;
     let figure = format!("{}, network firmware {version}", identity.card);
     let lacks = if version < read_only::RELOAD_FIRMWARE {
-        "it can not be reloaded over the network"
+        "it cannot be reloaded over the network"
     } else if version < eeprom::NETMASK_FIRMWARE {
         "it has no netmask"
     } else {

@@ -40,7 +40,7 @@ pub fn kernel(is_realtime: Option<bool>) -> Finding {
         None => Finding::new(
             FigureVerdict::Unknown,
             check,
-            "can not be read",
+            "cannot be read",
             "is this Linux?",
         ),
     }
@@ -117,7 +117,7 @@ pub fn governor(governors: &[String]) -> Finding {
             [] => Finding::new(
                 FigureVerdict::Unknown,
                 check,
-                "nobody sets it",
+                "not set by the kernel",
                 "a virtual machine, or a fixed frequency: look into the computer's set-up (BIOS)",
             ),
             _ => Finding::good(check, "performance on all CPUs"),
@@ -201,13 +201,13 @@ pub fn coalescing(interface: &str, held_back_ns: Option<u64>) -> Finding {
             format!("`echo 0 | sudo tee /sys/class/net/{interface}/napi_defer_hard_irqs`; {own}"),
         ),
         Some(_) => Finding::new(FigureVerdict::Unknown, check, "none by the kernel", own),
-        None => Finding::new(FigureVerdict::Unknown, check, "can not be read", own),
+        None => Finding::new(FigureVerdict::Unknown, check, "cannot be read", own),
     }
 }
 
 fn unknown(check: &str, command: &str) -> Finding {
-    let advice = format!("`{command}` may tell");
-    Finding::new(FigureVerdict::Unknown, check, "can not be read", advice)
+    let advice = format!("`{command}` may show it");
+    Finding::new(FigureVerdict::Unknown, check, "cannot be read", advice)
 }
 
 #[cfg(test)]

@@ -96,7 +96,17 @@ fn add(network: &Network, address: Ipv4Addr) -> String {
 mod tests {
     use super::*;
 
-    fn network(is_up: bool, has_link: bool, is_wireless: bool, default: &str) -> Network {
+    /// State of an interface.
+    #[derive(Clone, Copy, PartialEq)]
+    enum State {
+        Ready,
+        Down,
+        NoLink,
+        Wireless,
+    }
+    use State::{Down, NoLink, Ready, Wireless};
+
+    fn network(state: State, default: &str) -> Network {
         let route = |interface: &str, network, mask, gateway| Route {
             interface: interface.to_owned(),
             network: Ipv4Addr::from_bits(network),
@@ -109,9 +119,9 @@ mod tests {
                 name: "eth0".to_owned(),
                 is_ethernet: true,
                 is_device: true,
-                is_wireless,
-                is_up,
-                has_link,
+                is_wireless: state == Wireless,
+                is_up: state != Down,
+                has_link: matches!(state, Ready | Wireless),
             }],
             routes: vec![
                 route("eth0", 0x0A0A_0A00, 0xFFFF_FF00, 0),
@@ -125,49 +135,49 @@ mod tests {
     #[test]
     fn a_cable_of_its_own_is_good_and_everything_else_says_what_to_do() {
         let board = Ipv4Addr::new(10, 10, 10, 10);
-        let finding = way(&network(true, true, false, "eth1"), board);
+        let finding = way(&network(Ready, "eth1"), board);
         assert_eq!(
             finding,
             Finding::good("network route", "eth0, 10.10.10.0/24")
         );
         for (network, to, verdict, figure, advice) in [
             (
-                network(false, false, false, "eth1"),
+                network(Down, "eth1"),
                 board,
                 FigureVerdict::Bad,
                 "switched off",
                 "link set",
             ),
             (
-                network(true, false, false, "eth1"),
+                network(NoLink, "eth1"),
                 board,
                 FigureVerdict::Bad,
                 "no link",
                 "cable",
             ),
             (
-                network(true, true, true, "eth1"),
+                network(Wireless, "eth1"),
                 board,
                 FigureVerdict::Bad,
                 "wireless",
                 "cable",
             ),
             (
-                network(true, true, false, "eth0"),
+                network(Ready, "eth0"),
                 board,
                 FigureVerdict::Look,
                 "shared",
                 "board alone",
             ),
             (
-                network(true, true, false, "eth1"),
+                network(Ready, "eth1"),
                 Ipv4Addr::new(192, 168, 1, 121),
                 FigureVerdict::Look,
                 "behind 192.168.0.1",
                 "ip addr add 192.168.1.1/24 dev eth0",
             ),
             (
-                network(true, true, false, "eth1"),
+                network(Ready, "eth1"),
                 Ipv4Addr::new(10, 11, 1, 2),
                 FigureVerdict::Bad,
                 "discards",
@@ -195,9 +205,6 @@ mod tests {
         let here = way(&Network::default(), Ipv4Addr::LOCALHOST);
         assert_eq!(here.verdict, FigureVerdict::Ok);
         assert_eq!(interface(&Network::default(), board), None);
-        assert_eq!(
-            interface(&network(true, true, false, "eth1"), board),
-            Some("eth0")
-        );
+        assert_eq!(interface(&network(Ready, "eth1"), board), Some("eth0"));
     }
 }

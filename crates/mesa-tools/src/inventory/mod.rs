@@ -12,6 +12,7 @@ pub use take::take;
 
 use core::fmt;
 
+use mesa_hal::RemoteId;
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::ethernet::{Counters, EthernetBoard, EthernetError, Identity, Lbp16Board};
 use mesa_hal::ethernet::{LedMode, LedTime};
@@ -325,8 +326,11 @@ impl InventoryEthernet {
         let counters = &self.counters;
         let counted = [
             (counters.parse_errors, "commands that it could not parse"),
-            (counters.memory_errors, "accesses to memory that it has not"),
-            (counters.write_errors, "writes to what can not be written"),
+            (
+                counters.memory_errors,
+                "accesses to memory that does not exist",
+            ),
+            (counters.write_errors, "writes to read-only memory"),
             (counters.received_bad, "damaged packets (check the cable)"),
             (
                 counters.sent_bad,
@@ -361,12 +365,14 @@ impl InventoryRemote {
 }
 
 impl Inventory {
-    /// Remotes with their port and channel.
-    pub fn remotes(&self) -> impl Iterator<Item = (u8, u8, &InventoryRemote)> {
+    /// The remotes, with their places.
+    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &InventoryRemote)> {
         self.serial_ports.iter().flat_map(|port| {
             let channels = port.channels.iter();
             channels.filter_map(|channel| match &channel.found {
-                ChannelContent::Remote(remote) => Some((port.port, channel.channel, &**remote)),
+                ChannelContent::Remote(remote) => {
+                    Some((RemoteId::new(port.port, channel.channel), &**remote))
+                }
                 ChannelContent::NotStarted(_) => None,
             })
         })
@@ -378,8 +384,8 @@ impl Inventory {
         findings.extend(self.ethernet.iter().flat_map(InventoryEthernet::findings));
         let warnings = self.firmware.warnings.iter();
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));
-        for (port, channel, remote) in self.remotes() {
-            let place = format!("port {port}, channel {channel}, {}", remote.name);
+        for (id, remote) in self.remotes() {
+            let place = format!("{id}, {}", remote.name);
             // In a remote that is not driven the watchdog has always bitten.
             let faults = remote
                 .faults

@@ -8,6 +8,7 @@ use super::{
     InventoryEthernet, InventoryFirmware, InventoryMode, InventoryModule, InventoryParameter,
     InventoryPin, InventoryPort, InventoryRemote, InventoryTerminal, PinDirection, terminals,
 };
+use mesa_hal::RemoteId;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
@@ -32,10 +33,8 @@ type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 
 /// Takes the inventory of a board.
 ///
-/// `modes` contains the software modes to start remotes in, by port and channel; others start in
-/// mode
-/// 0. `goes_on` is called before each port; once it returns false, the remaining ports are left
-///    out.
+/// `modes` contains the software modes in which remotes are started; others start in mode zero.
+/// `goes_on` is called before each port; once it returns false, the remaining ports are left out.
 ///
 /// The inventory stops the serial ports and leaves all pins as inputs: not for a running machine.
 ///
@@ -47,7 +46,7 @@ type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 pub fn take<B: RegisterBus + Clock>(
     bus: &mut B,
     mut ethernet: Option<InventoryEthernet>,
-    modes: &BTreeMap<(u8, u8), u8>,
+    modes: &BTreeMap<RemoteId, u8>,
     mut goes_on: impl FnMut() -> bool,
 ) -> Taken<Inventory, B> {
     let firmware = HostMot2::identify(bus)?;
@@ -121,10 +120,10 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
 /// Refuses a mode for a channel that does not exist, which is a typing error.
 fn check_modes<B: RegisterBus>(
     firmware: &HostMot2,
-    modes: &BTreeMap<(u8, u8), u8>,
+    modes: &BTreeMap<RemoteId, u8>,
 ) -> Taken<(), B> {
     let places = PortLayout::ports(firmware);
-    for &(port, channel) in modes.keys() {
+    for &RemoteId { port, channel } in modes.keys() {
         let place = places.get(usize::from(port));
         match place.map(|place| place.layout.channels) {
             None => {
@@ -196,7 +195,7 @@ type PortTaken = (InventoryPort, Vec<String>);
 struct PortOf<'a> {
     firmware: &'a HostMot2,
     place: PortPlace,
-    modes: &'a BTreeMap<(u8, u8), u8>,
+    modes: &'a BTreeMap<RemoteId, u8>,
 }
 
 impl PortOf<'_> {
@@ -241,12 +240,12 @@ impl PortOf<'_> {
 fn take_remotes<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
-    modes: &BTreeMap<(u8, u8), u8>,
+    modes: &BTreeMap<RemoteId, u8>,
 ) -> Taken<PortTaken, B> {
     let (number, channels) = (port.layout().instance, port.layout().channels);
     let parameters = port.on(bus).reset()?;
     let lines = (0..channels).filter_map(Line::new);
-    let mode = |line: Line| modes.get(&(number, line.index())).copied();
+    let mode = |line: Line| modes.get(&RemoteId::new(number, line.index())).copied();
     let starts: Vec<_> = lines.map(|line| (line, mode(line).unwrap_or(0))).collect();
     let options = DiscoveryOptions {
         tables: &REMOTES,

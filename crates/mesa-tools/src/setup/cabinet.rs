@@ -20,7 +20,7 @@ pub trait Cabinet {
     type Error: Error + 'static;
 
     /// Returns the remotes with their places.
-    fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)>;
+    fn remotes(&self) -> Vec<CabinetRemote>;
 
     /// Reads a parameter: its bits, right-justified.
     ///
@@ -34,6 +34,15 @@ pub trait Cabinet {
     /// The remote does not have the parameter, cannot take the value, or an access failed.
     fn write(&mut self, place: RemotePlace, name: &str, value: AnyValue)
     -> Result<(), Self::Error>;
+}
+
+/// A remote in setup mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CabinetRemote {
+    /// Place of the remote.
+    pub place: RemotePlace,
+    /// Its identity, and the records of its parameters.
+    pub descriptor: RemoteDescriptor,
 }
 
 /// Place of a remote.
@@ -54,14 +63,23 @@ impl core::fmt::Display for RemotePlace {
     }
 }
 
+#[cfg(feature = "serde")]
+impl serde::Serialize for RemotePlace {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     type Error = DriverError<B::Error>;
 
-    fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
+    fn remotes(&self) -> Vec<CabinetRemote> {
         let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent);
-        there
-            .map(|(id, remote)| (RemotePlace::Channel(id), remote.descriptor.clone()))
-            .collect()
+        let remotes = there.map(|(id, remote)| CabinetRemote {
+            place: RemotePlace::Channel(id),
+            descriptor: remote.descriptor.clone(),
+        });
+        remotes.collect()
     }
 
     fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, Self::Error> {
@@ -184,6 +202,7 @@ pub struct Comparison {
 
 /// A parameter whose value differs from the file.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CabinetDifference {
     /// Present place of the remote.
     pub place: RemotePlace,
@@ -193,7 +212,8 @@ pub struct CabinetDifference {
     pub unit_number: u32,
     /// Name of the parameter.
     pub name: String,
-    /// Value in the file.
+    /// Value in the file; its name is `file` where it is serialized.
+    #[cfg_attr(feature = "serde", serde(rename = "file"))]
     pub saved: SavedValue,
     /// Value in the remote.
     pub now: SavedValue,
@@ -261,7 +281,7 @@ impl SavedCabinet {
     /// An access failed.
     pub fn take<C: Cabinet>(cabinet: &mut C) -> Result<Self, C::Error> {
         let mut remotes = Vec::new();
-        for (place, descriptor) in cabinet.remotes() {
+        for CabinetRemote { place, descriptor } in cabinet.remotes() {
             let mut parameters = BTreeMap::new();
             let records = descriptor.parameters.iter();
             for record in records.filter(|record| record.is_kept()) {
@@ -298,19 +318,21 @@ impl SavedCabinet {
         let mut comparison = Comparison {
             differences: Vec::new(),
             compared: 0,
-            not_in_file: there.iter().map(|&(place, _)| place).collect(),
+            not_in_file: there.iter().map(|remote| remote.place).collect(),
         };
         for saved in &self.remotes {
-            let (place, descriptor) = saved.find(&there, by)?;
-            comparison.not_in_file.retain(|&other| other != place);
+            let remote = saved.find(&there, by)?;
+            comparison
+                .not_in_file
+                .retain(|&other| other != remote.place);
             for (name, &value) in &saved.parameters {
                 comparison.compared += 1;
-                let now = saved.now(cabinet, (place, descriptor), name, value)?;
+                let now = saved.now(cabinet, remote, name, value)?;
                 if now != value {
                     comparison.differences.push(CabinetDifference {
-                        place,
+                        place: remote.place,
                         card: saved.card.clone(),
-                        unit_number: descriptor.unit_number,
+                        unit_number: remote.descriptor.unit_number,
                         name: name.clone(),
                         saved: value,
                         now,
@@ -319,6 +341,23 @@ impl SavedCabinet {
             }
         }
         Ok(comparison)
+    }
+}
+
+impl core::fmt::Display for CabinetDifference {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self {
+            place,
+            card,
+            unit_number,
+            name,
+            saved,
+            now,
+        } = self;
+        write!(
+            f,
+            "{place}  {card} {unit_number:#010X}  {name}: {now} now, {saved} in the file"
+        )
     }
 }
 
@@ -335,20 +374,20 @@ impl CabinetDifference {
 impl SavedRemote {
     fn find<'a, E: Error>(
         &self,
-        there: &'a [(RemotePlace, RemoteDescriptor)],
+        there: &'a [CabinetRemote],
         by: RemoteMatch,
-    ) -> Result<(RemotePlace, &'a RemoteDescriptor), RestoreError<E>> {
-        let is_it = |(place, descriptor): &&(RemotePlace, RemoteDescriptor)| {
+    ) -> Result<&'a CabinetRemote, RestoreError<E>> {
+        let is_it = |remote: &&CabinetRemote| {
             let is_there = match by {
-                RemoteMatch::UnitNumber => descriptor.unit_number == self.unit_number,
-                RemoteMatch::Place => place.to_string() == self.place,
+                RemoteMatch::UnitNumber => remote.descriptor.unit_number == self.unit_number,
+                RemoteMatch::Place => remote.place.to_string() == self.place,
             };
-            is_there && descriptor.name.to_string() == self.card
+            is_there && remote.descriptor.name.to_string() == self.card
         };
         let mut found = there.iter().filter(is_it);
         let (card, unit_number) = (self.card.clone(), self.unit_number);
         match (found.next(), found.next()) {
-            (Some((place, descriptor)), None) => Ok((*place, descriptor)),
+            (Some(remote), None) => Ok(remote),
             (Some(_), Some(_)) => Err(RestoreError::Ambiguous { card, unit_number }),
             (None, _) => Err(RestoreError::Missing {
                 card,
@@ -362,22 +401,22 @@ impl SavedRemote {
     fn now<C: Cabinet>(
         &self,
         cabinet: &mut C,
-        (place, descriptor): (RemotePlace, &RemoteDescriptor),
+        remote: &CabinetRemote,
         name: &str,
         value: SavedValue,
     ) -> Result<SavedValue, RestoreError<C::Error>> {
-        let record = descriptor.parameter(name);
+        let record = remote.descriptor.parameter(name);
         let record = record.filter(|record| record.is_readable());
         let result = record
             .ok_or(ParameterError::Unknown)
             .and_then(|record| record.raw_of(value.into()).map(|_| record));
         let record = result.map_err(|source| RestoreError::Parameter {
             card: self.card.clone(),
-            place,
+            place: remote.place,
             name: name.to_string(),
             source,
         })?;
-        let raw = cabinet.read(place, name)?;
+        let raw = cabinet.read(remote.place, name)?;
         let now = SavedValue::from(record.typed(raw));
         // A file may contain 50.0 for 50; -1 for an unsigned parameter has been refused above.
         let is_same = record.raw_of::<Infallible>(value.into()) == Ok(raw);

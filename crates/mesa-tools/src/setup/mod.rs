@@ -17,8 +17,8 @@ mod serial_error;
 pub mod update;
 
 pub use cabinet::{
-    Cabinet, CabinetDifference, Comparison, RemoteMatch, RemotePlace, RestoreError, SavedCabinet,
-    SavedRemote, SavedValue, parse_value,
+    Cabinet, CabinetDifference, CabinetRemote, Comparison, RemoteMatch, RemotePlace, RestoreError,
+    SavedCabinet, SavedRemote, SavedValue, parse_value,
 };
 pub use firmware::{FirmwareError, FirmwareFile};
 pub use mesa_hal::lbp::RemoteLink;

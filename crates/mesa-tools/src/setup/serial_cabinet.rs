@@ -2,8 +2,8 @@
 
 use std::io::{Read, Write};
 
-use super::{Cabinet, RemotePlace, SerialError, SerialHost, SerialRemote};
-use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions, RemoteDescriptor};
+use super::{Cabinet, CabinetRemote, RemotePlace, SerialError, SerialHost, SerialRemote};
+use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::remote::ParameterError;
 
@@ -51,8 +51,11 @@ impl<P: Read + Write> SerialCabinet<P> {
 impl<P: Read + Write> Cabinet for SerialCabinet<P> {
     type Error = SerialCabinetError;
 
-    fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
-        vec![(RemotePlace::Serial, self.found.descriptor.clone())]
+    fn remotes(&self) -> Vec<CabinetRemote> {
+        vec![CabinetRemote {
+            place: RemotePlace::Serial,
+            descriptor: self.found.descriptor.clone(),
+        }]
     }
 
     fn read(&mut self, _place: RemotePlace, name: &str) -> Result<u64, Self::Error> {

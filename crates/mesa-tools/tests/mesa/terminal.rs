@@ -2,13 +2,13 @@
 
 use std::fs;
 use std::process::{Command, Output};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::interop::mesa;
 use crate::interop::tools::{has_program, skip};
+use crate::interop::{PATIENCE, mesa, wait_until};
 
-/// Number of looks at the screen, ten a second.
-const LOOKS: u32 = 900;
+/// Interval of looks at the screen.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// A terminal of 120 by 40 characters for a command. Ends with the command.
 pub struct Terminal {
@@ -64,13 +64,9 @@ impl Terminal {
         let running = format!("/proc/{}/exe", self.pid());
         assert!(fs::read_link(&running).is_ok(), "it runs");
         drop(self);
-        for _ in 0..LOOKS {
-            if fs::read_link(&running).is_err() {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(100));
-        }
-        panic!("it still runs: {running}");
+        wait_until(format_args!("{running} has ended"), || {
+            fs::read_link(&running).is_err()
+        });
     }
 
     /// The process of the command, which is a child of the terminal's shell.
@@ -88,17 +84,19 @@ impl Terminal {
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// Waits until the screen fulfils a condition, and returns its content.
+    /// Waits until the screen fulfils a condition, and returns its content. Fails once the command
+    /// has ended without that.
     pub fn wait_for(&self, what: &str, mut is: impl FnMut(&str) -> bool) -> String {
-        let mut text = String::new();
-        for _ in 0..LOOKS {
-            text = self.text();
+        let begun = Instant::now();
+        loop {
+            let text = self.text();
             if is(&text) {
                 return text;
             }
-            std::thread::sleep(Duration::from_millis(100));
+            let is_over = text.contains("exit code ") || begun.elapsed() > PATIENCE;
+            assert!(!is_over, "{what} is not on the screen:\n{text}");
+            std::thread::sleep(LOOK);
         }
-        panic!("{what} is not on the screen:\n{text}");
     }
 
     /// Waits until a text is on the screen, and returns the content of the screen.

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, Configured, DriverError, Settings};
 use mesa_tools::setup::{
-    Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
+    Cabinet, CabinetRemote, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError,
+    SerialHost,
 };
 use serialport::SerialPort;
 
@@ -146,7 +146,7 @@ impl OpenCabinet {
 impl Cabinet for OpenCabinet {
     type Error = CabinetError;
 
-    fn remotes(&self) -> Vec<(RemotePlace, RemoteDescriptor)> {
+    fn remotes(&self) -> Vec<CabinetRemote> {
         match self {
             Self::Board { board, .. } => Cabinet::remotes(&**board),
             Self::Serial(card) => card.remotes(),

@@ -45,10 +45,11 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-To try a command without a board, use --sim 7i92-7i77 or --sim 7i97:
+Commands for one board take --addr IP, or --sim 7i92-7i77 or --sim 7i97 to try them without a board:
   mesa info --sim 7i97
 
-Without --addr and --sim, the address of the board is taken from MESA_ADDR.
+Without --addr and --sim, the address of the board is taken from MESA_ADDR. `list`, `sim`,
+`completions` and `man` have no such board.
 
 Exits with 0 if done, 1 if refused by the board or the machine, 2 for bad arguments, 130 after
 SIGINT (Ctrl-C), 143 after SIGTERM, 129 after SIGHUP. Commands that drive a board end with its

@@ -20,7 +20,7 @@ fn what_a_cabinet_keeps_is_taken_compared_and_put_back() {
     assert_eq!(cards, [("0.0", "7I77"), ("0.1", "7I77"), ("0.2", "7I72")]);
     let kept = &saved.remotes[0].parameters;
     assert_eq!(kept["NVWatchDogTimeout"], SavedValue::Whole(50));
-    assert!(!kept.contains_key("SwRevision"), "it can not be written");
+    assert!(!kept.contains_key("SwRevision"), "read-only");
     let same = saved.compare(&mut board, RemoteMatch::UnitNumber).unwrap();
     assert_eq!(same.differences, []);
     assert!(same.compared >= 10, "{}", same.compared);

@@ -5,7 +5,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-use crate::interop::{Scratch, board::Board, mesa};
+use crate::interop::{Scratch, board::Board, mesa, mesaflash::free_address};
 use crate::run::{done, hold_against_schema};
 use serde_json::Value;
 
@@ -49,7 +49,7 @@ fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
 
 #[test]
 fn an_ethernet_board_is_listed_for_programs() {
-    let address = Ipv4Addr::new(127, 93, 0, 1);
+    let address = free_address();
     let board = Board::start(address, &["--board", "7i97", "--remote", "0=7i77-io:2"]);
     let inventory = json(&["--addr", &address.to_string(), "--mode", "0.0=2"]);
     drop(board);
@@ -124,7 +124,7 @@ fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_o
     let mut board = crate::check::set::board();
     let address = board.address.to_string();
     let found = |address: &str| json(&["--addr", address])["findings"].to_string();
-    assert_eq!(found(&address), "[]", "nobody has begun");
+    assert_eq!(found(&address), "[]", "no client has begun");
     done(&["param", "list", "--addr", &address]);
     assert_eq!(found(&address), "[]", "what only read leaves nothing");
     let jog = [crate::check::set::OUTPUT, "on", "--for", "60s"];
@@ -162,20 +162,20 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
 
 #[test]
 fn a_silent_address_is_said_to_be_silent() {
-    let address = Ipv4Addr::new(127, 93, 0, 3);
+    let address = free_address();
     let _silent = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
     let output = info(&["--addr", &address.to_string()]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
-    let said = "127.93.0.3:27181: no board answers, asked 10 times: ";
-    assert!(text.contains(said), "{text}");
+    let said = format!("{address}:27181: no board answers, asked 10 times: ");
+    assert!(text.contains(&said), "{text}");
     assert!(text.contains("check the board's power"), "{text}");
     assert!(output.stdout.is_empty());
 }
 
 #[test]
 fn who_answers_and_is_no_board_is_said_to_be_there() {
-    let address = Ipv4Addr::new(127, 93, 0, 4);
+    let address = free_address();
     let service = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
     std::thread::spawn(move || {
         let mut buffer = [0; 2048];

@@ -122,7 +122,7 @@ fn a_signal_ends_it_with_what_was_found_so_far() {
         .spawn();
     let mut process = Process::new(command.expect("mesa starts"));
     silent.set_read_timeout(Some(PATIENCE)).expect("a timeout");
-    silent.recv(&mut [0; 64]).expect("somebody is asked");
+    silent.recv(&mut [0; 64]).expect("a board is asked");
     process.signal("INT");
     let run = Run::from(process.output());
     assert_eq!(run.code, Some(130), "{run:?}");

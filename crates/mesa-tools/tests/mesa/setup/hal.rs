@@ -252,9 +252,9 @@ fn without_a_directory_everything_is_printed() {
 
 #[test]
 fn what_can_not_be_done_is_said() {
-    let nobody = run(&["hal", "--addr", "127.93.9.1"]);
-    assert_eq!(nobody.code, Some(1), "{nobody:?}");
-    assert!(nobody.err.contains("127.93.9.1:27181: "), "{nobody:?}");
+    let silent = run(&["hal", "--addr", "127.93.9.1"]);
+    assert_eq!(silent.code, Some(1), "{silent:?}");
+    assert!(silent.err.contains("127.93.9.1:27181: "), "{silent:?}");
     let file = directory("hal-file");
     File::create(&file).expect("a file");
     let place = file.join("below");

@@ -118,7 +118,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
                 let _ = told.send(());
                 continue;
             }
-            *client.lock().expect("nobody panics") = Some(from);
+            *client.lock().expect("no thread panics") = Some(from);
             let _ = behind.send(&buffer[..len]);
         }
     });
@@ -129,7 +129,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
             let Ok(len) = replies.recv(&mut buffer) else {
                 continue;
             };
-            let to = *last.lock().expect("nobody panics");
+            let to = *last.lock().expect("no thread panics");
             let _ = to.map(|to| back.send_to(&buffer[..len], to));
         }
     });

@@ -178,7 +178,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
     assert_eq!(
         fs::read(&half).unwrap().len(),
         state.len() / 2,
-        "it is nobody's"
+        "it belongs to no running board"
     );
     fs::remove_file(&half).unwrap();
     let ask_address = [0x82, 0x49, 0x20, 0x00];

@@ -97,7 +97,7 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
         ("at 0s turn 0 1", "is over"),
         ("at soon turn 0 1", "2.5s"),
         ("at 5s", "at TIME COMMAND"),
-        ("at 5s wait until time >9", "later"),
+        ("at 5s wait until time >9", "cannot be scheduled"),
         ("show motor.*.colour", "nothing is like"),
         ("show foo", "expected all, network, board"),
         (

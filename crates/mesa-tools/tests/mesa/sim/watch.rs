@@ -103,7 +103,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     let Some(terminal) = Terminal::start("sim-truth", &arguments) else {
         return;
     };
-    let text = terminal.wait_for_text("watchdog off  nobody talks to it");
+    let text = terminal.wait_for_text("watchdog off  no client");
     for wanted in [
         " simulated boards ",
         "mill       7I97 127.0.0.1:",
@@ -126,10 +126,10 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     // Any client is named.
     let board = address(&text, "mill");
     let other = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-    let somebody = other.local_addr().unwrap();
+    let from = other.local_addr().unwrap();
     let text = terminal.wait_for("who talks", |text| {
         other.send_to(&[0x01, 0x42, 0x00, 0x01], &board).unwrap();
-        text.contains(&format!("from {somebody}"))
+        text.contains(&format!("from {from}"))
     });
     assert!(
         words(&text, "mill ")[3].parse::<f64>().unwrap() > 0.0,
@@ -167,8 +167,8 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     drop(controller);
     let text = terminal.wait_for_text("WATCHDOG HAS BITTEN");
     assert_eq!(words(&text, "x ")[5], "disabled", "{text}");
-    terminal.wait_for("nobody", |text| {
-        text.contains("nobody talks to it") && text.contains("0 7i77-io      idle")
+    terminal.wait_for("no client", |text| {
+        text.contains("no client") && text.contains("0 7i77-io      idle")
     });
     console.run("unplug 0");
     terminal.wait_for_text("0 7i77-io      UNPLUGGED");

@@ -8,6 +8,7 @@ use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
@@ -80,17 +81,7 @@ impl Ip {
                 pair(&before)
             );
             self.target.asks.consent(context, &what, Some(&found))?;
-            // Address last: until it is written, the board stays at its old address.
-            if let Some(netmask) = netmask {
-                board.set_eeprom_netmask(netmask)?;
-            }
-            if let Some(ip) = ip {
-                board.set_eeprom_ip(ip).map_err(|error| {
-                    let mask = netmask.map_or("", |_| "the netmask is written; ");
-                    let how = "`mesa ip` shows whether the address is";
-                    Failure::refused(format_args!("{error}; {mask}{how}"))
-                })?;
-            }
+            write(&mut board, ip, netmask)?;
         }
         let shown = if self.target.dry_run {
             after
@@ -108,6 +99,25 @@ impl Ip {
         })?;
         Ok(context.ending())
     }
+}
+
+/// Writes the netmask, then the address: until that is written, the board stays at its old one.
+fn write(
+    board: &mut EthernetBoard<'_, Bus>,
+    ip: Option<Ipv4Addr>,
+    netmask: Option<Ipv4Addr>,
+) -> Result<(), Failure> {
+    if let Some(netmask) = netmask {
+        board.set_eeprom_netmask(netmask)?;
+    }
+    let Some(ip) = ip else {
+        return Ok(());
+    };
+    board.set_eeprom_ip(ip).map_err(|error| {
+        let mask = netmask.map_or("", |_| "the netmask is written; ");
+        let how = "`mesa ip` shows whether the address is";
+        Failure::refused(format_args!("{error}; {mask}{how}"))
+    })
 }
 
 /// Steps that remain until the board uses the address of its EEPROM.

@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::link::BoardLink;
-use crate::target::Target;
+use crate::target::{Found, Target};
 
 const AFTER_HELP: &str = "\
 HEX is one packet of at most 1472 bytes: commands, addresses and data as in the board's manual, low
@@ -99,16 +99,9 @@ impl Raw {
             return self.print(context, &request, None, lines(&[])?);
         }
         let found = self.target.find()?;
-        let writes = lines(&[])?
-            .into_iter()
-            .filter(|line| line.command == "write");
-        let writes: Vec<String> = writes.map(|line| line.place()).collect();
         // Before the question: fails if another program drives the board.
         drop(found.open()?);
-        if !writes.is_empty() {
-            let what = format!("{}: writes {}", found.address, writes.join(", "));
-            self.asks.consent(context, &what, Some(&found))?;
-        }
+        self.consent(context, &found, &lines(&[])?)?;
         let mut link = found.link()?;
         let mut buffer = [0; ROOM];
         link.send(&request)?;
@@ -136,6 +129,17 @@ impl Raw {
             )));
         }
         Ok(ending)
+    }
+
+    /// Asks whether the commands may be sent, if one of them writes.
+    fn consent(&self, context: &Context, found: &Found, lines: &[Line]) -> Result<(), Failure> {
+        let writes = lines.iter().filter(|line| line.command == "write");
+        let writes: Vec<String> = writes.map(Line::place).collect();
+        if writes.is_empty() {
+            return Ok(());
+        }
+        let what = format!("{}: writes {}", found.address, writes.join(", "));
+        self.asks.consent(context, &what, Some(found))
     }
 
     fn print(

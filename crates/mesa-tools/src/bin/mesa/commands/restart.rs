@@ -6,7 +6,8 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Clock;
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::ethernet::{AddressSource, Area, EthernetBoard, EthernetError, Identity};
+use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetError, Identity};
+use mesa_hal::transport::udp::UdpError;
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
@@ -103,16 +104,10 @@ impl Restart {
             outputs(action)
         ));
         let limit = Duration::from_secs(self.wait);
-        loop {
-            match EthernetBoard::new(&mut bus).restarted(&before) {
-                Ok(_) => break,
-                Err(EthernetError::Bus(error)) => {
-                    let waited = bus.now().since(begun);
-                    if waited > limit {
-                        return Err(silent(&found, &identity, waited, error));
-                    }
-                }
-                Err(error) => return Err(error.into()),
+        while let Some(error) = not_back(&mut bus, &before)? {
+            let waited = bus.now().since(begun);
+            if waited > limit {
+                return Err(silent(&found, &identity, waited, error));
             }
             if let Some(signal) = context.stop.signal() {
                 complain(format_args!(
@@ -129,6 +124,15 @@ impl Restart {
             answered_after_s: bus.now().since(begun).as_secs_f64(),
         })?;
         Ok(context.ending())
+    }
+}
+
+/// Error of the bus while a restarted board does not answer yet; `None` once it does.
+fn not_back(bus: &mut Bus, before: &Counters) -> Result<Option<UdpError>, Failure> {
+    match EthernetBoard::new(bus).restarted(before) {
+        Ok(_) => Ok(None),
+        Err(EthernetError::Bus(error)) => Ok(Some(error)),
+        Err(error) => Err(error.into()),
     }
 }
 

@@ -81,6 +81,16 @@ fn parse_place(text: &str) -> Result<RemoteId, String> {
     id.ok_or_else(|| format!("`{text}` is no PORT.CHANNEL, 0.0 to 3.7"))
 }
 
+/// The card to update.
+struct Card<'a> {
+    place: RemotePlace,
+    started: StartedRemote,
+    /// True if only the bootloader answers.
+    is_bare: bool,
+    /// The board that it is connected to; `None` on a serial port of the PC.
+    board: Option<&'a Found>,
+}
+
 /// Result of an update or of a dry run.
 #[derive(Debug, Serialize)]
 struct Report {
@@ -131,8 +141,13 @@ impl Update {
                 let remote = host.identify();
                 let remote =
                     remote.map_err(|error| Failure::refused(format_args!("{device}: {error}")))?;
-                let found = (RemotePlace::Serial, remote.started, remote.is_bare);
-                self.update(context, (&mut host, None), found, &firmware)?
+                let card = Card {
+                    place: RemotePlace::Serial,
+                    started: remote.started,
+                    is_bare: remote.is_bare,
+                    board: None,
+                };
+                self.update(context, &mut host, &card, &firmware)?
             }
             None => self.over_board(context, &firmware)?,
         };
@@ -177,8 +192,13 @@ impl Update {
                     )),
                     error => error.into(),
                 })?;
-        let at = (RemotePlace::Channel(id), started, started.is_bare());
-        let report = self.update(context, (&mut link, Some(&found)), at, firmware);
+        let card = Card {
+            place: RemotePlace::Channel(id),
+            started,
+            is_bare: started.is_bare(),
+            board: Some(&found),
+        };
+        let report = self.update(context, &mut link, &card, firmware);
         let ended = board.end_setup_at(id);
         let report = report?;
         ended?;
@@ -189,15 +209,15 @@ impl Update {
     fn update<L: RemoteLink>(
         &self,
         context: &Context,
-        (link, board): (&mut L, Option<&Found>),
-        (place, started, was_cut_off): (RemotePlace, StartedRemote, bool),
+        link: &mut L,
+        card: &Card<'_>,
         firmware: &FirmwareFile,
     ) -> Result<Option<Report>, Failure> {
-        let (card, unit_number) = (started.name, started.unit_number);
-        if card.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
+        let name = card.started.name;
+        if name.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
             return Err(Failure::refused(format_args!(
-                "{place}: this is a {card}, not a {}; nothing was written",
-                self.card
+                "{}: this is a {name}, not a {}; nothing was written",
+                card.place, self.card
             )));
         }
         let is_verified = !self.no_verify;
@@ -207,49 +227,42 @@ impl Update {
             Err(UpdateError::Stopped { .. }) => return Ok(stopped("nothing was written")),
             plan => plan?,
         };
-        let different = plan.different().count();
-        let mut report = Report {
-            card: card.to_string(),
-            place: place.to_string(),
-            unit_number,
-            file: self.file.clone(),
-            was_cut_off,
-            block_size: plan.erase_size,
-            blocks: plan.blocks.len(),
-            different,
-            written: 0,
-            verified: plan.is_readable && (is_verified || different == 0),
-            dry_run: self.dry_run,
-            doubts: doubts(firmware, &plan),
-        };
-        if self.dry_run || different == 0 {
+        let mut report = self.report(card, firmware, &plan);
+        if self.dry_run || report.different == 0 {
             return Ok(Some(report));
         }
         if is_verified && !plan.is_readable {
             return Err(UpdateError::<L::Error>::NotReadable.into());
         }
         bar.clear();
-        let what = if was_cut_off {
-            "finishes a firmware update that was cut off:".to_owned()
-        } else {
-            format!("a {}, unit number {unit_number:#010X}:", kind(&started))
-        };
-        let what = format!(
-            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}){}. Until this \
-             is done, the card has no program; keep its power on",
-            plan.blocks.len(),
-            plan.erase_size,
-            self.file.display(),
-            report.said_doubts()
-        );
-        self.asks.consent(context, &what, board)?;
+        self.asks
+            .consent(context, &report.question(card), card.board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
             Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
             done => done?,
         }
         bar.clear();
-        report.written = different;
+        report.written = report.different;
         Ok(Some(report))
+    }
+
+    /// Report before anything is written.
+    fn report(&self, card: &Card<'_>, firmware: &FirmwareFile, plan: &UpdatePlan) -> Report {
+        let different = plan.different().count();
+        Report {
+            card: card.started.name.to_string(),
+            place: card.place.to_string(),
+            unit_number: card.started.unit_number,
+            file: self.file.clone(),
+            was_cut_off: card.is_bare,
+            block_size: plan.erase_size,
+            blocks: plan.blocks.len(),
+            different,
+            written: 0,
+            verified: plan.is_readable && (!self.no_verify || different == 0),
+            dry_run: self.dry_run,
+            doubts: doubts(firmware, plan),
+        }
     }
 }
 
@@ -306,6 +319,26 @@ impl Bar {
 }
 
 impl Report {
+    /// Planned action as text.
+    fn question(&self, card: &Card<'_>) -> String {
+        let what = if self.was_cut_off {
+            "finishes a firmware update that was cut off:".to_owned()
+        } else {
+            let kind = kind(&card.started);
+            format!("a {kind}, unit number {:#010X}:", self.unit_number)
+        };
+        format!(
+            "{}: {what} erases and writes {} of {} blocks of {} bytes ({}){}. Until this is done, the \
+             card has no program; keep its power on",
+            self.place,
+            self.different,
+            self.blocks,
+            self.block_size,
+            self.file.display(),
+            self.said_doubts()
+        )
+    }
+
     fn said_doubts(&self) -> String {
         let doubts = self.doubts.iter();
         doubts.map(|doubt| [". NOTE: ", doubt].concat()).collect()

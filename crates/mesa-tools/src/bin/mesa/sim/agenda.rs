@@ -31,7 +31,7 @@ impl Agenda {
         match command.split_whitespace().next() {
             None => Err("expected at TIME COMMAND".to_owned()),
             Some(word @ ("at" | "wait" | "source" | "show" | "help" | "agenda" | "boards")) => {
-                Err(format!("`{word}` can not be done later"))
+                Err(format!("`{word}` cannot be scheduled"))
             }
             Some(_) => Ok(()),
         }

@@ -23,21 +23,7 @@ const FASTEST: f64 = 1e6;
 pub fn build(machine: &mut Machine) -> Result<(), String> {
     let plan = machine.plan.clone();
     wire_motors(machine, &plan);
-    let mut wires: Vec<Wire> = plan.switches.iter().map(|switch| switch.wire).collect();
-    wires.extend(plan.wheels.iter().flat_map(|wheel| [wheel.a, wheel.b]));
-    wires.extend(plan.estop.iter().flat_map(|estop| &estop.inputs));
-    for (number, wire) in wires.iter().enumerate() {
-        let line = wire.line;
-        check(machine, wire.terminal).map_err(|error| format!("line {line}: {error}"))?;
-        let mut before = wires.iter().take(number);
-        if let Some(other) = before.find(|other| other.terminal == wire.terminal) {
-            return Err(format!(
-                "line {line}: {} has a wire already, in line {}",
-                place(wire.terminal),
-                other.line
-            ));
-        }
-    }
+    check_wires(machine, &plan)?;
     for switch in &plan.switches {
         let bounce = Duration::from_secs_f64(switch.bounce_ms / 1e3);
         machine.fpga().add_switch(SwitchConfig {
@@ -70,6 +56,26 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
                 .map(|&(channel, _)| (PORT, channel.into()))
                 .collect(),
         });
+    }
+    Ok(())
+}
+
+/// Checks that each wire has a terminal of its own.
+fn check_wires(machine: &mut Machine, plan: &Plan) -> Result<(), String> {
+    let mut wires: Vec<Wire> = plan.switches.iter().map(|switch| switch.wire).collect();
+    wires.extend(plan.wheels.iter().flat_map(|wheel| [wheel.a, wheel.b]));
+    wires.extend(plan.estop.iter().flat_map(|estop| &estop.inputs));
+    for (number, wire) in wires.iter().enumerate() {
+        let line = wire.line;
+        check(machine, wire.terminal).map_err(|error| format!("line {line}: {error}"))?;
+        let mut before = wires.iter().take(number);
+        if let Some(other) = before.find(|other| other.terminal == wire.terminal) {
+            return Err(format!(
+                "line {line}: {} has a wire already, in line {}",
+                place(wire.terminal),
+                other.line
+            ));
+        }
     }
     Ok(())
 }

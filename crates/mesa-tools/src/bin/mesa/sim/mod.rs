@@ -53,28 +53,8 @@ pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
             "without --watch it takes commands on standard input",
         )?;
     }
-    let wanted = options.wanted().map_err(Failure::usage)?;
-    if wanted.len() > 1 && options.state.is_some() {
-        return Err(Failure::usage(
-            "--state keeps one board; run a process for each",
-        ));
-    }
-    let capture = options.pcap.as_deref();
-    let capture = capture
-        .map(|path| Capture::create(path, options.pcap_limit.saturating_mul(MEGABYTE)))
-        .transpose()?;
     let mut greeting = String::new();
-    let mut sockets = listen(options, &mut greeting)?;
-    let (mut stations, mut links) = (Vec::new(), Vec::new());
-    for board in wanted {
-        let (station, link) = build(options, board, capture.as_ref(), &mut greeting)?;
-        stations.push(station);
-        links.push(link);
-    }
-    let network = Network {
-        boards: links.into(),
-        shared: Arc::default(),
-    };
+    let (mut sockets, stations, network) = build_all(options, &mut greeting)?;
     if !options.watch {
         let _ = writeln!(greeting, "type `help` for what can be done to it");
     }
@@ -99,6 +79,35 @@ pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
         say(summary);
     }
     Ok(Ending::Done)
+}
+
+/// Binds the control sockets, and builds all boards with their network.
+fn build_all(
+    options: &Options,
+    greeting: &mut String,
+) -> Result<(Vec<Socket>, Vec<Station>, Network), Failure> {
+    let wanted = options.wanted().map_err(Failure::usage)?;
+    if wanted.len() > 1 && options.state.is_some() {
+        return Err(Failure::usage(
+            "--state keeps one board; run a process for each",
+        ));
+    }
+    let capture = options.pcap.as_deref();
+    let capture = capture
+        .map(|path| Capture::create(path, options.pcap_limit.saturating_mul(MEGABYTE)))
+        .transpose()?;
+    let sockets = listen(options, greeting)?;
+    let (mut stations, mut links) = (Vec::new(), Vec::new());
+    for board in wanted {
+        let (station, link) = build(options, board, capture.as_ref(), greeting)?;
+        stations.push(station);
+        links.push(link);
+    }
+    let network = Network {
+        boards: links.into(),
+        shared: Arc::default(),
+    };
+    Ok((sockets, stations, network))
 }
 
 /// Binds all control sockets.
@@ -140,7 +149,7 @@ fn build(
         face.local_addr()?,
         machine.inventory()
     );
-    Station::new((name, kind), machine, face, store)
+    Station::new(name, kind, machine, face, store)
 }
 
 /// Executes the command lines of standard input, in a thread of its own.

@@ -22,7 +22,7 @@ channels 1 to 3.
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
 
-With --watch the screen shows each board, who talks to it and its watchdog, and of one board its
+With --watch the screen shows each board, its clients and its watchdog, and of one board its
 remotes, axes, switches, inputs and outputs as they really are. Type the same commands there; they
 are for the board that is shown, and Tab shows the next one. q or Ctrl-C ends it, without a
 summary.

@@ -98,7 +98,8 @@ impl Link {
 impl Station {
     /// Creates a board that listens, and its command channel.
     pub fn new(
-        (name, options): (String, MachineOptions),
+        name: String,
+        options: MachineOptions,
         machine: Machine,
         face: UdpFace,
         store: Option<Store>,

@@ -146,19 +146,33 @@ fn an_output_that_can_not_be_driven_now_is_not_driven_later_without_another_ques
     board.console.run("plug 0");
     let asked = |text: String| text.matches("y and Enter drives it").count();
     let begun = std::time::Instant::now();
-    let is_again = || asked(terminal.wait_for_text("NOT VALID")) == 2;
+    // More often on a busy computer, where the remote goes offline again by its own watchdog.
+    let is_again = || asked(terminal.wait_for_text("NOT VALID")) >= 2;
     while !is_again() || begun.elapsed().as_secs() < 2 {
         assert!(begun.elapsed().as_secs() < 30, "it is not asked anew");
         assert_eq!(lit(&mut board), [""; 0], "it has to be asked anew");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
-    terminal.type_keys(&["y", "Enter"]);
-    terminal.wait_for_text("driven; did it come on?");
+    agree(&terminal);
     terminal.type_keys(&["y", "Enter"]);
     terminal.wait_for_text("[2/10] ");
     terminal.type_keys(&["q", "Enter"]);
     terminal.wait_for_text("exit code 1");
     assert_eq!(lit(&mut board), [""; 0]);
+}
+
+/// Agrees to each question until an output is driven. An agreement is discarded if the remote goes
+/// offline before it is used, which happens on a busy computer.
+fn agree(terminal: &Terminal) {
+    let mut answered = 0;
+    terminal.wait_for("an output that is driven", |text| {
+        let asked = text.matches("y and Enter drives it").count();
+        if asked > answered {
+            answered = asked;
+            terminal.type_keys(&["y", "Enter"]);
+        }
+        text.contains("driven; did it come on?")
+    });
 }
 
 #[test]

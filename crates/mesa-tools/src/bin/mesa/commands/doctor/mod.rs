@@ -218,29 +218,36 @@ impl Doctor {
                 "fix that first, then run this again",
             ));
         }
-        let (cycles, failed) = self.cycle(context, &mut driver);
-        findings.extend(judge(&driver, self.period(), watchdog, (cycles, failed)));
+        let cycles = self.cycle(context, &mut driver);
+        findings.extend(judge(&driver, self.period(), watchdog, cycles));
         let (bus, stopped) = driver.shutdown();
         stopped?;
         complain("mesa: the machine is stopped; no output was ever on");
         Ok(running::check_alone(&bus))
     }
 
-    /// Runs cycles; returns their number, and how many of them failed.
-    fn cycle(&self, context: &Context, driver: &mut Driver<Bus>) -> (u32, u32) {
+    /// Runs cycles, and counts them.
+    fn cycle(&self, context: &Context, driver: &mut Driver<Bus>) -> CycleCounts {
         let begun = driver.bus_mut().now();
-        let (mut cycles, mut failed) = (0, 0);
+        let mut cycles = CycleCounts::default();
         while driver.bus_mut().now().since(begun) < CYCLES && context.stop.signal().is_none() {
             let start = driver.bus_mut().now();
             let is_good = driver.read().is_ok() & driver.write().is_ok();
-            cycles += 1;
-            failed += u32::from(!is_good);
+            cycles.all += 1;
+            cycles.failed += u32::from(!is_good);
             let bus = driver.bus_mut();
             let left = start.after(self.period()).since(bus.now());
             bus.wait(left);
         }
-        (cycles, failed)
+        cycles
     }
+}
+
+/// Numbers of cycles of a short run.
+#[derive(Clone, Copy, Debug, Default)]
+struct CycleCounts {
+    all: u32,
+    failed: u32,
 }
 
 /// Findings about a machine that has run for a short time.
@@ -248,11 +255,11 @@ fn judge(
     driver: &Driver<Bus>,
     period: Duration,
     watchdog: Duration,
-    (cycles, failed): (u32, u32),
+    cycles: CycleCounts,
 ) -> Vec<Finding> {
-    let figure = format!("{failed} of {cycles} failed");
+    let figure = format!("{} of {} failed", cycles.failed, cycles.all);
     let mut findings = vec![
-        if failed == 0 && driver.board_state() == BoardState::Running {
+        if cycles.failed == 0 && driver.board_state() == BoardState::Running {
             Finding::good("cycles", figure)
         } else {
             let figure = match running::trouble(driver.board_state()) {

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use mesa_hal::RemoteId;
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
@@ -158,7 +159,7 @@ impl Report {
 
 /// Inventories in software mode 0 and, if needed, in the modes that settle a question.
 fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
-    let mut take = |modes: &BTreeMap<(u8, u8), u8>| {
+    let mut take = |modes: &BTreeMap<RemoteId, u8>| {
         let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
         taken.map_err(Failure::refused)
     };
@@ -166,7 +167,7 @@ fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
     let wanted = |remote: Remote| {
         let mut deciders = DECIDERS.iter();
         let decider = deciders.find(|decider| decider.mode > 0 && decider.is_for(&remote));
-        decider.map(|decider| ((remote.port, remote.channel), decider.mode))
+        decider.map(|decider| (RemoteId::new(remote.port, remote.channel), decider.mode))
     };
     let modes: BTreeMap<_, _> = Remote::all(&first).filter_map(wanted).collect();
     let mut all = vec![first];

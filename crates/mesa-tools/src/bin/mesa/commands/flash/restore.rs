@@ -10,6 +10,7 @@ use super::{Change, LONGEST, is_alone, risk};
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
+use crate::target::Found;
 
 /// Write a backup of the whole memory back, where it differs
 ///
@@ -65,31 +66,11 @@ impl Restore {
             ..Report::new("restore", &layout, &self.file)
         };
         if !dry_run && !differences.is_empty() {
-            let places: Vec<String> = report.areas.iter().map(Written::to_string).collect();
             let is_alone = is_alone(&mut flash, &report.areas)?;
-            let what = format!(
-                "{}: erases and writes {} of the flash memory{}",
-                found.address,
-                places.join(", "),
-                risk(is_alone)
-            );
-            self.change
-                .target
-                .asks
-                .consent(context, &what, Some(&found))?;
+            self.consent(context, &found, &report.areas, is_alone)?;
             let mut done = 0;
             for (difference, &written) in differences.iter().zip(&report.areas) {
-                if let Some(signal) = context.stop.signal() {
-                    let left: Vec<String> = report
-                        .areas
-                        .iter()
-                        .skip(done)
-                        .map(Written::to_string)
-                        .collect();
-                    complain(format_args!(
-                        "mesa: {signal}: ended; still as before: {}. Run it again for the rest",
-                        left.join(", ")
-                    ));
+                if is_ended(context, &report.areas[done..]) {
                     break;
                 }
                 let mut progress = Progress::of_write(context, written, is_alone);
@@ -103,6 +84,23 @@ impl Restore {
         }
         context.print(&report)?;
         Ok(context.ending())
+    }
+
+    fn consent(
+        &self,
+        context: &Context,
+        found: &Found,
+        areas: &[Written],
+        is_alone: bool,
+    ) -> Result<(), Failure> {
+        let what = format!(
+            "{}: erases and writes {} of the flash memory{}",
+            found.address,
+            places(areas),
+            risk(is_alone)
+        );
+        let asks = &self.change.target.asks;
+        asks.consent(context, &what, Some(found))
     }
 
     /// Fails if an area that the board may need to start differs and its flag was not given.
@@ -123,4 +121,22 @@ impl Restore {
         }
         Ok(())
     }
+}
+
+/// True after a signal, which is reported with the areas that are left.
+fn is_ended(context: &Context, left: &[Written]) -> bool {
+    let Some(signal) = context.stop.signal() else {
+        return false;
+    };
+    complain(format_args!(
+        "mesa: {signal}: ended; still as before: {}. Run it again for the rest",
+        places(left)
+    ));
+    true
+}
+
+/// Areas as text.
+fn places(areas: &[Written]) -> String {
+    let places: Vec<String> = areas.iter().map(Written::to_string).collect();
+    places.join(", ")
 }

@@ -20,48 +20,8 @@ const LOOP: [(&str, &str, &str); 9] = [
 
 /// `board.hal`: the board's driver, and a signal for each pin.
 pub fn board(machine: &Machine) -> String {
-    let Machine { board, ports, .. } = machine;
-    let mut text = format!(
-        "# {board}: its driver, and a signal for each pin. Written by `mesa hal`.\n\
-         #\n\
-         # Connect LinuxCNC to the signals, in motion.hal or in a file of your own:\n\
-         #   net SIGNAL => joint.0.home-sw-in       an input\n\
-         #   net SIGNAL <= spindle.0.on             an output\n\
-         # An output whose signal nothing writes is off; `halcmd sets SIGNAL true` switches it by hand.\n"
-    );
-    if !machine.remotes.is_empty() {
-        text.push_str("#\n");
-    }
-    for remote in &machine.remotes {
-        let _ = writeln!(text, "# {remote}");
-    }
-    if !machine.undriven.is_empty() {
-        text.push_str("#\n# No signals for modules that mesa-hal does not drive:\n");
-    }
-    for module in &machine.undriven {
-        let _ = writeln!(text, "# {module}");
-    }
-    let config = if ports.is_empty() {
-        ""
-    } else {
-        " config=[HOSTMOT2]CONFIG"
-    };
-    let _ = write!(
-        text,
-        "\nloadrt hostmot2\n\
-         loadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
-         # Read before everything else in the thread, write after it.\n\
-         addf {board}.read servo-thread 1\n\
-         addf {board}.write servo-thread -1\n\n\
-         setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
-         setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n"
-    );
-    for port in ports.keys() {
-        let _ = writeln!(
-            text,
-            "setp {board}.sserial.port-{port}.fault-lim [HOSTMOT2]SSERIAL_FAULT_LIMIT"
-        );
-    }
+    let board = &machine.board;
+    let mut text = heading(machine) + &driver(machine);
     let _ = write!(
         text,
         "\n# Both are part of the emergency stop. The first one stays on until it is reset:\n\
@@ -76,6 +36,58 @@ pub fn board(machine: &Machine) -> String {
         let _ = writeln!(text, "setp {name} {value}");
     }
     text.push_str(&signals(machine));
+    text
+}
+
+/// Comments on the signals, the remotes, and modules without signals.
+fn heading(machine: &Machine) -> String {
+    let mut text = format!(
+        "# {}: its driver, and a signal for each pin. Written by `mesa hal`.\n\
+         #\n\
+         # Connect LinuxCNC to the signals, in motion.hal or in a file of your own:\n\
+         #   net SIGNAL => joint.0.home-sw-in       an input\n\
+         #   net SIGNAL <= spindle.0.on             an output\n\
+         # An output whose signal nothing writes is off; `halcmd sets SIGNAL true` switches it by hand.\n",
+        machine.board
+    );
+    if !machine.remotes.is_empty() {
+        text.push_str("#\n");
+    }
+    for remote in &machine.remotes {
+        let _ = writeln!(text, "# {remote}");
+    }
+    if !machine.undriven.is_empty() {
+        text.push_str("#\n# No signals for modules that mesa-hal does not drive:\n");
+    }
+    for module in &machine.undriven {
+        let _ = writeln!(text, "# {module}");
+    }
+    text
+}
+
+/// The driver, in its thread, and its settings.
+fn driver(machine: &Machine) -> String {
+    let Machine { board, ports, .. } = machine;
+    let config = if ports.is_empty() {
+        ""
+    } else {
+        " config=[HOSTMOT2]CONFIG"
+    };
+    let mut text = format!(
+        "\nloadrt hostmot2\n\
+         loadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
+         # Read before everything else in the thread, write after it.\n\
+         addf {board}.read servo-thread 1\n\
+         addf {board}.write servo-thread -1\n\n\
+         setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
+         setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n"
+    );
+    for port in ports.keys() {
+        let _ = writeln!(
+            text,
+            "setp {board}.sserial.port-{port}.fault-lim [HOSTMOT2]SSERIAL_FAULT_LIMIT"
+        );
+    }
     text
 }
 
@@ -151,28 +163,11 @@ pub fn motion(machine: &Machine) -> String {
     for latch in 0..3 {
         let _ = writeln!(text, "addf estop-latch.{latch} servo-thread");
     }
+    text.push_str(&emergency_stop(machine));
     text.push_str(
-        "\n# Emergency stop: a chain that the board's watchdog, lost packets and the button break.\n\
-         # Software is no safe way to turn a motor off: the button has to remove its power as well.\n\
-         net estop-released <= iocontrol.0.user-enable-out => estop-latch.0.ok-in\n\
-         net estop-reset <= iocontrol.0.user-request-enable => estop-latch.0.reset estop-latch.1.reset estop-latch.2.reset\n\
-         net board-watchdog => estop-latch.0.fault-in\n\
-         net estop-watchdog-ok <= estop-latch.0.ok-out => estop-latch.1.ok-in\n\
-         net board-lost => estop-latch.1.fault-in\n\
-         net estop-board-ok <= estop-latch.1.ok-out => estop-latch.2.ok-in\n\
-         net estop-pressed => estop-latch.2.fault-in\n\
-         net estop-ok <= estop-latch.2.ok-out => iocontrol.0.emc-enable-in\n\
-         # TODO: the input of the button; until then it counts as pressed. For a normally closed contact:\n",
-    );
-    let example = machine.pins.iter().find(|pin| pin.name.contains(".input-"));
-    let example = example.map_or_else(|| format!("{board}.INPUT"), |pin| pin.name.clone());
-    let _ = write!(
-        text,
-        "#   net estop-pressed <= {example}-not\n\
-         sets estop-pressed true\n\n\
-         # Tools are changed by hand.\n\
+        "\n# Tools are changed by hand.\n\
          net tool-prepare <= iocontrol.0.tool-prepare => iocontrol.0.tool-prepared\n\
-         net tool-change <= iocontrol.0.tool-change => iocontrol.0.tool-changed\n"
+         net tool-change <= iocontrol.0.tool-change => iocontrol.0.tool-changed\n",
     );
     for (number, joint) in joints.iter().enumerate() {
         text.push_str(&servo(machine, number, joint));
@@ -185,6 +180,31 @@ pub fn motion(machine: &Machine) -> String {
         );
     }
     text
+}
+
+/// The chain of the emergency stop.
+fn emergency_stop(machine: &Machine) -> String {
+    let mut inputs = machine.pins.iter();
+    let example = inputs.find(|pin| pin.name.contains(".input-"));
+    let example = example.map_or_else(
+        || format!("{}.INPUT", machine.board),
+        |pin| pin.name.clone(),
+    );
+    format!(
+        "\n# Emergency stop: a chain that the board's watchdog, lost packets and the button break.\n\
+         # Software is no safe way to turn a motor off: the button has to remove its power as well.\n\
+         net estop-released <= iocontrol.0.user-enable-out => estop-latch.0.ok-in\n\
+         net estop-reset <= iocontrol.0.user-request-enable => estop-latch.0.reset estop-latch.1.reset estop-latch.2.reset\n\
+         net board-watchdog => estop-latch.0.fault-in\n\
+         net estop-watchdog-ok <= estop-latch.0.ok-out => estop-latch.1.ok-in\n\
+         net board-lost => estop-latch.1.fault-in\n\
+         net estop-board-ok <= estop-latch.1.ok-out => estop-latch.2.ok-in\n\
+         net estop-pressed => estop-latch.2.fault-in\n\
+         net estop-ok <= estop-latch.2.ok-out => iocontrol.0.emc-enable-in\n\
+         # TODO: the input of the button; until then it counts as pressed. For a normally closed contact:\n\
+         #   net estop-pressed <= {example}-not\n\
+         sets estop-pressed true\n"
+    )
 }
 
 /// The servo loop of a joint.
@@ -260,23 +280,28 @@ pub fn ini(machine: &Machine) -> String {
          # TODO\nMAX_LINEAR_VELOCITY = 1\n"
     );
     for (number, letter) in letters.chars().enumerate() {
-        let limits = "MIN_LIMIT = -1\nMAX_LIMIT = 1\nMAX_VELOCITY = 1\nMAX_ACCELERATION = 1\n";
-        let kind = if "ABC".contains(letter) {
-            "ANGULAR"
-        } else {
-            "LINEAR"
-        };
-        let _ = write!(
-            text,
-            "\n[AXIS_{letter}]\n# TODO: units, and units a second\n{limits}\n\
-             [JOINT_{number}]\nTYPE = {kind}\n# TODO: units, and units a second\n{limits}\
-             FERROR = 0.1\nMIN_FERROR = 0.01\n\
-             # TODO: counts of the encoder for one unit\nENCODER_SCALE = 1000\n\
-             # TODO: the servo loop, in volts\n"
-        );
-        for (name, _, value) in LOOP {
-            let _ = writeln!(text, "{name} = {value}");
-        }
+        text.push_str(&axis(number, letter));
+    }
+    text
+}
+
+/// The sections of an axis and its joint.
+fn axis(number: usize, letter: char) -> String {
+    let limits = "MIN_LIMIT = -1\nMAX_LIMIT = 1\nMAX_VELOCITY = 1\nMAX_ACCELERATION = 1\n";
+    let kind = if "ABC".contains(letter) {
+        "ANGULAR"
+    } else {
+        "LINEAR"
+    };
+    let mut text = format!(
+        "\n[AXIS_{letter}]\n# TODO: units, and units a second\n{limits}\n\
+         [JOINT_{number}]\nTYPE = {kind}\n# TODO: units, and units a second\n{limits}\
+         FERROR = 0.1\nMIN_FERROR = 0.01\n\
+         # TODO: counts of the encoder for one unit\nENCODER_SCALE = 1000\n\
+         # TODO: the servo loop, in volts\n"
+    );
+    for (name, _, value) in LOOP {
+        let _ = writeln!(text, "{name} = {value}");
     }
     text
 }

@@ -6,6 +6,7 @@ mod text;
 use std::collections::BTreeMap;
 
 use clap::Args;
+use mesa_hal::RemoteId;
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
 use serde::Serialize;
@@ -47,7 +48,7 @@ impl Info {
         };
         let ethernet =
             InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
-        let modes = self.modes.by_channel();
+        let modes = self.modes.by_remote();
         let goes_on = || context.stop.signal().is_none();
         let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
         let mut inventory = Found(inventory.map_err(|e| at(&e))?);
@@ -73,19 +74,17 @@ impl Info {
 
 impl Found {
     /// Errors for remotes that do not run in the requested mode, or do not have it.
-    fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Vec<String> {
+    fn check_modes(&self, modes: &BTreeMap<RemoteId, u8>) -> Vec<String> {
         let modes = modes.iter();
         modes
-            .filter_map(|(&place, &mode)| self.check_mode(place, mode))
+            .filter_map(|(&id, &mode)| self.check_mode(id, mode))
             .collect()
     }
 
-    fn check_mode(&self, (port, channel): (u8, u8), mode: u8) -> Option<String> {
-        let place = format!("port {port}, channel {channel}");
+    fn check_mode(&self, id: RemoteId, mode: u8) -> Option<String> {
         let mut remotes = self.0.remotes();
-        let found = remotes.find(|found| (found.0, found.1) == (port, channel));
-        let Some((_, _, remote)) = found else {
-            return Some(format!("{place}: nothing started in software mode {mode}"));
+        let Some((_, remote)) = remotes.find(|&(found, _)| found == id) else {
+            return Some(format!("{id}: nothing started in software mode {mode}"));
         };
         let modes = remote.modes.iter();
         let known: Vec<_> = modes.filter(|known| known.set_by == "software").collect();
@@ -96,7 +95,7 @@ impl Found {
             .iter()
             .map(|known| format!("{} ({})", known.index, known.name));
         Some(format!(
-            "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
+            "{id}: the {} has no software mode {mode}; it has {}; ask for one of these",
             remote.name,
             texts.collect::<Vec<_>>().join(", ")
         ))

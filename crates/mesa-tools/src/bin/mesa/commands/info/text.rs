@@ -6,8 +6,8 @@ use mesa_hal::ethernet::LedMode;
 use mesa_hal::remote::Scaling;
 use mesa_tools::inventory::{
     ChannelContent as OnChannel, InventoryChannel, InventoryData, InventoryElement,
-    InventoryEthernet, InventoryFirmware, InventoryPin, InventoryPort, InventoryRemote,
-    PinDirection,
+    InventoryEthernet, InventoryFirmware, InventoryParameter, InventoryPin, InventoryPort,
+    InventoryRemote, PinDirection,
 };
 
 use super::Found;
@@ -198,16 +198,7 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
         writeln!(f, "    Parameters")?;
     }
     for parameter in &remote.parameters {
-        let what = describe(&parameter.data);
-        match (parameter.value, parameter.raw, &parameter.error) {
-            (Some(value), Some(raw), _) => {
-                writeln!(f, "      {what:<44} = {value} (raw 0x{raw:X})")
-            }
-            (_, _, error) => {
-                let error = error.as_deref().unwrap_or("not read");
-                writeln!(f, "      {what:<44}   {error}")
-            }
-        }?;
+        print_parameter(f, parameter)?;
     }
     for difference in &remote.differences {
         writeln!(f, "    Differs from the table: {difference}")?;
@@ -216,6 +207,19 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
         writeln!(f, "    Problem: {problem}")?;
     }
     Ok(())
+}
+
+fn print_parameter(f: &mut Formatter<'_>, parameter: &InventoryParameter) -> fmt::Result {
+    let what = describe(&parameter.data);
+    match (parameter.value, parameter.raw, &parameter.error) {
+        (Some(value), Some(raw), _) => {
+            writeln!(f, "      {what:<44} = {value} (raw 0x{raw:X})")
+        }
+        (_, _, error) => {
+            let error = error.as_deref().unwrap_or("not read");
+            writeln!(f, "      {what:<44}   {error}")
+        }
+    }
 }
 
 /// Prints an element, and the terminals of its bits with several to a line.

@@ -122,14 +122,7 @@ fn one(
     bus: Bus,
     context: &Context,
 ) -> Result<(Measured, Bus), Failure> {
-    let period = Duration::from_secs(1) / asked.rate;
-    let settings = Settings {
-        period,
-        pace,
-        watchdog: Some(running::WATCHDOG),
-        ..Settings::default()
-    };
-    let driver = running::start(bus, settings)?;
+    let driver = running::start(bus, settings(asked, pace))?;
     let board = driver.name().to_owned();
     let mut recorder = Recorder::of(&driver);
     let mut runner = Runner::new(driver);
@@ -169,6 +162,15 @@ fn one(
         stopped,
     };
     Ok((measured, bus))
+}
+
+fn settings(asked: &Latency, pace: Pace) -> Settings {
+    Settings {
+        period: Duration::from_secs(1) / asked.rate,
+        pace,
+        watchdog: Some(running::WATCHDOG),
+        ..Settings::default()
+    }
 }
 
 /// CPU time of this thread so far.

@@ -82,13 +82,6 @@ fn chart(
     shown: &Shown,
     recorder: &Recorder,
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let &Shown {
-        period,
-        least,
-        longest,
-        most,
-    } = shown;
-    let (late, used) = (columns(recorder.late()), columns(recorder.used()));
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 18))
         .margin(10)
@@ -96,8 +89,8 @@ fn chart(
         .x_label_area_size(50)
         .y_label_area_size(80)
         .build_cartesian_2d(
-            (least * 0.8..longest * 1.25).log_scale(),
-            (0.7..most * HEADROOM).log_scale(),
+            (shown.least * 0.8..shown.longest * 1.25).log_scale(),
+            (0.7..shown.most * HEADROOM).log_scale(),
         )?;
     chart
         .configure_mesh()
@@ -110,22 +103,12 @@ fn chart(
         .light_line_style(TRANSPARENT)
         .bold_line_style(BLACK.mix(0.15))
         .draw()?;
-    for (columns, colour, label) in [
-        (&late, LATE, "late: how late a cycle begins"),
-        (
-            &used,
-            USED,
-            "used: how long after its planned begin it is over",
-        ),
-    ] {
-        let bars = columns.iter().map(|column| {
-            let corners = [(column.from, 0.7), (column.to, column.count)];
-            Rectangle::new(corners, colour.mix(0.5).filled())
-        });
-        let square = move |(x, y)| Rectangle::new([(x, y - 5), (x + 10, y + 5)], colour.filled());
-        chart.draw_series(bars)?.label(label).legend(square);
-    }
-    let line = [(period, 0.7), (period, most * HEADROOM)];
+    let late = columns(recorder.late());
+    bars(&mut chart, &late, LATE, "late: how late a cycle begins")?;
+    let used = columns(recorder.used());
+    let label = "used: how long after its planned begin it is over";
+    bars(&mut chart, &used, USED, label)?;
+    let line = [(shown.period, 0.7), (shown.period, shown.most * HEADROOM)];
     let end = chart.draw_series([PathElement::new(line, PERIOD.stroke_width(2))])?;
     end.label("the period")
         .legend(|(x, y)| PathElement::new([(x, y), (x + 10, y)], PERIOD.stroke_width(2)));
@@ -136,6 +119,25 @@ fn chart(
         .background_style(WHITE.filled())
         .border_style(BLACK.mix(0.3))
         .draw()?;
+    Ok(())
+}
+
+/// A chart with logarithmic axes.
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
+
+/// Draws the columns of a histogram.
+fn bars(
+    chart: &mut Chart<'_, '_>,
+    columns: &[Column],
+    colour: RGBColor,
+    label: &str,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let bars = columns.iter().map(|column| {
+        let corners = [(column.from, 0.7), (column.to, column.count)];
+        Rectangle::new(corners, colour.mix(0.5).filled())
+    });
+    let square = move |(x, y)| Rectangle::new([(x, y - 5), (x + 10, y + 5)], colour.filled());
+    chart.draw_series(bars)?.label(label).legend(square);
     Ok(())
 }
 

@@ -203,22 +203,7 @@ impl Display for Report {
 
 impl Display for Run {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let titles = ["min", "median", "99 %", "99.99 %", "max"];
-        write!(f, "{:<14}", "us")?;
-        titles
-            .iter()
-            .try_for_each(|title| write!(f, "{title:>10}"))?;
-        writeln!(f)?;
-        let rows = [
-            ("late", &self.late_us),
-            ("round trip", &self.round_trip_us),
-            ("used", &self.used_us),
-        ];
-        for (title, times) in rows {
-            if let Some(times) = times {
-                writeln!(f, "{title:<14}{times}")?;
-            }
-        }
+        self.times(f)?;
         self.bars(f)?;
         let (failed, missed) = (self.failed_reads, self.missed_periods);
         writeln!(
@@ -260,6 +245,28 @@ impl Display for Run {
 }
 
 impl Run {
+    /// Table of percentiles.
+    fn times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let titles = ["min", "median", "99 %", "99.99 %", "max"];
+        write!(f, "{:<14}", "us")?;
+        titles
+            .iter()
+            .try_for_each(|title| write!(f, "{title:>10}"))?;
+        writeln!(f)?;
+        let rows = [
+            ("late", &self.late_us),
+            ("round trip", &self.round_trip_us),
+            ("used", &self.used_us),
+        ];
+        for (title, times) in rows {
+            if let Some(times) = times {
+                writeln!(f, "{title:<14}{times}")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Histograms as bars.
     fn bars(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = self.histogram.iter().flat_map(|row| [row.late, row.used]);
         let Some(most) = counts.max() else {

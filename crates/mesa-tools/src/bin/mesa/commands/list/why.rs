@@ -124,13 +124,23 @@ mod tests {
     use super::*;
     use mesa_hal::transport::network::Route;
 
-    fn interface(name: &str, is_up: bool, has_link: bool) -> Interface {
+    /// State of an interface.
+    #[derive(Clone, Copy, PartialEq)]
+    enum State {
+        Ready,
+        Down,
+        NoLink,
+    }
+    use State::{Down, NoLink, Ready};
+
+    fn interface(name: &str, state: State) -> Interface {
         let mut interface = Network::here().expect("Linux").interfaces.remove(0);
         interface.name = name.to_owned();
         interface.is_ethernet = true;
         interface.is_device = true;
         interface.is_wireless = false;
-        (interface.is_up, interface.has_link) = (is_up, has_link);
+        interface.is_up = state != Down;
+        interface.has_link = state == Ready;
         interface
     }
 
@@ -162,49 +172,49 @@ mod tests {
         let default = route("eth0", [0; 4], 0, [192, 0, 2, 1]);
         for (interfaces, routes, reason, advice) in [
             (
-                vec![interface("eth1", true, true)],
+                vec![interface("eth1", Ready)],
                 vec![beside.clone()],
                 "no answer on eth1, which is in its network",
                 "check the board's power",
             ),
             (
-                vec![interface("eth0", true, true)],
+                vec![interface("eth0", Ready)],
                 vec![default.clone(), beside.clone()],
                 "no answer on eth1, which is in its network",
                 "check the board's power",
             ),
             (
-                vec![interface("eth1", true, false)],
+                vec![interface("eth1", NoLink)],
                 vec![beside.clone()],
                 "eth1 has no link",
                 "check the cable",
             ),
             (
-                vec![interface("eth1", false, false)],
+                vec![interface("eth1", Down)],
                 vec![beside],
                 "eth1 is down",
                 "sudo ip link set eth1 up",
             ),
             (
-                vec![interface("eth0", true, true)],
+                vec![interface("eth0", Ready)],
                 vec![default.clone()],
                 "packets leave by eth0 through the gateway 192.0.2.1",
                 "sudo ip addr add 10.10.10.1/24 dev eth0",
             ),
             (
-                vec![interface("eth1", true, false)],
+                vec![interface("eth1", NoLink)],
                 vec![],
                 "no interface is in its network",
                 "sudo ip addr add 10.10.10.1/24 dev eth1 (which has no link",
             ),
             (
-                vec![interface("eth1", false, false)],
+                vec![interface("eth1", Down)],
                 vec![],
                 "the interface eth1 is down",
                 "sudo ip addr add 10.10.10.1/24 dev eth1 && sudo ip link set eth1 up",
             ),
             (
-                vec![interface("eth0", true, true)],
+                vec![interface("eth0", Ready)],
                 vec![default.clone(), route("*", [10, 10, 0, 0], 16, [0; 4])],
                 "discards what is sent to 10.10.0.0/16",
                 "sudo ip route del 10.10.0.0/16",
@@ -232,7 +242,7 @@ mod tests {
     #[test]
     fn what_answers_and_is_no_board_is_another_device() {
         let network = Network {
-            interfaces: vec![interface("eth1", true, true)],
+            interfaces: vec![interface("eth1", Ready)],
             routes: vec![route("eth1", [10, 10, 10, 0], 24, [0; 4])],
             own: vec![(Ipv4Addr::new(10, 10, 10, 9), Ipv4Addr::BROADCAST)],
         };

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use mesa_hal::hal::AnyValue;
-use mesa_tools::setup::{RemoteMatch, SavedCabinet, SavedValue};
+use mesa_tools::setup::{CabinetDifference, Comparison, RemoteMatch, RemotePlace, SavedCabinet};
 use serde::Serialize;
 
 use super::{Where, warning};
+use crate::cabinet::OpenCabinet;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
@@ -62,19 +63,9 @@ struct Restored {
     file: PathBuf,
     dry_run: bool,
     compared: usize,
-    differences: Vec<Differs>,
+    differences: Vec<CabinetDifference>,
     written: usize,
-    not_in_file: Vec<String>,
-}
-
-#[derive(Debug, Serialize)]
-struct Differs {
-    place: String,
-    card: String,
-    unit_number: u32,
-    name: String,
-    file: SavedValue,
-    now: SavedValue,
+    not_in_file: Vec<RemotePlace>,
 }
 
 impl Save {
@@ -125,55 +116,55 @@ impl Restore {
             let hint = if self.by_place { "" } else { " (--by-place)" };
             Failure::refused(format_args!("{path}: {error}{hint}"))
         })?;
-        let mut report = Restored {
+        let is_written = !self.dry_run && !found.differences.is_empty();
+        if is_written {
+            self.consent(context, &cabinet, &found.differences)?;
+        }
+        let Comparison {
+            differences,
+            compared,
+            not_in_file,
+        } = found;
+        let written = if is_written {
+            write(context, &mut cabinet, &differences)?
+        } else {
+            0
+        };
+        context.print(&Restored {
             file: self.file.clone(),
             dry_run: self.dry_run,
-            compared: found.compared,
-            differences: Vec::new(),
-            written: 0,
-            not_in_file: found.not_in_file.iter().map(ToString::to_string).collect(),
-        };
-        for difference in &found.differences {
-            report.differences.push(Differs {
-                place: difference.place.to_string(),
-                card: difference.card.clone(),
-                unit_number: difference.unit_number,
-                name: difference.name.clone(),
-                file: difference.saved,
-                now: difference.now,
-            });
-        }
-        if !self.dry_run && !found.differences.is_empty() {
-            for difference in &report.differences {
-                complain(difference);
-            }
-            let count = found.differences.len();
-            let warnings = found.differences.iter().map(|difference| {
-                let value = AnyValue::from(difference.saved).bits;
-                match warning(&difference.name, value) {
-                    text if text.is_empty() => text,
-                    text => format!(". {}.{}{text}", difference.place, difference.name),
-                }
-            });
-            let warnings: String = warnings.collect();
-            let what = format!(
-                "writes {count} parameters in the non-volatile memory of remotes; they are used from \
-                 the next power-up on{warnings}"
-            );
-            self.asks.consent(context, &what, cabinet.found())?;
-            for difference in &found.differences {
-                if context.stop.signal().is_some() {
-                    break;
-                }
-                difference.restore(&mut cabinet).map_err(|error| {
-                    let written = report.written;
-                    Failure::refused(format_args!("{error}; {written} of {count} were written"))
-                })?;
-                report.written += 1;
-            }
-        }
-        context.print(&report)?;
+            compared,
+            differences,
+            written,
+            not_in_file,
+        })?;
         Ok(context.ending())
+    }
+
+    /// Prints the differences, and asks whether the parameters may be written.
+    fn consent(
+        &self,
+        context: &Context,
+        cabinet: &OpenCabinet,
+        differences: &[CabinetDifference],
+    ) -> Result<(), Failure> {
+        for difference in differences {
+            complain(difference);
+        }
+        let warnings = differences.iter().map(|difference| {
+            let value = AnyValue::from(difference.saved).bits;
+            match warning(&difference.name, value) {
+                text if text.is_empty() => text,
+                text => format!(". {}.{}{text}", difference.place, difference.name),
+            }
+        });
+        let warnings: String = warnings.collect();
+        let count = differences.len();
+        let what = format!(
+            "writes {count} parameters in the non-volatile memory of remotes; they are used from \
+             the next power-up on{warnings}"
+        );
+        self.asks.consent(context, &what, cabinet.found())
     }
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
@@ -188,6 +179,26 @@ impl Restore {
             serde_json::from_str(text)?
         })
     }
+}
+
+/// Writes the file's values until a signal comes; returns the number of written parameters.
+fn write(
+    context: &Context,
+    cabinet: &mut OpenCabinet,
+    differences: &[CabinetDifference],
+) -> Result<usize, Failure> {
+    let count = differences.len();
+    let mut written = 0;
+    for difference in differences {
+        if context.stop.signal().is_some() {
+            break;
+        }
+        difference.restore(cabinet).map_err(|error| {
+            Failure::refused(format_args!("{error}; {written} of {count} were written"))
+        })?;
+        written += 1;
+    }
+    Ok(written)
 }
 
 impl Display for Saved {
@@ -223,22 +234,5 @@ impl Display for Restored {
                 self.written
             )
         }
-    }
-}
-
-impl Display for Differs {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            place,
-            card,
-            unit_number,
-            name,
-            file,
-            now,
-        } = self;
-        write!(
-            f,
-            "{place}  {card} {unit_number:#010X}  {name}: {now} now, {file} in the file"
-        )
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::{self, Display};
 use clap::Args;
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType};
 use mesa_hal::remote::Scaling;
-use mesa_tools::setup::{Cabinet, SavedValue};
+use mesa_tools::setup::{Cabinet, CabinetRemote, SavedValue};
 use serde::Serialize;
 
 use super::{Where, go_on};
@@ -80,17 +80,17 @@ impl List {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let mut cabinet = self.at.cabinet.open()?;
         let mut remotes = Vec::new();
-        for (place, remote) in cabinet.remotes() {
+        for CabinetRemote { place, descriptor } in cabinet.remotes() {
             let mut parameters = Vec::new();
-            let records = remote.parameters.iter();
+            let records = descriptor.parameters.iter();
             for record in records.filter(|record| record.is_readable()) {
                 go_on(context)?;
                 parameters.push(Shown::new(record, cabinet.read(place, &record.name)?));
             }
             remotes.push(OneRemote {
                 place: place.to_string(),
-                card: remote.name.to_string(),
-                unit_number: remote.unit_number,
+                card: descriptor.name.to_string(),
+                unit_number: descriptor.unit_number,
                 parameters,
             });
         }

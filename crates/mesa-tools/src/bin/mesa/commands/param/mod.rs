@@ -8,9 +8,10 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use mesa_hal::RemoteId;
-use mesa_hal::discovery::{DataRecord, RemoteDescriptor};
+use mesa_hal::discovery::DataRecord;
 use mesa_hal::driver::RemoteWatchdog;
-use mesa_tools::setup::{Cabinet, RemotePlace};
+use mesa_hal::modules::serial::WATCHDOG_PARAMETER;
+use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
 
 use crate::cabinet::{CabinetTarget, OpenCabinet};
 use crate::context::{Context, Ending, Failure};
@@ -70,7 +71,7 @@ fn warning(name: &str, value: u64) -> String {
          more, and another first byte makes it another part of the card, without terminals and safe \
          values"
             .to_owned()
-    } else if !name.eq_ignore_ascii_case("nvwatchdogtimeout") {
+    } else if !name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) {
         String::new()
     } else if value == 0 {
         ". 0 SWITCHES ITS WATCHDOG OFF: when its cable breaks, outputs that are on stay on"
@@ -92,8 +93,7 @@ fn go_on(context: &Context) -> Result<(), Failure> {
 
 /// A parameter of a remote.
 struct Named {
-    place: RemotePlace,
-    remote: RemoteDescriptor,
+    remote: CabinetRemote,
     record: DataRecord,
 }
 
@@ -101,19 +101,18 @@ struct Named {
 fn named(cabinet: &OpenCabinet, text: &str) -> Result<Named, Failure> {
     let (place, name) = split(text);
     let mut found = Vec::new();
-    for (at, remote) in cabinet.remotes() {
-        let record = remote.parameter(name).cloned();
-        let is_here = place.is_none_or(|place| place == at);
+    for remote in cabinet.remotes() {
+        let record = remote.descriptor.parameter(name).cloned();
+        let is_here = place.is_none_or(|place| place == remote.place);
         if let Some(record) = record.filter(|record| is_here && record.is_readable()) {
-            found.push(Named {
-                place: at,
-                remote,
-                record,
-            });
+            found.push(Named { remote, record });
         }
     }
     if found.len() > 1 {
-        let places: Vec<_> = found.iter().map(|one| one.place.to_string()).collect();
+        let places: Vec<_> = found
+            .iter()
+            .map(|one| one.remote.place.to_string())
+            .collect();
         let (places, first) = (places.join(" and "), places.first().cloned());
         let first = first.unwrap_or_default();
         return Err(Failure::usage(format_args!(

@@ -59,9 +59,9 @@ struct One {
 impl One {
     fn new(named: &Named, raw: u64, before: Option<SavedValue>) -> Self {
         Self {
-            place: named.place.to_string(),
-            card: named.remote.name.to_string(),
-            unit_number: named.remote.unit_number,
+            place: named.remote.place.to_string(),
+            card: named.remote.descriptor.name.to_string(),
+            unit_number: named.remote.descriptor.unit_number,
             parameter: Shown::new(&named.record, raw),
             before,
         }
@@ -72,7 +72,7 @@ impl Get {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let mut cabinet = self.at.cabinet.open()?;
         let named = named(&cabinet, &self.name)?;
-        let raw = cabinet.read(named.place, &named.record.name)?;
+        let raw = cabinet.read(named.remote.place, &named.record.name)?;
         context.print(&One::new(&named, raw, None))?;
         Ok(context.ending())
     }
@@ -82,7 +82,7 @@ impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let mut cabinet = self.at.cabinet.open()?;
         let named = named(&cabinet, &self.name)?;
-        let (place, record) = (named.place, &named.record);
+        let (place, record) = (named.remote.place, &named.record);
         let name = &record.name;
         let wanted: Result<u64, ParameterError> = record.raw_of(self.value);
         let wanted = wanted.map_err(|error| {
@@ -106,7 +106,7 @@ impl Set {
             let warning = warning(name, wanted);
             let what = format!(
                 "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
-                named.remote.name
+                named.remote.descriptor.name
             );
             self.asks.consent(context, &what, cabinet.found())?;
             go_on(context)?;

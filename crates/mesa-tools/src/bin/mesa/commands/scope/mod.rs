@@ -8,15 +8,16 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use mesa_hal::Settings;
-use mesa_hal::hal::{HalType, PinInfo};
-use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeRange, ScopeState, Trigger};
+use mesa_hal::hal::{HalType, PinId, PinInfo};
+use mesa_hal::runner::{Edge, Ended, Runner, Scope as Recorder, ScopeRange, ScopeState, Trigger};
 use mesa_hal::transport::udp::UdpConfig;
+use mesa_hal::{Driver, Settings};
 use serde::Serialize;
 
 use super::named;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::target::Target;
 use crate::{files, running};
 
@@ -98,17 +99,7 @@ struct Report {
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         self.check_files(context)?;
-        let found = self.target.find()?;
-        let settings = Settings {
-            period: Duration::from_micros(self.period.into()),
-            watchdog: Some(running::WATCHDOG),
-            ..Settings::default()
-        };
-        let bus = found.open_with(UdpConfig {
-            cycle_deadline: DEADLINE,
-            ..UdpConfig::default()
-        })?;
-        let driver = running::start(bus, found.with_patience(settings))?;
+        let driver = self.start()?;
         let pins = driver.pins();
         let find = |name: &String| named::find(pins, driver.missing(), name);
         let recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
@@ -117,39 +108,14 @@ impl Scope {
         let infos = recorded.iter().map(|&pin| info(pin));
         let infos = infos.collect::<Result<Vec<_>, _>>()?;
         self.check_level(&info(pin)?)?;
-        let trigger = Trigger {
-            pin,
-            level: self.level,
-            edge: match self.edge {
-                Direction::Rising => Edge::Rising,
-                Direction::Falling => Edge::Falling,
-            },
-        };
+        let trigger = self.trigger_at(pin);
         let range = ScopeRange {
             before: self.before as usize,
             cycles: self.cycles as usize,
         };
         let mut scope = Recorder::new(pins, &recorded, trigger, range).map_err(Failure::usage)?;
         let trigger = info(pin)?.name;
-        let begun = pins.now();
-        let patience = Duration::from_secs(self.timeout.into());
-        let runner = Runner::new(driver).stop_on(context.stop.clone());
-        let mut checked = Ok(());
-        let ended = runner.run(|cycle| {
-            checked = running::check(cycle.driver);
-            if checked.is_err() {
-                return ControlFlow::Break(());
-            }
-            let state = scope.sample(cycle.pins());
-            let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
-            let is_late = is_waiting && cycle.pins().now().since(begun) > patience;
-            if is_late || state == ScopeState::Done {
-                return ControlFlow::Break(());
-            }
-            ControlFlow::Continue(())
-        });
-        checked.map_err(|why| Failure::refused(format_args!("{why}; nothing was written")))?;
-        ended.stopped?;
+        let ended = self.record(context, driver, &mut scope)?;
         if let Some(signal) = ended.signal {
             crate::output::complain(format_args!(
                 "mesa: ended by {signal}; nothing was written, and the ports are stopped"
@@ -179,6 +145,61 @@ impl Scope {
             plot: self.plot.clone(),
         })?;
         Ok(Ending::Done)
+    }
+
+    fn trigger_at(&self, pin: PinId) -> Trigger {
+        let edge = match self.edge {
+            Direction::Rising => Edge::Rising,
+            Direction::Falling => Edge::Falling,
+        };
+        Trigger {
+            pin,
+            level: self.level,
+            edge,
+        }
+    }
+
+    fn start(&self) -> Result<Driver<Bus>, Failure> {
+        let found = self.target.find()?;
+        let settings = Settings {
+            period: Duration::from_micros(self.period.into()),
+            watchdog: Some(running::WATCHDOG),
+            ..Settings::default()
+        };
+        let bus = found.open_with(UdpConfig {
+            cycle_deadline: DEADLINE,
+            ..UdpConfig::default()
+        })?;
+        running::start(bus, found.with_patience(settings))
+    }
+
+    /// Runs cycles until the recording is complete, the trigger is late, or a signal comes.
+    fn record(
+        &self,
+        context: &Context,
+        driver: Driver<Bus>,
+        scope: &mut Recorder,
+    ) -> Result<Ended<Bus>, Failure> {
+        let begun = driver.pins().now();
+        let patience = Duration::from_secs(self.timeout.into());
+        let runner = Runner::new(driver).stop_on(context.stop.clone());
+        let mut checked = Ok(());
+        let ended = runner.run(|cycle| {
+            checked = running::check(cycle.driver);
+            if checked.is_err() {
+                return ControlFlow::Break(());
+            }
+            let state = scope.sample(cycle.pins());
+            let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
+            let is_late = is_waiting && cycle.pins().now().since(begun) > patience;
+            if is_late || state == ScopeState::Done {
+                return ControlFlow::Break(());
+            }
+            ControlFlow::Continue(())
+        });
+        checked.map_err(|why| Failure::refused(format_args!("{why}; nothing was written")))?;
+        ended.stopped.clone()?;
+        Ok(ended)
     }
 }
 

@@ -10,7 +10,7 @@ use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
 
-use super::report::{Change, Outcome, Report};
+use super::report::{Change, Inputs, Outcome, Report};
 use crate::context::{Context, Failure};
 use crate::link::Bus;
 use crate::output::complain;
@@ -44,12 +44,25 @@ pub struct Jog {
     failure: Option<String>,
 }
 
+/// A jog to do.
+#[derive(Clone, Copy, Debug)]
+pub struct JogPlan {
+    /// The output, its value, and its safe value.
+    pub output: Step,
+    /// Time for which the output has its value.
+    pub time: Duration,
+    /// Time within which it must be possible to set the output; else it is not set at all.
+    pub patience: Duration,
+}
+
 /// A pin that is set for the time.
 #[derive(Clone, Copy, Debug)]
-struct Step {
-    pin: PinId,
-    value: AnyValue,
-    safe: AnyValue,
+pub struct Step {
+    pub pin: PinId,
+    /// Value during the time.
+    pub value: AnyValue,
+    /// Value before and after it.
+    pub safe: AnyValue,
 }
 
 /// Input that shows the level of the output at its terminal.
@@ -82,22 +95,17 @@ struct Told {
 
 impl Jog {
     /// Prepares to set the output and the pins that [enable](Pins::enables) it; the caller has
-    /// consent for those as well. The output is on for `time`, or not at all if it cannot be set
-    /// within `patience`.
-    pub fn new(
-        driver: &Driver<Bus>,
-        (pin, value, safe): (PinId, AnyValue, AnyValue),
-        (time, patience): (Duration, Duration),
-    ) -> Self {
+    /// consent for those as well.
+    pub fn new(driver: &Driver<Bus>, plan: JogPlan) -> Self {
         let pins = driver.pins();
-        let enables = pins.enables(pin).map(|pin| Step {
+        let enables = pins.enables(plan.output.pin).map(|pin| Step {
             pin,
             value: true.into(),
             safe: pins.read_any(pin).value,
         });
         let mut steps: Vec<_> = enables.collect();
         steps.reverse();
-        steps.push(Step { pin, value, safe });
+        steps.push(plan.output);
         let groups = steps
             .iter()
             .filter_map(|s| Some(pins.info_of(s.pin)?.group));
@@ -111,8 +119,8 @@ impl Jog {
             level: steps.last().and_then(|output| level(driver, output)),
             groups: groups.collect(),
             steps,
-            time,
-            patience,
+            time: plan.time,
+            patience: plan.patience,
             phase: Phase::Start,
             begun: None,
             told: told.collect(),
@@ -155,10 +163,18 @@ impl Jog {
         {
             self.failure = Some(error.to_string());
         }
-        let stopped = signal.map(|signal| signal.to_string());
+        let value = self.steps.last().map(|step| step.value);
+        let value = value.unwrap_or(AnyValue::from(false));
+        let (time, inputs) = (self.time, self.inputs(&infos));
+        let signal = signal.map(|signal| signal.to_string());
+        let outcome = self.outcome(signal, not_reached.first().cloned());
+        Ok(Report::new(info, value, time, outcome, inputs, not_reached))
+    }
+
+    /// Outcome of a jog that was ended by a signal, or after which a remote is `lost`.
+    fn outcome(self, signal: Option<String>, lost: Option<String>) -> Outcome {
         let is_contradicted = self.level.is_some_and(|level| level.contradictions > 0);
-        let lost = not_reached.first().cloned();
-        let outcome = match (self.failure.or(lost), stopped) {
+        match (self.failure.or(lost), signal) {
             (Some(reason), _) if self.was_set => Outcome::Failed(reason),
             (None, Some(signal)) if self.was_set => Outcome::Stopped(signal),
             (None, None) if self.was_set => Outcome::Done,
@@ -171,32 +187,22 @@ impl Jog {
                     Outcome::NotSet(reason)
                 }
             }
-        };
+        }
+    }
+
+    /// The observed inputs; `infos` are those of all pins.
+    fn inputs(&self, infos: &[PinInfo]) -> Inputs {
         let changes = self.told.iter().filter(|told| told.has_changed());
         let changes = changes.filter_map(|told| {
-            Some(Change::new(
-                infos.get(told.pin.index())?,
-                [told.before, told.during, told.after],
-            ))
+            let info = infos.get(told.pin.index())?;
+            let values = [told.before, told.during, told.after];
+            Some(Change::new(info, values))
         });
-        let changes = changes.collect();
-        let not_seen = self
-            .told
-            .iter()
-            .filter(|told| told.before.is_none())
-            .count();
-        let value = self
-            .steps
-            .last()
-            .map_or(AnyValue::from(false), |step| step.value);
-        Ok(Report::new(
-            info,
-            value,
-            self.time,
-            outcome,
-            (changes, not_seen),
-            not_reached,
-        ))
+        let not_seen = self.told.iter().filter(|told| told.before.is_none());
+        Inputs {
+            changes: changes.collect(),
+            not_seen: not_seen.count(),
+        }
     }
 
     /// Runs the jog's part of a cycle. Breaks when the jog is over, with the pin safe.
@@ -228,33 +234,10 @@ impl Jog {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
         let now = cycle.pins().now();
-        let begun = *self.begun.get_or_insert(now);
-        if let Err(failure) = running::check(cycle.driver) {
-            self.failure = Some(failure.to_string());
-            return ControlFlow::Break(());
-        }
-        if self.phase != Phase::Start
-            && let Some(reason) = self.reason(cycle.driver)
-        {
-            self.failure = Some(reason);
-            return ControlFlow::Break(());
-        }
+        self.check(cycle.driver)?;
         let is_over = |since: Instant, time| now.since(since) >= time;
         match self.phase {
-            Phase::Start => {
-                // All outputs are off: groups that the proof of the watchdogs disarmed may be
-                // driven again.
-                cycle.pins_mut().rearm_all();
-                let reason = self.reason(cycle.driver);
-                self.look(cycle.pins(), |told| &mut told.before);
-                let is_seen = self.told.iter().all(|told| told.before.is_some());
-                if reason.is_none() && (is_seen || is_over(begun, SETTLE)) {
-                    self.phase = Phase::Before(now);
-                } else if is_over(begun, self.patience) {
-                    self.failure = reason;
-                    return ControlFlow::Break(());
-                }
-            }
+            Phase::Start => return self.start(cycle, now),
             Phase::Before(since) => {
                 self.look(cycle.pins(), |told| &mut told.before);
                 if is_over(since, REST) {
@@ -285,6 +268,36 @@ impl Jog {
                 }
             }
             Phase::Done => return ControlFlow::Break(()),
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Fails once the machine does not run any more, or the output cannot be driven any more.
+    fn check(&mut self, driver: &Driver<Bus>) -> ControlFlow<()> {
+        self.failure = match running::check(driver) {
+            Err(failure) => Some(failure.to_string()),
+            Ok(()) if self.phase == Phase::Start => None,
+            Ok(()) => self.reason(driver),
+        };
+        match self.failure {
+            Some(_) => ControlFlow::Break(()),
+            None => ControlFlow::Continue(()),
+        }
+    }
+
+    /// Waits until the groups run and the inputs have been read.
+    fn start(&mut self, cycle: &mut Cycle<'_, Bus>, now: Instant) -> ControlFlow<()> {
+        let waited = now.since(*self.begun.get_or_insert(now));
+        // All outputs are off: groups that the proof of the watchdogs disarmed may be driven again.
+        cycle.pins_mut().rearm_all();
+        let reason = self.reason(cycle.driver);
+        self.look(cycle.pins(), |told| &mut told.before);
+        let is_seen = self.told.iter().all(|told| told.before.is_some());
+        if reason.is_none() && (is_seen || waited >= SETTLE) {
+            self.phase = Phase::Before(now);
+        } else if waited >= self.patience {
+            self.failure = reason;
+            return ControlFlow::Break(());
         }
         ControlFlow::Continue(())
     }

@@ -3,10 +3,11 @@
 pub mod jog;
 mod report;
 
+use std::fmt::Display;
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo, Pins, Role};
+use mesa_hal::hal::{HalType, PinId, PinInfo, Pins, Role};
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Board, Rounded, Settings};
 
@@ -19,6 +20,7 @@ use crate::place;
 use crate::running;
 use crate::simulated::Passage;
 use crate::target::Target;
+use jog::{Jog, JogPlan, Step};
 
 /// Long, because nothing here is fast and the thread has no priority. Short enough to feed remotes,
 /// whose watchdogs have 50 ms.
@@ -96,8 +98,12 @@ impl Set {
         self.allow(&info, &infos)?;
         let group = [info.group];
         let watchdog = self.slow_watchdog.check(&board, &group)?;
-        let safe = pins.read_any(pin).value;
-        let what = self.says(&info, (value, safe), &infos) + &watchdog;
+        let output = Step {
+            pin,
+            value,
+            safe: pins.read_any(pin).value,
+        };
+        let what = self.says(&info, output, &infos) + &watchdog;
         let what = format!("{}: {what}", found.address);
         self.asks.consent(context, &what, Some(&found))?;
         if let Some(signal) = context.stop.signal() {
@@ -107,7 +113,12 @@ impl Set {
         let mut driver = running::go(board)?;
         named::present(driver.missing(), &info.name)?;
         self.slow_watchdog.prove(&mut driver, &group)?;
-        let jog = jog::Jog::new(&driver, (pin, value, safe), (self.time, jog::PATIENCE));
+        let plan = JogPlan {
+            output,
+            time: self.time,
+            patience: jog::PATIENCE,
+        };
+        let jog = Jog::new(&driver, plan);
         let report = jog.run(driver, context, &info)?;
         context.print(&report)?;
         match report.failure() {
@@ -121,65 +132,44 @@ impl Set {
     /// Checks that an output that may move a machine was allowed by its flag, and reaches its
     /// terminal.
     fn allow(&self, info: &PinInfo, enables: &[&PinInfo]) -> Result<(), Failure> {
-        let name = &info.name;
-        let refuse = |what: String| Err(Failure::usage(format_args!("{name} {what}")));
+        check_kind(info, enables)?;
         let flag = |hazard| match hazard {
             Hazard::Analog if !self.analog => Some("--analog"),
             Hazard::DriveEnable if !self.drive_enable => Some("--drive-enable"),
             _ => None,
         };
         let what = match hazard(info) {
-            Hazard::Watchdog => {
-                return refuse(
-                    "belongs to the watchdog that makes the board safe; it is not set by hand"
-                        .to_owned(),
-                );
-            }
-            Hazard::Making => {
-                return refuse(
-                    "configures how the board makes its outputs, or counts, and drives none by itself: \
-                     an inversion or a limit would switch outputs that were not named. Set the \
-                     output, or let a program set this"
-                        .to_owned(),
-                );
-            }
             Hazard::DriveEnable => "can enable a drive",
             Hazard::Analog => "is an analog output",
-            Hazard::None => "",
+            _ => "",
         };
-        if let (Hazard::DriveEnable, [.., by]) = (hazard(info), enables) {
-            let by = with_place(by);
-            return refuse(format!(
-                "reaches no terminal: its drive is switched by {by}; set that"
-            ));
-        }
         let own = flag(hazard(info));
         let drive = enables.iter().find(|by| hazard(by) == Hazard::DriveEnable);
         let other = drive.and_then(|by| flag(hazard(by)));
         match (own, other) {
             (None, None) => Ok(()),
-            (Some(own), None) => refuse(format!(
-                "{what}: a machine may move. Give {own} to allow it"
+            (Some(own), None) => Err(refused(
+                info,
+                format_args!("{what}: a machine may move. Give {own} to allow it"),
             )),
             (own, Some(other)) => {
                 let flags: Vec<_> = own.into_iter().chain([other]).collect();
                 let by: Vec<_> = enables.iter().map(|by| with_place(by)).collect();
-                refuse(format!(
-                    "{what}, with 0 V at its terminal while it is not enabled by {}: a machine may \
-                     move. Give {} to allow it",
-                    by.join(" and "),
-                    flags.join(" ")
+                Err(refused(
+                    info,
+                    format_args!(
+                        "{what}, with 0 V at its terminal while it is not enabled by {}: a machine \
+                         may move. Give {} to allow it",
+                        by.join(" and "),
+                        flags.join(" ")
+                    ),
                 ))
             }
         }
     }
 
-    fn says(
-        &self,
-        info: &PinInfo,
-        (value, safe): (AnyValue, AnyValue),
-        enables: &[&PinInfo],
-    ) -> String {
+    /// Planned action as text.
+    fn says(&self, info: &PinInfo, output: Step, enables: &[&PinInfo]) -> String {
         let unit = if info.unit.is_empty() {
             String::new()
         } else {
@@ -203,12 +193,40 @@ impl Set {
         format!(
             "sets {} to {}{unit} for {}{own}{}, with all other outputs off, then back to {}{unit}",
             with_place(info),
-            named::text(value),
+            named::text(output.value),
             Rounded(&self.time),
             with.collect::<String>(),
-            named::text(safe)
+            named::text(output.safe)
         )
     }
+}
+
+/// Fails for pins that are never set by hand.
+fn check_kind(info: &PinInfo, enables: &[&PinInfo]) -> Result<(), Failure> {
+    match (hazard(info), enables) {
+        (Hazard::Watchdog, _) => Err(refused(
+            info,
+            "belongs to the watchdog that makes the board safe; it is not set by hand",
+        )),
+        (Hazard::Making, _) => Err(refused(
+            info,
+            "configures how the board makes its outputs, or counts, and drives none by itself: an \
+             inversion or a limit would switch outputs that were not named. Set the output, or let a \
+             program set this",
+        )),
+        (Hazard::DriveEnable, [.., by]) => Err(refused(
+            info,
+            format_args!(
+                "reaches no terminal: its drive is switched by {}; set that",
+                with_place(by)
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn refused(info: &PinInfo, what: impl Display) -> Failure {
+    Failure::usage(format_args!("{} {what}", info.name))
 }
 
 /// Bus configuration for outputs that a person drives.

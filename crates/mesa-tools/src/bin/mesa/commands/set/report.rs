@@ -32,14 +32,22 @@ pub struct Report {
     seconds: f64,
     #[serde(flatten)]
     outcome: Outcome,
-    changes: Vec<Change>,
-    /// Number of inputs that were not valid before the output was set, so that their changes are
-    /// unknown.
-    not_seen: usize,
+    #[serde(flatten)]
+    inputs: Inputs,
     /// Remotes that have not confirmed that the output is off again.
     pub not_reached: Vec<String>,
     #[serde(skip)]
     text: String,
+}
+
+/// Inputs during a jog.
+#[derive(Debug, Serialize)]
+pub struct Inputs {
+    /// Inputs that changed while the output was set.
+    pub changes: Vec<Change>,
+    /// Number of inputs that were not valid before the output was set, so that their changes are
+    /// unknown.
+    pub not_seen: usize,
 }
 
 /// An input that changed while the output was set.
@@ -78,7 +86,7 @@ impl Report {
         value: AnyValue,
         time: Duration,
         outcome: Outcome,
-        (changes, not_seen): (Vec<Change>, usize),
+        inputs: Inputs,
         not_reached: Vec<String>,
     ) -> Self {
         Self {
@@ -88,8 +96,7 @@ impl Report {
             unit: info.unit.clone(),
             seconds: time.as_secs_f64(),
             outcome,
-            changes,
-            not_seen,
+            inputs,
             not_reached,
             text: named::text(value),
         }
@@ -125,18 +132,18 @@ impl Display for Report {
             }
         };
         writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
-        if self.not_seen > 0 {
-            let count = self.not_seen;
+        if self.inputs.not_seen > 0 {
+            let count = self.inputs.not_seen;
             writeln!(
                 f,
                 "{count} inputs were not valid before: their changes are not known"
             )?;
         }
-        if self.changes.is_empty() {
+        if self.inputs.changes.is_empty() {
             return writeln!(f, "no input changed");
         }
         writeln!(f, "inputs that changed: before, while it was set, after")?;
-        for change in &self.changes {
+        for change in &self.inputs.changes {
             let [before, during, after] = &change.text;
             let Change { pin, terminal, .. } = change;
             writeln!(f, "  {pin}  {before} -> {during} -> {after}  {terminal}")?;

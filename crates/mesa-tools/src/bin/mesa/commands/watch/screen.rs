@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::driver::{BoardState, RemoteState};
+use mesa_hal::hal::{AnyValue, PinInfo, Reading};
 use mesa_hal::runner::Snapshot;
 use ratatui::Frame;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
@@ -20,6 +21,10 @@ use super::view::{self, Line};
 const LOW: u16 = 20;
 /// With fewer columns, the terminal of a pin comes before its trend.
 const NARROW: u16 = 120;
+/// Columns of a narrow screen that are not for names: value, state, terminal, and the border.
+const OTHERS_NARROW: usize = 53;
+/// Columns of a wide screen that are not for names: the trend as well.
+const OTHERS: usize = 59 + SAMPLES;
 
 /// State of the screen.
 #[derive(Debug)]
@@ -210,6 +215,7 @@ impl Pins {
         let rows = usize::from(area.height.saturating_sub(2));
         self.scroll.fit(self.lines.len(), rows);
         let readings: Vec<_> = seen.pins().collect();
+        let width = self.name_width(area, &readings);
         let lines = self.lines.iter().skip(self.scroll.first).take(rows);
         let lines = lines.map(|line| match line {
             Line::Heading(heading) => {
@@ -227,10 +233,13 @@ impl Pins {
                     let value = view::number(reading.value, &info.unit);
                     let name = view::short(&info.name, &self.board);
                     let place = place::short(&info.place);
+                    let name = view::shortened(name, width);
                     let text = if area.width < NARROW {
-                        format!(" {name:<25} {value:>12} {state:<9} {place:<26} {trend}")
+                        format!(" {name:<width$} {value:>12} {state:<9} {place:<26} {trend}")
                     } else {
-                        format!("  {name:<34} {value:>14} {state:<10} {trend:SAMPLES$}  {place}")
+                        format!(
+                            "  {name:<width$} {value:>14} {state:<10} {trend:SAMPLES$}  {place}"
+                        )
                     };
                     TextLine::styled(text, self.palette.style(color))
                 }
@@ -246,6 +255,23 @@ impl Pins {
         let title = format!(" {pins} of {} pins and parameters ", readings.len());
         let block = Block::bordered().title(title);
         frame.render_widget(Paragraph::new(lines).block(block), area);
+    }
+
+    /// Width of the column of names: that of the longest one, as far as the other columns have
+    /// room beside it.
+    fn name_width(&self, area: Rect, readings: &[(&PinInfo, Reading<AnyValue>)]) -> usize {
+        let names = self.lines.iter().filter_map(|line| match line {
+            Line::Pin(number) => readings.get(*number).map(|(info, _)| &*info.name),
+            Line::Heading(_) => None,
+        });
+        let widths = names.map(|name| view::short(name, &self.board).chars().count());
+        let [least, others] = if area.width < NARROW {
+            [25, OTHERS_NARROW]
+        } else {
+            [34, OTHERS]
+        };
+        let room = usize::from(area.width).saturating_sub(others).max(least);
+        widths.max().unwrap_or(0).clamp(least, room)
     }
 
     fn draw_keys(&self, frame: &mut Frame<'_>, area: Rect) {
@@ -414,6 +440,31 @@ pub mod tests {
             low.contains("TB8 pin 3 INPUT2") && low.contains("running for"),
             "{low}"
         );
+    }
+
+    #[test]
+    fn the_column_of_names_is_as_wide_as_the_longest_one_if_there_is_room() {
+        let snapshot = snapshot();
+        let names = snapshot.infos().iter();
+        let names = names.map(|info| view::short(&info.name, "hm2_7i92.0").to_owned());
+        let longest = names.max_by_key(String::len).unwrap();
+        assert!(longest.len() > 80 - OTHERS_NARROW, "{longest}");
+        let (module, _) = longest.rsplit_once('.').unwrap();
+        let mut screen = screen(module);
+        let shortened = view::shortened(&longest, 80 - OTHERS_NARROW);
+        for (columns, shown) in [(160, &longest), (100, &longest), (80, &shortened)] {
+            let picture = picture_of(&mut screen, columns, 60);
+            assert!(picture.contains(&format!(" {shown} ")), "{picture}");
+            let width = match columns {
+                160 => 35,
+                _ => shown.chars().count(),
+            };
+            let pins = format!("{module}.");
+            let lines = picture.lines().filter(|line| line.contains(&pins));
+            let after: Vec<_> = lines.map(|line| line.chars().nth(3 + width)).collect();
+            assert!(after.len() > 5, "{picture}");
+            assert!(after.iter().all(|after| *after == Some(' ')), "{picture}");
+        }
     }
 
     #[test]

@@ -58,6 +58,19 @@ pub fn short<'a>(name: &'a str, board: &str) -> &'a str {
     rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(name)
 }
 
+/// A name of at most `width` characters: a longer one is shortened in its middle.
+pub fn shortened(name: &str, width: usize) -> String {
+    let count = name.chars().count();
+    if count <= width {
+        return name.to_owned();
+    }
+    let kept = width.saturating_sub(1);
+    let (front, back) = (kept / 2, kept - kept / 2);
+    let begin: String = name.chars().take(front).collect();
+    let end: String = name.chars().skip(count - back).collect();
+    format!("{begin}…{end}")
+}
+
 /// Formats a value for a column.
 pub fn number(value: AnyValue, unit: &str) -> String {
     let text = match value.hal_type {
@@ -114,6 +127,13 @@ mod tests {
                 Line::Pin(number) => short(&snapshot.infos()[number].name, "hm2_7i92.0").to_owned(),
             })
             .collect()
+    }
+
+    #[test]
+    fn a_long_name_keeps_its_begin_and_its_end() {
+        assert_eq!(shortened("7i77.0.0.input-00", 17), "7i77.0.0.input-00");
+        assert_eq!(shortened("7i77.0.0.input-00-not", 11), "7i77.…0-not");
+        assert_eq!(shortened("input", 1), "…");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 
-use crate::commands::set::jog::Jog;
+use crate::commands::set::jog::{Jog, JogPlan, Step};
 use crate::context::{Context, Failure};
 use crate::link::Bus;
 use crate::running::{self, Keeper};
@@ -48,50 +48,21 @@ impl Machine {
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let is_over = Arc::new(AtomicBool::new(false));
-        let over = Arc::clone(&is_over);
         let (orders, wanted) = sync_channel(1);
         let (requests, requested) = sync_channel(8);
         let (tell, done) = sync_channel(4);
-        let mut keeper = Keeper::default();
-        let mut jog: Option<Jog> = None;
-        let mut is_told = false;
-        let work = move |cycle: &mut Cycle<'_, Bus>| {
-            let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
-            if over.load(Ordering::Relaxed) || !is_alone {
-                return ControlFlow::Break(());
-            }
-            while let Ok((pin, on)) = requested.try_recv() {
-                // A refused request is never seen to be on, so no index is reported for it.
-                let _ = cycle.pins_mut().set_any(pin, AnyValue::from(on));
-            }
-            let Some(running) = &mut jog else {
-                keeper.look_after(cycle.driver);
-                // All outputs are off: groups that a fault disarmed may be driven again.
-                cycle.pins_mut().rearm_all();
-                let order: Option<PinId> = wanted.try_recv().ok();
-                let values = |pin| (pin, true.into(), false.into());
-                jog = order.map(|pin| Jog::new(cycle.driver, values(pin), (time, PATIENCE)));
-                is_told = false;
-                return ControlFlow::Continue(());
-            };
-            let is_over = running.step(cycle).is_break();
-            if running.is_confirmed() && !is_told {
-                is_told = true;
-                let _ = tell.try_send(Driven::On);
-            }
-            if is_over {
-                let failure = running.failure().map(str::to_owned);
-                let _ = tell.try_send(match failure {
-                    Some(reason) => Driven::Failed(reason),
-                    None if is_told => Driven::Off,
-                    None => Driven::Failed("nothing has shown that it was on".to_owned()),
-                });
-                jog = None;
-            }
-            ControlFlow::Continue(())
+        let mut work = Work {
+            is_over: Arc::clone(&is_over),
+            orders: wanted,
+            requests: requested,
+            tell,
+            time,
+            keeper: Keeper::default(),
+            jog: None,
+            is_told: false,
         };
         let cycle = std::thread::spawn(move || {
-            let ended = runner.run(work);
+            let ended = runner.run(|cycle| work.cycle(cycle));
             running::check_end(&ended)
         });
         Self {
@@ -139,6 +110,79 @@ impl Machine {
 impl Drop for Machine {
     fn drop(&mut self) {
         let _ = self.stop();
+    }
+}
+
+/// The machine's part of a cycle.
+struct Work {
+    is_over: Arc<AtomicBool>,
+    orders: Receiver<PinId>,
+    requests: Receiver<(PinId, bool)>,
+    tell: SyncSender<Driven>,
+    /// Time for which an output is on.
+    time: Duration,
+    keeper: Keeper,
+    jog: Option<Jog>,
+    /// True once the output of the jog was reported as on.
+    is_told: bool,
+}
+
+impl Work {
+    fn cycle(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
+        let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
+        if self.is_over.load(Ordering::Relaxed) || !is_alone {
+            return ControlFlow::Break(());
+        }
+        while let Ok((pin, on)) = self.requests.try_recv() {
+            // A refused request is never seen to be on, so no index is reported for it.
+            let _ = cycle.pins_mut().set_any(pin, AnyValue::from(on));
+        }
+        match self.jog.take() {
+            Some(jog) => self.jog = self.go_on(jog, cycle),
+            None => self.rest(cycle),
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Without a jog: keeps the machine ready, and begins the jog that is ordered.
+    fn rest(&mut self, cycle: &mut Cycle<'_, Bus>) {
+        self.keeper.look_after(cycle.driver);
+        // All outputs are off: groups that a fault disarmed may be driven again.
+        cycle.pins_mut().rearm_all();
+        let order = self.orders.try_recv().ok();
+        self.jog = order.map(|pin| {
+            let output = Step {
+                pin,
+                value: true.into(),
+                safe: false.into(),
+            };
+            let plan = JogPlan {
+                output,
+                time: self.time,
+                patience: PATIENCE,
+            };
+            Jog::new(cycle.driver, plan)
+        });
+        self.is_told = false;
+    }
+
+    /// Runs a jog for a cycle and reports its progress; returns it unless it is over.
+    fn go_on(&mut self, mut jog: Jog, cycle: &mut Cycle<'_, Bus>) -> Option<Jog> {
+        let is_over = jog.step(cycle).is_break();
+        if jog.is_confirmed() && !self.is_told {
+            self.is_told = true;
+            let _ = self.tell.try_send(Driven::On);
+        }
+        if !is_over {
+            return Some(jog);
+        }
+        let failure = jog.failure().map(str::to_owned);
+        let _ = self.tell.try_send(match failure {
+            Some(reason) => Driven::Failed(reason),
+            None if self.is_told => Driven::Off,
+            None => Driven::Failed("nothing has shown that it was on".to_owned()),
+        });
+        None
     }
 }
 

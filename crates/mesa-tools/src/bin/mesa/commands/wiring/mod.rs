@@ -5,13 +5,13 @@ mod report;
 mod session;
 
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
-use mesa_hal::{Board, Configured, Rounded, Settings};
+use mesa_hal::{Board, Configured, Driver, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
@@ -26,8 +26,8 @@ use crate::simulated::Passage;
 use crate::target::{Found, Target};
 use crate::{place, running};
 use machine::Machine;
-use report::{Item, Outcome, Report, What};
-use session::{Lines, Session};
+use report::{Input, Item, Missing, Outcome, Report, What};
+use session::{Dialog, Lines, Session, Terminals};
 
 const AFTER_HELP: &str = "\
 Names one terminal after the other, and waits until the input there has changed and returned; for
@@ -107,52 +107,26 @@ impl Wiring {
             self.asks.replaces(context, path)?;
         }
         let found = self.target.find()?.pass_time(Passage::Paced);
-        let address = found.address.to_string();
         let settings = found.with_patience(self.settings());
         let board = Board::identify(found.open_with(set::unhurried())?, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
-        let (check, items) = self.terminals(&board);
-        if items.is_empty() {
-            let missing = board.missing().iter().filter(|one| is_there(one));
-            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
-            return Err(Failure::refused(format_args!(
-                "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
-                 or ? has to match a whole name{}",
-                missing.concat()
-            )));
-        }
-        let outputs = items.iter().filter(|item| item.is_output());
-        let groups: Vec<GroupId> = outputs.map(|item| item.info.group).collect();
-        let watchdogs = self.slow_watchdog.check(&board, &groups)?;
-        self.consent(context, &found, &items, &watchdogs)?;
-        let mut driver = running::go(board)?;
-        self.slow_watchdog.prove(&mut driver, &groups)?;
-        let missing: Vec<String> = driver.missing().iter().map(Remark::to_string).collect();
-        let is_incomplete = self.pattern.is_none() && driver.missing().iter().any(is_there);
+        let terminals = self.terminals(&board)?;
+        let driver = self.start(context, &found, board, &terminals.items)?;
         let name = driver.name().to_owned();
-        let report = |session: &Session<'_>, outcome| {
-            let missing = (missing.clone(), is_incomplete);
-            let names = session.names();
-            Report::new(address.clone(), &session.items, &names, outcome, missing)
-        };
-        let keep = |session: &Session<'_>, outcome| match &self.report {
-            Some(path) => report(session, outcome).write(path),
-            None => Ok(()),
+        let reporter = Reporter {
+            address: found.address.to_string(),
+            missing: self.missing(&driver),
+            path: self.report.as_deref(),
         };
         let machine = Machine::start(driver, context, self.time);
-        let (lines, parts) = (Lines::of_standard_input(is_terminal), (check, items));
-        let mut session = Session::new(context, &machine, (lines, self.timeout), parts, name);
-        session.is_agreed = self.asks.yes;
-        // Fails before the check begins if the file cannot be written.
-        keep(&session, Outcome::Unfinished)?;
-        let outcome = session.run(|session| {
-            if let Err(failure) = keep(session, Outcome::Unfinished) {
-                complain(format_args!("mesa: the report is not written: {failure}"));
-            }
-        });
-        let (report, kept) = (report(&session, outcome), keep(&session, outcome));
-        drop(session);
+        let dialog = Dialog {
+            lines: Lines::of_standard_input(is_terminal),
+            timeout: self.timeout,
+            is_agreed: self.asks.yes,
+        };
+        let session = Session::new(context, &machine, terminals, dialog, name);
+        let (report, kept) = reporter.run(session)?;
         let stopped = machine.end();
         if let (Ok(()), Some(signal)) = (&stopped, context.stop.signal()) {
             complain(format_args!("mesa: ended by {signal}"));
@@ -173,6 +147,31 @@ impl Wiring {
         })
     }
 
+    /// Starts the machine after the consent and the proof of the watchdogs that its outputs need.
+    fn start(
+        &self,
+        context: &Context,
+        found: &Found,
+        board: Configured<Bus>,
+        items: &[Item],
+    ) -> Result<Driver<Bus>, Failure> {
+        let outputs = items.iter().filter(|item| item.is_output());
+        let groups: Vec<GroupId> = outputs.map(|item| item.info.group).collect();
+        let watchdogs = self.slow_watchdog.check(&board, &groups)?;
+        self.consent(context, found, items, &watchdogs)?;
+        let mut driver = running::go(board)?;
+        self.slow_watchdog.prove(&mut driver, &groups)?;
+        Ok(driver)
+    }
+
+    fn missing(&self, driver: &Driver<Bus>) -> Missing {
+        let missing = driver.missing().iter();
+        Missing {
+            remotes: missing.clone().map(Remark::to_string).collect(),
+            is_incomplete: self.pattern.is_none() && missing.clone().any(is_there),
+        }
+    }
+
     fn settings(&self) -> Settings {
         let mut settings = set::settings();
         if !self.outputs {
@@ -182,8 +181,8 @@ impl Wiring {
         settings
     }
 
-    /// Terminals to check.
-    fn terminals(&self, board: &Configured<Bus>) -> (WiringCheck, Vec<Item>) {
+    /// Terminals to check; fails if there are none.
+    fn terminals(&self, board: &Configured<Bus>) -> Result<Terminals, Failure> {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let fits = |info: &PinInfo| pattern.fits(info);
@@ -196,14 +195,32 @@ impl Wiring {
             .enumerate()
             .filter(|(_, point)| point.is_asked);
         let mut items: Vec<Item> = asked
-            .map(|(n, point)| Item::new(point.info.clone(), What::Input(n, point.kind)))
+            .map(|(number, point)| {
+                let input = Input {
+                    point: number,
+                    kind: point.kind,
+                };
+                Item::new(point.info.clone(), What::Input(input))
+            })
             .collect();
         if self.outputs {
             let harmless = |info: &PinInfo| hazard(info) == Hazard::None && fits(info);
             let outputs = wiring::outputs(pins, &remotes, harmless).into_iter();
             items.extend(outputs.map(|(pin, info)| Item::new(info, What::Output(pin))));
         }
-        (WiringCheck::new(points), items)
+        if items.is_empty() {
+            let missing = board.missing().iter().filter(|one| is_there(one));
+            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
+            return Err(Failure::refused(format_args!(
+                "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
+                 or ? has to match a whole name{}",
+                missing.concat()
+            )));
+        }
+        Ok(Terminals {
+            check: WiringCheck::new(points),
+            items,
+        })
     }
 
     /// Asks for consent to drive the outputs, if there are any.
@@ -232,6 +249,39 @@ impl Wiring {
             place::short(&at)
         );
         self.asks.consent(context, &what, Some(found))
+    }
+}
+
+/// Makes the report of a check, and keeps it in a file if there is one.
+struct Reporter<'a> {
+    address: String,
+    missing: Missing,
+    path: Option<&'a Path>,
+}
+
+impl Reporter<'_> {
+    /// Runs a check to its end. Returns its report, and the result of writing it to the file.
+    fn run(&self, mut session: Session<'_>) -> Result<(Report, Result<(), Failure>), Failure> {
+        // Fails before the check begins if the file cannot be written.
+        self.keep(&session, Outcome::Unfinished)?;
+        let outcome = session.run(|session| {
+            if let Err(failure) = self.keep(session, Outcome::Unfinished) {
+                complain(format_args!("mesa: the report is not written: {failure}"));
+            }
+        });
+        Ok((self.report(&session, outcome), self.keep(&session, outcome)))
+    }
+
+    fn report(&self, session: &Session<'_>, outcome: Outcome) -> Report {
+        let (address, names) = (self.address.clone(), session.names());
+        Report::new(address, &session.items, &names, outcome, &self.missing)
+    }
+
+    fn keep(&self, session: &Session<'_>, outcome: Outcome) -> Result<(), Failure> {
+        match self.path {
+            Some(path) => self.report(session, outcome).write(path),
+            None => Ok(()),
+        }
     }
 }
 

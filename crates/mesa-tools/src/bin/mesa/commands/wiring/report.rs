@@ -25,11 +25,19 @@ pub struct Item {
     pub reason: Option<String>,
 }
 
-/// An input by its number in the check, or an output.
+/// An input or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
-    Input(usize, PointKind),
+    Input(Input),
     Output(PinId),
+}
+
+/// An input to check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Input {
+    /// Number of the input in the check.
+    pub point: usize,
+    pub kind: PointKind,
 }
 
 /// Result of a terminal.
@@ -81,6 +89,14 @@ impl Item {
         }
     }
 
+    /// Kind of an input.
+    pub const fn input_kind(&self) -> Option<PointKind> {
+        match self.what {
+            What::Input(input) => Some(input.kind),
+            What::Output(_) => None,
+        }
+    }
+
     fn others(&self) -> &[usize] {
         self.judgement.as_ref().map_or(&[], |found| &found.others)
     }
@@ -93,8 +109,8 @@ impl Item {
     fn direction(&self) -> Option<&'static str> {
         let (before, after) = self.moved()?;
         let is_number = matches!(
-            self.what,
-            What::Input(_, PointKind::Counter | PointKind::Analog)
+            self.input_kind(),
+            Some(PointKind::Counter | PointKind::Analog)
         );
         let word = if after.as_f64() > before.as_f64() {
             "up"
@@ -106,7 +122,7 @@ impl Item {
 
     /// Result as text.
     pub fn words(&self, names: &Names<'_>) -> String {
-        let is_output = matches!(self.what, What::Output(_));
+        let is_output = self.is_output();
         let others = || {
             let others = self.others().iter().map(|&n| names.point(n));
             others.collect::<Vec<_>>().join(", ")
@@ -150,9 +166,9 @@ impl Item {
         let Some(range) = self.range() else {
             return String::new();
         };
-        match (self.what, self.direction()) {
-            (What::Input(_, PointKind::Counter), Some(way)) => format!(": counts {way}, {range}"),
-            (What::Input(_, PointKind::Index), _) => {
+        match (self.input_kind(), self.direction()) {
+            (Some(PointKind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            (Some(PointKind::Index), _) => {
                 format!(": it came, the encoder counted {range}")
             }
             _ => format!(": {range}"),
@@ -199,6 +215,14 @@ impl Names<'_> {
     }
 }
 
+/// Remotes that take no part.
+pub struct Missing {
+    /// Why each of them is missing.
+    pub remotes: Vec<String>,
+    /// True if the check is incomplete without them.
+    pub is_incomplete: bool,
+}
+
 /// Report of a check.
 #[derive(Debug, Serialize)]
 pub struct Report {
@@ -232,18 +256,19 @@ struct Row {
 }
 
 impl Report {
-    /// `missing`: remotes that take no part, and whether one of them should.
     pub fn new(
         address: String,
         items: &[Item],
         names: &Names<'_>,
         outcome: Outcome,
-        (missing, is_incomplete): (Vec<String>, bool),
+        missing: &Missing,
     ) -> Self {
         let row = |item: &Item| Row::new(item, names);
         let of_input = |number: usize| {
             let mut items = items.iter();
-            let item = items.find(|item| matches!(item.what, What::Input(n, _) if n == number));
+            let item = items.find(
+                |item| matches!(item.what, What::Input(Input { point, .. }) if point == number),
+            );
             item?.judgement.as_ref()
         };
         let pairs = exchanged(of_input, names.points.len());
@@ -255,10 +280,10 @@ impl Report {
         Self {
             address,
             outcome,
-            ok: !is_incomplete && items.iter().all(is_ok),
+            ok: !missing.is_incomplete && items.iter().all(is_ok),
             terminals: items.iter().map(row).collect(),
             exchanged: named(&|n| names.points[n].info.name.clone()),
-            missing,
+            missing: missing.remotes.clone(),
             pairs: named(&|n| names.point(n)),
         }
     }
@@ -284,12 +309,12 @@ impl Row {
             pin: info.name.clone(),
             terminal: info.place.terminal.clone(),
             signal: info.place.signal.clone(),
-            kind: match item.what {
-                What::Input(_, PointKind::Digital) => "digital",
-                What::Input(_, PointKind::Counter) => "counter",
-                What::Input(_, PointKind::Index) => "index",
-                What::Input(_, PointKind::Analog) => "analog",
-                What::Output(_) => "output",
+            kind: match item.input_kind() {
+                Some(PointKind::Digital) => "digital",
+                Some(PointKind::Counter) => "counter",
+                Some(PointKind::Index) => "index",
+                Some(PointKind::Analog) => "analog",
+                None => "output",
             },
             verdict: item.mark,
             others: item.others().iter().filter_map(name).collect(),

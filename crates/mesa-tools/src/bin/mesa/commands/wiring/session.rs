@@ -11,7 +11,7 @@ use mesa_tools::diagnosis::wiring::{
 };
 
 use super::machine::{self, Driven, Machine};
-use super::report::{Item, Mark, Names, Not, Outcome, What, text};
+use super::report::{Input, Item, Mark, Names, Not, Outcome, What, text};
 use crate::context::Context;
 use crate::output::complain;
 use crate::sim::console;
@@ -51,16 +51,28 @@ enum Next {
     Back,
 }
 
-pub struct Session<'a> {
-    pub context: &'a Context,
-    pub machine: &'a Machine,
+/// The dialog with the person.
+pub struct Dialog {
     pub lines: Lines,
-    pub check: WiringCheck,
-    pub board: String,
-    pub items: Vec<Item>,
+    /// Time to wait at each terminal.
     pub timeout: Option<Duration>,
     /// True if outputs are driven without a question.
     pub is_agreed: bool,
+}
+
+/// The terminals of a board to check.
+pub struct Terminals {
+    pub check: WiringCheck,
+    pub items: Vec<Item>,
+}
+
+pub struct Session<'a> {
+    pub context: &'a Context,
+    pub machine: &'a Machine,
+    pub check: WiringCheck,
+    pub board: String,
+    pub items: Vec<Item>,
+    dialog: Dialog,
     clock: HostClock,
     seen: Option<Snapshot>,
 }
@@ -69,19 +81,17 @@ impl<'a> Session<'a> {
     pub fn new(
         context: &'a Context,
         machine: &'a Machine,
-        (lines, timeout): (Lines, Option<Duration>),
-        (check, items): (WiringCheck, Vec<Item>),
+        terminals: Terminals,
+        dialog: Dialog,
         board: String,
     ) -> Self {
         Self {
             context,
             machine,
-            lines,
-            check,
+            check: terminals.check,
             board,
-            items,
-            timeout,
-            is_agreed: false,
+            items: terminals.items,
+            dialog,
             clock: HostClock::new(),
             seen: None,
         }
@@ -115,7 +125,7 @@ impl<'a> Session<'a> {
         let mut at = 0;
         while let Some(what) = self.items.get(at).map(|item| item.what) {
             let next = match what {
-                What::Input(point, kind) => self.input(at, (point, kind))?,
+                What::Input(input) => self.input(at, input)?,
                 What::Output(pin) => self.output(at, pin)?,
             };
             keep(self);
@@ -137,14 +147,15 @@ impl<'a> Session<'a> {
         }
         std::thread::sleep(LOOK);
         let judgement = self.look();
-        let typed = match self.lines.lines.try_recv() {
+        let lines = &self.dialog.lines;
+        let typed = match lines.lines.try_recv() {
             Ok(line) => match line.as_str() {
                 "" => Typed::Skip,
                 "b" | "B" => Typed::Back,
                 "q" | "Q" => return Err(Outcome::Ended),
                 _ => Typed::Text(line),
             },
-            Err(TryRecvError::Disconnected) if self.lines.is_terminal => {
+            Err(TryRecvError::Disconnected) if lines.is_terminal => {
                 return Err(Outcome::Ended);
             }
             Err(_) => Typed::Nothing,
@@ -189,18 +200,19 @@ impl<'a> Session<'a> {
     }
 
     fn is_timeout(&self, since: Instant) -> bool {
-        self.timeout
+        self.dialog
+            .timeout
             .is_some_and(|timeout| since.elapsed() >= timeout)
     }
 
     /// Checks an input.
-    fn input(&mut self, at: usize, (point, kind): (usize, PointKind)) -> Result<Next, Outcome> {
+    fn input(&mut self, at: usize, input: Input) -> Result<Next, Outcome> {
         let begun = Instant::now();
-        self.check.ask(point);
+        self.check.ask(input.point);
         loop {
             let (typed, judgement) = self.pass()?;
             while let Some(news) = self.check.news() {
-                self.tell(at, (point, kind), news);
+                self.tell(at, input, news);
             }
             if let Some(found) = judgement {
                 self.judged(at, found);
@@ -224,33 +236,20 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn tell(&self, at: usize, (point, kind): (usize, PointKind), news: WiringMessage) {
+    fn tell(&self, at: usize, input: Input, news: WiringMessage) {
         let name = |other| self.names().point(other);
-        match (news, kind) {
-            (WiringMessage::Ready(level), PointKind::Digital) => {
-                self.say(at, &format!("actuate it now; it is {}", text(level)));
-            }
-            (WiringMessage::Ready(_), PointKind::Counter) => {
-                self.say(at, "turn it now by hand, in its positive direction");
-            }
-            (WiringMessage::Ready(_), PointKind::Index) => {
-                self.say(at, "turn the encoder past its index, by hand");
-            }
-            (WiringMessage::Ready(value), PointKind::Analog) => {
-                self.say(at, &format!("change it now; it is {}", text(value)));
-            }
+        match (news, input.kind) {
+            (WiringMessage::Ready(value), kind) => self.say(at, &request(kind, value)),
             (WiringMessage::Held(value), _) => {
                 let value = text(value);
                 let what = format!("let it go first: it is {value}, and was not before");
                 self.say(at, &what);
             }
             (WiringMessage::NotValid, _) => {
-                self.say(
-                    at,
-                    &format!("NOT VALID, and waited for: {}", self.reason(at)),
-                );
+                let what = format!("NOT VALID, and waited for: {}", self.reason(at));
+                self.say(at, &what);
             }
-            (WiringMessage::Restless(it), _) if it == point => {
+            (WiringMessage::Restless(other), _) if other == input.point => {
                 self.say(at, "CHANGES BY ITSELF; waited for until it is quiet");
             }
             (WiringMessage::Restless(other), _) => {
@@ -266,7 +265,7 @@ impl<'a> Session<'a> {
             (WiringMessage::Changed(_), _) => complain("  it moves; let it rest"),
             (WiringMessage::NoIndex(from, to), _) => complain(format_args!(
                 "  {}; turn it on, by more than a turn",
-                no_index((from, to))
+                no_index(from, to)
             )),
             (WiringMessage::Instead(other), _) => {
                 complain(format_args!(
@@ -285,7 +284,7 @@ impl<'a> Session<'a> {
                 Some("it came while the encoder stood: noise, or an open wire?".to_owned())
             }
             WiringVerdict::NoChange if self.is_index(at) => Some(match found.moved {
-                Some(path) => format!("{}: is it wired?", no_index(path)),
+                Some((from, to)) => format!("{}: is it wired?", no_index(from, to)),
                 None => "the encoder was not turned".to_owned(),
             }),
             WiringVerdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
@@ -304,24 +303,26 @@ impl<'a> Session<'a> {
 
     /// Reason for a level that did not change.
     fn stuck(&self, at: usize) -> Option<String> {
-        let What::Input(point, PointKind::Digital) = self.items.get(at)?.what else {
+        let What::Input(input) = self.items.get(at)?.what else {
             return None;
         };
-        let value = text(self.check.value(point)?);
+        if input.kind != PointKind::Digital {
+            return None;
+        }
+        let value = text(self.check.value(input.point)?);
         Some(format!("it was {value} all the time"))
     }
 
     fn is_index(&self, at: usize) -> bool {
         let item = self.items.get(at);
-        item.is_some_and(|item| matches!(item.what, What::Input(_, PointKind::Index)))
+        item.is_some_and(|item| item.input_kind() == Some(PointKind::Index))
     }
 
     fn is_restless(&self, at: usize) -> bool {
-        let item = self.items.get(at);
-        let point = item.map(|item| item.what);
-        self.check
-            .restless()
-            .any(|n| matches!(point, Some(What::Input(number, _)) if number == n))
+        let Some(What::Input(input)) = self.items.get(at).map(|item| item.what) else {
+            return false;
+        };
+        self.check.restless().any(|point| point == input.point)
     }
 
     fn mark(&mut self, at: usize, mark: Mark, reason: Option<String>) {
@@ -330,6 +331,13 @@ impl<'a> Session<'a> {
             item.reason = reason;
             item.said = None;
         }
+    }
+
+    /// Marks an output and reports its result.
+    fn concluded(&mut self, at: usize, mark: Mark, reason: Option<String>) -> Next {
+        self.mark(at, mark, reason);
+        self.tell_words(at);
+        Next::Forward
     }
 
     fn tell_words(&self, at: usize) {
@@ -355,7 +363,7 @@ impl<'a> Session<'a> {
                 self.say(at, &format!("NOT VALID: {reason}; it is not driven"));
             }
             if is_ready && !is_asked {
-                if self.is_agreed {
+                if self.dialog.is_agreed {
                     return Ok(None);
                 }
                 is_asked = true;
@@ -373,9 +381,8 @@ impl<'a> Session<'a> {
                 }
                 Typed::Nothing if !is_ready && self.is_timeout(away) => {
                     let reason = self.reason(at);
-                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
-                    self.tell_words(at);
-                    return Ok(Some(Next::Forward));
+                    let next = self.concluded(at, Mark::Not(Not::Failed), Some(reason));
+                    return Ok(Some(next));
                 }
                 Typed::Nothing => {}
             }
@@ -389,7 +396,8 @@ impl<'a> Session<'a> {
 
     /// Discards lines that a person typed before the question.
     fn forget_typed(&self) {
-        while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
+        let lines = &self.dialog.lines;
+        while lines.is_terminal && lines.lines.try_recv().is_ok() {
             std::thread::sleep(LOOK);
         }
     }
@@ -407,9 +415,7 @@ impl<'a> Session<'a> {
             let (typed, _) = self.pass()?;
             match self.machine.driven() {
                 Some(Driven::Failed(reason)) => {
-                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
-                    self.tell_words(at);
-                    return Ok(Next::Forward);
+                    return Ok(self.concluded(at, Mark::Not(Not::Failed), Some(reason)));
                 }
                 Some(Driven::On) if !was_on => {
                     was_on = true;
@@ -442,9 +448,7 @@ impl<'a> Session<'a> {
                 return Ok(self.answered(at, typed));
             }
             if self.is_timeout(since) {
-                self.mark(at, Mark::Judged(WiringVerdict::Skipped), None);
-                self.tell_words(at);
-                return Ok(Next::Forward);
+                return Ok(self.concluded(at, Mark::Judged(WiringVerdict::Skipped), None));
             }
         }
     }
@@ -468,8 +472,18 @@ impl<'a> Session<'a> {
     }
 }
 
+/// Request to the person at an input with this value.
+fn request(kind: PointKind, value: AnyValue) -> String {
+    match kind {
+        PointKind::Digital => format!("actuate it now; it is {}", text(value)),
+        PointKind::Counter => "turn it now by hand, in its positive direction".to_owned(),
+        PointKind::Index => "turn the encoder past its index, by hand".to_owned(),
+        PointKind::Analog => format!("change it now; it is {}", text(value)),
+    }
+}
+
 /// Text for an encoder that was turned without its index coming.
-fn no_index((from, to): (AnyValue, AnyValue)) -> String {
+fn no_index(from: AnyValue, to: AnyValue) -> String {
     format!(
         "the encoder counted {} to {}, and its index did not come",
         text(from),

@@ -79,7 +79,7 @@ impl BoardView {
         });
         let clients: Vec<_> = clients.collect();
         let clients = match clients[..] {
-            [] => "nobody talks to it".to_owned(),
+            [] => "no client".to_owned(),
             _ => format!("from {}", clients.join(", ")),
         };
         Line::from(vec![
@@ -407,7 +407,7 @@ mod tests {
         let mut view = BoardView::new("mill", "127.0.0.1:27181".to_owned());
         let line = |view: &BoardView| view.line(palette()).to_string();
         view.take("time 0\nboard.name 7I97\nnetwork.received.packets 0\n");
-        assert!(line(&view).contains("watchdog off  nobody talks to it"));
+        assert!(line(&view).contains("watchdog off  no client"));
         view.take(
             "time 0.5\nboard.name 7I97\nnetwork.received.packets 1000\nboard.watchdog-running 1\n\
              network.client.0.address 10.0.0.1:5\nnetwork.client.0.silent 0.001\n\
