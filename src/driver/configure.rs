@@ -89,7 +89,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         let settings = checked(settings)?;
         if settings.pace == Pace::Board && !bus.can_hold() {
-            let why = "this bus can not hold reads back";
+            let why = "this bus cannot hold reads back";
             return Err(DriverError::NotPaced { why });
         }
         bus.set_cycle(settings.period, None);

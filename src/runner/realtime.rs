@@ -10,6 +10,8 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
+use crate::advice::Advice;
+
 /// Settings of Linux for the thread of a cycle; independent of each other, none by default.
 ///
 /// A refused setting is an error with the reason, never ignored: a cycle without its rights misses
@@ -36,10 +38,7 @@ pub struct Realtime {
 #[non_exhaustive]
 pub enum RealtimeError {
     /// The priority.
-    #[error(
-        "SCHED_FIFO with priority {priority}: {source}; give the user `rtprio {priority}` in \
-         /etc/security/limits.d and log in again, or give the program CAP_SYS_NICE"
-    )]
+    #[error("SCHED_FIFO with priority {priority}: {source}")]
     Priority {
         /// The requested priority.
         priority: u8,
@@ -53,19 +52,15 @@ pub enum RealtimeError {
         priority: u8,
     },
     /// The locking of memory.
-    #[error(
-        "locking the memory: {source}; give the user `memlock unlimited` in /etc/security/limits.d \
-         and log in again, or give the program CAP_IPC_LOCK"
-    )]
+    #[error("locking the memory: {source}")]
     Memory {
         /// The reason.
         source: io::Error,
     },
     /// The size of lockable memory is limited.
     #[error(
-        "locking the memory: no more than {} KiB may be locked (ulimit -l), and what the program asks \
-         for beyond that would be refused while it runs; give the user `memlock unlimited` in \
-         /etc/security/limits.d and log in again, or give the program CAP_IPC_LOCK", bytes >> 10
+        "locking the memory: no more than {} KiB may be locked (ulimit -l), and requests of the \
+         program beyond that would be refused while it runs", bytes >> 10
     )]
     MemoryLimit {
         /// The limit in bytes.
@@ -75,13 +70,36 @@ pub enum RealtimeError {
     #[error("{}", Lines(.0))]
     Several(Vec<RealtimeError>),
     /// The CPUs.
-    #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
+    #[error("running on the CPUs {cpus:?}: {source}")]
     Cpus {
         /// The requested CPUs.
         cpus: Vec<usize>,
         /// The reason.
         source: io::Error,
     },
+}
+
+impl RealtimeError {
+    /// The next step, if there is one. [`AllowRealtime`](Advice::AllowRealtime) contains all steps
+    /// for settings that were refused for several reasons.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Priority { .. } => Some(Advice::AllowPriority),
+            Self::NoPriority { .. } => None,
+            Self::Memory { .. } | Self::MemoryLimit { .. } => Some(Advice::AllowLockedMemory),
+            Self::Several(errors) => {
+                let mut all = errors.iter().filter_map(Self::advice);
+                let first = all.next()?;
+                let is_same = all.all(|other| other == first);
+                Some(if is_same {
+                    first
+                } else {
+                    Advice::AllowRealtime
+                })
+            }
+            Self::Cpus { .. } => Some(Advice::CountCpus),
+        }
+    }
 }
 
 impl Realtime {

@@ -12,11 +12,14 @@
 
 use core::error::Error;
 
-use super::FirmwareFile;
+use super::{FirmwareFile, SerialError};
+use mesa_hal::Advice;
+use mesa_hal::bus::BusError;
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
 };
+use mesa_hal::sslbp::PortError;
 
 /// Plausible sizes for the flash memory of a microcontroller, as powers of two.
 const LOG2_WRITE: core::ops::RangeInclusive<u8> = 3..=14;
@@ -102,6 +105,23 @@ pub enum UpdateError<E: Error + 'static> {
         /// Blocks of the file.
         blocks: usize,
     },
+}
+
+impl<E: BusError> UpdateError<PortError<E>> {
+    /// The next step, if the library has one; the other texts contain their own.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Link(error) => error.advice(),
+            _ => None,
+        }
+    }
+}
+
+impl UpdateError<SerialError> {
+    /// The next step, if the library has one: none, because the texts contain their own.
+    pub const fn advice(&self) -> Option<Advice> {
+        None
+    }
 }
 
 /// Blocks to write, and the present contents of the flash memory.

@@ -7,9 +7,10 @@ use clap::Args;
 use mesa_hal::Clock;
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{AddressSource, Area, EthernetBoard, EthernetError, Identity};
+use mesa_hal::transport::udp::UdpError;
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
@@ -109,7 +110,7 @@ impl Restart {
                 Err(EthernetError::Bus(error)) => {
                     let waited = bus.now().since(begun);
                     if waited > limit {
-                        return Err(silent(&found, &identity, waited, error));
+                        return Err(silent(&found, &identity, waited, &error));
                     }
                 }
                 Err(error) => return Err(error.into()),
@@ -146,13 +147,14 @@ fn outputs(action: &str) -> &'static str {
 }
 
 /// Error for a board that does not answer again, with its possible addresses.
-fn silent(found: &Found, identity: &Identity, waited: Duration, error: impl Display) -> Failure {
+fn silent(found: &Found, identity: &Identity, waited: Duration, error: &UdpError) -> Failure {
     let fixed = AddressSource::FIXED;
     Failure::refused(format_args!(
-        "{}: does not answer again within {:.1} s: {error}. By its jumpers it may be at {} (from the \
+        "{}: does not answer again within {:.1} s: {}. By its jumpers it may be at {} (from the \
          EEPROM) or {fixed} (fixed) now",
         found.address,
         waited.as_secs_f64(),
+        told(error),
         identity.eeprom_ip
     ))
 }

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::{Where, warning};
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
 
@@ -123,6 +123,7 @@ impl Restore {
         let found = saved.compare(&mut cabinet, by);
         let found = found.map_err(|error| {
             let hint = if self.by_place { "" } else { " (--by-place)" };
+            let error = told(&error);
             Failure::refused(format_args!("{path}: {error}{hint}"))
         })?;
         let mut report = Restored {
@@ -167,6 +168,7 @@ impl Restore {
                 }
                 difference.restore(&mut cabinet).map_err(|error| {
                     let written = report.written;
+                    let error = told(&error);
                     Failure::refused(format_args!("{error}; {written} of {count} were written"))
                 })?;
                 report.written += 1;

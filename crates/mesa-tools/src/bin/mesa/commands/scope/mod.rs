@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::named;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::target::Target;
 use crate::{files, running};
 
@@ -126,8 +126,8 @@ impl Scope {
             },
         };
         let (before, cycles) = (self.before as usize, self.cycles as usize);
-        let mut scope =
-            Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
+        let mut scope = Recorder::new(pins, &recorded, trigger, (before, cycles))
+            .map_err(|error| Failure::usage(told(&error)))?;
         let trigger = info(pin)?.name;
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());

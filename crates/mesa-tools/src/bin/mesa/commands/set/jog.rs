@@ -11,7 +11,7 @@ use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
 
 use super::report::{Change, Outcome, Report};
-use crate::context::{Context, Failure};
+use crate::context::{Context, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
@@ -153,7 +153,7 @@ impl Jog {
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
-            self.failure = Some(error.to_string());
+            self.failure = Some(told(&error));
         }
         let stopped = signal.map(|signal| signal.to_string());
         let is_contradicted = self.level.is_some_and(|level| level.contradictions > 0);
@@ -298,7 +298,7 @@ impl Jog {
         for (_, step) in (0..).zip(&self.steps).filter(|(n, _)| steps.contains(n)) {
             let value = if is_on { step.value } else { step.safe };
             if let Err(error) = cycle.pins_mut().set_any(step.pin, value) {
-                self.failure = Some(error.to_string());
+                self.failure = Some(told(&error));
                 return ControlFlow::Break(());
             }
         }
@@ -359,7 +359,7 @@ impl Jog {
             remote.started.channel.index()
         );
         Some(match remote.first_fault {
-            Some(reason) => format!("the {place} went offline: {reason}"),
+            Some(reason) => format!("the {place} went offline: {}", told(&reason)),
             None => format!("the {place} does not run"),
         })
     }

@@ -17,7 +17,7 @@ use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
@@ -115,7 +115,9 @@ impl Wiring {
         let (check, items) = self.terminals(&board);
         if items.is_empty() {
             let missing = board.missing().iter().filter(|one| is_there(one));
-            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
+            let missing: Vec<String> = missing
+                .map(|one| format!("; missing: {}", told(one)))
+                .collect();
             return Err(Failure::refused(format_args!(
                 "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
                  or ? has to match a whole name{}",
@@ -128,7 +130,7 @@ impl Wiring {
         self.consent(context, &found, &items, &watchdogs)?;
         let mut driver = running::go(board)?;
         self.slow_watchdog.prove(&mut driver, &groups)?;
-        let missing: Vec<String> = driver.missing().iter().map(Remark::to_string).collect();
+        let missing: Vec<String> = driver.missing().iter().map(|one| told(one)).collect();
         let is_incomplete = self.pattern.is_none() && driver.missing().iter().any(is_there);
         let name = driver.name().to_owned();
         let report = |session: &Session<'_>, outcome| {
