@@ -242,8 +242,9 @@ mod tests {
                     cpus: std::vec![cpu],
                     ..Realtime::default()
                 };
-                let error = asked.apply().expect_err("no such CPU").to_string();
-                assert!(error.contains("nproc"), "{error}");
+                let error = asked.apply().expect_err("no such CPU");
+                let advice = error.advice().expect("advice").to_string();
+                assert!(advice.contains("nproc"), "{error}: {advice}");
             }
         });
     }
@@ -264,7 +265,9 @@ mod tests {
             let after = sched_getaffinity(None).expect("readable");
             assert_eq!(after.count(), 1, "it runs there all the same");
             asked.cpus.push(CpuSet::MAX_CPU - 1);
-            let error = asked.apply().expect_err("two things").to_string();
+            let error = asked.apply().expect_err("two things");
+            assert_eq!(error.advice(), Some(Advice::CountCpus));
+            let error = error.to_string();
             let parts: Vec<_> = error.split("; and ").collect();
             assert_eq!(parts.len(), 2, "{error}");
             assert!(parts[0].contains("from 1 to 99"), "{error}");
@@ -300,9 +303,10 @@ mod tests {
                 matches!(error, RealtimeError::MemoryLimit { bytes: told } if told == bytes),
                 "{error}"
             );
-            let text = error.to_string();
-            for said in ["KiB may be locked", "memlock unlimited", "CAP_IPC_LOCK"] {
-                assert!(text.contains(said), "{text}");
+            assert!(error.to_string().contains("KiB may be locked"), "{error}");
+            let advice = error.advice().expect("advice").to_string();
+            for said in ["memlock unlimited", "CAP_IPC_LOCK"] {
+                assert!(advice.contains(said), "{advice}");
             }
         });
     }
@@ -320,7 +324,10 @@ mod tests {
                     let fifo = RealtimeThreadSchedulePolicy::Fifo;
                     assert_eq!(is, ThreadSchedulePolicy::Realtime(fifo));
                 }
-                Err(error) => assert!(error.to_string().contains("rtprio 1"), "{error}"),
+                Err(error) => {
+                    assert!(error.to_string().contains("priority 1:"), "{error}");
+                    assert_eq!(error.advice(), Some(Advice::AllowPriority));
+                }
             }
         });
     }

@@ -2,7 +2,7 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::{Age, InOut, Output, Param, PinMaker, Spec};
+use crate::hal::{Age, InOut, Output, Param, PinMaker, ShortName, Spec};
 use core::time::Duration;
 
 fn at(ms: u64) -> Instant {

@@ -20,10 +20,10 @@ pub enum OfflineReason {
     #[error("too many failed transfers, the last: {0}")]
     TooManyFailures(Failure),
     /// The channel does not run any more.
-    #[error("its channel does not run: {0}")]
+    #[error("the channel does not run: {0}")]
     NotRunning(CsStatus),
     /// The watchdog of the remote has bitten or it lost power: it needs a START.
-    #[error("its watchdog has bitten or its power was off; it is restarted in its mode")]
+    #[error("the remote's watchdog has bitten or its power was off; the driver restarts it in its mode")]
     Watchdog,
     /// The remote has lost its software mode.
     #[error("the remote does not know its software mode any more")]
@@ -53,7 +53,7 @@ pub enum OfflineReason {
     },
     /// The right device is on the channel, with tables in another place: another firmware.
     #[error(
-        "its tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has another \
+        "the remote's tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has another \
          firmware"
     )]
     OtherTables {
@@ -64,7 +64,7 @@ pub enum OfflineReason {
     },
     /// The right device is on the channel, with other process data: another firmware.
     #[error(
-        "its process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another firmware",
+        "the remote's process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another firmware",
         found.rx, found.tx, expected.rx, expected.tx
     )]
     OtherSizes {
@@ -77,7 +77,7 @@ pub enum OfflineReason {
     #[error("the port never finished a command")]
     PortStuck,
     /// The application switched the port off.
-    #[error("its port is switched off")]
+    #[error("the port is switched off")]
     Stopped,
     /// The application asked for a restart.
     #[error("the application asked for a restart")]

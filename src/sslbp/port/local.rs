@@ -126,22 +126,18 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             processor,
             channels,
         ] = parameters;
-        let require = |(found, expected): (u8, u8), what: &str, advice| {
+        let require = |(found, expected): (u8, u8), what: &str, why: &str, advice| {
             if found == expected {
                 return Ok(());
             }
             let [found, expected] = [found, expected].map(|byte| format!("{byte:#04X}"));
-            Err(self.unexpected(what.into(), found, expected, Some(advice)))
+            Err(self.unexpected(what.into(), found, expected + why, Some(advice)))
         };
-        let kind_of_port =
-            "the interface type, which is that of another serial protocol than SSLBP,";
-        require((kind, 0x12), kind_of_port, Advice::UseKnownFirmware)?;
-        require((width, 8), "the width of DATA", Advice::UseKnownFirmware)?;
-        require(
-            (processor, 0xD8),
-            "the interface processor",
-            Advice::UseKnownFirmware,
-        )?;
+        let of_sslbp = ", which is that of SSLBP";
+        let unknown = Advice::UseKnownFirmware;
+        require((kind, 0x12), "the interface type", of_sslbp, unknown)?;
+        require((width, 8), "the width of DATA", "", unknown)?;
+        require((processor, 0xD8), "the interface processor", "", unknown)?;
         if major != 1 || minor < OLDEST_MINOR {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
@@ -156,8 +152,9 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             return Err(self.unexpected(what, found, expected, advice));
         }
         let all = self.port.layout.channels;
-        let number = "the number of channels, with other channels in the pin descriptors,";
-        require((channels, all), number, Advice::UseOtherFirmware)?;
+        let as_pins = ", as the pin descriptors have";
+        let other = Advice::UseOtherFirmware;
+        require((channels, all), "the number of channels", as_pins, other)?;
         let parameters = PortParameters {
             major,
             minor,
