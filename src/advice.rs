@@ -80,7 +80,7 @@ kinds! {
     LeaveDpll: "choose another thread period, or go on without the DPLL (`Settings::no_dpll`)",
     ChooseHostPace: "let the host pace it (`Pace::Host`)",
     ChoosePeriod: "choose a period of 1 us to 800 ms",
-    LengthenWatchdog: "choose a longer time for the watchdog, or a shorter period",
+    LengthenWatchdog: "choose a longer time for the watchdog (`Settings::watchdog` for that of the board), or a shorter period",
     LengthenPeriod: "choose a longer period, or spread the remotes over several ports",
     LeavePortOut: "leave the configuration of the port out",
     LeaveChannelOut: "leave the channel out",
@@ -217,8 +217,9 @@ impl fmt::Debug for WithAdvice<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-    use std::string::ToString;
+    use alloc::collections::BTreeSet;
+    use alloc::string::ToString;
+    use alloc::vec::Vec;
 
     use super::*;
 

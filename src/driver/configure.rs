@@ -391,7 +391,7 @@ fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<
     if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
         return Err(DriverError::BadPeriod { period });
     }
-    let of = "the board's watchdog (`Settings::watchdog`)";
+    let of = "the board's watchdog";
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     settings.check()?;
     let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);

@@ -114,7 +114,7 @@ impl fmt::Display for NotReached {
                 "its outputs are off only by its own watchdog, which is not known ({usual} ms as delivered)"
             ),
             RemoteWatchdog::Off => f.write_str(
-                "its own watchdog is off, or has not bitten when it should have, so its outputs stay as they were",
+                "its own watchdog is off, or has not bitten when it should have, so an output that was on stays on",
             ),
         }
     }

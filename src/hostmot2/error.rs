@@ -69,7 +69,7 @@ pub enum HostMot2Error {
     IoPin {
         /// The pin.
         pin: u16,
-        /// Reason why it cannot be used, and what to do.
+        /// Reason why it cannot be used.
         why: String,
     },
     /// The module has no I/O pins.

@@ -386,9 +386,9 @@ mod tests {
         };
         assert_eq!(
             failure.to_string(),
-            "channel 1 did not start: the remote does not have software mode 5; choose another (CS \
-             4024A1C0)"
+            "channel 1 did not start: the remote does not have software mode 5 (CS 4024A1C0)"
         );
+        assert_eq!(failure.advice(), Some(Advice::ChooseMode));
     }
 
     proptest! {

@@ -46,6 +46,7 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         Advice::SetEncoderCount => "load a firmware that has more",
         Advice::LeaveDpll => "choose another period or rate",
         Advice::ChooseHostPace => "let the host pace it (`--pace host`)",
+        Advice::LengthenWatchdog => "choose a longer time for the watchdog, or a shorter period",
         Advice::RearmFirst => "give the command again",
         Advice::LookAtMissing => "a line `MISSING` contains the reason, if there is one",
         Advice::AddTable => {
@@ -120,9 +121,14 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
     None
 }
 
-/// The facts of an error and its [advice](advice_of) in the words of the command line.
+/// The facts of an error and its [advice](advice_of) in the words of the command line. A stop that
+/// failed may have two: that of the remotes that were not reached, and that of the failed step.
 pub fn told(error: &(dyn Error + 'static)) -> String {
-    with_advice(error, advice_of(error))
+    let advice = advice_of(error);
+    let text = with_advice(error, advice);
+    let stop = error.downcast_ref::<StopError<UdpError>>();
+    let failed = stop.and_then(|error| error.failed.as_ref()?.advice());
+    with_advice(text, failed.filter(|failed| Some(*failed) != advice))
 }
 
 #[cfg(test)]

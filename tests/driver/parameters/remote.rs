@@ -113,8 +113,8 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             0,
             "nvwatchdog",
             50,
-            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that name; its \
-             descriptor lists those that it has",
+            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that \
+             name",
         ),
         (
             0,

@@ -95,7 +95,7 @@ fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
         machine.cable(OUTPUTS).unplug();
         machine.driver.pins_mut().set(run, false);
         machine.cycles(300);
-        let (mut fpga, named) = stop(machine, "its port is switched off");
+        let (mut fpga, named) = stop(machine, "the port is switched off");
         assert_eq!(named, expected);
         assert_eq!(lit(&mut fpga, 0), expected);
     }

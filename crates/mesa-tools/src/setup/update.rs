@@ -44,7 +44,7 @@ pub enum UpdateError<E: Error + 'static> {
     /// The remote has no flash memory that is accessible in this way.
     #[error(
         "the remote says that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
-         memory does; its firmware can not be updated over LBP"
+         memory does; its firmware cannot be updated over LBP"
     )]
     Sizes {
         /// Base-2 logarithm of the bytes that an erase erases.
@@ -65,7 +65,7 @@ pub enum UpdateError<E: Error + 'static> {
     },
     /// The contents of the flash memory are not visible.
     #[error(
-        "this remote does not show what is in its flash memory, so that an update can not be verified; \
+        "this remote does not show what is in its flash memory, so that an update cannot be verified; \
          `--no-verify` writes without, as LinuxCNC's setsserial does"
     )]
     NotReadable,
