@@ -127,7 +127,7 @@ kinds! {
     CheckRemotePower: "check that a remote is connected to this channel and has power (field power too, where it is powered from there)",
     CheckCardPower: "check the card's cable and its power (field power too, where it is powered from there)",
     CheckCableAndPower: "check the cable and the power of the remote",
-    CheckBaudRate: "check the baud rate and what is connected",
+    CheckBaudRate: "check the baud rate and the connected device",
     CheckRxWires: "check for swapped or shorted RX wires, or a remote without power",
     CheckShield: "check cable, shield and ground",
     CheckNoise: "check for noise, and for two remotes on one line",

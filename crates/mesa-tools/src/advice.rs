@@ -14,7 +14,9 @@ use mesa_hal::hal::PinError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::modules::RegisterError;
 use mesa_hal::remote::{ParameterError, RemoteError};
-use mesa_hal::runner::{CommandError, RealtimeError, ScopeError, SnapshotError};
+#[cfg(feature = "cli")]
+use mesa_hal::runner::RealtimeError;
+use mesa_hal::runner::{CommandError, ScopeError, SnapshotError};
 use mesa_hal::sslbp::{PortError, StartFailure, StartFailureReason};
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Advice, CycleError, DriverError, Remark};
@@ -113,11 +115,12 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
         StartFailureReason,
         OfflineReason,
         BitfileError,
-        RealtimeError,
         CommandError,
         ScopeError,
         SnapshotError,
     );
+    #[cfg(feature = "cli")]
+    first_of!(error, RealtimeError);
     None
 }
 
