@@ -166,6 +166,7 @@
 
 extern crate alloc;
 
+mod advice;
 pub mod boards;
 pub mod bus;
 pub mod discovery;
@@ -189,6 +190,7 @@ mod tally;
 #[cfg(feature = "std")]
 pub mod transport;
 
+pub use advice::{Advice, WithAdvice};
 pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Configured, Driver, DriverError, Settings};

@@ -9,11 +9,11 @@ use mesa_hal::driver::{CycleError, Driver};
 use mesa_hal::hal::{Counter, PinError, Pins};
 use mesa_hal::runner::Cycle;
 
-use crate::Failure;
 use crate::args::Args;
 use crate::drives::Drives;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
+use crate::{Failure, advised};
 
 /// Number of cycles without a new position after which an axis stops.
 const DEBOUNCE: u64 = 3;
@@ -118,7 +118,8 @@ impl Control {
             progress: progress_bar(args.cycles()),
         };
         let name = driver.name().to_owned();
-        control.find_encoders(driver.pins_mut(), &name)?;
+        let found = control.find_encoders(driver.pins_mut(), &name);
+        found.map_err(|error| advised(&error, error.advice()))?;
         Ok(control)
     }
 
@@ -150,7 +151,7 @@ impl Control {
             }
             Err(CycleError::Read { consecutive, .. }) if *consecutive < GONE => false,
             Err(error) => {
-                self.failure = Some(error.to_string().into());
+                self.failure = Some(advised(error, error.advice()));
                 return ControlFlow::Break(());
             }
         };

@@ -4,9 +4,9 @@ use mesa_hal::boards::{I7i77Analog, I7i97};
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::AnalogOut;
 
-use crate::Failure;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
+use crate::{Failure, advised};
 
 /// The analog outputs of a machine.
 #[derive(Debug)]
@@ -29,7 +29,8 @@ impl Drives {
                 needs_field_io: false,
             });
         }
-        let card: I7i77Analog = driver.attach((0, 1))?;
+        let card = driver.attach::<I7i77Analog>((0, 1));
+        let card = card.map_err(|error| advised(&error, error.advice()))?;
         Ok(Self {
             outputs: card.analog_out,
             name: "the analog outputs of the 7I77",

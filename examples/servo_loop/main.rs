@@ -14,6 +14,8 @@ mod result;
 mod support;
 mod timed;
 
+use std::fmt::Display;
+use std::net::SocketAddrV4;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -21,6 +23,7 @@ use args::{Args, Parsed};
 use mesa_hal::driver::{Driver, Settings};
 use mesa_hal::runner::Runner;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::{Advice, WithAdvice};
 use support::{Stop, complain, say};
 
 /// Limit of the wait for a transfer. The wait only measures the transfer: a cycle itself need not
@@ -57,8 +60,18 @@ fn main() -> ExitCode {
 fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
     match args.address {
         None => run_on(machine::simulated(args)?, args, stop),
-        Some(address) => run_on(UdpBus::connect(address, UdpConfig::default())?, args, stop),
+        Some(address) => run_on(connect(address)?, args, stop),
     }
+}
+
+fn connect(address: SocketAddrV4) -> Result<UdpBus, Failure> {
+    let bus = UdpBus::connect(address, UdpConfig::default());
+    bus.map_err(|error| advised(&error, error.advice()))
+}
+
+/// A failure with the facts of an error and its advice.
+fn advised(facts: &dyn Display, advice: Option<Advice>) -> Failure {
+    WithAdvice::new(facts, advice).to_string().into()
 }
 
 fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
@@ -68,7 +81,8 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
         watchdog: args.watchdog,
         ..Settings::default()
     };
-    let mut driver = Driver::start(timed::Timed::new(bus), settings)?;
+    let driver = Driver::start(timed::Timed::new(bus), settings);
+    let mut driver = driver.map_err(|error| advised(&error, error.advice()))?;
     say(found::list(&driver, args.pins));
     let mut control = control::Control::new(&mut driver, args)?;
     let ended = Runner::new(driver)
@@ -78,7 +92,8 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
     // The outputs are off by now, whatever ended the run; the summary follows.
     let summary = result::Summary::of(&control, &ended, args);
     say(&summary.text);
-    let stopped = ended.stopped.map_err(Failure::from);
+    let stopped = ended.stopped;
+    let stopped = stopped.map_err(|error| advised(&error, error.advice()));
     let result = control.failure.map_or(Ok(()), Err).and(stopped);
     if let Some(signal) = ended.signal {
         if let Err(error) = result {

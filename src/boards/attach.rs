@@ -8,6 +8,7 @@ use core::fmt;
 
 use super::identity::require;
 use super::{BoardTable, CardTable, IdentityError};
+use crate::advice::Advice;
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
@@ -82,7 +83,7 @@ pub trait CardHandles: Sized {
 #[non_exhaustive]
 pub enum AttachError {
     /// The firmware is for another board.
-    #[error("this is a {found}, and a {expected} was asked for (is the address another board's?)")]
+    #[error("this is a {found}, and a {expected} was asked for")]
     OtherBoard {
         /// The requested board.
         expected: &'static str,
@@ -93,10 +94,7 @@ pub enum AttachError {
     #[error(transparent)]
     Module(#[from] HostMot2Error),
     /// No remote takes part on this channel.
-    #[error(
-        "no remote takes part on {remote}, where a {expected} was asked for; \
-         `missing` says why, if it was configured"
-    )]
+    #[error("no remote takes part on {remote}, where a {expected} was asked for")]
     NoRemote {
         /// The address of the remote.
         remote: RemoteId,
@@ -114,7 +112,7 @@ pub enum AttachError {
     /// No connector of the board with this channel has the pins of the card.
     #[error(
         "{remote} is not the first one of a connector with the pins of a \
-         {expected}: name the card's first channel, or load a firmware that is made for the card"
+         {expected}"
     )]
     NoConnector {
         /// The requested first channel.
@@ -124,8 +122,7 @@ pub enum AttachError {
     },
     /// The table cannot stand in for a remote that is absent.
     #[error(
-        "the table of a {kind} can not stand for one that is absent in software mode {mode}: {why}; \
-         plug it in, or complete the table"
+        "the table of a {kind} cannot stand for one that is absent in software mode {mode}: {why}"
     )]
     Table {
         /// The kind of remote.
@@ -136,10 +133,7 @@ pub enum AttachError {
         why: String,
     },
     /// A pin that this kind of board or remote should have is missing, or is of another kind.
-    #[error(
-        "{name}: {source}. A {kind} has it: does the software mode, the firmware or the number of \
-         instances in use differ?"
-    )]
+    #[error("{name}: {source}; a {kind} has it")]
     Pin {
         /// Name of the pin, or its beginning.
         name: String,
@@ -148,6 +142,21 @@ pub enum AttachError {
         /// The cause.
         source: Box<PinError>,
     },
+}
+
+impl AttachError {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::OtherBoard { .. } => Some(Advice::CheckBoardAddress),
+            Self::Module(error) => error.advice(),
+            Self::NoRemote { .. } => Some(Advice::LookAtMissing),
+            Self::Identity { source, .. } => source.advice(),
+            Self::NoConnector { .. } => Some(Advice::NameFirstChannel),
+            Self::Table { .. } => Some(Advice::CompleteTable),
+            Self::Pin { .. } => Some(Advice::CheckMode),
+        }
+    }
 }
 
 /// The pins of one board or remote, identified by the ends of their names.

@@ -4,6 +4,7 @@ use alloc::format;
 use alloc::string::String;
 
 use super::{i7i64, i7i72, i7i77};
+use crate::advice::Advice;
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::sslbp::RemoteName;
 
@@ -17,15 +18,22 @@ pub const REMOTES: [&RemoteTable; 4] = [
 
 /// A remote that differs from the requested one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{actual}, and {expected} was expected: {hint}")]
+#[error("{actual}, and {expected} was expected")]
 #[non_exhaustive]
 pub struct IdentityError {
     /// The actual remote.
     pub actual: String,
     /// The expected remote.
     pub expected: String,
-    /// Advice on the next step.
-    pub hint: &'static str,
+    /// The next step.
+    pub advice: Advice,
+}
+
+impl IdentityError {
+    /// The next step.
+    pub const fn advice(&self) -> Option<Advice> {
+        Some(self.advice)
+    }
 }
 
 /// Checks the kind and the unit number of a remote, as far as they are given.
@@ -39,23 +47,25 @@ pub(crate) fn check_identity(
         return Err(IdentityError {
             actual: format!("a {name} answers"),
             expected: format!("a {}", RemoteName(kind.name)),
-            hint: "are the cables swapped?",
+            advice: Advice::CheckSwappedCables,
         });
     }
     if let Some(kind) = kind.filter(|kind| !kind.matches(descriptor)) {
         let part = REMOTES.iter().find(|table| table.matches(descriptor));
         let part = part.map_or("another part of the card", |table| table.title);
         return Err(IdentityError {
-            actual: format!("the {name} with unit number {actual:#010x} is {part}"),
+            actual: format!(
+                "the {name} with unit number {actual:#010x} is {part}, because the channels are swapped"
+            ),
             expected: kind.title.into(),
-            hint: "the channels are swapped; exchange them in the configuration, or the card's cables",
+            advice: Advice::ExchangeChannels,
         });
     }
     match unit_number.filter(|&expected| expected != actual) {
         Some(expected) => Err(IdentityError {
             actual: format!("a {name} with unit number {actual:#010x} answers"),
             expected: format!("{expected:#010x}"),
-            hint: "see the label on the card",
+            advice: Advice::SeeLabel,
         }),
         None => Ok(()),
     }

@@ -1,5 +1,6 @@
 //! Defects in a remote's description of itself.
 
+use crate::advice::Advice;
 use crate::sslbp::RemoteName;
 use alloc::{
     string::{String, ToString},
@@ -23,6 +24,13 @@ pub struct Problem {
     pub record: u16,
     /// Kind of defect.
     pub kind: ProblemKind,
+}
+
+impl Problem {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        self.kind.advice()
+    }
 }
 
 impl Problem {
@@ -57,10 +65,7 @@ impl fmt::Display for Table {
 #[non_exhaustive]
 pub enum ProblemKind {
     /// A read failed.
-    #[error(
-        "reading {address:#06X} failed; what lies behind it is missing. Check the cable, then \
-         start again"
-    )]
+    #[error("reading {address:#06X} failed; the rest of the table is missing")]
     ReadFailed {
         /// Address of the read.
         address: u16,
@@ -76,19 +81,16 @@ pub enum ProblemKind {
     },
     /// The remote has no tables, and this crate has no table for its name.
     #[error(
-        "it is not supported: it has no discovery, and there is no table of all its process data, with \
-         finite limits; leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
+        "the remote is not supported: it has no discovery, and there is no table of all its process \
+         data, with finite limits"
     )]
     NoTables,
     /// The remote reports only its name, and this crate has no table for that.
-    #[error(
-        "it waits in its bootloader, without a whole program: give `mesa update` again, with its jumper \
-         in the setup position"
-    )]
+    #[error("the remote waits in its bootloader, without a whole program")]
     InBootloader,
     /// The remote does not have the requested software mode, and is in another one.
     #[error(
-        "software mode {mode} is not one of this remote's modes ({}); start it in one of these",
+        "software mode {mode} is not one of this remote's modes ({})",
         list(.known)
     )]
     IllegalSoftwareMode {
@@ -99,8 +101,8 @@ pub enum ProblemKind {
     },
     /// The transferred process data does not match the remote's tables.
     #[error(
-        "it transfers {rx} bytes of process data in and {tx} out, but its tables describe {plan_rx} \
-         and {plan_tx}; switch its power off and on, and update its firmware if that does not help"
+        "the remote transfers {rx} bytes of process data in and {tx} out, but its tables describe {plan_rx} \
+         and {plan_tx}"
     )]
     Sizes {
         /// Bytes from the remote.
@@ -126,9 +128,7 @@ pub enum ProblemKind {
         limit: u32,
     },
     /// A table has no end within the limits.
-    #[error(
-        "the table has no end within {entries} entries; the remote's firmware is damaged, update it"
-    )]
+    #[error("the table has no end within {entries} entries; the remote's firmware is damaged")]
     TableWithoutEnd {
         /// Number of entries until then.
         entries: u16,
@@ -154,15 +154,36 @@ pub enum ProblemKind {
     Odd {
         /// The oddity, and its effect.
         what: String,
+        /// The next step, if there is one.
+        advice: Option<Advice>,
     },
     /// The record extends beyond the end of the address space.
-    #[error("it does not end before the end of the address space")]
+    #[error("the record does not end before the end of the address space")]
     PastEnd,
     /// A count in two parts lacks one of them.
-    #[error(
-        "it is one part of a count, and the other part does not follow; choose another software mode"
-    )]
+    #[error("the record is one part of a count, and the other part does not follow")]
     HalfCount,
+}
+
+impl ProblemKind {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::ReadFailed { .. } => Some(Advice::CheckCableAndRestart),
+            Self::NoTables => Some(Advice::AddTable),
+            Self::InBootloader => Some(Advice::FinishUpdate),
+            Self::IllegalSoftwareMode { .. } => Some(Advice::ChooseListedMode),
+            Self::Sizes { .. } => Some(Advice::PowerCycleOrUpdate),
+            Self::TableWithoutEnd { .. } => Some(Advice::UpdateRemote),
+            Self::Odd { advice, .. } => *advice,
+            Self::HalfCount => Some(Advice::ChooseMode),
+            Self::GaveUp { .. }
+            | Self::RegistersTooSmall { .. }
+            | Self::RepeatedEntry { .. }
+            | Self::Illegal { .. }
+            | Self::PastEnd => None,
+        }
+    }
 }
 
 impl ProblemKind {

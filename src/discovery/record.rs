@@ -1,6 +1,7 @@
 //! Bytes and records of a remote's memory, read with as few accesses as possible.
 
 use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind};
+use crate::advice::Advice;
 use crate::lbp::RemoteLink;
 use crate::sslbp::{AccessSize, RemoteAccess};
 use alloc::{
@@ -133,10 +134,12 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
         let is_finite = min.is_finite() && max.is_finite();
         // FACTS 11.10: a float without limits has infinite ones.
         if !is_finite && (is_whole || is_float && (min.is_nan() || max.is_nan())) {
-            self.note_odd(format!(
-                "limits {min} to {max} are not finite; its pins have a full scale of 1 instead, so \
-                 check its scale"
-            ));
+            self.notes.push(ProblemKind::Odd {
+                what: format!(
+                    "limits {min} to {max} are not finite; its pins have a full scale of 1 instead"
+                ),
+                advice: Some(Advice::CheckScale),
+            });
         }
         if is_finite && (is_whole || is_float) && min > max {
             let found = format!("{min} to {max}");
@@ -178,7 +181,8 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
     }
 
     fn note_odd(&mut self, what: String) {
-        self.notes.push(ProblemKind::Odd { what });
+        let advice = None;
+        self.notes.push(ProblemKind::Odd { what, advice });
     }
 
     /// The word at `offset` from an address.

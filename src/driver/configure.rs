@@ -128,7 +128,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         let settings = checked(settings)?;
         if settings.pace == Pace::Board && !bus.can_hold() {
-            let why = "this bus can not hold reads back";
+            let why = "this bus cannot hold reads back";
             return Err(DriverError::NotPaced { why });
         }
         bus.set_cycle(settings.period, None);
@@ -397,7 +397,7 @@ fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<
     if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
         return Err(DriverError::BadPeriod { period });
     }
-    let of = "the board's watchdog (`Settings::watchdog`)";
+    let of = "the board's watchdog";
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     settings.check()?;
     let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);

@@ -7,6 +7,7 @@ use core::time::Duration;
 
 use super::{BoardState, Remark};
 use crate::Rounded;
+use crate::advice::Advice;
 use crate::boards::AttachError;
 use crate::bus::{BusError, BusErrorKind};
 use crate::hostmot2::{IdentifyError, RemoteId};
@@ -34,17 +35,13 @@ pub enum DriverError<E: BusError> {
     #[error(transparent)]
     Port(PortError<E>),
     /// The board was reset, or lost its power, during the start. It drives nothing.
-    #[error(
-        "the board was reset, or lost power, while {during}, and drives nothing: check its supply, and that no other program drives it; then start again"
-    )]
+    #[error("the board was reset, or lost power, while {during}, and drives nothing")]
     Unsteady {
         /// The step of the start.
         during: &'static str,
     },
     /// A serial port was configured that the firmware does not have.
-    #[error(
-        "there is no serial port {port}: this firmware has {ports}; leave its configuration out"
-    )]
+    #[error("there is no serial port {port}: this firmware has {ports}")]
     NoSuchPort {
         /// The port.
         port: u8,
@@ -68,16 +65,13 @@ pub enum DriverError<E: BusError> {
         source: ParameterError<PortError<E>>,
     },
     /// The board should pace the cycle, and cannot.
-    #[error("the board can not pace the cycle: {why}; let the host pace it (`Pace::Host`)")]
+    #[error("the board cannot pace the cycle: {why}")]
     NotPaced {
         /// The missing function.
         why: &'static str,
     },
     /// The period is out of range.
-    #[error(
-        "a period of {} can not be kept: choose one of 1 us to 800 ms",
-        Rounded(.period)
-    )]
+    #[error("a period of {} cannot be kept", Rounded(.period))]
     BadPeriod {
         /// The period.
         period: Duration,
@@ -85,7 +79,7 @@ pub enum DriverError<E: BusError> {
     /// The period is too long to feed a watchdog.
     #[error(
         "{of} bites after {}, and is fed once in a period of {}; a write or transfer that is lost must \
-         not let it bite, so it needs 2 x {} = {}: choose a longer time for it, or a shorter period",
+         not let it bite, so it needs 2 x {} = {}",
         Rounded(.watchdog),
         Rounded(.period),
         Rounded(.period),
@@ -103,8 +97,7 @@ pub enum DriverError<E: BusError> {
     },
     /// The period is shorter than the transfers in it.
     #[error(
-        "port {port} needs up to {} for a transfer, and the period is {}: choose a longer period, or \
-         spread the remotes over several ports",
+        "port {port} needs up to {} for a transfer, and the period is {}",
         Rounded(.needed),
         Rounded(.period)
     )]
@@ -120,11 +113,11 @@ pub enum DriverError<E: BusError> {
     /// time that the call needs. Everything is safe until it is re-armed.
     #[error(
         "the board does not confirm that its outputs are off, because writes are lost; nothing else was \
-         done, and everything is safe until re-armed: look at its link, then try again"
+         done, and everything is safe until re-armed"
     )]
     NotConfirmed,
     /// The board is not set up, so that its serial lines are not connected.
-    #[error("{state}, and no remote can be reached: call `rearm` first")]
+    #[error("{state}, and no remote can be reached")]
     NotRunning {
         /// The state of the board.
         state: BoardState,
@@ -141,6 +134,30 @@ pub(super) fn remote_watchdog(remote: RemoteId) -> String {
 }
 
 impl<E: BusError> DriverError<E> {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::Identify(error) => error.advice(),
+            Self::Register(error) => error.advice(),
+            Self::Port(error) => error.advice(),
+            Self::Unsteady { .. } => Some(Advice::CheckSupply),
+            Self::NoSuchPort { .. } => Some(Advice::LeavePortOut),
+            Self::Missing(remark) => remark.advice(),
+            Self::Attach(error) => error.advice(),
+            Self::Parameter { source, .. } => match source {
+                ParameterError::Memory(error) => error.advice(),
+                error => error.advice(),
+            },
+            Self::NotPaced { .. } => Some(Advice::ChooseHostPace),
+            Self::BadPeriod { .. } => Some(Advice::ChoosePeriod),
+            Self::WatchdogTooShort { .. } => Some(Advice::LengthenWatchdog),
+            Self::PeriodTooShort { .. } => Some(Advice::LengthenPeriod),
+            Self::NotConfirmed => Some(Advice::CheckLink),
+            Self::NotRunning { .. } => Some(Advice::RearmFirst),
+        }
+    }
+
     /// Refuses a watchdog that is too short for the period.
     pub(super) fn check_watchdog(
         of: &str,
@@ -210,12 +227,26 @@ pub enum CycleError<E: BusError> {
     /// Another board, or another firmware, answers than at the driver's start. It did not get this
     /// driver's set-up.
     #[error(
-        "another board, or another firmware, answers than this driver was started with, and gets none of its set-up: stop the driver and start it anew"
+        "another board, or another firmware, answers than this driver was started with, and gets none of its set-up"
     )]
     OtherFirmware,
 }
 
 impl<E: BusError> CycleError<E> {
+    /// The next step, if there is one.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Read { source, .. } | Self::Write { source, .. } => {
+                source.advice().map(Advice::Bus)
+            }
+            Self::NotThere { .. } => None,
+            Self::OtherFirmware => Some(Advice::StartAnew),
+        }
+    }
+
     /// The kind of the bus error; [`BusErrorKind::Device`] for a board that is absent or another
     /// one.
     pub fn kind(&self) -> BusErrorKind {

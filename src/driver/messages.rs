@@ -1,6 +1,7 @@
 //! Log messages of a driver that has been built, or is dropped. None in the cycle.
 
 use super::{Driver, StopError};
+use crate::advice::WithAdvice;
 use crate::bus::{Clock, RegisterBus};
 
 /// Logs the firmware and the remotes, and the remarks about them.
@@ -22,11 +23,13 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
         }
     }
     for remark in driver.remarks().iter().chain(driver.missing()) {
+        let remark = WithAdvice::new(remark, remark.advice());
         log::warn!(target: "mesa_hal", "{}: {remark}", driver.name());
     }
 }
 
 /// Logs the parts of a dropped driver that could not be stopped.
 pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError<B::Error>) {
+    let error = WithAdvice::new(error, error.advice());
     log::error!(target: "mesa_hal", "{}: was dropped: {error}", driver.name());
 }

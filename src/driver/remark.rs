@@ -4,11 +4,12 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use crate::advice::Advice;
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
-use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
+use crate::modules::serial::{FoundRemote, RemoteWatchdog};
 use crate::remote::RemoteError;
 use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
@@ -49,8 +50,8 @@ pub enum RemarkKind {
     WrongRemote(IdentityError),
     /// Missing: another remote answers than in discovery.
     #[error(
-        "what answers ({found}) is not the {name} that was discovered, or says other things of itself; \
-         no parameter was written: plug the right one in (is a plug loose?)"
+        "the remote that answers ({found}) is not the {name} that was discovered, or describes itself \
+         differently; no parameter was written"
     )]
     Changed {
         /// Name of the discovered remote.
@@ -69,8 +70,8 @@ pub enum RemarkKind {
     /// takes precedence (FACTS 8.5); terminals and ranges of the card's manual may not be true for
     /// it.
     #[error(
-        "this {name} differs from the {title} that is known: {difference}. The remote is believed; \
-         check terminals and ranges in the manual of its firmware"
+        "this {name} differs from the {title} that is known: {difference}. The remote's own \
+         description is used"
     )]
     Table {
         /// Name of the remote.
@@ -84,15 +85,12 @@ pub enum RemarkKind {
     /// the field I/O comes first (FACTS 8.1).
     #[error(
         "this is the analog part of a 7I77, and the field I/O is on the next channel; a card's \
-         connector has them the other way round: exchange the channels if the card is plugged to one"
+         connector has them the other way round"
     )]
     Swapped,
     /// Missing: one part of a 7I77 does not answer, and the other one on a neighbouring channel
     /// does.
-    #[error(
-        "no {part} answers, but the {other} on channel {beside} does, and a 7I77 has both: check the \
-         card's cable and its power (field power too, where it is powered from there)"
-    )]
+    #[error("no {part} answers, but the {other} on channel {beside} does, and a 7I77 has both")]
     PartSilent {
         /// The part that does not answer.
         part: &'static str,
@@ -104,8 +102,7 @@ pub enum RemarkKind {
     /// The remote's own watchdog is off, or [slow](RemoteWatchdog::is_slow): its outputs stay on
     /// when it cannot be reached any more.
     #[error(
-        "when nothing reaches this {name} any more, its outputs {}: set {WATCHDOG_PARAMETER} (50 ms as \
-         delivered) and switch the card off and on",
+        "when nothing reaches this {name} any more, its outputs {}",
         match .watchdog.time() {
             Some(time) => alloc::format!("stay on for {}", crate::Rounded(&time)),
             None => "stay on for ever, because its own watchdog is off".into(),
@@ -141,7 +138,32 @@ pub enum RemarkKind {
     },
 }
 
+impl RemarkKind {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Undriven(undriven) => undriven.reason.advice(),
+            Self::DidNotStart(failure) => failure.advice(),
+            Self::WrongRemote(error) => error.advice(),
+            Self::Changed { .. } => Some(Advice::PlugInRightRemote),
+            Self::Pins(error) => error.advice(),
+            Self::Tables(problem) => problem.advice(),
+            Self::Table { .. } => Some(Advice::CheckManual),
+            Self::Swapped => Some(Advice::ExchangeOnConnector),
+            Self::PartSilent { .. } => Some(Advice::CheckCardPower),
+            Self::SlowWatchdog { .. } => Some(Advice::SetRemoteWatchdog),
+            Self::OldSslbp { .. } => Some(Advice::LoadNewerFirmware),
+            Self::NoSuchChannel { .. } | Self::UnknownPart { .. } => None,
+        }
+    }
+}
+
 impl Remark {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        self.kind.advice()
+    }
+
     /// True if there is no answer on the channel: nothing is plugged in, or it has no power.
     pub fn is_silent(&self) -> bool {
         matches!(

@@ -298,7 +298,9 @@ impl Plan {
         };
         let descriptor = table.descriptor(mode);
         let descriptor = descriptor.ok_or_else(|| {
-            unusable("it lacks process data of this mode, or finite limits of a number".into())
+            unusable(
+                "the table lacks process data of this mode, or finite limits of a number".into(),
+            )
         })?;
         let plan = PackingPlan::new(&descriptor, stage.port.layout().interface_registers);
         let plan = plan.map_err(|problem| unusable(problem.to_string()))?;

@@ -7,6 +7,7 @@ use core::time::Duration;
 
 use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
+use crate::advice::Advice;
 use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
@@ -68,6 +69,16 @@ impl<E: BusError> fmt::Display for StopError<E> {
 
 impl<E: BusError> core::error::Error for StopError<E> {}
 
+impl<E: BusError> StopError<E> {
+    /// The next step, if there is one: that of the first remote with one, because its outputs may
+    /// be on; else that of the step that failed.
+    pub fn advice(&self) -> Option<Advice> {
+        let mut remotes = self.not_reached.iter();
+        let remote = remotes.find_map(NotReached::advice);
+        remote.or_else(|| self.failed.as_ref()?.advice())
+    }
+}
+
 /// A remote that may have an output on when the driver was stopped: it has not confirmed its safe
 /// values, and its own watchdog, which switches the outputs off, is not known to have bitten yet.
 /// Remotes that have not started, were not driven, or have been offline for longer than the
@@ -103,9 +114,18 @@ impl fmt::Display for NotReached {
                 "its outputs are off only by its own watchdog, which is not known ({usual} ms as delivered)"
             ),
             RemoteWatchdog::Off => f.write_str(
-                "its own watchdog is off, or has not bitten when it should have, so what was on stays on; \
-                 switch off its power",
+                "its own watchdog is off, or has not bitten when it should have, so an output that was on stays on",
             ),
+        }
+    }
+}
+
+impl NotReached {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self.watchdog {
+            RemoteWatchdog::Off => Some(Advice::SwitchOffPower),
+            RemoteWatchdog::Known(_) | RemoteWatchdog::Assumed => None,
         }
     }
 }

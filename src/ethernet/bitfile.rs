@@ -3,6 +3,8 @@
 use alloc::format;
 use alloc::string::{String, ToString};
 
+use crate::advice::Advice;
+
 /// A bitfile whose header and configuration data have been checked.
 ///
 /// The header is a list of fields: `a` design name, `b` part, `c` date, `d` time, `e` configuration
@@ -26,11 +28,11 @@ pub struct Bitfile<'a> {
 #[non_exhaustive]
 pub enum BitfileError {
     /// The mark of a bitfile is missing.
-    #[error("not a bitfile: it does not begin with the bitfile mark; give the .bit file itself")]
+    #[error("not a bitfile: it does not begin with the bitfile mark")]
     NoMark,
     /// The header is damaged, or the file is incomplete.
     #[error(
-        "the bitfile is damaged at byte {at}: field '{}' {what}; copy it again, or get it again",
+        "the bitfile is damaged at byte {at}: field '{}' {what}",
         char::from(*field)
     )]
     Damaged {
@@ -43,7 +45,7 @@ pub enum BitfileError {
     },
     /// The synchronisation word is missing: an FPGA would not load the data.
     #[error(
-        "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration, get the file for this board"
+        "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration"
     )]
     NoSync {
         /// Number of bytes searched.
@@ -53,7 +55,7 @@ pub enum BitfileError {
     /// drive pins that it must not.
     #[error(
         "the configuration is for a {found}, and this is a {expected}: it would not start or not \
-         answer any more, or its pins would drive what they must not; get the file for this board"
+         answer any more, or its pins would drive what they must not"
     )]
     OtherBoard {
         /// FPGA or board that it is for.
@@ -62,16 +64,26 @@ pub enum BitfileError {
         expected: &'static str,
     },
     /// The configuration is larger than its place in the flash memory.
-    #[error(
-        "the configuration has {bytes} bytes, its place in the flash memory {room}; \
-         is it for a larger FPGA?"
-    )]
+    #[error("the configuration has {bytes} bytes, its place in the flash memory {room}")]
     TooLarge {
         /// Its size.
         bytes: usize,
         /// Size of its place.
         room: usize,
     },
+}
+
+impl BitfileError {
+    /// The next step, if there is one.
+    pub const fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::NoMark => Advice::GiveBitFile,
+            Self::Damaged { .. } => Advice::GetFileAgain,
+            Self::NoSync { .. } | Self::OtherBoard { .. } | Self::TooLarge { .. } => {
+                Advice::GetFileForBoard
+            }
+        })
+    }
 }
 
 const MARK: [u8; 13] = [

@@ -3,6 +3,8 @@
 use alloc::string::String;
 
 use super::{Area, BitfileError};
+use crate::advice::Advice;
+use crate::bus::BusError;
 use crate::lbp16::{Lbp16Error, Space};
 
 /// An error of a board, apart from its registers.
@@ -16,7 +18,7 @@ pub enum EthernetError<E> {
     #[error(transparent)]
     Lbp16(#[from] Lbp16Error),
     /// The firmware does not support the operation.
-    #[error("this needs firmware version {needed}, the board has {found}; update its firmware")]
+    #[error("this needs firmware version {needed}, the board has {found}")]
     Firmware {
         /// The first version that does.
         needed: u16,
@@ -26,7 +28,7 @@ pub enum EthernetError<E> {
     /// A written word reads back differently.
     #[error(
         "address 0x{address:02X} of space {space} reads 0x{found:04X} after writing \
-         0x{expected:04X}; try again; if it stays so, update the board's firmware"
+         0x{expected:04X}"
     )]
     NotKept {
         /// The space.
@@ -41,7 +43,7 @@ pub enum EthernetError<E> {
     /// The board has not restarted.
     #[error(
         "the board has not restarted: it counted {before} packets before and {after} now; the command \
-         was lost on its way: try again"
+         was lost on its way"
     )]
     NotRestarted {
         /// UDP packets before the command.
@@ -50,10 +52,7 @@ pub enum EthernetError<E> {
         after: u16,
     },
     /// The register does not exist, or cannot be written.
-    #[error(
-        "0x{address:04X} of space {space}: {reason}; the manual of the board has the registers of \
-         each space"
-    )]
+    #[error("0x{address:04X} of space {space}: {reason}")]
     NoRegister {
         /// The space.
         space: Space,
@@ -66,10 +65,7 @@ pub enum EthernetError<E> {
     #[error(transparent)]
     Bitfile(#[from] BitfileError),
     /// The board or its flash chip is not the one that the layout is for.
-    #[error(
-        "this is {found}, and the layout is that of {expected}; use that of the board that answers \
-         (`FlashLayout::for_card`)"
-    )]
+    #[error("this is {found}, and the layout is that of {expected}")]
     WrongBoard {
         /// Name or flash id of the board that answers.
         found: String,
@@ -78,8 +74,7 @@ pub enum EthernetError<E> {
     },
     /// The boot block is erased, so the FPGA would load the fallback whatever is written.
     #[error(
-        "the boot block at 0x{address:06X} is erased: the FPGA would not load what is written; \
-         write the boot block first"
+        "the boot block at 0x{address:06X} is erased: the FPGA would not load the configuration"
     )]
     NoBootBlock {
         /// Expected address of the boot block.
@@ -88,8 +83,7 @@ pub enum EthernetError<E> {
     /// No fallback is present, so that the user configuration is all that the FPGA can load.
     #[error(
         "there is no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
-         JTAG programmer helps; write the fallback first, or, if there is no user configuration \
-         either, allow this (`--without-fallback`, `Flash::without_fallback`)"
+         JTAG programmer helps"
     )]
     NoFallback {
         /// Expected address of the fallback.
@@ -98,26 +92,21 @@ pub enum EthernetError<E> {
     /// No user configuration is present, so that the fallback is all that the FPGA can load.
     #[error(
         "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
-         JTAG programmer helps; write the user configuration first, reload the FPGA from it, then the fallback"
+         JTAG programmer helps"
     )]
     NoUserConfiguration {
         /// Expected address of the user configuration.
         address: u32,
     },
     /// The area is not for configurations.
-    #[error(
-        "{area} is no place for a configuration; write the user configuration, or the fallback"
-    )]
+    #[error("{area} is no place for a configuration")]
     NotForConfigurations {
         /// The area.
         area: Area,
     },
     /// The data do not fit into their area, or do not start at the beginning of a sector, so that
     /// erasing the sector would destroy the bytes before them.
-    #[error(
-        "{bytes} bytes at 0x{address:06X} do not fit into {area}, which takes {expected}; check the \
-         address and the area, and that they are for this board"
-    )]
+    #[error("{bytes} bytes at 0x{address:06X} do not fit into {area}, which takes {expected}")]
     OutsideArea {
         /// Start address of the data.
         address: u32,
@@ -129,9 +118,7 @@ pub enum EthernetError<E> {
         expected: String,
     },
     /// A byte read back is not as expected.
-    #[error(
-        "at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}; write again, and do not restart the board before it verifies"
-    )]
+    #[error("at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}")]
     Differs {
         /// Address of the byte.
         address: u32,
@@ -140,4 +127,26 @@ pub enum EthernetError<E> {
         /// The byte read back.
         found: u8,
     },
+}
+
+impl<E: BusError> EthernetError<E> {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::Bus(error) => return error.advice().map(Advice::Bus),
+            Self::Lbp16(_) => return None,
+            Self::Firmware { .. } => Advice::UpdateBoard,
+            Self::NotKept { .. } => Advice::TryAgainThenUpdate,
+            Self::NotRestarted { .. } => Advice::TryAgain,
+            Self::NoRegister { .. } => Advice::SeeBoardManual,
+            Self::Bitfile(error) => return error.advice(),
+            Self::WrongBoard { .. } => Advice::UseLayoutOfBoard,
+            Self::NoBootBlock { .. } => Advice::WriteBootBlock,
+            Self::NoFallback { .. } => Advice::WriteFallback,
+            Self::NoUserConfiguration { .. } => Advice::WriteUserConfiguration,
+            Self::NotForConfigurations { .. } => Advice::ChooseConfigurationArea,
+            Self::OutsideArea { .. } => Advice::CheckArea,
+            Self::Differs { .. } => Advice::WriteAgain,
+        })
+    }
 }

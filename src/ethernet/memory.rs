@@ -76,7 +76,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ) -> Result<(), EthernetError<B::Error>> {
         check(space, address, count)?;
         let reason = match space {
-            Space::ReadOnly | Space::Unused => Some("its space can not be written"),
+            Space::ReadOnly | Space::Unused => Some("its space cannot be written"),
             Space::Flash => Some("the flash memory is written by its own commands"),
             Space::Timer if end(space, address, count) > timer::SCRATCH.into() => {
                 Some("the bus numbers its packets there")

@@ -240,16 +240,19 @@ impl PinInfo {
     /// [`PinError::WrongType`]; for a setting also [`PinError::BadValue`] and
     /// [`PinError::BadScale`].
     pub fn check_settable(&self, value: AnyValue) -> Result<(), PinError> {
+        let name = || ShortName::new(&self.name);
         match self.role {
             Role::Output | Role::InOut | Role::Setting => {}
-            Role::Input => return Err(PinError::NotSettable),
-            Role::Property => return Err(PinError::ReadOnly),
-            Role::InRemote => return Err(PinError::InRemote),
+            Role::Input => return Err(PinError::NotSettable { name: name() }),
+            Role::Property => return Err(PinError::ReadOnly { name: name() }),
+            Role::InRemote => return Err(PinError::InRemote { name: name() }),
         }
         if self.hal_type != value.hal_type {
             return Err(PinError::WrongType {
-                expected: self.hal_type.as_str(),
-                actual: value.hal_type.as_str(),
+                name: name(),
+                expected: self.hal_type,
+                value,
+                limits: self.limits,
             });
         }
         if self.role != Role::Setting {
@@ -261,12 +264,12 @@ impl PinInfo {
             .is_none_or(|(min, max)| min <= number && number <= max);
         if self.is_scale && !is_scale(number) {
             Err(PinError::BadScale {
-                name: ShortName::new(&self.name),
+                name: name(),
                 value,
             })
         } else if !value.is_finite() || !is_within {
             Err(PinError::BadValue {
-                name: ShortName::new(&self.name),
+                name: name(),
                 value,
                 limits: self.limits,
             })
@@ -340,8 +343,20 @@ mod tests {
         let before: Vec<_> = pins.values().collect();
         let id = |pins: &PinStore, name| pins.id(name).expect("there");
         for (name, value, why) in [
-            ("card.in", AnyValue::from(1), PinError::NotSettable),
-            ("card.property", AnyValue::from(true), PinError::ReadOnly),
+            (
+                "card.in",
+                AnyValue::from(1),
+                PinError::NotSettable {
+                    name: ShortName::new("card.in"),
+                },
+            ),
+            (
+                "card.property",
+                AnyValue::from(true),
+                PinError::ReadOnly {
+                    name: ShortName::new("card.property"),
+                },
+            ),
             ("card.setting", AnyValue::from(11.0), bad_value(11.0)),
             (
                 "card.setting",
@@ -370,7 +385,8 @@ mod tests {
         let wrong = pins
             .set_any(out, AnyValue::from(1))
             .expect_err("an integer");
-        assert!(wrong.to_string().contains("float"), "{wrong}");
+        let text = "`card.out` takes a value of type float, and 1 is of type s32";
+        assert_eq!(wrong.to_string(), text);
         let foreign = id(&store(), "card.out");
         let refused = pins.set_any(foreign, AnyValue::from(1.0));
         assert_eq!(refused, Err(PinError::ForeignHandle));

@@ -2,7 +2,8 @@
 
 use alloc::string::String;
 
-use super::{AnyValue, MAX_NAME};
+use super::{AnyValue, HalType, MAX_NAME};
+use crate::advice::Advice;
 
 /// Reason why a pin or parameter was not made, not found or not changed.
 ///
@@ -14,7 +15,7 @@ pub enum PinError {
     /// The name is empty, longer than LinuxCNC accepts, or contains characters that HAL files
     /// cannot hold.
     #[error(
-        "`{name}` is not a pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.' (shorten the remote's own name for it)",
+        "`{name}` is not a pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.'",
         super::MAX_NAME
     )]
     BadName {
@@ -22,19 +23,16 @@ pub enum PinError {
         name: String,
     },
     /// A pin or parameter with that name already exists.
-    #[error("there are two pins or parameters `{name}` (are two boards numbered alike?)")]
+    #[error("there are two pins or parameters `{name}`")]
     NameTaken {
         /// The name.
         name: String,
     },
     /// The store cannot number any more pins.
-    #[error(
-        "more than {} pins and parameters; leave boards or modules out",
-        super::MAX_PINS
-    )]
+    #[error("more than {} pins and parameters", super::MAX_PINS)]
     TooMany,
     /// No pin or parameter has that name.
-    #[error("no pin or parameter `{name}`{}", Hint(.nearest.as_deref()))]
+    #[error("no pin or parameter `{name}`{}", Nearest(.nearest.as_deref()))]
     NotFound {
         /// The name.
         name: String,
@@ -42,7 +40,7 @@ pub enum PinError {
         nearest: Option<String>,
     },
     /// The pin or parameter exists, but has another type or role.
-    #[error("`{name}` is {actual}, and {expected} was asked for; take the handle of that kind")]
+    #[error("`{name}` is {actual}, and {expected} was asked for")]
     WrongKind {
         /// The name.
         name: String,
@@ -52,28 +50,41 @@ pub enum PinError {
         actual: &'static str,
     },
     /// The value has another type than the pin.
-    #[error("it takes a value of type {expected}, and this one is {actual}")]
+    #[error(
+        "`{name}` takes a value of type {}{}, and {value} is of type {}",
+        expected.as_str(),
+        Limits(*.limits),
+        value.hal_type.as_str()
+    )]
     WrongType {
-        /// The pin's type.
-        expected: &'static str,
-        /// The value's type.
-        actual: &'static str,
+        /// The pin or parameter.
+        name: ShortName,
+        /// Its type.
+        expected: HalType,
+        /// The value, of another type.
+        value: AnyValue,
+        /// The limits of the pin or parameter, if it has any.
+        limits: Option<(f64, f64)>,
     },
     /// The pin is an input, which the machine sets.
-    #[error("it is an input: the machine sets it, and the application reads it")]
-    NotSettable,
+    #[error("`{name}` is an input: the machine sets it, and the application reads it")]
+    NotSettable {
+        /// The pin.
+        name: ShortName,
+    },
     /// No parameter or pin inverts the output.
-    #[error("nothing inverts this output: set the opposite instead")]
-    NothingInverts,
+    #[error("`{name}` is an output that nothing inverts")]
+    NothingInverts {
+        /// The output.
+        name: ShortName,
+    },
     /// The handle belongs to another store.
-    #[error(
-        "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
-    )]
+    #[error("the handle belongs to another driver's pins, or to none")]
     ForeignHandle,
     /// The limits or the full scale of a pin or parameter are not finite or not in order, or its
     /// first value lies outside them.
     #[error(
-        "`{name}` can not begin at {initial}: its limits and its full scale must be finite, the limits in order, and what it begins with between them{}",
+        "`{name}` cannot begin at {initial}: its limits and its full scale must be finite, the limits in order, and its first value between them{}",
         Limits(*.limits)
     )]
     BadLimits {
@@ -85,16 +96,20 @@ pub enum PinError {
         limits: Option<(f64, f64)>,
     },
     /// The parameter cannot be written.
-    #[error("the parameter is read-only: it shows a value, and can not be set")]
-    ReadOnly,
+    #[error("`{name}` is a read-only parameter: it shows a value, and cannot be set")]
+    ReadOnly {
+        /// The parameter.
+        name: ShortName,
+    },
     /// The parameter is kept in a remote, which accepts it in setup mode only.
-    #[error(
-        "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Configured::write_remote_parameter` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port"
-    )]
-    InRemote,
+    #[error("`{name}` is kept in a remote, which takes it in setup mode only")]
+    InRemote {
+        /// The parameter.
+        name: ShortName,
+    },
     /// The value is not finite, or outside the limits of the parameter.
     #[error(
-        "`{name}` can not be set to {value}: it takes a finite number{}; it keeps its value",
+        "`{name}` cannot be set to {value}: it takes a finite number{}; it keeps its value",
         Limits(*.limits)
     )]
     BadValue {
@@ -107,7 +122,7 @@ pub enum PinError {
     },
     /// The value cannot be a scale.
     #[error(
-        "`{name}` can not be set to {value}: it is a scale (how many counts, or volts, make one unit of the machine), which takes a number from 1e-100 to 1e100, or the same below 0; it keeps its value"
+        "`{name}` cannot be set to {value}: it is a scale (counts or volts for each unit of the machine), which takes a number from 1e-100 to 1e100, or the same below 0; it keeps its value"
     )]
     BadScale {
         /// The parameter.
@@ -116,10 +131,35 @@ pub enum PinError {
         value: AnyValue,
     },
     /// The group does not run, so its outputs cannot be armed.
-    #[error(
-        "the group does not run (its last transfer failed): it can be armed when its inputs are valid again"
-    )]
-    NotRunning,
+    #[error("the group of `{pin}` does not run: its last transfer failed")]
+    NotRunning {
+        /// The first pin of the group.
+        pin: ShortName,
+    },
+}
+
+impl PinError {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::BadName { .. } => Some(Advice::ShortenName),
+            Self::NameTaken { .. } => Some(Advice::NumberBoards),
+            Self::TooMany => Some(Advice::LeaveBoardsOut),
+            Self::NotFound { nearest: None, .. } => Some(Advice::ListPins),
+            Self::WrongKind { .. } => Some(Advice::UseMatchingHandle),
+            Self::NothingInverts { .. } => Some(Advice::SetOpposite),
+            Self::ForeignHandle => Some(Advice::AskThisDriver),
+            Self::InRemote { .. } => Some(Advice::WriteRemoteParameter),
+            Self::NotRunning { .. } => Some(Advice::RearmLater),
+            Self::NotFound { .. }
+            | Self::WrongType { .. }
+            | Self::NotSettable { .. }
+            | Self::BadLimits { .. }
+            | Self::ReadOnly { .. }
+            | Self::BadValue { .. }
+            | Self::BadScale { .. } => None,
+        }
+    }
 }
 
 /// Name of a pin or parameter, stored inline so that an error of the cycle allocates nothing.
@@ -179,13 +219,13 @@ impl core::fmt::Display for Limits {
 }
 
 /// Nearest existing name, as the end of a message about an unknown name.
-struct Hint<'a>(Option<&'a str>);
+struct Nearest<'a>(Option<&'a str>);
 
-impl core::fmt::Display for Hint<'_> {
+impl core::fmt::Display for Nearest<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self.0 {
             Some(nearest) => write!(f, "; the nearest is `{nearest}`"),
-            None => f.write_str(" (list them with `Pins::infos`)"),
+            None => Ok(()),
         }
     }
 }

@@ -15,7 +15,7 @@
 
 use alloc::format;
 
-use super::{InOut, Input, Invert, Output, Param, PinError, Pins, Reading};
+use super::{InOut, Input, Invert, Output, Param, PinError, Pins, Reading, ShortName};
 
 /// A digital input and its opposite.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -146,7 +146,13 @@ impl DigitalOut {
                 pins.set(pin, inverted);
                 Ok(())
             }
-            None => Err(PinError::NothingInverts),
+            None => {
+                let info = pins.info_of(self.pin.into());
+                let name = info.map_or("", |info| &info.name);
+                Err(PinError::NothingInverts {
+                    name: ShortName::new(name),
+                })
+            }
         }
     }
 }

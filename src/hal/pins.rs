@@ -10,7 +10,7 @@ use super::kind::{Readable, Settable};
 use super::rule::{PinSlot, Rule};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
-    Reading, Rejections, Role, Value,
+    Reading, Rejections, Role, ShortName, Value,
 };
 use crate::bus::Instant;
 
@@ -233,7 +233,9 @@ impl Pins {
             .get(index)
             .is_some_and(|group| self.is_valid(group))
         {
-            return Err(PinError::NotRunning);
+            let first = self.infos.iter().find(|info| info.group == group);
+            let pin = ShortName::new(first.map_or("", |info| &info.name));
+            return Err(PinError::NotRunning { pin });
         }
         self.arm(index);
         Ok(())

@@ -1,6 +1,8 @@
 //! Errors of a firmware, and of requests that it cannot fulfil.
 
 use super::Gtag;
+use crate::advice::Advice;
+use crate::bus::BusError;
 use alloc::string::String;
 use thiserror::Error;
 
@@ -9,18 +11,15 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum HostMot2Error {
     /// The cookie is missing.
-    #[error(
-        "no HostMot2 cookie at 0x0100: read {found:#010X}, expected 0x55AACAFE; is this the right \
-         address, and the right board?"
-    )]
+    #[error("no HostMot2 cookie at 0x0100: read {found:#010X}, expected 0x55AACAFE")]
     NoCookie {
         /// Value read instead.
         found: u32,
     },
     /// The firmware's description of itself contains an impossible value.
     #[error(
-        "{what}: {found}, expected {expected}; the firmware's description was misread (does the bus \
-         swap bytes?), or this firmware is older or newer than this crate"
+        "{what}: {found}, expected {expected}; the firmware's description was misread, or has \
+         another format"
     )]
     Description {
         /// Item of the description.
@@ -31,10 +30,7 @@ pub enum HostMot2Error {
         expected: &'static str,
     },
     /// The firmware does not contain a module.
-    #[error(
-        "this firmware has no {wanted}; it has {present}; load a firmware for the boards that are \
-         connected"
-    )]
+    #[error("this firmware has no {wanted}; it has {present}")]
     Missing {
         /// The requested module.
         wanted: Gtag,
@@ -42,7 +38,7 @@ pub enum HostMot2Error {
         present: String,
     },
     /// A module has a version or registers that this crate does not support.
-    #[error("{gtag} has {found}, known is {expected}: use a firmware with a module that is known")]
+    #[error("{gtag} has {found}, known is {expected}")]
     Unknown {
         /// The module.
         gtag: Gtag,
@@ -54,7 +50,7 @@ pub enum HostMot2Error {
     /// A module does not have a register or an instance.
     #[error(
         "there is no register {register} of {gtag} {instance}: this firmware has {registers} \
-         registers and {instances} instances, counted from 0; ask for one of these"
+         registers and {instances} instances, counted from 0"
     )]
     NoRegister {
         /// The module.
@@ -73,17 +69,32 @@ pub enum HostMot2Error {
     IoPin {
         /// The pin.
         pin: u16,
-        /// Reason why it cannot be used, and what to do.
+        /// Reason why it cannot be used.
         why: String,
     },
     /// The module has no I/O pins.
-    #[error("{gtag} {unit} has no pins in this firmware: choose another instance or firmware")]
+    #[error("{gtag} {unit} has no pins in this firmware")]
     NoPins {
         /// The module.
         gtag: Gtag,
         /// The instance.
         unit: u8,
     },
+}
+
+impl HostMot2Error {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::NoCookie { .. } => Advice::CheckBoardAddress,
+            Self::Description { .. } => Advice::CheckByteOrder,
+            Self::Missing { .. } => Advice::LoadMatchingFirmware,
+            Self::Unknown { .. } => Advice::UseKnownFirmware,
+            Self::NoRegister { .. } => Advice::ChooseExisting,
+            Self::IoPin { .. } => Advice::ChooseOtherPin,
+            Self::NoPins { .. } => Advice::ChooseOtherInstance,
+        })
+    }
 }
 
 impl HostMot2Error {
@@ -115,4 +126,14 @@ pub enum IdentifyError<E: core::error::Error + 'static> {
     /// The board has no HostMot2 firmware, or one that cannot be used.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
+}
+
+impl<E: BusError> IdentifyError<E> {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Bus { source, .. } => source.advice().map(Advice::Bus),
+            Self::Firmware(error) => error.advice(),
+        }
+    }
 }

@@ -195,7 +195,7 @@ impl IoPorts {
             return Err(HostMot2Error::IoPin { pin, why });
         };
         if core::mem::replace(taken, true) {
-            let why = "is used by a module or as plain I/O already: choose another one".into();
+            let why = "is used by a module or as plain I/O already".into();
             return Err(HostMot2Error::IoPin { pin, why });
         }
         if let Some(port) = self.ports.get_mut(usize::from(place.port)) {

@@ -6,6 +6,7 @@ use alloc::format;
 use alloc::string::String;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
@@ -109,9 +110,8 @@ fn unusable_rate(found: String) -> RegisterError {
     RegisterError::Setting {
         what: "rate that the DPLL follows",
         found,
-        expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1; choose another \
-             thread period, or go on without it (`Settings::no_dpll`)"
-            .into(),
+        expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1".into(),
+        advice: Advice::LeaveDpll,
     }
 }
 

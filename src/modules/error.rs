@@ -2,6 +2,7 @@
 
 use alloc::string::String;
 
+use crate::advice::Advice;
 use crate::bus::ImageError;
 use crate::hal::PinError;
 use crate::hostmot2::HostMot2Error;
@@ -29,11 +30,26 @@ pub enum RegisterError {
     /// A setting that this firmware does not support.
     #[error("{what}: {found}, expected {expected}")]
     Setting {
-        /// The setting, and the field that contains it.
+        /// The setting.
         what: &'static str,
         /// The requested value.
         found: String,
-        /// The possible values, and an alternative.
+        /// The possible values.
         expected: String,
+        /// The next step.
+        advice: Advice,
     },
+}
+
+impl RegisterError {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Firmware(error) => error.advice(),
+            Self::Pin(error) => error.advice(),
+            Self::Image(error) => error.advice(),
+            Self::Peek { .. } => None,
+            Self::Setting { advice, .. } => Some(*advice),
+        }
+    }
 }

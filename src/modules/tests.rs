@@ -11,6 +11,7 @@ use super::outputs::Outputs;
 use super::pwm::Pwm;
 use super::undriven::{UndrivenReason, undriven};
 use super::{Module, RegisterError, Registrar, Settings};
+use crate::advice::Advice;
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
@@ -147,14 +148,12 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
 fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
     let mut bench = i7i97();
     bench.settings.encoders.rate = Some(TickRate(0x1000));
-    let error = bench
-        .register::<Encoders>(Encoders::register)
-        .unwrap_err()
-        .to_string();
+    let error = bench.register::<Encoders>(Encoders::register).unwrap_err();
+    assert_eq!(error.advice(), Some(Advice::SetEncoderRate));
     assert_eq!(
-        error,
-        "rate of the encoders (`EncoderSetup::rate`): TickRate(4096), expected at most \
-         TickRate(4095): the register has 12 bits"
+        error.to_string(),
+        "rate of the encoders: TickRate(4096), expected at most TickRate(4095): the register has 12 \
+         bits"
     );
 }
 
@@ -264,20 +263,20 @@ fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
     );
     assert!(bench.register::<Pwm>(Pwm::register).unwrap().is_empty());
     assert_eq!(bench.outputs(), [0, 0, 0]);
-    let texts: Vec<_> = undriven(&bench.firmware, &[])
-        .iter()
-        .map(ToString::to_string)
-        .collect();
+    let list = undriven(&bench.firmware, &[]);
+    let advice: Vec<_> = list.iter().map(|module| module.reason.advice()).collect();
+    let known = Some(Advice::UseKnownFirmware);
+    assert_eq!(advice, [known, None, known]);
+    let texts: Vec<_> = list.iter().map(ToString::to_string).collect();
     assert_eq!(
         texts,
         [
-            "MuxedEncoder (0C) version 5, 6 instances: MuxedEncoder (0C) has version 5, known is 2 to 4: \
-             use a firmware with a module that is known; I/O pins 9-17 are plain I/O",
+            "MuxedEncoder (0C) version 5, 6 instances: MuxedEncoder (0C) has version 5, known is 2 to 4; \
+             I/O pins 9-17 are plain I/O",
             "MuxSelect (0D) version 0, 1 instance: no multiplexed encoder is driven; I/O pin 18 is plain \
              I/O",
             "PWM (06) version 0, 6 instances: PWM (06) has 5 registers with multiple-register mask 0x7 \
-             (version 0), known is at least 5 and 0x3: use a firmware with a module that is known; I/O \
-             pins 0-8 are plain I/O",
+             (version 0), known is at least 5 and 0x3; I/O pins 0-8 are plain I/O",
         ]
     );
     let claimed = undriven(&bench.firmware, &[Gtag::PWM, Gtag::MUXED_ENCODER]);
@@ -375,10 +374,12 @@ fn an_io_pin_has_one_user() {
     let mut bench = i7i97();
     bench.register::<Pwm>(Pwm::register).unwrap();
     let again = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::PWM, 3));
+    let again = again.unwrap_err();
     assert_eq!(
-        again.unwrap_err().to_string(),
-        "I/O pin 3 is used by a module or as plain I/O already: choose another one"
+        again.to_string(),
+        "I/O pin 3 is used by a module or as plain I/O already"
     );
+    assert_eq!(again.advice(), Some(Advice::ChooseOtherPin));
     // An instance without pins is accepted all the same: its pins may be local I/O.
     let without_pins = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::SSR, 1));
     without_pins.unwrap();

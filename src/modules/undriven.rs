@@ -4,6 +4,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{dpll, encoder, in_mux, led, outputs, pwm};
+use crate::advice::Advice;
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
 
@@ -57,6 +58,20 @@ pub enum UndrivenReason {
         /// Number of channels with pins.
         channels: u8,
     },
+}
+
+impl UndrivenReason {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Unknown(error) => error.advice(),
+            Self::Unsupported
+            | Self::Another
+            | Self::NoEncoders
+            | Self::Ports { .. }
+            | Self::Channels { .. } => None,
+        }
+    }
 }
 
 /// `StepGen (05) version 2, 5 instances: this crate does not drive it; plain I/O are pins 17-26`.

@@ -15,6 +15,7 @@ mod parameter;
 mod scaling;
 
 use self::field::Field;
+use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
 pub use scaling::Scaling;
@@ -61,6 +62,13 @@ pub struct RemoteError {
     pub name: String,
     /// The cause.
     pub source: Box<PinError>,
+}
+
+impl RemoteError {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        self.source.advice()
+    }
 }
 
 impl RemotePins {

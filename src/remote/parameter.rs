@@ -7,6 +7,7 @@ use core::ops::RangeInclusive;
 
 use super::Scaling;
 use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
+use crate::advice::Advice;
 use crate::discovery::{DataDirection, DataRecord, DataType};
 use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
@@ -31,10 +32,10 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     #[error(transparent)]
     Memory(#[from] E),
     /// The remote does not have the parameter.
-    #[error("the remote has no parameter of that name; its descriptor lists those that it has")]
+    #[error("the remote has no parameter of that name")]
     Unknown,
     /// The record has a size for which there is no access.
-    #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
+    #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged")]
     Size {
         /// Number of bits in the record.
         bits: u8,
@@ -53,7 +54,7 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
         bits: u8,
     },
     /// The value is outside the limits of the record.
-    #[error("{value} is outside of {min} to {max}, which the remote allows; give a value within")]
+    #[error("{value} is outside of {min} to {max}, which the remote allows")]
     OutOfRange {
         /// The value.
         value: AnyValue,
@@ -72,6 +73,21 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
         /// Value read back.
         read: u64,
     },
+}
+
+impl<E: core::error::Error + 'static> ParameterError<E> {
+    /// The next step, if there is one. That of [`Memory`](Self::Memory) is the advice of the error
+    /// inside, which this function does not know: `None`.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Unknown => Some(Advice::ListParameters),
+            Self::Size { .. } => Some(Advice::LeaveParameterOut),
+            Self::OutOfRange { .. } => Some(Advice::ChooseValue),
+            Self::Memory(_) | Self::ReadOnly | Self::DoesNotFit { .. } | Self::NotTaken { .. } => {
+                None
+            }
+        }
+    }
 }
 
 /// Access to the parameter that a record describes, in the remote's memory.

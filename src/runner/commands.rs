@@ -1,5 +1,6 @@
 //! Commands of other threads to the thread of a cycle.
 
+use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -80,15 +81,15 @@ pub struct CommandSender {
 pub enum CommandError {
     /// The queue is full.
     #[error(
-        "{capacity} commands wait already, as many as the queue holds: does the cycle run? Each takes \
-         up to {COMMANDS_IN_A_CYCLE}"
+        "{capacity} commands wait already, as many as the queue holds; a cycle takes up to \
+         {COMMANDS_IN_A_CYCLE}"
     )]
     Full {
         /// Capacity of the queue.
         capacity: usize,
     },
     /// The queue no longer exists.
-    #[error("the cycle has ended: nobody takes commands any more")]
+    #[error("the cycle has ended, and takes no more commands")]
     Ended,
     /// The pin cannot be set to the value.
     #[error(transparent)]
@@ -99,6 +100,17 @@ pub enum CommandError {
         /// The remote.
         remote: RemoteId,
     },
+}
+
+impl CommandError {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Full { .. } => Some(Advice::CheckCycle),
+            Self::Ended | Self::NoRemote { .. } => None,
+            Self::Pin(error) => error.advice(),
+        }
+    }
 }
 
 /// Statistics of the commands.

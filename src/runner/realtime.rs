@@ -10,6 +10,8 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
+use crate::advice::Advice;
+
 /// Settings of Linux for the thread of a cycle; independent of each other, none by default.
 ///
 /// A refused setting is an error with the reason, never ignored: a cycle without its rights misses
@@ -36,10 +38,7 @@ pub struct Realtime {
 #[non_exhaustive]
 pub enum RealtimeError {
     /// The priority.
-    #[error(
-        "SCHED_FIFO with priority {priority}: {source}; give the user `rtprio {priority}` in \
-         /etc/security/limits.d and log in again, or give the program CAP_SYS_NICE"
-    )]
+    #[error("SCHED_FIFO with priority {priority}: {source}")]
     Priority {
         /// The requested priority.
         priority: u8,
@@ -53,19 +52,15 @@ pub enum RealtimeError {
         priority: u8,
     },
     /// The locking of memory.
-    #[error(
-        "locking the memory: {source}; give the user `memlock unlimited` in /etc/security/limits.d \
-         and log in again, or give the program CAP_IPC_LOCK"
-    )]
+    #[error("locking the memory: {source}")]
     Memory {
         /// The reason.
         source: io::Error,
     },
     /// The size of lockable memory is limited.
     #[error(
-        "locking the memory: no more than {} KiB may be locked (ulimit -l), and what the program asks \
-         for beyond that would be refused while it runs; give the user `memlock unlimited` in \
-         /etc/security/limits.d and log in again, or give the program CAP_IPC_LOCK", bytes >> 10
+        "locking the memory: no more than {} KiB may be locked (ulimit -l), and requests of the \
+         program beyond that would be refused while it runs", bytes >> 10
     )]
     MemoryLimit {
         /// The limit in bytes.
@@ -75,13 +70,36 @@ pub enum RealtimeError {
     #[error("{}", Lines(.0))]
     Several(Vec<RealtimeError>),
     /// The CPUs.
-    #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
+    #[error("running on the CPUs {cpus:?}: {source}")]
     Cpus {
         /// The requested CPUs.
         cpus: Vec<usize>,
         /// The reason.
         source: io::Error,
     },
+}
+
+impl RealtimeError {
+    /// The next step, if there is one. [`AllowRealtime`](Advice::AllowRealtime) contains all steps
+    /// for settings that were refused for several reasons.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Priority { .. } => Some(Advice::AllowPriority),
+            Self::NoPriority { .. } => None,
+            Self::Memory { .. } | Self::MemoryLimit { .. } => Some(Advice::AllowLockedMemory),
+            Self::Several(errors) => {
+                let mut all = errors.iter().filter_map(Self::advice);
+                let first = all.next()?;
+                let is_same = all.all(|other| other == first);
+                Some(if is_same {
+                    first
+                } else {
+                    Advice::AllowRealtime
+                })
+            }
+            Self::Cpus { .. } => Some(Advice::CountCpus),
+        }
+    }
 }
 
 impl Realtime {
@@ -224,8 +242,9 @@ mod tests {
                     cpus: std::vec![cpu],
                     ..Realtime::default()
                 };
-                let error = asked.apply().expect_err("no such CPU").to_string();
-                assert!(error.contains("nproc"), "{error}");
+                let error = asked.apply().expect_err("no such CPU");
+                let advice = error.advice().expect("advice").to_string();
+                assert!(advice.contains("nproc"), "{error}: {advice}");
             }
         });
     }
@@ -246,7 +265,9 @@ mod tests {
             let after = sched_getaffinity(None).expect("readable");
             assert_eq!(after.count(), 1, "it runs there all the same");
             asked.cpus.push(CpuSet::MAX_CPU - 1);
-            let error = asked.apply().expect_err("two things").to_string();
+            let error = asked.apply().expect_err("two things");
+            assert_eq!(error.advice(), Some(Advice::CountCpus));
+            let error = error.to_string();
             let parts: Vec<_> = error.split("; and ").collect();
             assert_eq!(parts.len(), 2, "{error}");
             assert!(parts[0].contains("from 1 to 99"), "{error}");
@@ -282,9 +303,10 @@ mod tests {
                 matches!(error, RealtimeError::MemoryLimit { bytes: told } if told == bytes),
                 "{error}"
             );
-            let text = error.to_string();
-            for said in ["KiB may be locked", "memlock unlimited", "CAP_IPC_LOCK"] {
-                assert!(text.contains(said), "{text}");
+            assert!(error.to_string().contains("KiB may be locked"), "{error}");
+            let advice = error.advice().expect("advice").to_string();
+            for said in ["memlock unlimited", "CAP_IPC_LOCK"] {
+                assert!(advice.contains(said), "{advice}");
             }
         });
     }
@@ -302,7 +324,10 @@ mod tests {
                     let fifo = RealtimeThreadSchedulePolicy::Fifo;
                     assert_eq!(is, ThreadSchedulePolicy::Realtime(fifo));
                 }
-                Err(error) => assert!(error.to_string().contains("rtprio 1"), "{error}"),
+                Err(error) => {
+                    assert!(error.to_string().contains("priority 1:"), "{error}");
+                    assert_eq!(error.advice(), Some(Advice::AllowPriority));
+                }
             }
         });
     }

@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 use core::ops::Range;
 
+use crate::advice::Advice;
 use crate::bus::Instant;
 use crate::hal::{AnyValue, HalType, PinId, Pins};
 use crate::tally::Tally;
@@ -129,8 +130,18 @@ pub enum ScopeError {
         cycles: usize,
     },
     /// A pin belongs to another driver.
-    #[error("a pin belongs to another driver's pins, or to none; ask this driver for it by name")]
+    #[error("a pin belongs to another driver's pins, or to none")]
     ForeignPin,
+}
+
+impl ScopeError {
+    /// The next step, if there is one.
+    pub const fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::ForeignPin => Some(Advice::AskThisDriver),
+            Self::Pins { .. } | Self::Cycles { .. } => None,
+        }
+    }
 }
 
 /// A recorded cycle.

@@ -4,6 +4,7 @@ mod view;
 
 pub use view::{RemoteSnapshot, Snapshot};
 
+use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -83,17 +84,27 @@ pub struct SnapshotReader {
 #[non_exhaustive]
 pub enum SnapshotError {
     /// Nothing was published yet.
-    #[error("no cycle has ended yet; try again in a period")]
+    #[error("no cycle has ended yet")]
     NotYet,
     /// Each copy was disturbed by a new cycle.
     #[error(
         "no whole set of values in {tries} tries: each copy took longer than the cycle leaves \
-         between two; try again later"
+         between two"
     )]
     Torn {
         /// Number of tries.
         tries: u32,
     },
+}
+
+impl SnapshotError {
+    /// The next step.
+    pub const fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::NotYet => Advice::TryNextPeriod,
+            Self::Torn { .. } => Advice::TryLater,
+        })
+    }
 }
 
 /// State shared by the writer and its readers.

@@ -2,6 +2,7 @@
 
 use super::{Channel, ChannelMask, CsStatus, PortState};
 use crate::Rounded;
+use crate::advice::Advice;
 use crate::bus::BusError;
 use alloc::{boxed::Box, string::String};
 use core::time::Duration;
@@ -16,7 +17,7 @@ pub enum PortError<E: BusError> {
     Bus(#[from] E),
     /// A bounded wait has ended without result.
     #[error(
-        "SSLBP port {port}: waited {} for {waiting_for}; {registers}: {hint}",
+        "SSLBP port {port}: waited {} for {waiting_for}; {registers}",
         Rounded(.waited)
     )]
     Timeout {
@@ -28,13 +29,13 @@ pub enum PortError<E: BusError> {
         waited: Duration,
         /// COMMAND, DATA and CS at the end.
         registers: String,
-        /// Advice on the next step.
-        hint: &'static str,
+        /// The next step, if there is one.
+        advice: Option<Advice>,
     },
     /// The port's state or the request is unexpected: an unsupported firmware; a channel or an
     /// address that the port does not have; memory of the port, or non-volatile memory of a remote,
     /// that did not keep the written value.
-    #[error("SSLBP port {port}: {what} is {found}, expected {expected}: {hint}")]
+    #[error("SSLBP port {port}: {what} is {found}, expected {expected}")]
     Unexpected {
         /// The port.
         port: u8,
@@ -44,8 +45,8 @@ pub enum PortError<E: BusError> {
         found: String,
         /// Its expected value.
         expected: String,
-        /// Advice on the next step.
-        hint: &'static str,
+        /// The next step, if there is one.
+        advice: Option<Advice>,
     },
     /// The operation needs another state of the port.
     #[error(
@@ -60,9 +61,11 @@ pub enum PortError<E: BusError> {
         state: PortState,
         /// The running channels.
         running: ChannelMask,
+        /// The next step, if there is one.
+        advice: Option<Advice>,
     },
     /// An operation on a channel, or on the remote there, failed.
-    #[error("SSLBP port {port}, channel {channel}: {failed} ({cs}): {hint}")]
+    #[error("SSLBP port {port}, channel {channel}: {failed} ({cs})")]
     Channel {
         /// The port.
         port: u8,
@@ -72,7 +75,20 @@ pub enum PortError<E: BusError> {
         failed: String,
         /// CS of the channel afterwards.
         cs: CsStatus,
-        /// Advice on the next step.
-        hint: &'static str,
+        /// The next step, if there is one.
+        advice: Option<Advice>,
     },
+}
+
+impl<E: BusError> PortError<E> {
+    /// The next step, if there is one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::Timeout { advice, .. }
+            | Self::Unexpected { advice, .. }
+            | Self::WrongState { advice, .. }
+            | Self::Channel { advice, .. } => *advice,
+        }
+    }
 }

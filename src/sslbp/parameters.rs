@@ -29,10 +29,10 @@ impl PortParameters {
     /// The version in boards since 2015, with which this crate is tested: 1.43.
     const USUAL: (u8, u8) = (1, 43);
 
-    /// Advice for versions older than the usual one, as a sentence for the user.
+    /// Experience with versions older than the usual one, as a sentence for the user. The advice is
+    /// [`Advice::LoadNewerFirmware`](crate::Advice::LoadNewerFirmware).
     pub const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
-        which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found: load a \
-        newer firmware if a remote is missing or fails";
+        which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found";
 
     /// True if the port has an older version of SSLBP than the one this crate is tested with. FACTS
     /// 2.3.

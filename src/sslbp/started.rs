@@ -1,6 +1,7 @@
 //! Results of START for each channel.
 
 use super::{Channel, ComState, CsStatus, LocalFaults, RemoteFaults};
+use crate::advice::Advice;
 use core::fmt;
 use thiserror::Error;
 
@@ -181,6 +182,13 @@ pub struct StartFailure {
     pub cs: CsStatus,
 }
 
+impl StartFailure {
+    /// The next step, if there is one.
+    pub const fn advice(&self) -> Option<Advice> {
+        self.reason.advice()
+    }
+}
+
 /// Reason why START failed, as far as the registers indicate it.
 ///
 /// FACTS 4.3 to 4.5, 5.6.
@@ -188,37 +196,28 @@ pub struct StartFailure {
 #[non_exhaustive]
 pub enum StartFailureReason {
     /// No reply at all.
-    #[error(
-        "no reply; check that a remote is connected to this channel and has power (field power \
-         too, where it is powered from there)"
-    )]
+    #[error("no reply")]
     NoReply,
     /// A remote answered at first, and then stopped.
-    #[error("the remote answered at first and then stopped; check its cable and its power")]
+    #[error("the remote answered at first and then stopped")]
     StoppedAnswering,
     /// The replies do not come from a remote.
-    #[error(
-        "what answers is not a remote (wrong cookie); check the baud rate and what is connected"
-    )]
+    #[error("the device that answers is not a remote (wrong cookie)")]
     WrongCookie,
     /// The receive line is low.
-    #[error(
-        "the receive line is low; check for swapped or shorted RX wires, or a remote without power"
-    )]
+    #[error("the receive line is low")]
     LineLow,
     /// Too many replies with a wrong CRC.
-    #[error("too many CRC errors; check cable, shield and ground")]
+    #[error("too many CRC errors")]
     BadCrc,
     /// Too many replies with more characters than expected.
-    #[error("replies are too long; check for noise, and for two remotes on one line")]
+    #[error("replies are too long")]
     ExtraCharacters,
     /// Only characters received while a request is sent.
-    #[error(
-        "characters come while a request is sent; check for noise, and for two remotes on one line"
-    )]
+    #[error("characters come while a request is sent")]
     Overrun,
     /// The remote's LBP status does not become clear.
-    #[error("the remote keeps reporting LBP errors; power it off and on, then check the cable")]
+    #[error("the remote keeps reporting LBP errors")]
     StatusStuck,
     /// The remote does not report its unit number (RPC BC).
     #[error("the remote does not tell its unit number; its firmware may be damaged or too old")]
@@ -227,15 +226,15 @@ pub enum StartFailureReason {
     #[error("the remote does not tell its process data sizes; its firmware may be too old")]
     NoSizes,
     /// The remote does not have the software mode.
-    #[error("the remote does not have software mode {0}; choose another")]
+    #[error("the remote does not have software mode {0}")]
     IllegalMode(u8),
     /// A fault remains that could not be cleared.
-    #[error("the remote's fault can not be cleared: {0}")]
+    #[error("the remote's fault cannot be cleared: {0}")]
     FaultRemains(RemoteFaults),
     /// The remote has more process data than the interface registers can hold.
     #[error(
         "its process data (RX {}, TX {} bytes) is larger than the interface registers take (RX {}, \
-         TX {}); choose another software mode, or a firmware with wide SSLBP",
+         TX {})",
         sizes.rx, sizes.tx, limit.rx, limit.tx
     )]
     SizesTooLarge {
@@ -245,17 +244,38 @@ pub enum StartFailureReason {
         limit: ProcessDataSizes,
     },
     /// The remote is identified, but does not answer to process data.
-    #[error("the remote is identified but does not answer to process data; power it off and on")]
+    #[error("the remote is identified but does not answer to process data")]
     NoProcessData,
     /// The remote was started, but had too many errors before the first DOIT.
-    #[error("the remote was started and then had too many errors; check cable and power")]
+    #[error("the remote was started and then had too many errors")]
     DiedInChatter,
     /// START is complete, but this channel never became ready.
-    #[error("START is complete but the channel is not ready; stop and start it")]
+    #[error("START is complete but the channel is not ready")]
     NotReady,
     /// The registers match none of these reasons.
-    #[error("the registers do not say why; stop and start it again")]
+    #[error("the registers do not contain the reason")]
     Unknown,
+}
+
+impl StartFailureReason {
+    /// The next step, if there is one.
+    pub const fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::NoReply => Advice::CheckRemotePower,
+            Self::StoppedAnswering | Self::DiedInChatter => Advice::CheckCableAndPower,
+            Self::WrongCookie => Advice::CheckBaudRate,
+            Self::LineLow => Advice::CheckRxWires,
+            Self::BadCrc => Advice::CheckShield,
+            Self::ExtraCharacters | Self::Overrun => Advice::CheckNoise,
+            Self::StatusStuck => Advice::PowerCycleThenCable,
+            Self::NoUnitNumber | Self::NoSizes => Advice::UpdateRemote,
+            Self::IllegalMode(_) => Advice::ChooseMode,
+            Self::FaultRemains(_) => return None,
+            Self::SizesTooLarge { .. } => Advice::ChooseModeOrWideFirmware,
+            Self::NoProcessData => Advice::PowerCycle,
+            Self::NotReady | Self::Unknown => Advice::RestartChannel,
+        })
+    }
 }
 
 impl StartFailureReason {
@@ -368,9 +388,9 @@ mod tests {
         };
         assert_eq!(
             failure.to_string(),
-            "channel 1 did not start: the remote does not have software mode 5; choose another (CS \
-             4024A1C0)"
+            "channel 1 did not start: the remote does not have software mode 5 (CS 4024A1C0)"
         );
+        assert_eq!(failure.advice(), Some(Advice::ChooseMode));
     }
 
     proptest! {

@@ -5,8 +5,8 @@ use core::time::Duration;
 use thiserror::Error;
 
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
-    Effort, Fault, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusAdvice, BusError, BusErrorKind, BusStatistics, Clock,
+    Direction, Effort, Fault, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
@@ -66,6 +66,13 @@ impl<E: BusError> BusError for FaultyError<E> {
         match self {
             Self::Injected { kind, .. } => *kind,
             Self::Inner(inner) => inner.kind(),
+        }
+    }
+
+    fn advice(&self) -> Option<BusAdvice> {
+        match self {
+            Self::Injected { .. } => None,
+            Self::Inner(inner) => inner.advice(),
         }
     }
 }

@@ -34,7 +34,7 @@ pub enum Silence {
     #[error("no answer")]
     Nothing,
     /// A host exists there, but no program listens at the port.
-    #[error("a host is there, and nobody listens at this port")]
+    #[error("a host is there, and no program listens at this port")]
     Refused,
     /// A reply arrived that no board sends.
     #[error("something else than a board answers")]
@@ -44,7 +44,7 @@ pub enum Silence {
     #[error("this computer lets no packets out to this address")]
     Blocked,
     /// The operating system cannot send there.
-    #[error("the operating system can not send there: {0}")]
+    #[error("the operating system cannot send there: {0}")]
     Unreachable(ErrorKind),
 }
 

@@ -36,8 +36,15 @@ const LAYERS: [(&str, &[&str]); 11] = [
 ];
 
 /// Modules outside of the layers: the serialized forms of settings and events, values as words,
-/// rounded numbers, counters, and fractions of a time.
-const FORMS: [&str; 5] = ["serial_form", "packed", "Rounded", "tally", "fraction"];
+/// rounded numbers, counters, fractions of a time, and the advice of errors.
+const FORMS: [&str; 6] = [
+    "advice",
+    "serial_form",
+    "packed",
+    "Rounded",
+    "tally",
+    "fraction",
+];
 
 #[test]
 fn a_layer_knows_only_those_below_it() {

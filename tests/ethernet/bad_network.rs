@@ -427,7 +427,10 @@ fn a_second_master_that_begins_later_is_an_event_and_counted_and_ends_nothing_by
     assert_eq!(beside(&mut driver, 0), []);
     let told = beside(&mut driver, 2);
     let said = told.first().expect("an event").to_string();
-    assert!(said.contains("somebody else drives this board"), "{said}");
+    assert!(
+        said.contains("another program or host drives this board"),
+        "{said}"
+    );
     assert_eq!(told.len(), 1, "{told:?}");
     for _ in 0..3 {
         assert_eq!(beside(&mut driver, 2), [], "it is the same one");

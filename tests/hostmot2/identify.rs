@@ -1,5 +1,6 @@
 //! Parsing of a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
 
+use mesa_hal::Advice;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError};
 use mesa_hal_sim::{SimError, SimFpga, machines};
@@ -60,20 +61,21 @@ fn a_missing_module_is_named_beside_what_is_there() {
     assert_eq!(
         missing.to_string(),
         "this firmware has no PWM (06); it has HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x2, \
-         MuxedEncoder (0C) x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1; load a firmware for the boards that \
-         are connected"
+         MuxedEncoder (0C) x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1"
     );
+    assert_eq!(missing.advice(), Some(Advice::LoadMatchingFirmware));
 }
 
 #[test]
 fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
     let mut bus = i7i97();
     bus.override_rom(0x0100, 0xFFFF_FFFF);
+    let error = identify(&mut bus).unwrap_err();
     assert_eq!(
-        identify(&mut bus).unwrap_err().to_string(),
-        "no HostMot2 cookie at 0x0100: read 0xFFFFFFFF, expected 0x55AACAFE; is this the right \
-         address, and the right board?"
+        error.to_string(),
+        "no HostMot2 cookie at 0x0100: read 0xFFFFFFFF, expected 0x55AACAFE"
     );
+    assert_eq!(error.advice(), Some(Advice::CheckBoardAddress));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use mesa_hal::boards::{
 };
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, PackingPlan, RemoteDescriptor};
-use mesa_hal::hal::{AnyValue, PinError, PinStore, Role};
+use mesa_hal::hal::{AnyValue, PinError, PinStore, Role, ShortName};
 use mesa_hal::remote::{ParameterError, RemotePins};
 use proptest::prelude::*;
 
@@ -285,8 +285,9 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
     assert_eq!(pins.info(revision).unwrap().role, Role::Property);
     assert!(pins.set_param(revision, 3).is_err());
     let refused = pins.set_param(baud, 10).unwrap_err();
-    assert_eq!(refused, PinError::InRemote);
-    let text = refused.to_string();
+    let name = ShortName::new("hm2_7i92.0.7i77.0.0.nvbaudrate");
+    assert_eq!(refused, PinError::InRemote { name });
+    let text = refused.advice().expect("advice").to_string();
     assert!(
         text.contains("`Configured::write_remote_parameter`"),
         "{text}"

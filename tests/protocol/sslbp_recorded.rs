@@ -5,6 +5,7 @@ mod failures;
 
 use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
+use mesa_hal::Advice;
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, LocalFaults, LocalLocation,
@@ -115,8 +116,8 @@ fn firmware_that_is_not_known_is_refused_by_name() {
     // The other parameters of an unknown version are meaningless.
     let mut bus = Replay::new(Vec::new());
     bus.local.extend([(2, 2), (7, 3)]);
-    let error = port().on(&mut bus).identify().unwrap_err().to_string();
-    assert!(error.contains("flash a newer firmware"), "{error}");
+    let error = port().on(&mut bus).identify().unwrap_err();
+    assert_eq!(error.advice(), Some(Advice::FlashNewerFirmware));
 }
 
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.

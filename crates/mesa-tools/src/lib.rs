@@ -12,6 +12,7 @@
     )
 )]
 
+pub mod advice;
 pub mod diagnosis;
 pub mod inventory;
 pub mod setup;

@@ -2,6 +2,7 @@
 
 use alloc::vec::Vec;
 
+use crate::advice::Advice;
 use crate::bus::{Access, RegisterBus};
 
 /// Position of a register within an exchange.
@@ -56,8 +57,17 @@ pub struct Setting(pub(super) u16);
 pub struct ImageError {
     /// The register.
     pub address: u16,
-    /// The problem, and what to do.
+    /// The problem.
     pub what: &'static str,
+    /// The next step.
+    pub advice: Advice,
+}
+
+impl ImageError {
+    /// The next step.
+    pub fn advice(&self) -> Option<Advice> {
+        Some(self.advice)
+    }
 }
 
 /// A register of the cycle.
@@ -299,23 +309,31 @@ impl ImagePlan {
         let steps = self.steps.iter().map(|step| &step.address);
         let mut all = reads.iter().chain(&written).chain(steps);
         let odd = all.find(|address| !address.is_multiple_of(4)).copied();
-        let refuse = |at: Option<u16>, what| match at {
-            Some(address) => Err(ImageError { address, what }),
+        let refuse = |at: Option<u16>, what, advice| match at {
+            Some(address) => Err(ImageError {
+                address,
+                what,
+                advice,
+            }),
             None => Ok(()),
         };
-        let hint = "was registered: addresses are multiples of 4; check the module's descriptor";
-        refuse(odd, hint)?;
+        let what = "was registered, and addresses are multiples of 4";
+        refuse(odd, what, Advice::CheckDescriptor)?;
         let mut late = self.reads.iter().filter(|r| r.phase == Phase::Trigger);
         let is_for_reads = |phase| matches!(phase, Phase::Status | Phase::Evidence);
         let mut unsent = self.writes.iter().filter(|w| is_for_reads(w.phase));
         let misplaced = late.next().or_else(|| unsent.next());
-        let hint = "was registered for a phase that is not its own: reads have no `Phase::Trigger`, and \
-                    writes neither `Phase::Status` nor `Phase::Evidence`; choose `Phase::Data`";
-        refuse(misplaced.map(|register| register.address), hint)?;
-        let hint = "is written by two modules; leave one of them out";
-        refuse(twice(written), hint)?;
-        let hint = "is read in two phases; leave one of the modules out";
-        refuse(twice(reads), hint)
+        let what = "was registered for a phase that is not its own: reads have no `Phase::Trigger`, and \
+                    writes neither `Phase::Status` nor `Phase::Evidence`";
+        let misplaced = misplaced.map(|register| register.address);
+        refuse(misplaced, what, Advice::ChoosePhase)?;
+        let twice_written = "is written by two modules";
+        refuse(twice(written), twice_written, Advice::LeaveModuleOut)?;
+        refuse(
+            twice(reads),
+            "is read in two phases",
+            Advice::LeaveModuleOut,
+        )
     }
 }
 

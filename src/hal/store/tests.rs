@@ -2,7 +2,7 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::{Age, InOut, Output, Param, PinMaker, Spec};
+use crate::hal::{Age, InOut, Output, Param, PinMaker, ShortName, Spec};
 use core::time::Duration;
 
 fn at(ms: u64) -> Instant {
@@ -102,7 +102,11 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
         "not armed: what is set has no effect"
     );
     assert!(!pins.read_any(drive.into()).valid);
-    assert_eq!(pins.rearm(group), Err(PinError::NotRunning));
+    let first = &pins.infos()[0].name;
+    let refused = PinError::NotRunning {
+        pin: ShortName::new(first),
+    };
+    assert_eq!(pins.rearm(group), Err(refused));
 
     pins.begin_cycle(at(2));
     pins.group_good(group);

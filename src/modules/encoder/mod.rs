@@ -14,6 +14,7 @@ use core::ops::Range;
 
 use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
+use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{PinStore, Rejection};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
@@ -98,9 +99,10 @@ impl Encoders {
         if left > all {
             let count = left;
             return Err(RegisterError::Setting {
-                what: "encoders (`EncoderSetup::count`)",
+                what: "encoders",
                 found: format!("{count}"),
-                expected: format!("at most {all}, or a firmware that has more"),
+                expected: format!("at most {all}, the encoders of this firmware"),
+                advice: Advice::SetEncoderCount,
             });
         }
         let mut first = 0_u8;
@@ -255,9 +257,10 @@ fn rate_of_setup(r: &Registrar<'_>) -> Result<TickRate, RegisterError> {
     let rate = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
     if rate.0 > TickRate::SLOWEST.0 {
         return Err(RegisterError::Setting {
-            what: "rate of the encoders (`EncoderSetup::rate`)",
+            what: "rate of the encoders",
             found: format!("{rate:?}"),
             expected: format!("at most {:?}: the register has 12 bits", TickRate::SLOWEST),
+            advice: Advice::SetEncoderRate,
         });
     }
     Ok(rate)

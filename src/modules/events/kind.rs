@@ -1,5 +1,6 @@
 //! The kinds of events.
 
+use crate::advice::WithAdvice;
 use crate::hostmot2::RemoteId;
 use core::fmt;
 use core::time::Duration;
@@ -117,7 +118,7 @@ pub enum EventKind {
         failure: Failure,
     },
     /// A remote went offline: its outputs are safe until it is re-armed.
-    [REMOTE_OFFLINE = 1, fault; of Some(*remote); "offline, its outputs are safe: {reason}"]
+    [REMOTE_OFFLINE = 1, fault; of Some(*remote); "offline, its outputs are safe: {}", WithAdvice::new(reason, reason.advice())]
     RemoteOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -127,7 +128,7 @@ pub enum EventKind {
         reason: OfflineReason,
     },
     /// A remote that is offline was tried again, and stays offline for another reason than before.
-    [REMOTE_STAYS_OFFLINE = 2, fault; of Some(*remote); "tried again, and still offline: {reason}"]
+    [REMOTE_STAYS_OFFLINE = 2, fault; of Some(*remote); "tried again, and still offline: {}", WithAdvice::new(reason, reason.advice())]
     RemoteStaysOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -236,7 +237,7 @@ pub enum EventKind {
         count: u32,
     },
     /// A second master drives the board as well; the first of a row.
-    [OTHER_MASTER = 18, fault; "somebody else drives this board: within a second it received {packets} packets that \
+    [OTHER_MASTER = 18, fault; "another program or host drives this board: within a second it received {packets} packets that \
          are not ours; end the other program (LinuxCNC, mesaflash, another driver), also \
          on other hosts"]
     OtherMaster {

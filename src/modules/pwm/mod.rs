@@ -14,6 +14,7 @@ pub use duty::{PwmRate, PwmShape};
 
 use duty::{DITHER_BITS, DOUBLE_BUFFERED, PDM, pdm_word};
 
+use crate::advice::Advice;
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
 use crate::hostmot2::board_table::PwmTable;
@@ -100,9 +101,10 @@ impl Pwm {
         let beyond = r.settings.pwm.keys().find(|&&n| n >= all);
         if let Some(beyond) = beyond.filter(|_| all > 0) {
             return Err(RegisterError::Setting {
-                what: "a PWM generator (`Settings::pwm`)",
+                what: "a PWM generator",
                 found: format!("{beyond}"),
                 expected: format!("less than {all}, the generators of this firmware"),
+                advice: Advice::SetPwm,
             });
         }
         for (bank, module) in modules.iter().enumerate() {
@@ -124,9 +126,10 @@ impl Pwm {
         let fastest = PwmRate::fastest(clock_hz);
         if !(1..=fastest).contains(&hz.0) {
             return Err(RegisterError::Setting {
-                what: "PWM frequency (`Settings::pwm_hz`)",
+                what: "PWM frequency",
                 found: format!("{} Hz", hz.0),
                 expected: format!("1 to {fastest} Hz, which this firmware's clock allows"),
+                advice: Advice::SetPwmFrequency,
             });
         }
         let mut make = r.maker(&bank_stem("pwmgen", bank));

@@ -1,6 +1,7 @@
 //! Reasons why a remote is offline.
 
 use super::Failure;
+use crate::advice::Advice;
 use crate::packed::{packed_enum, packed_word};
 use crate::sslbp::RemoteName;
 use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
@@ -13,37 +14,36 @@ packed_enum! {
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum OfflineReason {
     /// The remote was absent when the driver was started.
-    #[error("it was absent at the start; plug it in")]
+    #[error("absent at the start")]
     Absent,
     /// Too many transfers failed in too short a time.
     #[error("too many failed transfers, the last: {0}")]
     TooManyFailures(Failure),
     /// The channel does not run any more.
-    #[error("its channel does not run: {0}")]
+    #[error("the channel does not run: {0}")]
     NotRunning(CsStatus),
     /// The watchdog of the remote has bitten or it lost power: it needs a START.
-    #[error("its watchdog has bitten or its power was off; it is restarted in its mode")]
+    #[error("the remote's watchdog has bitten or its power was off; the driver restarts it in its mode")]
     Watchdog,
     /// The remote has lost its software mode.
-    #[error("it does not know its software mode any more")]
+    #[error("the remote does not know its software mode any more")]
     IllegalMode,
     /// The field power of the remote is missing, too low or too high.
-    #[error("{0}: check its field power")]
+    #[error("{0}")]
     FieldPower(
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
     /// The remote reported another fault: over-temperature, over-current, no enable, communication.
-    #[error("it reported {0}; check its loads and its supply, then re-arm it")]
+    #[error("the remote reported {0}")]
     Reported(
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
     /// START did not succeed; CS contains its progress.
-    #[error("it did not start: {0}")]
+    #[error("the remote did not start: {0}")]
     DidNotStart(CsStatus),
     /// Another device is on the channel.
     #[error(
-        "another device answers ({name}, unit number {unit_number:#010X}); it is not taken over: \
-         plug the right one in, or build the driver anew"
+        "another device answers ({name}, unit number {unit_number:#010X}), which is not taken over"
     )]
     AnotherDevice {
         /// The name of the device.
@@ -53,8 +53,8 @@ pub enum OfflineReason {
     },
     /// The right device is on the channel, with tables in another place: another firmware.
     #[error(
-        "its tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has another \
-         firmware; build the driver anew with it plugged in"
+        "the remote's tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has another \
+         firmware"
     )]
     OtherTables {
         /// Interface register 2 after START: GTOC and PTOC of the device.
@@ -64,8 +64,7 @@ pub enum OfflineReason {
     },
     /// The right device is on the channel, with other process data: another firmware.
     #[error(
-        "its process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another firmware; \
-         build the driver anew with it plugged in",
+        "the remote's process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another firmware",
         found.rx, found.tx, expected.rx, expected.tx
     )]
     OtherSizes {
@@ -78,16 +77,38 @@ pub enum OfflineReason {
     #[error("the port never finished a command")]
     PortStuck,
     /// The application switched the port off.
-    #[error("its port is switched off")]
+    #[error("the port is switched off")]
     Stopped,
     /// The application asked for a restart.
     #[error("the application asked for a restart")]
     Requested,
     /// The remote did not answer while everything was safe because of the board, whose lines are
     /// dead when its watchdog has bitten or it was reset. Indicates nothing about the remote.
-    #[error("the board does not run, and its lines may be dead with it; re-arm")]
+    #[error("the board does not run, and its lines may be dead with it")]
     BoardDown,
 }
+}
+
+impl OfflineReason {
+    /// The next step, if there is one.
+    pub const fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Absent => Some(Advice::PlugIn),
+            Self::FieldPower(_) => Some(Advice::CheckFieldPower),
+            Self::Reported(_) => Some(Advice::CheckLoads),
+            Self::AnotherDevice { .. } => Some(Advice::PlugInOrRebuild),
+            Self::OtherTables { .. } | Self::OtherSizes { .. } => Some(Advice::RebuildWithRemote),
+            Self::BoardDown => Some(Advice::Rearm),
+            Self::TooManyFailures(_)
+            | Self::NotRunning(_)
+            | Self::Watchdog
+            | Self::IllegalMode
+            | Self::DidNotStart(_)
+            | Self::PortStuck
+            | Self::Stopped
+            | Self::Requested => None,
+        }
+    }
 }
 
 impl OfflineReason {

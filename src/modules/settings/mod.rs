@@ -14,6 +14,7 @@ use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
 
+use crate::advice::Advice;
 use crate::discovery::RemoteTable;
 use crate::hal::is_scale;
 use crate::hostmot2::board_table::BoardTable;
@@ -143,14 +144,16 @@ impl Settings {
         let watchdog = self.watchdog_time();
         if watchdog > LONGEST_WATCHDOG {
             return refused(
-                "the board's watchdog (`Settings::watchdog`)",
+                Advice::SetWatchdog,
+                "the board's watchdog",
                 format!("{watchdog:?}"),
                 "at most 4.29 s, as many nanoseconds as its parameter holds",
             );
         }
         if self.bus_error_limit == 0 {
             return refused(
-                "failures in a row that make everything safe (`Settings::bus_error_limit`)",
+                Advice::SetBusErrorLimit,
+                "failures in a row that make everything safe",
                 "0".into(),
                 "at least 1",
             );
@@ -159,14 +162,16 @@ impl Settings {
         let mut scales = self.pwm.values().filter_map(|config| config.scale);
         if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
             return refused(
-                "the scale of a PWM generator (`Settings::pwm`)",
+                Advice::SetPwm,
+                "the scale of a PWM generator",
                 format!("{scale}"),
                 "a number other than 0, its size from 1e-100 to 1e100",
             );
         }
         match self.trace {
             Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
-                "what a trace keeps (`Settings::trace`)",
+                Advice::SetTrace,
+                "the size of a trace",
                 format!("{cycles} cycles, {after} of them after the event"),
                 "at least 1 cycle, and fewer after the event than in all",
             ),
@@ -178,7 +183,8 @@ impl Settings {
         let policy = &self.fault_policy;
         if policy.fault_lim == 0 || policy.fault_inc == 0 {
             return refused(
-                "counters of failed transfers (`Settings::fault_policy`)",
+                Advice::SetFaultPolicy,
+                "counters of failed transfers",
                 format!(
                     "fault_inc {}, fault_lim {}",
                     policy.fault_inc, policy.fault_lim
@@ -188,7 +194,8 @@ impl Settings {
         }
         if !(1..=LONGEST_STALE).contains(&policy.stale_after) {
             return refused(
-                "cycles after which inputs are no longer valid (`FaultPolicy::stale_after`)",
+                Advice::SetStaleAfter,
+                "cycles after which inputs are no longer valid",
                 format!("{}", policy.stale_after),
                 "1 to 1000",
             );
@@ -197,12 +204,18 @@ impl Settings {
     }
 }
 
-fn refused(what: &'static str, found: String, expected: &str) -> Result<(), RegisterError> {
+fn refused(
+    advice: Advice,
+    what: &'static str,
+    found: String,
+    expected: &str,
+) -> Result<(), RegisterError> {
     let expected = expected.into();
     Err(RegisterError::Setting {
         what,
         found,
         expected,
+        advice,
     })
 }
 

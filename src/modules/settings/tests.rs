@@ -30,7 +30,10 @@ fn numbers_that_mean_nothing_are_refused_and_named() {
     let with = |change: Change| {
         let mut settings = Settings::default();
         change(&mut settings);
-        settings.check().map_err(|error| error.to_string())
+        settings.check().map_err(|error| {
+            let advice = error.advice().expect("the setting");
+            format!("{error}; {advice}")
+        })
     };
     assert_eq!(with(|_| {}), Ok(()));
     assert_eq!(with(|s| s.fault_policy.fault_lim = u32::MAX), Ok(()));

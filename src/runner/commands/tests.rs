@@ -1,5 +1,7 @@
 use super::*;
+use crate::advice::Advice;
 use crate::driver::{BoardState, RemoteState, Settings};
+use crate::hal::{HalType, ShortName};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 fn driver() -> Driver<SimFpga> {
@@ -27,7 +29,7 @@ fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
     }
     let full = sender.set(output, false).expect_err("there is none");
     assert_eq!(full, CommandError::Full { capacity: 20 });
-    assert!(full.to_string().contains("does the cycle run?"), "{full}");
+    assert_eq!(full.advice(), Some(Advice::CheckCycle));
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert_eq!(cycle(&mut driver, &mut queue), 4);
     assert_eq!(cycle(&mut driver, &mut queue), 0);
@@ -240,13 +242,17 @@ fn what_makes_no_sense_is_refused_where_it_is_sent() {
         (sender.rearm_group(other.group()), PinError::ForeignHandle),
         (
             sender.set_any(own("hm2_7i92.0.7i77.0.0.input-00"), true.into()),
-            PinError::NotSettable,
+            PinError::NotSettable {
+                name: ShortName::new("hm2_7i92.0.7i77.0.0.input-00"),
+            },
         ),
         (
             sender.set_any(own(output), float),
             PinError::WrongType {
-                expected: "bit",
-                actual: "float",
+                name: ShortName::new(output),
+                expected: HalType::Bit,
+                value: float,
+                limits: None,
             },
         ),
     ] {
@@ -272,7 +278,7 @@ fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
     let nothing = sender.set_param(limit, f64::NAN);
     let refused = nothing.expect_err("no limit").to_string();
     assert!(
-        refused.contains("analogout0-maxlim` can not be set to NaN"),
+        refused.contains("analogout0-maxlim` cannot be set to NaN"),
         "{refused}"
     );
     sender.restart((0, 0)).expect("sent");

@@ -2,6 +2,7 @@
 
 use super::{Port, PortResult, SetupPort};
 use crate::{
+    advice::Advice,
     bus::{Clock, RegisterBus},
     lbp::{NonvolatileProblem, RemoteLink},
     sslbp::{
@@ -41,7 +42,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             && machine.running.contains(channel);
         let registers = self.port.layout.channel(channel).filter(|_| is_ready);
         let Some(registers) = registers else {
-            return Err(self.wrong_state(format!("a setup START of channel {channel}")));
+            return Err(self.wrong_state(format!("a setup START of channel {channel}"), None));
         };
         let data = access.data_words().into_iter().flatten();
         let mut writes: Vec<_> = registers.interfaces().zip(data).collect();
@@ -61,7 +62,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             channel,
             failed: format!("{access}: no good reply in {ATTEMPTS} attempts"),
             cs,
-            hint: "check the cable; if only this address fails, the remote does not have it",
+            advice: Some(Advice::CheckCableOrAddress),
         })
     }
 }
@@ -101,14 +102,14 @@ impl<B: RegisterBus + Clock> RemoteLink for PortLink<'_, B> {
                     channel,
                     failed: "access to non-volatile memory could not be switched off".into(),
                     cs,
-                    hint: "power the remote off and on before anything else is written to it",
+                    advice: Some(Advice::PowerCycleBeforeWriting),
                 }
             }
             NonvolatileProblem::StillSelected(error) => error,
             NonvolatileProblem::NotKept { written, read } => {
                 let what = format!("non-volatile memory of channel {channel} ({access})");
-                let hint = "it may be write-protected (see the card's jumpers) or worn out";
-                self.port.on(self.bus).not_kept(what, read, written, hint)
+                let advice = Advice::CheckWriteProtection;
+                self.port.on(self.bus).not_kept(what, read, written, advice)
             }
         }
     }

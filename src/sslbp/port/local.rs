@@ -2,6 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
+    advice::Advice,
     bus::{Clock, RegisterBus},
     sslbp::{
         Channel, ChannelVariable, MAX_CHANNELS, PortImage, PortOperation, PortParameters,
@@ -23,13 +24,6 @@ const LAST_VARIABLE: u16 = 0x30;
 const READS: u8 = 10;
 /// Longest expected delay of a packet's copy.
 const COPIES: Duration = Duration::from_millis(1);
-
-const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
-const TOO_OLD: &str = "flash a newer firmware";
-const UNKNOWN_FIRMWARE: &str = "this firmware is not known";
-const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
-const INCONSISTENT: &str =
-    "the pin descriptors have other channels than the port, use another firmware image";
 
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
@@ -61,12 +55,13 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             // Copies that arrive after this time are copies of this command.
             self.bus.wait(COPIES);
         }
-        let found = "another value with each read".into();
+        let found =
+            "another value with each read, because the network delivers packets twice or late";
         Err(self.unexpected(
             what.to_string(),
-            found,
+            found.into(),
             "the same value twice".into(),
-            DISTURBED,
+            Some(Advice::CheckSwitches),
         ))
     }
 
@@ -79,9 +74,9 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         if address <= LAST_LOCAL {
             return Ok(());
         }
-        let (found, expected) = (format!("{address:#X}"), format!("{LAST_LOCAL:#X} at most"));
-        let hint = "the port's memory ends there";
-        Err(self.unexpected("the local address".into(), found, expected, hint))
+        let found = format!("{address:#X}");
+        let expected = format!("{LAST_LOCAL:#X} at most, where the port's memory ends");
+        Err(self.unexpected("the local address".into(), found, expected, None))
     }
 
     /// Reads consecutive bytes of the port's memory.
@@ -108,7 +103,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             return Ok(());
         }
         let what = format!("local address {address:#05X}");
-        Err(self.not_kept(what, read.into(), value.into(), "reset the port"))
+        Err(self.not_kept(what, read.into(), value.into(), Advice::ResetPort))
     }
 
     /// Reads the local parameters and checks that this crate supports the firmware.
@@ -131,33 +126,35 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             processor,
             channels,
         ] = parameters;
-        let require = |(found, expected): (u8, u8), what: &str, hint| {
+        let require = |(found, expected): (u8, u8), what: &str, why: &str, advice| {
             if found == expected {
                 return Ok(());
             }
             let [found, expected] = [found, expected].map(|byte| format!("{byte:#04X}"));
-            Err(self.unexpected(what.into(), found, expected, hint))
+            Err(self.unexpected(what.into(), found, expected + why, Some(advice)))
         };
-        require((kind, 0x12), "the interface type", OTHER_PROTOCOL)?;
-        require((width, 8), "the width of DATA", UNKNOWN_FIRMWARE)?;
-        require(
-            (processor, 0xD8),
-            "the interface processor",
-            UNKNOWN_FIRMWARE,
-        )?;
+        let of_sslbp = ", which is that of SSLBP";
+        let unknown = Advice::UseKnownFirmware;
+        require((kind, 0x12), "the interface type", of_sslbp, unknown)?;
+        require((width, 8), "the width of DATA", "", unknown)?;
+        require((processor, 0xD8), "the interface processor", "", unknown)?;
         if major != 1 || minor < OLDEST_MINOR {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
-            return Err(self.unexpected("the SSLBP version".into(), found, expected, TOO_OLD));
+            let advice = Some(Advice::FlashNewerFirmware);
+            return Err(self.unexpected("the SSLBP version".into(), found, expected, advice));
         }
         if !has_room(start, stride) {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
-            return Err(self.unexpected(what, found, expected, UNKNOWN_FIRMWARE));
+            let advice = Some(Advice::UseKnownFirmware);
+            return Err(self.unexpected(what, found, expected, advice));
         }
         let all = self.port.layout.channels;
-        require((channels, all), "the number of channels", INCONSISTENT)?;
+        let as_pins = ", as the pin descriptors have";
+        let other = Advice::UseOtherFirmware;
+        require((channels, all), "the number of channels", as_pins, other)?;
         let parameters = PortParameters {
             major,
             minor,

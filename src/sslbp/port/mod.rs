@@ -12,6 +12,7 @@ use super::{
     ChannelExchange, ChannelMask, DoitTime, PortError, PortLayout, PortMachine, PortParameters,
     PortState,
 };
+use crate::advice::Advice;
 use crate::bus::RegisterBus;
 use alloc::format;
 use alloc::string::String;
@@ -88,9 +89,9 @@ pub struct SetupPort<'a, B> {
 
 impl<B: RegisterBus> SetupPort<'_, B> {
     pub(crate) fn known_parameters(&self) -> PortResult<PortParameters, B> {
-        let needed = "its parameters (call reset or identify first)";
+        let needed = "its parameters";
         let known = self.port.parameters;
-        known.ok_or_else(|| self.wrong_state(needed.into()))
+        known.ok_or_else(|| self.wrong_state(needed.into(), Some(Advice::IdentifyPort)))
     }
 
     fn require_existing(&self, mask: ChannelMask) -> PortResult<(), B> {
@@ -104,16 +105,17 @@ impl<B: RegisterBus> SetupPort<'_, B> {
             "a channel that was asked for".into(),
             found,
             expected,
-            "leave it out",
+            Some(Advice::LeaveChannelOut),
         ))
     }
 
-    fn wrong_state(&self, needed: String) -> PortError<B::Error> {
+    fn wrong_state(&self, needed: String, advice: Option<Advice>) -> PortError<B::Error> {
         PortError::WrongState {
             port: self.port.layout.instance,
             needed,
             state: self.port.state(),
             running: self.port.running(),
+            advice,
         }
     }
 
@@ -122,10 +124,10 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         what: String,
         read: u64,
         written: u64,
-        hint: &'static str,
+        advice: Advice,
     ) -> PortError<B::Error> {
         let expected = format!("{written:#04X}, which was written");
-        self.unexpected(what, format!("{read:#04X}"), expected, hint)
+        self.unexpected(what, format!("{read:#04X}"), expected, Some(advice))
     }
 
     fn unexpected(
@@ -133,14 +135,14 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         what: String,
         found: String,
         expected: String,
-        hint: &'static str,
+        advice: Option<Advice>,
     ) -> PortError<B::Error> {
         PortError::Unexpected {
             port: self.port.layout.instance,
             what: what.into(),
             found,
             expected,
-            hint,
+            advice,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
+    advice::Advice,
     bus::{Access, Clock, RegisterBus},
     sslbp::{
         Channel, CompletedOperation, CsStatus, MAX_CHANNELS, PortError, PortEvent, PortImage,
@@ -198,18 +199,22 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             // Writing to a string cannot fail.
             let _ = write!(registers, " {:08X}", snapshot.cs(channel));
         }
+        let (finding, advice) = if command == u32::MAX {
+            let finding = " (all ones: there is no board at this address)";
+            (finding, Advice::CheckBoardAddress)
+        } else if can_stop {
+            ("", Advice::StopAll)
+        } else {
+            let finding = "; the interface processor does not run";
+            (finding, Advice::ReloadFpga)
+        };
+        registers.push_str(finding);
         Ok(PortError::Timeout {
             port: self.port.layout.instance,
             waiting_for: waiting_for.to_string(),
             waited,
             registers,
-            hint: if command == u32::MAX {
-                "all ones: there is no board at this address"
-            } else if can_stop {
-                "call stop_all, which knows the way out; if that fails, reset the port"
-            } else {
-                "the interface processor does not run; reset the port, or reload the FPGA"
-            },
+            advice: Some(advice),
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
+    advice::Advice,
     bus::{Clock, RegisterBus},
     sslbp::{ChannelMask, PortError, PortOperation, PortParameters},
 };
@@ -104,7 +105,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             channel,
             failed: "not stopped by a stop".into(),
             cs: snapshot.status(channel),
-            hint: "reset the port",
+            advice: Some(Advice::ResetPort),
         })
     }
 }

@@ -4,7 +4,8 @@ use core::time::Duration;
 use std::io::{self, ErrorKind};
 
 use crate::Rounded;
-use crate::bus::{Access, BusError, BusErrorKind};
+use crate::advice::Advice;
+use crate::bus::{Access, BusAdvice, BusError, BusErrorKind};
 
 /// An exchange with an Ethernet board failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -12,8 +13,7 @@ use crate::bus::{Access, BusError, BusErrorKind};
 pub enum UdpError {
     /// No reply at all within the deadline.
     #[error(
-        "request {request}: no reply within {}; \
-         check the board's power, cable, IP address and jumpers, or allow a longer deadline",
+        "request {request}: no reply within {}",
         Rounded(.waited)
     )]
     Lost {
@@ -25,8 +25,7 @@ pub enum UdpError {
     /// The reply came, but after the deadline.
     #[error(
         "request {request}: the reply came after {}, {} too late; \
-         the host was busy with something else, or the network is: look for its interrupts, \
-         power saving and other traffic, or allow a longer deadline",
+         the host was busy with something else, or the network is",
         Rounded(.waited),
         Rounded(.by)
     )]
@@ -54,8 +53,7 @@ pub enum UdpError {
     },
     /// An exchange of set-up was repeated, and none of its tries got a reply in time.
     #[error(
-        "request {request}: no reply in time in {tries} tries within {}, at the last {last}; \
-         check the board's power, cable, IP address and jumpers, or allow a longer deadline",
+        "request {request}: no reply in time in {tries} tries within {}, at the last {last}",
         Rounded(.within)
     )]
     GaveUp {
@@ -72,7 +70,7 @@ pub enum UdpError {
     /// Datagrams arrived, but none was a reply to any request.
     #[error(
         "request {request}: within {} came {datagrams} datagrams, and none is a reply: \
-         something else than a board answers at this address and port; check both",
+         something else than a board answers at this address and port",
         Rounded(.waited)
     )]
     Foreign {
@@ -85,8 +83,7 @@ pub enum UdpError {
     },
     /// Only replies of a wrong size arrived.
     #[error(
-        "request {request}: within {} came only a reply of {got} bytes, expected {expected}; \
-         does another program talk to this board?",
+        "request {request}: within {} came only a reply of {got} bytes, expected {expected}",
         Rounded(.waited)
     )]
     Short {
@@ -101,8 +98,8 @@ pub enum UdpError {
     },
     /// The board receives packets that are not ours.
     #[error(
-        "somebody else drives this board: within {} it received {packets} packets that are \
-         not ours; end the other program (LinuxCNC, mesaflash, another driver), also on other hosts",
+        "another program or host drives this board: within {} it received {packets} packets that are \
+         not ours",
         Rounded(.within)
     )]
     OtherHost {
@@ -112,7 +109,7 @@ pub enum UdpError {
         within: Duration,
     },
     /// The packet could not be sent or received.
-    #[error("{} ({} after the request); {}", reason(*kind), Rounded(.waited), advice(*kind))]
+    #[error("{} ({} after the request)", reason(*kind), Rounded(.waited))]
     Link {
         /// Error of the operating system.
         kind: ErrorKind,
@@ -121,8 +118,7 @@ pub enum UdpError {
     },
     /// The list needs more than one packet.
     #[error(
-        "the list needs a {what} of {bytes} bytes, more than the {limit} that fit into a packet; \
-         use shorter lists"
+        "the list needs a {what} of {bytes} bytes, more than the {limit} that fit into a packet"
     )]
     TooLong {
         /// Request or reply.
@@ -145,17 +141,15 @@ pub enum UdpError {
         words: usize,
     },
     /// The reply was requested of a list that was not started, or another list was run since.
-    #[error(
-        "there is no reply to this list: start it, and run nothing else before its reply is taken"
-    )]
+    #[error("there is no reply to this list")]
     NotStarted,
     /// A bus of another type prepared the list.
-    #[error("the list was prepared by a bus of another type; prepare it on this one")]
+    #[error("the list was prepared by a bus of another type")]
     OtherBus,
     /// The limit of the hold exceeds the longest time that a board can wait.
     #[error(
         "the list is to wait for the board's next period for up to {}, and boards wait for \
-         65.535 ms at most; use a shorter period, or let the host pace the cycle",
+         65.535 ms at most",
         Rounded(.limit)
     )]
     LongHold {
@@ -175,6 +169,11 @@ impl From<io::Error> for UdpError {
 }
 
 impl UdpError {
+    /// The next step, if there is one: the [advice of the bus](BusError::advice).
+    pub fn advice(&self) -> Option<Advice> {
+        BusError::advice(self).map(Advice::Bus)
+    }
+
     /// The error of an exchange whose last of several tries failed with this one.
     pub(super) fn of_tries(self, tries: u32, within: Duration) -> Self {
         match self {
@@ -212,6 +211,22 @@ impl BusError for UdpError {
             | Self::LongHold { .. } => BusErrorKind::Invalid,
         }
     }
+
+    fn advice(&self) -> Option<BusAdvice> {
+        Some(match self {
+            Self::Lost { .. } | Self::GaveUp { .. } => BusAdvice::CheckBoard,
+            Self::Late { .. } | Self::Stale { .. } => BusAdvice::CheckHost,
+            Self::Foreign { .. } => BusAdvice::CheckAddress,
+            Self::Short { .. } => BusAdvice::FindOtherProgram,
+            Self::OtherHost { .. } => BusAdvice::EndOtherProgram,
+            Self::Link { kind, .. } => link_advice(*kind),
+            Self::TooLong { .. } => BusAdvice::ShortenList,
+            Self::BadAccess { .. } => return None,
+            Self::NotStarted => BusAdvice::StartList,
+            Self::OtherBus => BusAdvice::PrepareList,
+            Self::LongHold { .. } => BusAdvice::ShortenPeriod,
+        })
+    }
 }
 
 fn link_kind(kind: ErrorKind) -> BusErrorKind {
@@ -228,21 +243,19 @@ fn link_kind(kind: ErrorKind) -> BusErrorKind {
 fn reason(kind: ErrorKind) -> String {
     match link_kind(kind) {
         BusErrorKind::Refused => {
-            "nobody listens at this address and port (a board listens at 27181)".into()
+            "no program listens at this address and port (a board listens at 27181)".into()
         }
-        BusErrorKind::Unreachable => {
-            "no way to this address: is the network interface up and in the same network?".into()
-        }
+        BusErrorKind::Unreachable => "no way to this address".into(),
         _ if is_blocked(kind) => "this computer lets no packets out to this address".into(),
         _ => format!("the operating system reports: {kind}"),
     }
 }
 
-fn advice(kind: ErrorKind) -> &'static str {
-    if is_blocked(kind) {
-        BLOCKED
-    } else {
-        "check the board's IP address and its cable"
+fn link_advice(kind: ErrorKind) -> BusAdvice {
+    match link_kind(kind) {
+        BusErrorKind::Unreachable => BusAdvice::CheckInterface,
+        _ if is_blocked(kind) => BusAdvice::OpenFirewall,
+        _ => BusAdvice::CheckAddressAndCable,
     }
 }
 
@@ -250,8 +263,3 @@ fn advice(kind: ErrorKind) -> &'static str {
 pub(super) fn is_blocked(kind: ErrorKind) -> bool {
     kind == ErrorKind::PermissionDenied
 }
-
-/// Advice for a computer whose firewall blocks packets to a board.
-pub const BLOCKED: &str = "LinuxCNC on this computer keeps its board for itself: end it. If it has \
-    ended and left its firewall behind: `sudo iptables -F hm2-eth-rules-output`; else it is another \
-    rule of `sudo iptables -S`";

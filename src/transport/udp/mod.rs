@@ -17,7 +17,7 @@ mod others;
 mod receiving;
 
 pub use encoding::UdpList;
-pub use error::{BLOCKED, UdpError};
+pub use error::UdpError;
 pub(super) use link::poll_for;
 pub use link::{PacketLink, UdpLink};
 

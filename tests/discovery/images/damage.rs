@@ -1,6 +1,7 @@
 //! Damaged and missing data each have their own error.
 
 use super::*;
+use mesa_hal::Advice;
 
 #[test]
 fn each_kind_of_damage_has_its_own_error() {
@@ -50,8 +51,7 @@ fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
         ),
         (
             data(8, 2, 0, [1.0, f32::INFINITY], "x"),
-            "its limits 1 to inf are not finite; its pins have a full scale of 1 instead, so check \
-             its scale",
+            "its limits 1 to inf are not finite; its pins have a full scale of 1 instead",
         ),
         (
             data(8, 2, 0, [0.0, 1.0], &"n".repeat(60)),
@@ -63,6 +63,8 @@ fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
         let kinds = kinds(&found);
         assert!(matches!(kinds[..], [ProblemKind::Odd { .. }]), "{kinds:?}");
         assert_eq!(kinds[0].to_string(), text);
+        let is_scale = text.contains("full scale");
+        assert_eq!(kinds[0].advice() == Some(Advice::CheckScale), is_scale);
         assert!(found.plan.is_ok());
     }
 }

@@ -212,7 +212,7 @@ fn a_scale_of_0_is_refused_and_the_position_goes_on_with_the_one_before() {
     let refused = refused.expect_err("no time").to_string();
     assert_eq!(
         refused,
-        "`hm2_7i97.0.encoder.01.vel-timeout` can not be set to -1: it takes a finite number (its limits are 0 to 3600); it keeps its value"
+        "`hm2_7i97.0.encoder.01.vel-timeout` cannot be set to -1: it takes a finite number (its limits are 0 to 3600); it keeps its value"
     );
     machine.cycles(2);
     let pins = machine.driver.pins();

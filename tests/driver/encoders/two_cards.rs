@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use std::time::Duration;
 
+use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::driver::{Driver, DriverError, EncoderSetup};
 use mesa_hal::hal::Pins;
@@ -125,10 +126,8 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
         DriverError::Register(RegisterError::Setting { .. })
     ));
     let text = error.to_string();
-    assert!(
-        text.contains("`EncoderSetup::count`): 7, expected at most 6"),
-        "{text}"
-    );
+    assert!(text.contains("encoders: 7, expected at most 6"), "{text}");
+    assert_eq!(error.advice(), Some(Advice::SetEncoderCount));
     let driver = build(3).expect("three of six");
     assert_eq!(encoders(&driver).len(), 3);
 }

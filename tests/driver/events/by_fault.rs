@@ -323,7 +323,7 @@ fn a_port_that_is_switched_off_and_on_has_events_for_each_of_its_remotes() {
         told.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     let each = |what: &str| [0, 1, 2].map(|channel| format!("port 0, channel {channel}: {what}"));
-    let off = each("offline, its outputs are safe: its port is switched off");
+    let off = each("offline, its outputs are safe: the port is switched off");
     assert_eq!(switch(&mut story, false), off);
     assert_eq!(story.on(), [false; 3]);
     let back = each("back; its outputs are safe until re-armed");

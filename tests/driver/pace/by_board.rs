@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::common::ethernet::{self, SimLink, WIRE, cut, good};
 use mesa_hal::Settings;
+use mesa_hal::WithAdvice;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
@@ -235,7 +236,8 @@ fn refusal<B: RegisterBus + Clock>(
 ) -> (bool, String) {
     let error = started.err().expect("it can not pace");
     let is_refused = matches!(error, DriverError::NotPaced { .. });
-    (is_refused, error.to_string())
+    let text = WithAdvice::new(&error, error.advice()).to_string();
+    (is_refused, text)
 }
 
 #[test]

@@ -4,13 +4,14 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{
     Board, BoardState, Configured, Driver, DriverError, RemoteWatchdog, Settings,
 };
-use mesa_hal::hal::PinError;
+use mesa_hal::hal::{PinError, ShortName};
 use mesa_hal::remote::ParameterError;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
@@ -37,8 +38,9 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_with_the_way_to_write_it() {
     let name = "hm2_7i92.0.7i77.0.0.nvwatchdogtimeout";
     let parameter = pins.parameter::<u32>(name).unwrap();
     let refused = pins.set_param(parameter, 100).unwrap_err();
-    assert_eq!(refused, PinError::InRemote);
-    assert!(refused.to_string().contains("write_remote_parameter"));
+    let short = ShortName::new(name);
+    assert_eq!(refused, PinError::InRemote { name: short });
+    assert_eq!(refused.advice(), Some(Advice::WriteRemoteParameter));
     assert_eq!(pins.param(parameter), 50);
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
 }
@@ -111,8 +113,8 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             0,
             "nvwatchdog",
             50,
-            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that name; its \
-             descriptor lists those that it has",
+            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that \
+             name",
         ),
         (
             0,
@@ -131,19 +133,19 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             9,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 9, where a remote was asked for; `missing` says \
-             why, if it was configured",
+            "no remote takes part on port 0, channel 9, where a remote was asked for",
         ),
         (
             ANALOG,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 1, where a remote was asked for; `missing` says \
-             why, if it was configured",
+            "no remote takes part on port 0, channel 1, where a remote was asked for",
         ),
     ] {
         let error = write(&mut board, channel, name, value).unwrap_err();
         assert_eq!(error.to_string(), expected);
+        let is_absent = matches!(error, DriverError::Attach(_));
+        assert_eq!(error.advice() == Some(Advice::LookAtMissing), is_absent);
     }
     assert_eq!(board.missing().len(), 1);
     let elsewhere = board.read_remote_parameter((3, 0), "nvwatchdogtimeout");
@@ -284,9 +286,10 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
 fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
     let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1 ms, \
                 and is fed once in a period of 1 ms; a write or transfer that is lost must not let it \
-                bite, so it needs 2 x 1 ms = 2 ms: choose a longer time for it, or a shorter period";
+                bite, so it needs 2 x 1 ms = 2 ms";
     let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();
     assert_eq!(error.to_string(), text);
+    assert_eq!(error.advice(), Some(Advice::LengthenWatchdog));
 
     let mut machine = Machine::new();
     let mut write = |value: u32| {

@@ -2,6 +2,7 @@
 //! outputs arrive, and no device is missing.
 
 use crate::common::machine::start;
+use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
@@ -221,10 +222,7 @@ fn an_8i20_is_named_as_unsupported_and_does_not_disturb_other_remotes() {
         text.contains("8I20") && text.contains("not supported"),
         "{text}"
     );
-    assert!(
-        text.contains("`has_discovery` false (`Settings::remotes`)"),
-        "{text}"
-    );
+    assert_eq!(missing.advice(), Some(Advice::AddTable));
     drive(&mut driver, 0, "7i64");
     drive(&mut driver, 2, "7i72");
 }
@@ -299,7 +297,7 @@ fn a_7i64_whose_sizes_only_the_normal_start_reports_runs_with_a_table_of_these_s
         assert_eq!(driver.ports()[0].remotes().count(), usize::from(runs));
         if let Some(remark) = missing.first() {
             let text = remark.to_string();
-            assert!(text.contains("says other things of itself"), "{text}");
+            assert!(text.contains("describes itself differently"), "{text}");
         }
     }
 }
@@ -364,6 +362,7 @@ mode 0 m
     };
     let text = remark.to_string();
     assert!(text.contains("0 to inf are not finite"), "{text}");
+    assert_eq!(remark.advice(), Some(Advice::CheckScale));
 }
 
 /// A silent channel is not a fault, unless the other half of a card is beside it.
@@ -405,22 +404,21 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
     assert_eq!(remark.kind, RemarkKind::Swapped);
     let field = driver.attach::<I7i77Field>((0, 0));
     let analog = driver.attach::<I7i77Analog>((0, 1));
-    let texts = [
-        field.expect_err("analog").to_string(),
-        analog.expect_err("field").to_string(),
-    ];
+    let errors = [field.expect_err("analog"), analog.expect_err("field")];
+    for error in &errors {
+        assert_eq!(error.advice(), Some(Advice::ExchangeChannels));
+    }
+    let texts = errors.map(|error| error.to_string());
     assert!(
-        texts[0].contains("is 7I77 analog, and 7I77 field I/O was expected"),
+        texts[0].contains(
+            "is 7I77 analog, because the channels are swapped, and 7I77 field I/O was expected"
+        ),
         "{texts:?}"
     );
     assert!(
-        texts[1].contains("is 7I77 field I/O, and 7I77 analog was expected"),
-        "{texts:?}"
-    );
-    assert!(
-        texts
-            .iter()
-            .all(|text| text.contains("swapped; exchange them")),
+        texts[1].contains(
+            "is 7I77 field I/O, because the channels are swapped, and 7I77 analog was expected"
+        ),
         "{texts:?}"
     );
 
@@ -435,10 +433,7 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
     };
     let error =
         start(swapped(), |s| s.serial_ports = [(0, kinds.clone())].into()).expect_err("swapped");
-    assert!(
-        error.to_string().contains("swapped; exchange them"),
-        "{error}"
-    );
+    assert_eq!(error.advice(), Some(Advice::ExchangeChannels));
     let right = machine(vec![device("7i77"), device("analog")]);
     let driver = start(right, |s| s.serial_ports = [(0, kinds)].into()).expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));

@@ -10,6 +10,7 @@ use mesa_hal::discovery::{DataType, ElementTable, RemoteTable, TableAddresses};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
+use mesa_hal::{Advice, WithAdvice};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{FieldIo, Outputs48};
 use mesa_hal_sim::remote::Cable;
@@ -101,7 +102,7 @@ fn are_open(shop: &Shop) -> bool {
 fn reason(shop: &Shop) -> String {
     match shop.status(OUTPUTS).state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
-            reason.to_string()
+            WithAdvice::new(&reason, reason.advice()).to_string()
         }
         other => panic!("{other:?}"),
     }
@@ -146,8 +147,9 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let other = shop.driver.attach::<Valves>((0, FIELD as u8)).unwrap_err();
     assert_eq!(
         other.to_string(),
-        "port 0, channel 0: a 7I77 answers, and a VLV4 was expected: are the cables swapped?"
+        "port 0, channel 0: a 7I77 answers, and a VLV4 was expected"
     );
+    assert_eq!(other.advice(), Some(Advice::CheckSwappedCables));
     let other = shop.driver.attach::<I7i72>((0, OUTPUTS as u8)).unwrap_err();
     assert!(other.to_string().contains("a VLV4 answers"), "{other}");
     let nothing = shop.driver.attach::<Valves>((0, 5)).unwrap_err();
@@ -184,7 +186,7 @@ fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
 fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
     let mut shop = shop();
     let handles = shop.cards;
-    assert_eq!(reason(&shop), "it was absent at the start; plug it in");
+    assert_eq!(reason(&shop), "absent at the start; plug the remote in");
     for _ in 0..300 {
         open_valves(&mut shop);
         shop.cycles(1);
@@ -241,7 +243,7 @@ fn another_card_in_the_place_of_an_optional_remote_stays_offline_with_the_reason
     plug(&mut shop, Some(outputs_48()));
     stays_offline(
         &mut shop,
-        &["another device answers (7I72", "plug the right one in"],
+        &["another device answers (7I72", "plug the right remote in"],
     );
     assert!(!are_open_somewhere(&shop));
     plug(&mut shop, Some(valve_block("data More 12 bits in\n")));

@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use crate::common::machine::{OUTPUTS, fpga, start};
+use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::bus::Phase;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
@@ -77,6 +78,7 @@ fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
     board.add(register).expect("nobody else reads it yet");
     let error = board.start().map(drop).expect_err("two phases");
     assert!(error.to_string().contains("read in two phases"), "{error}");
+    assert_eq!(error.advice(), Some(Advice::LeaveModuleOut));
 }
 
 #[test]
@@ -159,8 +161,9 @@ fn invalid_settings_are_refused_with_the_values_that_are_allowed() {
         "fewer after the event",
     ];
     for (settings, said) in settings.into_iter().zip(said) {
-        let error = Driver::start(fpga(), settings).expect_err(said).to_string();
-        assert!(error.contains(said), "{error}");
+        let error = Driver::start(fpga(), settings).expect_err(said);
+        assert!(error.to_string().contains(said), "{error}");
+        assert!(error.advice().is_some(), "{error}");
     }
 }
 

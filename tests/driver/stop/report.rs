@@ -4,6 +4,7 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use crate::faults::remote_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
+use mesa_hal::Advice;
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal_sim::SimFpga;
 
@@ -56,7 +57,7 @@ fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
         let place = (remote.remote.port, usize::from(remote.remote.channel));
         assert_eq!(place, (0, OUTPUTS), "{error}");
         assert_eq!(remote.watchdog, RemoteWatchdog::Off);
-        assert!(error.to_string().contains("switch off its power"));
+        assert_eq!(error.advice(), Some(Advice::SwitchOffPower));
         assert_eq!(lit(&mut driver.into_bus(), 1000), [OUTPUTS]);
     }
 }
@@ -94,7 +95,7 @@ fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
         machine.cable(OUTPUTS).unplug();
         machine.driver.pins_mut().set(run, false);
         machine.cycles(300);
-        let (mut fpga, named) = stop(machine, "its port is switched off");
+        let (mut fpga, named) = stop(machine, "the port is switched off");
         assert_eq!(named, expected);
         assert_eq!(lit(&mut fpga, 0), expected);
     }

@@ -1,6 +1,7 @@
 //! The memory of simulated remotes, over the wire.
 
 use super::*;
+use mesa_hal::Advice;
 
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; the memory of transcript t03 in all four modes.
 #[test]
@@ -133,6 +134,10 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
     );
     assert!(matches!(
         result,
-        Err(PortError::Channel { channel: ZERO, hint, .. }) if hint.contains("power the remote off")
+        Err(PortError::Channel {
+            channel: ZERO,
+            advice: Some(Advice::PowerCycleBeforeWriting),
+            ..
+        })
     ));
 }

@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::{FigureVerdict, Finding, RoundTrips};
+use crate::advice::told;
 use mesa_hal::Rounded;
 use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
@@ -156,7 +157,7 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
             Finding::new(FigureVerdict::Look, check, faults.to_string(), advice)
         }
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
-            let figure = format!("offline: {reason}");
+            let figure = format!("offline: {}", told(reason));
             Finding::new(
                 FigureVerdict::Bad,
                 check,
@@ -205,12 +206,7 @@ pub fn missing(remark: &Remark) -> Finding {
         return Finding::new(FigureVerdict::Look, check, "nothing answers", advice);
     }
     let advice = "mend what it says; `mesa info` shows what is known of the remote";
-    Finding::new(
-        FigureVerdict::Bad,
-        "missing remote",
-        remark.to_string(),
-        advice,
-    )
+    Finding::new(FigureVerdict::Bad, "missing remote", told(remark), advice)
 }
 
 /// Judges an anomaly of a running remote, or a module of the firmware that is not driven.
@@ -221,18 +217,13 @@ pub fn odd(remark: &Remark) -> Finding {
         return Finding::new(
             FigureVerdict::Look,
             "module not driven",
-            remark.to_string(),
+            told(remark),
             advice,
         );
     }
     let advice =
         "the driver believes the remote; look whether its firmware is the one that you expect";
-    Finding::new(
-        FigureVerdict::Look,
-        "remote's tables",
-        remark.to_string(),
-        advice,
-    )
+    Finding::new(FigureVerdict::Look, "remote's tables", told(remark), advice)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Errors of an inventory.
 
+use mesa_hal::Advice;
 use mesa_hal::bus::BusError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::sslbp::PortError;
@@ -41,4 +42,17 @@ pub enum InventoryError<E: BusError> {
         /// Number of channels on the port.
         channels: u8,
     },
+}
+
+impl<E: BusError> InventoryError<E> {
+    /// The next step, if the library has one.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Identify(error) => error.advice(),
+            Self::Firmware(error) => error.advice(),
+            Self::Port(error) => error.advice(),
+            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::NoSuchPort { .. } | Self::NoSuchChannel { .. } => None,
+        }
+    }
 }

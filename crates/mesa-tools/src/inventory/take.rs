@@ -8,7 +8,7 @@ use super::{
     InventoryEthernet, InventoryFirmware, InventoryMode, InventoryModule, InventoryParameter,
     InventoryPin, InventoryPort, InventoryRemote, InventoryTerminal, PinDirection, terminals,
 };
-use mesa_hal::RemoteId;
+use crate::advice::{told, with_advice};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
@@ -20,10 +20,12 @@ use mesa_hal::hostmot2::{HostMot2, IoPorts, PinDescriptor};
 use mesa_hal::lbp::{RemoteFaults, RemoteLink};
 use mesa_hal::modules::undriven;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
+use mesa_hal::remote::ParameterError;
 use mesa_hal::sslbp::{
-    Channel as Line, ComState, CsStatus, LocalLocation, Port, PortLayout, PortLink, PortParameters,
-    PortPlace, RemoteAccess, StartFailure, StartFailureReason,
+    Channel as Line, ComState, CsStatus, LocalLocation, Port, PortError, PortLayout, PortLink,
+    PortParameters, PortPlace, RemoteAccess, StartFailure, StartFailureReason,
 };
+use mesa_hal::{Advice, RemoteId};
 
 /// Watchdog time during the inventory of a port: longer than the inventory takes with the worst
 /// wiring.
@@ -56,7 +58,12 @@ pub fn take<B: RegisterBus + Clock>(
     check_modes::<B>(&firmware, modes)?;
     let left = left_behind(bus, &firmware)?;
     let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
-    findings.extend(undriven(&firmware, &[]).iter().map(ToString::to_string));
+    let undriven = undriven(&firmware, &[]);
+    findings.extend(
+        undriven
+            .iter()
+            .map(|one| with_advice(one, one.reason.advice())),
+    );
     for place in PortLayout::ports(&firmware) {
         if !goes_on() {
             break;
@@ -263,7 +270,8 @@ fn take_remotes<B: RegisterBus + Clock>(
     let old = parameters.is_old().then(|| {
         let (major, minor) = (parameters.major, parameters.minor);
         let why = PortParameters::OLD_VERSION;
-        format!("port {number} has SSLBP {major}.{minor}: {why}")
+        let facts = format_args!("port {number} has SSLBP {major}.{minor}: {why}");
+        with_advice(facts, Some(Advice::LoadNewerFirmware))
     });
     let findings = old.into_iter().chain(findings).collect();
     let mut channels = Vec::new();
@@ -272,7 +280,7 @@ fn take_remotes<B: RegisterBus + Clock>(
             channel: line.index(),
             found: match outcome {
                 Ok(found) => ChannelContent::Remote(Box::new(take_remote(bus, port, found))),
-                Err(failure) => ChannelContent::NotStarted(failure.reason.to_string()),
+                Err(failure) => ChannelContent::NotStarted(told(&failure.reason)),
             },
         });
     }
@@ -294,7 +302,7 @@ fn not_started(
     reason: StartFailureReason,
 ) -> Option<String> {
     if reason != StartFailureReason::NoReply {
-        return Some(format!("nothing started: {reason}"));
+        return Some(format!("nothing started: {}", told(&reason)));
     }
     let is = |channel, table: &RemoteTable| {
         let mut all = starts.iter().zip(outcomes);
@@ -304,7 +312,7 @@ fn not_started(
                 && found.is_ok_and(|found| table.matches(&found.descriptor))
         })
     };
-    silent_part(is, line.index()).map(|kind| kind.to_string())
+    silent_part(is, line.index()).map(|kind| told(&kind))
 }
 
 /// Reads the parameters and faults of a discovered remote.
@@ -317,8 +325,9 @@ fn take_remote<B: RegisterBus + Clock>(
     let channel = found.started.channel;
     let mut memory = PortLink { port, bus, channel };
     let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
-    let mut problems: Vec<String> = found.problems.iter().map(ToString::to_string).collect();
-    problems.extend(found.read_error);
+    let mut problems: Vec<String> = found.problems.iter().map(|problem| told(problem)).collect();
+    let advice = Some(Advice::CheckCableOrAddress);
+    problems.extend(found.read_error.map(|error| with_advice(error, advice)));
     let faults = if found.started.ptoc == 0 {
         // Remotes older than discovery do not have this location.
         Ok(0)
@@ -326,7 +335,7 @@ fn take_remote<B: RegisterBus + Clock>(
         present_faults(&mut memory)
     };
     let faults = faults.unwrap_or_else(|error| {
-        problems.push(error.to_string());
+        problems.push(with_advice(&error, error.advice()));
         0
     });
     let parameters = descriptor.parameters.iter();
@@ -386,14 +395,22 @@ fn words(faults: RemoteFaults) -> Vec<String> {
         .collect()
 }
 
-fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> InventoryParameter {
+fn parameter<B: RegisterBus + Clock>(
+    record: &DataRecord,
+    memory: &mut PortLink<'_, B>,
+) -> InventoryParameter {
     let read = record.read_parameter(memory);
+    let advice = |error: &ParameterError<PortError<B::Error>>| match error {
+        ParameterError::Memory(error) => error.advice(),
+        error => error.advice(),
+    };
+    let error = read.as_ref().err();
     let value = read.as_ref().ok();
     InventoryParameter {
         data: record.into(),
         value: value.map(|value| value.value),
         raw: value.map(|value| value.raw),
-        error: read.as_ref().err().map(ToString::to_string),
+        error: error.map(|error| with_advice(error, advice(error))),
     }
 }
 

@@ -4,6 +4,7 @@ use core::convert::Infallible;
 use core::error::Error;
 use std::collections::BTreeMap;
 
+use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
@@ -268,6 +269,20 @@ pub enum RestoreError<E: Error + 'static> {
         /// The cause.
         source: ParameterError<Infallible>,
     },
+}
+
+impl<E: Error + 'static> RestoreError<E> {
+    /// The next step, if the library has one. That of [`Cabinet`](Self::Cabinet) is the advice of
+    /// the error inside, which this function does not know: `None`.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Parameter { source, .. } => source.advice(),
+            Self::Cabinet(_)
+            | Self::Format { .. }
+            | Self::Missing { .. }
+            | Self::Ambiguous { .. } => None,
+        }
+    }
 }
 
 impl SavedCabinet {

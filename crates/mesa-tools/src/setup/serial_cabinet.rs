@@ -3,6 +3,7 @@
 use std::io::{Read, Write};
 
 use super::{Cabinet, CabinetRemote, RemotePlace, SerialError, SerialHost, SerialRemote};
+use mesa_hal::Advice;
 use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::remote::ParameterError;
@@ -25,6 +26,13 @@ pub struct SerialCabinetError {
     pub name: Box<str>,
     /// The cause.
     pub source: ParameterError<SerialError>,
+}
+
+impl SerialCabinetError {
+    /// The next step, if the library has one. The text of a [`SerialError`] contains its own.
+    pub fn advice(&self) -> Option<Advice> {
+        self.source.advice()
+    }
 }
 
 impl<P: Read + Write> SerialCabinet<P> {

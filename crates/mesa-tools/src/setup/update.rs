@@ -12,11 +12,14 @@
 
 use core::error::Error;
 
-use super::FirmwareFile;
+use super::{FirmwareFile, SerialError};
+use mesa_hal::Advice;
+use mesa_hal::bus::BusError;
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
 };
+use mesa_hal::sslbp::PortError;
 
 /// Plausible sizes for the flash memory of a microcontroller, as powers of two.
 const LOG2_WRITE: core::ops::RangeInclusive<u8> = 3..=14;
@@ -41,7 +44,7 @@ pub enum UpdateError<E: Error + 'static> {
     /// The remote has no flash memory that is accessible in this way.
     #[error(
         "the remote says that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
-         memory does; its firmware can not be updated over LBP"
+         memory does; its firmware cannot be updated over LBP"
     )]
     Sizes {
         /// Base-2 logarithm of the bytes that an erase erases.
@@ -62,7 +65,7 @@ pub enum UpdateError<E: Error + 'static> {
     },
     /// The contents of the flash memory are not visible.
     #[error(
-        "this remote does not show what is in its flash memory, so that an update can not be verified; \
+        "this remote does not show what is in its flash memory, so that an update cannot be verified; \
          `--no-verify` writes without, as LinuxCNC's setsserial does"
     )]
     NotReadable,
@@ -102,6 +105,23 @@ pub enum UpdateError<E: Error + 'static> {
         /// Blocks of the file.
         blocks: usize,
     },
+}
+
+impl<E: BusError> UpdateError<PortError<E>> {
+    /// The next step, if the library has one; the other texts contain their own.
+    pub fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Link(error) => error.advice(),
+            _ => None,
+        }
+    }
+}
+
+impl UpdateError<SerialError> {
+    /// The next step, if the library has one: none, because the texts contain their own.
+    pub const fn advice(&self) -> Option<Advice> {
+        None
+    }
 }
 
 /// Blocks to write, and the present contents of the flash memory.

@@ -291,7 +291,7 @@ fn a_board_that_somebody_drives_is_left_to_him() {
         let output = start(name, Some(address), arguments).output();
         let (out, err) = texts(&output);
         assert_eq!(output.status.code(), Some(1), "{name}: {out}{err}");
-        let said = "somebody else drives this board";
+        let said = "another program or host drives this board";
         assert!(err.contains(said), "{name}: {err}");
     }
     first.signal("INT");

@@ -5,8 +5,8 @@
 )]
 
 use super::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Effort, Hold,
-    Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusAdvice, BusError, BusErrorKind, BusStatistics, Clock,
+    Effort, Hold, Instant, RegisterBus, Reply,
 };
 use alloc::boxed::Box;
 use core::fmt::{self, Write};
@@ -59,10 +59,11 @@ impl fmt::Debug for DynBus {
     }
 }
 
-/// An error of a [`DynBus`]: kind and text of the error of the bus inside.
+/// An error of a [`DynBus`]: kind, text and advice of the error of the bus inside.
 #[derive(Clone, Copy)]
 pub struct DynBusError {
     kind: BusErrorKind,
+    advice: Option<BusAdvice>,
     text: [u8; LONGEST],
     len: u16,
 }
@@ -74,6 +75,7 @@ impl DynBusError {
     fn new(error: &impl BusError) -> Self {
         let mut this = Self {
             kind: error.kind(),
+            advice: error.advice(),
             text: [0; LONGEST],
             len: 0,
         };
@@ -109,7 +111,7 @@ impl Write for DynBusError {
 
 impl PartialEq for DynBusError {
     fn eq(&self, other: &Self) -> bool {
-        self.kind == other.kind && self.text() == other.text()
+        (self.kind, self.advice) == (other.kind, other.advice) && self.text() == other.text()
     }
 }
 
@@ -135,6 +137,10 @@ impl core::error::Error for DynBusError {}
 impl BusError for DynBusError {
     fn kind(&self) -> BusErrorKind {
         self.kind
+    }
+
+    fn advice(&self) -> Option<BusAdvice> {
+        self.advice
     }
 }
 

@@ -1,13 +1,19 @@
 //! Bus errors, common to all buses.
 
+use super::BusAdvice;
 use core::fmt;
 
 /// An error of a [`RegisterBus`](super::RegisterBus).
 ///
-/// `Display` names the failure, its place and the time waited, and suggests a remedy.
+/// `Display` names the failure, its place and the time waited.
 pub trait BusError: core::error::Error + 'static {
     /// The kind of error, for code that treats all buses alike.
     fn kind(&self) -> BusErrorKind;
+
+    /// The next step, if there is one; `None` by default.
+    fn advice(&self) -> Option<BusAdvice> {
+        None
+    }
 }
 
 /// Kinds of bus errors, as far as all buses share them.

@@ -7,6 +7,7 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod advice;
 mod erased;
 mod error;
 mod fault;
@@ -15,6 +16,7 @@ mod fault;
 mod host_clock;
 mod list;
 
+pub use advice::BusAdvice;
 pub use erased::{DynBus, DynBusError};
 pub use error::{BusError, BusErrorKind};
 pub use fault::Fault;

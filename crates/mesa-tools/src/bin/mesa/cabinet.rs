@@ -12,7 +12,7 @@ use mesa_tools::setup::{
 };
 use serialport::SerialPort;
 
-use crate::context::Failure;
+use crate::context::{Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{Found, Target};
@@ -97,7 +97,8 @@ impl CabinetTarget {
         if let Some(line) = self.line.open()? {
             let device = self.line.serial.as_deref().unwrap_or_default();
             let open = SerialCabinet::open(line);
-            let open = open.map_err(|error| Failure::refused(format_args!("{device}: {error}")))?;
+            let open =
+                open.map_err(|error| Failure::refused(format_args!("{device}: {}", told(&error))))?;
             if open.remote.is_bare {
                 let card = open.remote.started.name;
                 return Err(Failure::refused(format_args!(
@@ -106,20 +107,20 @@ impl CabinetTarget {
                 )));
             }
             for problem in &open.found.problems {
-                complain(format_args!("Note: {device}: {problem}"));
+                complain(format_args!("Note: {device}: {}", told(problem)));
             }
             return Ok(OpenCabinet::Serial(Box::new(open)));
         }
         let found = self.target.find()?;
         let board = Board::identify(found.open()?, Settings::default())?.discover()?;
         for missing in board.missing().iter().filter(|remark| !remark.is_silent()) {
-            complain(format_args!("MISSING: {missing}"));
+            complain(format_args!("MISSING: {}", told(missing)));
         }
         for remark in board.remarks() {
-            complain(format_args!("Note: {remark}"));
+            complain(format_args!("Note: {}", told(remark)));
         }
         if Cabinet::remotes(&board).is_empty() {
-            let why: Vec<_> = board.missing().iter().map(ToString::to_string).collect();
+            let why: Vec<_> = board.missing().iter().map(|remark| told(remark)).collect();
             return Err(Failure::refused(format_args!(
                 "{}: no remote answers. {}",
                 found.address,

@@ -7,7 +7,11 @@ use std::process::ExitCode;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use crate::{output, words};
+use mesa_tools::advice::{advice_of, with_advice};
+use mesa_tools::setup::RestoreError;
+
+use crate::cabinet::CabinetError;
+use crate::output;
 
 /// Context of every command.
 #[derive(Debug)]
@@ -84,7 +88,7 @@ impl Failure {
     fn new(why: Why, message: impl Display) -> Self {
         Self {
             why,
-            message: words::typed(&message),
+            message: message.to_string(),
         }
     }
 
@@ -105,6 +109,21 @@ impl Display for Failure {
 
 impl<E: Into<Box<dyn Error>>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self::refused(error.into())
+        Self::refused(told(&*error.into()))
     }
+}
+
+/// The facts of an error, and its advice in the words of the command line.
+pub fn told(error: &(dyn Error + 'static)) -> String {
+    let cabinet = match error.downcast_ref() {
+        Some(RestoreError::Cabinet(error)) => Some(error),
+        Some(other) => return with_advice(other, other.advice()),
+        None => error.downcast_ref::<CabinetError>(),
+    };
+    let inner: &(dyn Error + 'static) = match cabinet {
+        Some(CabinetError::Board(error)) => error,
+        Some(CabinetError::Serial(error)) => error,
+        None => error,
+    };
+    with_advice(error, advice_of(inner))
 }

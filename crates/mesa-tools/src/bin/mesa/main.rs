@@ -18,7 +18,6 @@ mod running;
 mod sim;
 mod simulated;
 mod target;
-mod words;
 
 use std::io::{self, Write};
 use std::process::ExitCode;

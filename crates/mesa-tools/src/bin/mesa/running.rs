@@ -9,11 +9,11 @@ use mesa_hal::driver::{EventKind, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
+use mesa_tools::advice::with_advice;
 
-use crate::context::Failure;
+use crate::context::{Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
-use crate::words;
 
 /// Starts everything on a board with all outputs off. Reports on standard error which remotes were
 /// found, which are missing, and what disagrees with its table.
@@ -51,7 +51,7 @@ pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
     let alone = check_alone(ended.driver.bus());
     match (alone, ended.stopped.clone()) {
         (Err(other), Err(error)) => {
-            complain(format_args!("mesa: {error}"));
+            complain(format_args!("mesa: {}", told(&error)));
             Err(other)
         }
         (alone, stopped) => {
@@ -104,7 +104,11 @@ pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<Strin
     match stopped {
         Ok(()) => Ok(Vec::new()),
         Err(error) if error.failed.is_some() => Err(error.into()),
-        Err(error) => Ok(error.not_reached.iter().map(words::typed).collect()),
+        Err(error) => Ok(error
+            .not_reached
+            .iter()
+            .map(|remote| with_advice(remote, remote.advice()))
+            .collect()),
     }
 }
 
@@ -130,12 +134,12 @@ fn found(driver: &Driver<Bus>) -> String {
         }
     }
     for missing in driver.missing().iter().filter(|remark| !remark.is_silent()) {
-        let _ = writeln!(text, "MISSING: {missing}");
+        let _ = writeln!(text, "MISSING: {}", told(missing));
     }
     for remark in driver.remarks() {
-        let _ = writeln!(text, "Note: {remark}");
+        let _ = writeln!(text, "Note: {}", told(remark));
     }
-    words::typed(&text)
+    text
 }
 
 /// True if nothing answers on a channel.

@@ -14,7 +14,7 @@ use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 
 use crate::consent::Asks;
-use crate::context::Failure;
+use crate::context::{Failure, told};
 use crate::link::{BoardLink, Bus};
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
@@ -200,10 +200,15 @@ impl Found {
     fn refuses(&self, tries: u32, error: UdpError) -> Failure {
         let why = match error.kind() {
             _ if matches!(error, UdpError::Foreign { .. }) => {
-                format!("no board answers, asked {tries} times, but another host does: {error}")
+                format!(
+                    "no board answers, asked {tries} times, but another host does: {}",
+                    told(&error)
+                )
             }
-            BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
-            _ => error.to_string(),
+            BusErrorKind::Lost => {
+                format!("no board answers, asked {tries} times: {}", told(&error))
+            }
+            _ => told(&error),
         };
         Failure::refused(format_args!("{}: {why}", self.address))
     }

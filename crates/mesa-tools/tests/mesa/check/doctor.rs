@@ -234,7 +234,7 @@ fn where_no_board_is_the_network_and_the_computer_are_looked_at_all_the_same() {
     assert_eq!(code, Some(1));
     let (verdict, figure) = finding(&found, "board");
     assert!(
-        verdict == "bad" && figure.contains("nobody listens"),
+        verdict == "bad" && figure.contains("no program listens"),
         "{figure}"
     );
     finding(&found, "kernel");
@@ -289,7 +289,7 @@ fn a_board_that_another_program_drives_is_left_alone() {
     assert_eq!(code, Some(1), "{found:#}");
     let (verdict, figure) = finding(&found, "board");
     assert!(
-        verdict == "bad" && figure.contains("somebody else drives"),
+        verdict == "bad" && figure.contains("another program or host drives"),
         "{figure}"
     );
     let value = json(&["peek", "0:0x100", "--addr", &address]);

@@ -185,7 +185,7 @@ fn what_can_not_be_had_is_refused_with_the_reason() {
         (&["--rate", "99"], 2, "100..=10000"),
         (&["--realtime", "100"], 2, "1..=99"),
         (&["--cpu", "4000"], 1, "nproc"),
-        (&["--pace", "board"], 1, "can not pace the cycle"),
+        (&["--pace", "board"], 1, "cannot pace the cycle"),
         (
             &["--plot", "/nowhere/at/all.svg"],
             1,

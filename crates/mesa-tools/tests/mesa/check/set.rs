@@ -214,7 +214,7 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
         ([OUTPUT, "2"], "0 or 1"),
         (["7i77.0.1.analogout0", "10.5"], "from -10 to 10"),
         (["7i77.0.1.analogout0", "nan"], "from -10 to 10"),
-        (["7i77.0.0.input-03", "on"], "it is an input"),
+        (["7i77.0.0.input-03", "on"], "input-03` is an input"),
         (["watchdog.timeout_ns", "0"], "not set by hand"),
     ] {
         let run = run(&[&["set"], &arguments[..], &sim].concat());

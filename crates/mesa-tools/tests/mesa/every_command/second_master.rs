@@ -16,7 +16,7 @@ use crate::run::{Run, command, done, hold_against_schema, run};
 use crate::terminal::Terminal;
 use serde_json::{Value, json};
 
-const SAID: &str = "somebody else drives this board";
+const SAID: &str = "another program or host drives this board";
 
 fn board() -> Board {
     let card = ["--board", "7i92-7i77", "--port", "0"];
@@ -132,7 +132,7 @@ fn a_screen_ends_with_the_reason() {
     terminal.wait_for_text("0.0 7I77  running");
     let master = Master::start(board.address);
     let text = terminal.wait_for_text("exit code 1");
-    assert!(text.contains("somebody else drives"), "{text}");
+    assert!(text.contains("another program or host drives"), "{text}");
     drop(master);
 }
 
@@ -157,7 +157,7 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
         has_ended
     });
     assert!(text.contains("exit code 1"), "{text}");
-    assert!(text.contains("somebody else drives"), "{text}");
+    assert!(text.contains("another program or host drives"), "{text}");
     drop(master);
 }
 
@@ -208,7 +208,7 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
     terminal.type_keys(&["y", "Enter"]);
     let text = terminal.wait_for_text("exit code");
     assert!(text.contains("exit code 1"), "{text}");
-    assert!(text.contains("somebody else drives"), "{text}");
+    assert!(text.contains("another program or host drives"), "{text}");
     drop(master);
     let peek = ["peek", "6:0x14", "--addr", &address.to_string()];
     assert!(done(&peek).contains("0x0001  1"), "nothing was written");

@@ -156,7 +156,10 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
     let output = info(&["--addr", "127.93.0.2"]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.contains("127.93.0.2:27181: nobody listens"), "{text}");
+    assert!(
+        text.contains("127.93.0.2:27181: no program listens"),
+        "{text}"
+    );
     assert!(text.contains("check the board's IP address"), "{text}");
 }
 

@@ -89,7 +89,7 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
             2,
             "no number of 32 bits",
         ),
-        (&["poke", "7:0x12", "1", "--yes"], 2, "can not be written"),
+        (&["poke", "7:0x12", "1", "--yes"], 2, "cannot be written"),
         (&["poke", "2:0x02", "1", "--yes"], 2, "from 0x20 on"),
         (&["poke", "4:0x1C", "1", "--yes"], 2, "numbers its packets"),
         (&["poke", "3:0x0C", "0", "--yes"], 2, "its own commands"),

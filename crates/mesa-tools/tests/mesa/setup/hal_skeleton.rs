@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use mesa_hal::hal::PinError;
 use mesa_hal::runner::{Runner, Stop};
-use mesa_hal::{Counter, Driver, Input, Output, Pins, Settings, UdpBus, UdpConfig};
+use mesa_hal::{Counter, Driver, Input, Output, Pins, Settings, UdpBus, UdpConfig, WithAdvice};
 
 /// The board, unless an argument names another. TODO: made from a simulated board.
 const BOARD: &str = "10.10.10.10:27181";
@@ -271,6 +271,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     };
     let driver = Driver::start(UdpBus::connect(address, UdpConfig::default())?, settings)?;
     for missing in driver.missing() {
+        let missing = WithAdvice::new(missing, missing.advice());
         eprintln!("MISSING: {missing}");
     }
     let machine = Machine::find(driver.pins())?;

@@ -7,7 +7,7 @@ use clap::Args;
 use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::target::ChangedTarget;
 
@@ -116,6 +116,7 @@ fn write(
     board.set_eeprom_ip(ip).map_err(|error| {
         let mask = netmask.map_or("", |_| "the netmask is written; ");
         let how = "`mesa ip` shows whether the address is";
+        let error = told(&error);
         Failure::refused(format_args!("{error}; {mask}{how}"))
     })
 }

@@ -4,7 +4,7 @@ use mesa_hal::Remark;
 use mesa_hal::RemoteId;
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
 
-use crate::context::Failure;
+use crate::context::{Failure, told};
 use crate::number::{self, end};
 
 /// Fails with the reason if the remote in a pin's name is missing. Port and channel of the remote
@@ -29,7 +29,8 @@ pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
         Ok(()),
         |(RemoteId { port, channel }, Remark { kind, .. })| {
             Err(Failure::refused(format_args!(
-                "{name}: its remote on {port}.{channel} is missing: {kind}"
+                "{name}: its remote on {port}.{channel} is missing: {}",
+                told(kind)
             )))
         },
     )
@@ -60,9 +61,11 @@ fn find_present(pins: &Pins, name: &str) -> Result<PinId, Failure> {
             PinError::NotFound { nearest: None, .. } => Failure::usage(format_args!(
                 "no pin or parameter `{name}`; `mesa pins` lists them"
             )),
-            error => Failure::usage(error),
+            error => Failure::usage(told(&error)),
         }),
-        [info] => pins.id(&info.name).map_err(Failure::usage),
+        [info] => pins
+            .id(&info.name)
+            .map_err(|error| Failure::usage(told(&error))),
         [one, other, ..] => Err(Failure::usage(format_args!(
             "`{name}` is the end of {} names, such as `{}` and `{}`: give more of it",
             ends.len(),

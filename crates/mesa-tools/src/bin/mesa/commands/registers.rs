@@ -9,7 +9,7 @@ use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::target::{ChangedTarget, Target};
 
@@ -99,7 +99,7 @@ impl Poke {
             }
         }
         EthernetBoard::<Bus>::check_poke(space, address, self.values.len())
-            .map_err(Failure::usage)?;
+            .map_err(|error| Failure::usage(told(&error)))?;
         let found = self.target.find()?;
         let values: Vec<String> = self
             .values

@@ -10,7 +10,7 @@ use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetE
 use mesa_hal::transport::udp::UdpError;
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
@@ -107,7 +107,7 @@ impl Restart {
         while let Some(error) = not_back(&mut bus, &before)? {
             let waited = bus.now().since(begun);
             if waited > limit {
-                return Err(silent(&found, &identity, waited, error));
+                return Err(silent(&found, &identity, waited, &error));
             }
             if let Some(signal) = context.stop.signal() {
                 complain(format_args!(
@@ -150,13 +150,14 @@ fn outputs(action: &str) -> &'static str {
 }
 
 /// Error for a board that does not answer again, with its possible addresses.
-fn silent(found: &Found, identity: &Identity, waited: Duration, error: impl Display) -> Failure {
+fn silent(found: &Found, identity: &Identity, waited: Duration, error: &UdpError) -> Failure {
     let fixed = AddressSource::FIXED;
     Failure::refused(format_args!(
-        "{}: does not answer again within {:.1} s: {error}. By its jumpers it may be at {} (from the \
+        "{}: does not answer again within {:.1} s: {}. By its jumpers it may be at {} (from the \
          EEPROM) or {fixed} (fixed) now",
         found.address,
         waited.as_secs_f64(),
+        told(error),
         identity.eeprom_ip
     ))
 }

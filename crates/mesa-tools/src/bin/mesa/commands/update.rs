@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
 use crate::target::Found;
@@ -139,8 +139,9 @@ impl Update {
             Some(mut host) => {
                 let device = self.target.line.serial.as_deref().unwrap_or_default();
                 let remote = host.identify();
-                let remote =
-                    remote.map_err(|error| Failure::refused(format_args!("{device}: {error}")))?;
+                let remote = remote.map_err(|error| {
+                    Failure::refused(format_args!("{device}: {}", told(&error)))
+                })?;
                 let card = Card {
                     place: RemotePlace::Serial,
                     started: remote.started,
@@ -187,8 +188,9 @@ impl Update {
                 .setup_at(id, SETUP_BAUD_RATE)
                 .map_err(|error| match error {
                     DriverError::Missing(missing) => Failure::refused(format_args!(
-                        "{missing}. It was asked at {SETUP_BAUD_RATE} baud: is its jumper in the \
-                         setup position, and was it switched off and on since?"
+                        "{}. It was asked at {SETUP_BAUD_RATE} baud: is its jumper in the \
+                         setup position, and was it switched off and on since?",
+                        told(&missing)
                     )),
                     error => error.into(),
                 })?;

@@ -85,7 +85,7 @@ fn a_watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
         board.console.run("unplug 0");
         let run = ended(jog);
         assert_eq!(run.code, Some(1), "{run:?}");
-        let said = "has not bitten when it should have, so what was on stays on";
+        let said = "has not bitten when it should have, so an output that was on stays on";
         assert!(run.err.contains(said), "{run:?}");
         assert!(run.err.contains("all other outputs are off"), "{run:?}");
         let told = serde_json::from_str(&run.out).expect("JSON");
@@ -129,7 +129,10 @@ fn a_remote_that_is_lost_at_the_end_is_no_success() {
     assert_ne!(told["outcome"], "stopped");
     let said = told["not_reached"][0].as_str().expect("it is named");
     assert!(said.contains("7I77 on port 0, channel 0"), "{told:#}");
-    assert!(said.contains("switch off its power"), "{told:#}");
+    assert!(
+        said.contains("switch off the power of the remote"),
+        "{told:#}"
+    );
     assert!(!run.err.contains("all outputs are off"), "{run:?}");
     assert_eq!(lit(&mut board), ["remote.0.output-03"], "it said so");
 }

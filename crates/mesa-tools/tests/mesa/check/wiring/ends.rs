@@ -137,7 +137,10 @@ fn a_board_that_another_program_drives_is_left_alone() {
     other.signal("INT");
     let other = Run::from(other.output());
     assert_eq!(refused.code, Some(1), "{refused:?}");
-    assert!(refused.err.contains("somebody else drives"), "{refused:?}");
+    assert!(
+        refused.err.contains("another program or host drives"),
+        "{refused:?}"
+    );
     assert!(other.err.contains("outputs were never on"), "{other:?}");
 }
 

@@ -119,7 +119,10 @@ fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
     guided.types("q");
     let said = guided.says("the 7I77 on port 0, channel 0 was not reached");
     assert!(!said.contains("all outputs are off"), "{said}");
-    assert!(said.contains("switch off its power"), "{said}");
+    assert!(
+        said.contains("switch off the power of the remote"),
+        "{said}"
+    );
     let run = guided.ended();
     assert_eq!(run.code, Some(1), "{run:?}");
     assert_eq!(lit(&mut board), ["remote.0.output-00"], "it said so");

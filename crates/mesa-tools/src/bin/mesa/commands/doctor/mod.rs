@@ -22,13 +22,12 @@ use mesa_tools::diagnosis::{
 use serde::Serialize;
 
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
 use crate::target::{Found, Target};
-use crate::words;
 
 const AFTER_HELP: &str = "\
 Reads files of this computer and registers of the board. Then starts the machine with all outputs
@@ -106,9 +105,6 @@ impl Doctor {
             gathered = self.gather(context, &found, path);
         }
         findings.extend(computer::all(&host, network::interface(&here, address)));
-        for finding in &mut findings {
-            finding.figure = words::typed(&finding.figure);
-        }
         let verdict = diagnosis::worst(&findings);
         if let Some(signal) = context.stop.signal() {
             complain(format_args!(
@@ -214,7 +210,7 @@ impl Doctor {
             findings.push(Finding::new(
                 FigureVerdict::Unknown,
                 "remotes: proof of their watchdogs",
-                error.to_string(),
+                told(&error),
                 "fix that first, then run this again",
             ));
         }

@@ -161,7 +161,7 @@ impl Report {
 fn inventories(bus: &mut Bus, stop: &Stop) -> Result<Vec<Inventory>, Failure> {
     let mut take = |modes: &BTreeMap<RemoteId, u8>| {
         let taken = inventory::take(bus, None, modes, || stop.signal().is_none());
-        taken.map_err(Failure::refused)
+        taken.map_err(Failure::from)
     };
     let first = take(&BTreeMap::new())?;
     let wanted = |remote: Remote| {

@@ -11,7 +11,7 @@ use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
 use crate::output::complain;
@@ -277,7 +277,7 @@ fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
 
 fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Bitfile<'a>, Failure> {
     Bitfile::parse(bytes)
-        .map_err(|error| Failure::refused(format_args!("{}: {error}", path.display())))
+        .map_err(|error| Failure::refused(format_args!("{}: {}", path.display(), told(&error))))
 }
 
 fn area(fallback: bool) -> Area {

@@ -1,13 +1,13 @@
 //! Progress of a flash operation, and the error text of one that was cut off.
 
-use std::fmt::Display;
+use std::error::Error;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::ethernet::FlashStep;
 
 use super::report::{Name, Written};
-use crate::context::{Context, Failure};
+use crate::context::{Context, Failure, told};
 use crate::output::complain;
 
 /// Progress bar on standard error; hidden if that is not a terminal.
@@ -83,9 +83,10 @@ impl<'a> Progress<'a> {
     }
 
     /// Ends the progress. An error is extended by the state of the memory.
-    pub fn ended<E: Display>(&self, done: Result<(), E>) -> Result<(), Failure> {
+    pub fn ended<E: Error + 'static>(&self, done: Result<(), E>) -> Result<(), Failure> {
         self.bar.end();
         done.map_err(|error| {
+            let error = told(&error);
             let state = match (self.step, self.written.area) {
                 (None, _) => "if anything was erased, it was the first sector",
                 (_, Some(Name::BootBlock)) => {

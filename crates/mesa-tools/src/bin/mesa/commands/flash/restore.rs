@@ -7,7 +7,7 @@ use clap::Args;
 use super::progress::{Bar, Progress};
 use super::report::{Name, Report, Written};
 use super::{Change, LONGEST, is_alone, risk};
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
 use crate::target::Found;
@@ -39,6 +39,7 @@ impl Restore {
         let mut flash = self.change.open(&mut bus, &found)?;
         let layout = *flash.layout();
         flash.check_backup(&backup).map_err(|error| {
+            let error = told(&error);
             Failure::refused(format_args!(
                 "{}: not a backup that a board can start from: {error}",
                 self.file.display()

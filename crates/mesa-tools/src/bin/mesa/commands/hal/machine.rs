@@ -8,6 +8,7 @@ use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sslbp::{MAX_CHANNELS, PortLayout};
+use mesa_tools::advice::with_advice;
 
 use super::super::named;
 use super::super::set::{Hazard, hazard};
@@ -107,7 +108,7 @@ impl Machine {
             .remarks()
             .iter()
             .filter_map(|remark| match &remark.kind {
-                RemarkKind::Undriven(module) => Some(module.to_string()),
+                RemarkKind::Undriven(module) => Some(with_advice(module, module.reason.advice())),
                 _ => None,
             });
         let undriven = undriven.collect();

@@ -13,7 +13,7 @@ use mesa_hal::{Board, Settings};
 use serde::Serialize;
 
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::modes::Modes;
 use crate::output::complain;
@@ -120,10 +120,10 @@ impl Hal {
             complain(format_args!("{}: {remote}", machine.board));
         }
         for missing in board.missing() {
-            complain(format_args!("MISSING: {missing}"));
+            complain(format_args!("MISSING: {}", told(missing)));
         }
         for remark in board.remarks() {
-            complain(format_args!("Note: {remark}"));
+            complain(format_args!("Note: {}", told(remark)));
         }
         Ok(machine)
     }

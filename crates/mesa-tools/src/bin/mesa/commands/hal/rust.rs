@@ -27,7 +27,14 @@ pub fn program(machine: &Machine) -> String {
         .filter(|pin| !is_of(&joints, pin))
         .collect();
     let mut used: BTreeSet<&str> = others.iter().map(|pin| kind(pin)).collect();
-    used.extend(["Driver", "Pins", "Settings", "UdpBus", "UdpConfig"]);
+    used.extend([
+        "Driver",
+        "Pins",
+        "Settings",
+        "UdpBus",
+        "UdpConfig",
+        "WithAdvice",
+    ]);
     if !joints.is_empty() {
         used.extend(["Counter", "Output"]);
     }
@@ -167,7 +174,7 @@ fn main(machine: &Machine) -> String {
          let address = address.as_deref().unwrap_or(BOARD).parse()?;\n    \
          let settings = Settings {{\n{ports}    }};\n    \
          let driver = Driver::start(UdpBus::connect(address, UdpConfig::default())?, settings)?;\n    \
-         for missing in driver.missing() {{\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
+         for missing in driver.missing() {{\n        let missing = WithAdvice::new(missing, missing.advice());\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
          let machine = Machine::find(driver.pins())?;\n    \
          let events = driver.events();\n    \
          eprintln!(\"{{}} runs; Ctrl-C ends it\", driver.name());\n    \

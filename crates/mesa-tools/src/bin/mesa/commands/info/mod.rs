@@ -11,7 +11,7 @@ use mesa_hal::ethernet::EthernetBoard;
 use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::target::Target;
@@ -43,8 +43,8 @@ impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         let mut bus = found.open()?;
-        let at = |error: &dyn std::error::Error| {
-            Failure::refused(format_args!("{}: {error}", found.address))
+        let at = |error: &(dyn std::error::Error + 'static)| {
+            Failure::refused(format_args!("{}: {}", found.address, told(error)))
         };
         let ethernet =
             InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;

@@ -10,7 +10,7 @@ use mesa_hal::{Driver, Settings};
 use serde::Serialize;
 
 use super::{Latency, without};
-use crate::context::{Context, Failure};
+use crate::context::{Context, Failure, told};
 use crate::link::Bus;
 use crate::running;
 
@@ -71,7 +71,7 @@ impl Offline {
                 }
                 _ => (false, None),
             };
-            let reason = reason.map(|reason| reason.to_string());
+            let reason = reason.map(|reason| told(&reason));
             Some(Self {
                 place: format!("{port}.{}", remote.started.channel.index()),
                 card: remote.descriptor.name.to_string(),
@@ -147,7 +147,7 @@ fn one(
         offline = Offline::of(cycle.driver);
         ControlFlow::Break(())
     });
-    let stopped = ended.stopped.map_err(|error| error.to_string());
+    let stopped = ended.stopped.map_err(|error| told(&error));
     let mut bus = ended.driver.into_bus();
     let alone = running::check_alone(&bus).map_err(|failure| failure.to_string());
     let stopped = stopped.and(alone);

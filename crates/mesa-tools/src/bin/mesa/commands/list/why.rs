@@ -2,9 +2,9 @@
 
 use std::net::Ipv4Addr;
 
+use mesa_hal::bus::BusAdvice;
 use mesa_hal::transport::network::{Interface, Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
-use mesa_hal::transport::udp::BLOCKED;
 
 /// A reason with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
         },
         (Silence::Blocked, _) => Why {
             reason: silence.to_string(),
-            advice: BLOCKED.to_owned(),
+            advice: BusAdvice::OpenFirewall.to_string(),
         },
         (Silence::Nothing | Silence::Refused, NetworkPath::Here) => Why {
             reason: "no simulated board listens there on this computer".to_owned(),
@@ -250,7 +250,7 @@ mod tests {
         assert!(own.reason.contains("this computer itself has"), "{own:?}");
         assert!(own.advice.contains("such as 10.10.10.1"), "{own:?}");
         let why = of(&network, BOARD, Silence::Refused);
-        assert!(why.reason.contains("nobody listens"), "{why:?}");
+        assert!(why.reason.contains("no program listens"), "{why:?}");
         assert!(why.advice.contains("another device"), "{why:?}");
         // A gateway refuses on behalf of others.
         let through = Network {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{Where, warning};
 use crate::cabinet::OpenCabinet;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
 
@@ -114,6 +114,7 @@ impl Restore {
         let found = saved.compare(&mut cabinet, by);
         let found = found.map_err(|error| {
             let hint = if self.by_place { "" } else { " (--by-place)" };
+            let error = told(&error);
             Failure::refused(format_args!("{path}: {error}{hint}"))
         })?;
         let is_written = !self.dry_run && !found.differences.is_empty();
@@ -194,6 +195,7 @@ fn write(
             break;
         }
         difference.restore(cabinet).map_err(|error| {
+            let error = told(&error);
             Failure::refused(format_args!("{error}; {written} of {count} were written"))
         })?;
         written += 1;

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::list::Shown;
 use super::{Named, Where, go_on, named, warning};
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 
 /// Read one parameter
 #[derive(Debug, Args)]
@@ -86,7 +86,7 @@ impl Set {
         let name = &record.name;
         let wanted: Result<u64, ParameterError> = record.raw_of(self.value);
         let wanted = wanted.map_err(|error| {
-            let why = format_args!("{place}.{name}: {error}");
+            let why = format!("{place}.{name}: {}", told(&error));
             match error {
                 ParameterError::DoesNotFit { .. } | ParameterError::OutOfRange { .. } => {
                     Failure::usage(why)

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::named;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::target::Target;
 use crate::{files, running};
@@ -113,7 +113,8 @@ impl Scope {
             before: self.before as usize,
             cycles: self.cycles as usize,
         };
-        let mut scope = Recorder::new(pins, &recorded, trigger, range).map_err(Failure::usage)?;
+        let mut scope = Recorder::new(pins, &recorded, trigger, range)
+            .map_err(|error| Failure::usage(told(&error)))?;
         let trigger = info(pin)?.name;
         let ended = self.record(context, driver, &mut scope)?;
         if let Some(signal) = ended.signal {

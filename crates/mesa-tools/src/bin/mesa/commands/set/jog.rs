@@ -11,7 +11,7 @@ use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
 
 use super::report::{Change, Inputs, Outcome, Report};
-use crate::context::{Context, Failure};
+use crate::context::{Context, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
 use crate::running;
@@ -161,7 +161,7 @@ impl Jog {
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
-            self.failure = Some(error.to_string());
+            self.failure = Some(told(&error));
         }
         let value = self.steps.last().map(|step| step.value);
         let value = value.unwrap_or(AnyValue::from(false));
@@ -311,7 +311,7 @@ impl Jog {
         for (_, step) in (0..).zip(&self.steps).filter(|(n, _)| steps.contains(n)) {
             let value = if is_on { step.value } else { step.safe };
             if let Err(error) = cycle.pins_mut().set_any(step.pin, value) {
-                self.failure = Some(error.to_string());
+                self.failure = Some(told(&error));
                 return ControlFlow::Break(());
             }
         }
@@ -372,7 +372,7 @@ impl Jog {
             remote.started.channel.index()
         );
         Some(match remote.first_fault {
-            Some(reason) => format!("the {place} went offline: {reason}"),
+            Some(reason) => format!("the {place} went offline: {}", told(&reason)),
             None => format!("the {place} does not run"),
         })
     }

@@ -14,7 +14,7 @@ use mesa_hal::{Board, Rounded, Settings};
 use super::named;
 use super::slow_watchdog::SlowWatchdog;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{self, Context, Ending, Failure};
 use crate::output::complain;
 use crate::place;
 use crate::running;
@@ -92,7 +92,7 @@ impl Set {
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
         let value = named::value(&info, &self.value)?;
         info.check_settable(value)
-            .map_err(|error| Failure::usage(format_args!("{}: {error}", info.name)))?;
+            .map_err(|error| Failure::usage(context::told(&error)))?;
         let enables = pins.enables(pin).filter_map(|pin| pins.info_of(pin));
         let infos: Vec<_> = enables.collect();
         self.allow(&info, &infos)?;

@@ -1,5 +1,6 @@
 //! Content of the screen as text: remotes, and pins in groups.
 
+use crate::context::told;
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
 use mesa_hal::runner::{RemoteSnapshot, Snapshot};
@@ -99,9 +100,15 @@ pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 4] {
     let counts = format!("{} transfers, {} failed", remote.transfers, remote.failures);
     let (state, rest) = match (remote.state, remote.first_fault) {
         (RemoteState::Running, None) => ("running", counts),
-        (RemoteState::Running, Some(before)) => ("running", format!("{counts}; before: {before}")),
-        (RemoteState::Offline { reason, .. }, _) => ("OFFLINE", format!("{reason}; {counts}")),
-        (RemoteState::Restarting { reason }, _) => ("RESTARTING", format!("{reason}; {counts}")),
+        (RemoteState::Running, Some(before)) => {
+            ("running", format!("{counts}; before: {}", told(&before)))
+        }
+        (RemoteState::Offline { reason, .. }, _) => {
+            ("OFFLINE", format!("{}; {counts}", told(&reason)))
+        }
+        (RemoteState::Restarting { reason }, _) => {
+            ("RESTARTING", format!("{}; {counts}", told(&reason)))
+        }
         _ => ("?", counts),
     };
     [

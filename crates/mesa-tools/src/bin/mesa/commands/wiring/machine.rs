@@ -14,7 +14,7 @@ use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 
 use crate::commands::set::jog::{Jog, JogPlan, Step};
-use crate::context::{Context, Failure};
+use crate::context::{Context, Failure, told};
 use crate::link::Bus;
 use crate::running::{self, Keeper};
 
@@ -210,7 +210,7 @@ pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
         _ => None,
     };
     match reason.or(remote.first_fault) {
-        Some(reason) => format!("{place} is offline: {reason}"),
+        Some(reason) => format!("{place} is offline: {}", told(&reason)),
         None => format!("{place} does not answer"),
     }
 }

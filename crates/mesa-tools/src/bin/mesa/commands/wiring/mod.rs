@@ -17,7 +17,7 @@ use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
 use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
+use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
@@ -167,7 +167,7 @@ impl Wiring {
     fn missing(&self, driver: &Driver<Bus>) -> Missing {
         let missing = driver.missing().iter();
         Missing {
-            remotes: missing.clone().map(Remark::to_string).collect(),
+            remotes: missing.clone().map(|one| told(one)).collect(),
             is_incomplete: self.pattern.is_none() && missing.clone().any(is_there),
         }
     }
@@ -210,7 +210,9 @@ impl Wiring {
         }
         if items.is_empty() {
             let missing = board.missing().iter().filter(|one| is_there(one));
-            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
+            let missing: Vec<String> = missing
+                .map(|one| format!("; missing: {}", told(one)))
+                .collect();
             return Err(Failure::refused(format_args!(
                 "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
                  or ? has to match a whole name{}",
