@@ -41,7 +41,7 @@ fn simulator(criterion: &mut Criterion) {
         bencher.iter(|| second(&mut driver));
     });
     let mut idle = three_remotes();
-    group.bench_function("second of a board that nobody talks to", |bencher| {
+    group.bench_function("second of an idle board", |bencher| {
         bencher.iter(|| idle.wait(Duration::from_secs(1)));
     });
     group.finish();

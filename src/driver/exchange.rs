@@ -18,7 +18,7 @@ pub(super) enum Responder {
     /// The board with the firmware that was set up.
     Same,
     /// No `HostMot2`, as during a reset.
-    Nobody,
+    Absent,
     /// Another board, or another firmware.
     Other,
 }
@@ -200,7 +200,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
             self.exchanges.read_status(bus, words)?;
             if self.cycle.check().is_err() {
-                return Ok(Responder::Nobody);
+                return Ok(Responder::Absent);
             }
             if self.description.is_still(&mut *self.bus, Effort::Once)? {
                 return Ok(Responder::Same);
@@ -216,7 +216,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.forget_started();
         match self.responder()? {
             Responder::Same => {}
-            Responder::Nobody => return Ok(true),
+            Responder::Absent => return Ok(true),
             Responder::Other => return Ok(false),
         }
         let Self {

@@ -228,7 +228,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     let now = self.bus.now();
                     self.cycle.is_other_firmware(now);
                 }
-                Ok(Responder::Nobody) => return true,
+                Ok(Responder::Absent) => return true,
                 Ok(Responder::Same) | Err(_) => {}
             }
         }

@@ -252,7 +252,7 @@ impl Track {
                         .collect::<Vec<_>>()
                 ),
                 None => format!(
-                    "{}: {:x?} is on since {}, which nobody commanded while it was armed; last commands: {:x?}",
+                    "{}: {:x?} is on since {}, which was not commanded while it was armed; last commands: {:x?}",
                     self.name,
                     self.shown,
                     self.since,
@@ -332,7 +332,7 @@ impl Oracle {
     }
 
     /// The process has ended: nothing is commanded any more.
-    pub fn nobody_commands(&mut self, at: u64) {
+    pub fn no_commands(&mut self, at: u64) {
         for track in self.remotes.iter_mut().chain(&mut self.board) {
             track.command(at, Level::OFF, false);
         }

@@ -67,7 +67,7 @@ impl ForeignModule for Dac {
             enabled: match io.source(Some(ENABLE)) {
                 PinSource::Module { inverted } => !inverted,
                 PinSource::Level(level) => level,
-                PinSource::Nobody => false,
+                PinSource::Undriven => false,
             },
         }
     }

@@ -39,7 +39,7 @@ pub trait Bench {
 
     /// Drives a pin from outside, or releases it.
     fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
-        Err(format!("{pin} can not be driven to {level:?}"))
+        Err(format!("{pin} cannot be driven to {level:?}"))
     }
 
     /// The lines A, B, Z of an encoder, in front of the multiplexer.

@@ -110,7 +110,7 @@ fn a_cause_that_lasts_can_not_be_cleared_until_it_ends() {
     assert_eq!(remote.faults(), fault);
     remote.configure(|config| config.stuck_faults = RemoteFaults::empty());
     remote.advance(5 * MS);
-    assert_eq!(remote.faults(), fault, "nobody has cleared it");
+    assert_eq!(remote.faults(), fault, "it is not cleared");
     clear_faults(&mut remote, 6 * MS);
     assert!(remote.faults().is_empty());
 }

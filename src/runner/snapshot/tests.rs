@@ -278,5 +278,5 @@ fn a_runner_shows_its_cycles_and_takes_commands_before_the_work() {
         reader.read().expect("the last").run_statistics(),
         ended.statistics
     );
-    assert!(sender.rearm().is_err(), "nobody takes it");
+    assert!(sender.rearm().is_err(), "the queue has no reader");
 }

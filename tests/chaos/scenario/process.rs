@@ -198,7 +198,7 @@ impl Scenario {
             life.kill(now);
             self.stage.tell(now, "the process is killed");
             drop(driver);
-            self.oracle.nobody_commands(now);
+            self.oracle.no_commands(now);
         } else {
             if how == 0 {
                 let (_, stopped) = driver.shutdown();
@@ -207,7 +207,7 @@ impl Scenario {
             } else {
                 drop(driver);
             }
-            self.oracle.nobody_commands(now);
+            self.oracle.no_commands(now);
             self.has_stopped(&application, left.as_deref(), was_well)?;
         }
         self.all_goes_off(&application, left.as_deref())

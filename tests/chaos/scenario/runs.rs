@@ -68,7 +68,7 @@ impl Scenario {
         let left = ended.stopped.err();
         let left = left.map_or_else(Vec::new, |error| error.not_reached);
         drop(ended.driver);
-        self.oracle.nobody_commands(now);
+        self.oracle.no_commands(now);
         self.has_stopped(&application, Some(&left), seen.was_well)?;
         self.all_goes_off(&application, Some(&left))
     }

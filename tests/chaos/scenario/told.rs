@@ -99,7 +99,7 @@ impl Scenario {
         let must = self.plan.more.master_stays && is_sound;
         let Others { sent, told, .. } = self.others;
         ensure(told > 0 || !must, Promise::Told, self.sim.now(), || {
-            format!("the other program has sent {sent} packets, and nobody has noticed")
+            format!("the other program has sent {sent} packets, which no statistic counts")
         })
     }
 

@@ -30,7 +30,7 @@ struct Losses(Arc<Mutex<[u32; 2]>>);
 impl Losses {
     /// Resets, and bites of the watchdog.
     fn seen(&self) -> [u32; 2] {
-        *self.0.lock().expect("nobody panicked")
+        *self.0.lock().expect("no thread panicked")
     }
 }
 
@@ -42,7 +42,7 @@ impl Director for Losses {
     fn act(&mut self, _: &mut SimFpga) {}
 
     fn drives(&mut self, _: &SimFpga, cause: ChangeCause) {
-        let [resets, bites] = &mut *self.0.lock().expect("nobody panicked");
+        let [resets, bites] = &mut *self.0.lock().expect("no thread panicked");
         match cause {
             ChangeCause::Reset => *resets += 1,
             ChangeCause::Bite => *bites += 1,

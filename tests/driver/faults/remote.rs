@@ -344,7 +344,7 @@ fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() 
         machine.cable(channel).unplug();
     }
     machine.cycles(60);
-    assert_eq!(state(&machine)[0], 0, "nobody is left");
+    assert_eq!(state(&machine)[0], 0, "no remote runs");
 }
 
 #[test]

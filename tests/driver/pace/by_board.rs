@@ -234,7 +234,7 @@ fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
 fn refusal<B: RegisterBus + Clock>(
     started: Result<Driver<B>, DriverError<B::Error>>,
 ) -> (bool, String) {
-    let error = started.err().expect("it can not pace");
+    let error = started.err().expect("this bus cannot pace");
     let is_refused = matches!(error, DriverError::NotPaced { .. });
     let text = WithAdvice::new(&error, error.advice()).to_string();
     (is_refused, text)

@@ -32,12 +32,12 @@ struct Loss(Arc<Mutex<Seen>>);
 
 impl Director for Loss {
     fn due(&self) -> Option<u64> {
-        self.0.lock().expect("nobody panicked").lost_at
+        self.0.lock().expect("no thread panicked").lost_at
     }
 
     fn act(&mut self, fpga: &mut SimFpga) {
         let bites = {
-            let mut seen = self.0.lock().expect("nobody panicked");
+            let mut seen = self.0.lock().expect("no thread panicked");
             seen.lost_at = None;
             seen.lost = true;
             seen.bites
@@ -52,7 +52,7 @@ impl Director for Loss {
     }
 
     fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
-        let mut seen = self.0.lock().expect("nobody panicked");
+        let mut seen = self.0.lock().expect("no thread panicked");
         let now = SimFpga::now(fpga);
         let is_on = fpga.is_driven(ON) && fpga.pin_level(ON);
         if let Some(since) = seen.on.take()
@@ -111,7 +111,7 @@ impl Rig {
         self.machine.set_param(self.changed, true);
         let at = self.machine.driver.bus_mut().now().as_nanos() + after;
         {
-            let mut seen = self.loss.0.lock().expect("nobody panicked");
+            let mut seen = self.loss.0.lock().expect("no thread panicked");
             (seen.lost_at, seen.bites) = (Some(at), bites);
         }
         let _ = self.machine.driver.write();
@@ -122,7 +122,7 @@ impl Rig {
             BoardState::Running,
             "{after}"
         );
-        let seen = self.loss.0.lock().expect("nobody panicked");
+        let seen = self.loss.0.lock().expect("no thread panicked");
         assert_eq!(seen.on, None, "{bites}, {after}");
         let longest = seen.spans.iter().map(|(from, to)| to - from.max(&at));
         longest.max().unwrap_or(0)

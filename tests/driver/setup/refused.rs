@@ -75,7 +75,7 @@ fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
         r.add(Curious);
         Ok(())
     };
-    board.add(register).expect("nobody else reads it yet");
+    board.add(register).expect("the register is free");
     let error = board.start().map(drop).expect_err("two phases");
     assert!(error.to_string().contains("read in two phases"), "{error}");
     assert_eq!(error.advice(), Some(Advice::LeaveModuleOut));

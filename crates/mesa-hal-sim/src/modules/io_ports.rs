@@ -21,8 +21,8 @@ struct Port {
 /// The signal that the FPGA drives a pin from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// None: the FPGA does not drive the pin.
-    Nobody,
+    /// The FPGA does not drive the pin.
+    Undriven,
     /// A plain output.
     Level(bool),
     /// The module that can use the pin.
@@ -139,19 +139,19 @@ impl SimIoPorts {
     pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
         match self.source(pin) {
             Source::Module { inverted } => Some(inverted),
-            Source::Nobody | Source::Level(_) => None,
+            Source::Undriven | Source::Level(_) => None,
         }
     }
 
-    /// The signal that the FPGA drives an I/O pin from; `Nobody` for a pin that the firmware does
+    /// The signal that the FPGA drives an I/O pin from; `Undriven` for a pin that the firmware does
     /// not have. An open-drain pin that is 1 stays at its pull-up.
     pub fn source(&self, pin: Option<usize>) -> Source {
         let Some((port, mask)) = pin.and_then(|pin| self.locate(pin)) else {
-            return Source::Nobody;
+            return Source::Undriven;
         };
         let inverted = port.invert & mask != 0;
         if (port.direction | port.open_drain) & mask == 0 {
-            Source::Nobody
+            Source::Undriven
         } else if port.alternate & mask != 0 {
             Source::Module { inverted }
         } else {

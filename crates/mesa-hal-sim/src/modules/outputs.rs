@@ -81,7 +81,7 @@ impl SimOutputs {
         let wanted = self.data >> output & 1 != 0;
         if !self.driven_by_ac {
             return match source {
-                Source::Nobody => false,
+                Source::Undriven => false,
                 Source::Level(level) => level,
                 Source::Module { inverted } => wanted != inverted,
             };
@@ -93,7 +93,7 @@ impl SimOutputs {
             return false;
         };
         match source {
-            Source::Nobody => false,
+            Source::Undriven => false,
             Source::Level(_) => true,
             Source::Module { inverted } => wanted != (inverted != reference),
         }

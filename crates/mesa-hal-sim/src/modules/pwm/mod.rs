@@ -176,7 +176,7 @@ impl SimPwm {
         let generator = self.generators.get(unit)?;
         let clock = self.clocks(now);
         let (high, inverted) = match io.source(self.pins.get(unit)?.out) {
-            Source::Nobody => return None,
+            Source::Undriven => return None,
             Source::Level(level) => (f64::from(u8::from(level)), false),
             Source::Module { inverted } => {
                 let stage = generator.stage_at(clock, &self.reference);
@@ -209,7 +209,7 @@ impl SimPwm {
         self.pins
             .get(unit)
             .is_some_and(|pins| match io.source(pins.enable) {
-                Source::Nobody => false,
+                Source::Undriven => false,
                 Source::Level(level) => !level,
                 Source::Module { inverted } => self.enabled(pins.enabled_by) != inverted,
             })

@@ -463,7 +463,11 @@ fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
     assert_eq!(cycles, 20);
     assert_eq!(rig.recovery.statistics.stuck, 1);
     rig.seen.command = 0;
-    assert_eq!(rig.read().offline.bits(), 3, "nobody knows what was sent");
+    assert_eq!(
+        rig.read().offline.bits(),
+        3,
+        "it is not known what was sent"
+    );
     assert_eq!(rig.write(), 0x8000_0000);
     assert_eq!(
         rig.until_not_stopped(),
