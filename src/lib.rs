@@ -179,6 +179,7 @@ pub mod hal;
 pub mod hostmot2;
 pub mod modules;
 mod packed;
+mod parse_error;
 pub mod remote;
 mod rounded;
 #[cfg(feature = "std")]
@@ -200,6 +201,7 @@ pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 pub use hostmot2::RemoteId;
 pub use mesa_wire::{lbp, lbp16};
+pub use parse_error::ParseError;
 pub use rounded::Rounded;
 #[cfg(feature = "std")]
 pub use transport::udp::{UdpBus, UdpConfig};

@@ -73,6 +73,7 @@ mod stop;
 mod trace;
 mod watchdogs;
 
+pub use crate::ParseError;
 pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::events::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::gpio::GpioConfig;
@@ -82,7 +83,7 @@ pub use crate::modules::serial::{
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::settings::{
-    Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
+    Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};

@@ -15,8 +15,8 @@ pub(super) struct Key {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct GroupId(pub(super) Key);
 
-/// A handle of a pin or parameter of type `T`; its [kind](kind) `K` determines the permitted
-/// operations: [`Input`], [`Output`], [`InOut`], [`Param`].
+/// A handle of a pin or parameter of type `T`; its kind `K` determines the permitted operations:
+/// see [`Input`], [`Output`], [`InOut`] and [`Param`].
 ///
 /// The default refers to nothing: reads are never valid, writes are ignored, and the store counts
 /// both as uses of a foreign handle.
@@ -86,36 +86,38 @@ impl<T> InOut<T> {
 }
 
 /// Kinds of handles, and the operations that each permits.
-pub mod kind {
-    /// Kind of an [`InputKind`](super::Input).
+pub(crate) mod kind {
+    /// Kind of an [`Input`](super::Input).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct InputKind;
 
-    /// Kind of an [`OutputKind`](super::Output).
+    /// Kind of an [`Output`](super::Output).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct OutputKind;
 
-    /// Kind of an [`InOutKind`](super::InOut).
+    /// Kind of an [`InOut`](super::InOut).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct InOutKind;
 
-    /// Kind of a [`ParamKind`](super::Param).
+    /// Kind of a [`Param`](super::Param).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct ParamKind;
 
-    /// Kinds that an application can read.
+    /// Kinds of handles that an application can read: those of [`Input`](super::Input) and
+    /// [`InOut`](super::InOut).
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that can be read")]
     pub trait Readable: Copy {}
     impl Readable for InputKind {}
     impl Readable for InOutKind {}
 
-    /// Kinds that an application can set.
+    /// Kinds of handles that an application can set: those of [`Output`](super::Output) and
+    /// [`InOut`](super::InOut).
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that an application can set")]
     pub trait Settable: Copy {}
     impl Settable for OutputKind {}
     impl Settable for InOutKind {}
 
-    /// Kinds to which a driver can give values.
+    /// Kinds of handles to which a driver can give values.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that a driver can publish")]
     pub trait Publishable: Copy {}
     impl Publishable for InputKind {}

@@ -47,12 +47,14 @@ mod value;
 
 pub use any::PinId;
 pub use error::{PinError, ShortName};
-pub use handle::{GroupId, Handle, InOut, Input, Output, Param, kind};
+pub use handle::kind::{Readable, Settable};
+pub use handle::{GroupId, Handle, InOut, Input, Output, Param};
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role};
 pub use io::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use maker::{PinMaker, Spec};
 pub use pins::Pins;
-pub use reading::{Age, GroupState, Reading, Rejection, Rejections};
+use reading::Rejection;
+pub use reading::{Age, GroupState, Reading, Rejections};
 pub(crate) use rule::is_scale;
 pub use rule::{FullScale, Invert};
 pub use store::PinStore;

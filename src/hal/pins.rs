@@ -6,11 +6,10 @@ use alloc::vec::Vec;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
-use super::kind::{Readable, Settable};
 use super::rule::{PinSlot, Rule};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
-    Reading, Rejections, Role, ShortName, Value,
+    Readable, Reading, Rejections, Role, Settable, ShortName, Value,
 };
 use crate::bus::Instant;
 

@@ -24,9 +24,8 @@ impl Rejections {
 }
 
 /// Reason why a value was replaced instead of used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Rejection {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rejection {
     /// NaN or infinite.
     NotFinite,
     /// Below the lower or above the upper limit.

@@ -10,7 +10,7 @@ use core::ops::{Deref, DerefMut};
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
-use super::kind::{Publishable, Settable};
+use super::handle::kind::{Publishable, Settable};
 use super::pins::{Group, GroupPart};
 use super::rule::NONE;
 use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
@@ -279,9 +279,9 @@ impl PinStore {
         if is_inverted { value.inverted() } else { value }
     }
 
-    /// Counts a value that was refused further down, where it is scaled.
-    pub fn count_rejection<K: Copy, T: Copy>(&mut self, pin: Handle<K, T>, rejection: Rejection) {
-        self.reject(pin.key, rejection);
+    /// Counts a value of `pin` as out of range that a module has replaced in its register word.
+    pub fn count_out_of_range<K: Copy, T: Copy>(&mut self, pin: Handle<K, T>) {
+        self.reject(pin.key, Rejection::OutOfRange);
     }
 
     /// The value that goes out by the pin's rule when it was set to `set`; its safe value if it

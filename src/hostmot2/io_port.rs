@@ -10,8 +10,7 @@ use alloc::vec::Vec;
 ///
 /// Source: FACTS 13.3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub struct PortRegisters<T> {
+pub(crate) struct PortRegisters<T> {
     /// Written: the levels of plain outputs. Read: the levels of all pins.
     pub data: T,
     /// 1 = output.
@@ -26,8 +25,7 @@ pub struct PortRegisters<T> {
 
 /// An I/O port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub struct IoPort {
+pub(crate) struct IoPort {
     /// Addresses of its registers.
     pub address: PortRegisters<u16>,
     /// Words to which the registers are set.
@@ -36,8 +34,7 @@ pub struct IoPort {
 
 /// A pin of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub struct PinPlace {
+pub(crate) struct PinPlace {
     /// Number of the port.
     pub port: u8,
     /// The bit of the pin in the registers of the port.
@@ -78,7 +75,7 @@ pub struct GpioConfig {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IoPorts {
     /// The ports, by number.
-    pub ports: Vec<IoPort>,
+    pub(crate) ports: Vec<IoPort>,
     /// Number of pins of a port.
     width: u16,
     /// True for each pin that is in use.
@@ -132,7 +129,7 @@ impl IoPorts {
     }
 
     /// Port and bit of I/O pin `pin`; `None` beyond the last.
-    pub fn place(&self, pin: u16) -> Option<PinPlace> {
+    pub(crate) fn place(&self, pin: u16) -> Option<PinPlace> {
         self.taken.get(usize::from(pin))?;
         Some(PinPlace {
             port: pin.checked_div(self.width)? as u8,

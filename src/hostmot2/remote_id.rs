@@ -3,6 +3,8 @@
 use core::fmt;
 use core::str::FromStr;
 
+use crate::ParseError;
+
 /// Address of a remote: the smart-serial port and the channel of that port.
 ///
 /// As text, `port 0, channel 1`. [`FromStr`] accepts that as well as the short form of LinuxCNC's
@@ -45,25 +47,21 @@ impl fmt::Display for RemoteId {
     }
 }
 
-/// Error of parsing a [`RemoteId`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected PORT.CHANNEL, for example 0.1, with a channel of 0 to 7")]
-pub struct ParseRemoteIdError;
-
 impl FromStr for RemoteId {
-    type Err = ParseRemoteIdError;
+    type Err = ParseError;
 
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let long = || text.strip_prefix("port ")?.split_once(", channel ");
-        let parts = long().or_else(|| text.split_once('.'));
-        let (port, channel) = parts.ok_or(ParseRemoteIdError)?;
-        let number = |digits: &str| digits.parse().map_err(|_| ParseRemoteIdError);
-        let remote = Self::new(number(port)?, number(channel)?);
-        if remote.channel < 8 {
-            Ok(remote)
-        } else {
-            Err(ParseRemoteIdError)
-        }
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        let parse = || {
+            let long = || text.strip_prefix("port ")?.split_once(", channel ");
+            let (port, channel) = long().or_else(|| text.split_once('.'))?;
+            let remote = Self::new(port.parse().ok()?, channel.parse().ok()?);
+            (remote.channel < 8).then_some(remote)
+        };
+        parse().ok_or_else(|| ParseError {
+            what: "remote",
+            found: text.into(),
+            expected: "PORT.CHANNEL, for example 0.1, with a channel of 0 to 7",
+        })
     }
 }
 
@@ -92,11 +90,12 @@ mod tests {
         for text in [
             "", "0", "0.", ".1", "0.8", "256.0", "0.1.2", "port 0", "port 0.1", "-1.0",
         ] {
-            assert_eq!(
-                text.parse::<RemoteId>(),
-                Err(ParseRemoteIdError),
-                "{text:?}"
-            );
+            let error = text.parse::<RemoteId>().unwrap_err();
+            assert_eq!((error.what, error.found.as_str()), ("remote", text));
         }
+        assert_eq!(
+            "0.8".parse::<RemoteId>().unwrap_err().to_string(),
+            "remote '0.8': expected PORT.CHANNEL, for example 0.1, with a channel of 0 to 7"
+        );
     }
 }

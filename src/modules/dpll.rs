@@ -8,7 +8,7 @@ use alloc::string::String;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
-use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
+use crate::hal::{Input, Output, PinError, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 use crate::tally::Tally;
 
@@ -151,7 +151,7 @@ impl Module for Dpll {
         }
         let Ok(words) = config.words(self.clock_hz, self.dds_bits) else {
             let pin = self.pins.base_freq_khz;
-            return cycle.pins.count_rejection(pin, Rejection::OutOfRange);
+            return cycle.pins.count_out_of_range(pin);
         };
         let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
         if rate(words) != rate(self.words) {

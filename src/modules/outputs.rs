@@ -16,8 +16,7 @@ use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
 pub struct Outputs {
     /// SSR or OutM.
     pub gtag: Gtag,
-    /// The outputs, in ascending order of their numbers.
-    pub outputs: Vec<NumberedOutput>,
+    numbered: Vec<NumberedOutput>,
     /// Frequency of the isolated drive in Hz; 0 switches all outputs off. Only with SSR.
     pub rate: Option<Output<u32>>,
     clock_hz: u32,
@@ -27,20 +26,24 @@ pub struct Outputs {
 }
 
 /// The pins of one output.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct NumberedOutput {
-    /// The number within the module, used by names and by the bits of the register. A firmware need
-    /// not begin with 0.
-    pub number: u8,
-    /// Closes the output, or sets it high; when inverted, false closes it or sets it high.
-    pub out: DigitalOut,
+#[derive(Clone, Copy, Debug)]
+struct NumberedOutput {
+    /// The number within the module, used by names and by the bits of the register.
+    number: u8,
+    out: DigitalOut,
 }
 
 /// The usual drive frequency of the relays.
 const DRIVE_HZ: u32 = 1_000_000;
 
 impl Outputs {
+    /// The outputs in ascending order of their numbers within the module; a firmware need not begin
+    /// with 0. True closes an output, or sets it high; when inverted, false does.
+    pub fn outputs(&self) -> impl ExactSizeIterator<Item = (u8, DigitalOut)> + '_ {
+        let outputs = self.numbered.iter();
+        outputs.map(|output| (output.number, output.out))
+    }
+
     /// Registers all instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         for module in r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)? {
@@ -80,7 +83,7 @@ impl Outputs {
         let outputs = outputs.map(|number| output(r, &stem, of, number));
         Ok(Self {
             gtag,
-            outputs: outputs.collect::<Result<_, _>>()?,
+            numbered: outputs.collect::<Result<_, _>>()?,
             rate,
             clock_hz,
             data,
@@ -146,7 +149,7 @@ impl Module for Outputs {
             };
             cycle.words.set(drive, word);
         }
-        let outputs = self.outputs.iter();
+        let outputs = self.numbered.iter();
         let outputs = outputs.map(|output| (output.number, output.out.pin));
         let word = bits_of(cycle.pins, outputs);
         cycle.words.put(self.data, word);

@@ -182,7 +182,7 @@ fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
 fn relays_have_no_drive_before_their_pins_are_driven() {
     let mut bench = i7i97();
     let outputs = bench.register::<Outputs>(Outputs::register).unwrap();
-    assert_eq!(outputs[0].outputs.len(), 6);
+    assert_eq!(outputs[0].outputs().len(), 6);
     let words = bench.set_up(0x7D00, 0x7F00);
     assert_eq!(words, [(0x7D00, 0), (0x7E00, 0), (0x7E00, 0x1030)]);
     // Six outputs and the reference.

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::bus::{Clock, RegisterBus};
 use crate::driver::Driver;
-use crate::hal::kind::Settable;
+use crate::hal::Settable;
 use crate::hal::{
     AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value,
 };

@@ -160,8 +160,20 @@ impl PortLayout {
         self.register(DATA)
     }
 
+    /// Address of CS of `channel`; `None` if the port does not have it.
+    pub fn cs(&self, channel: Channel) -> Option<u16> {
+        Some(self.channel(channel)?.cs)
+    }
+
+    /// Addresses of the interface registers of `channel`, in the order in which they are packed;
+    /// none if the port does not have it.
+    pub fn interfaces(&self, channel: Channel) -> impl Iterator<Item = u16> + use<> {
+        let registers = self.channel(channel).into_iter();
+        registers.flat_map(ChannelRegisters::interfaces)
+    }
+
     /// Addresses of the registers of `channel`; `None` if the port does not have it.
-    pub fn channel(&self, channel: Channel) -> Option<ChannelRegisters> {
+    pub(crate) fn channel(self, channel: Channel) -> Option<ChannelRegisters> {
         let offset = u16::from(channel.index()) * CHANNEL_STRIDE;
         (channel.index() < self.channels).then(|| ChannelRegisters {
             cs: self.register(CS) + offset,
@@ -211,7 +223,7 @@ fn unknown(gtag: Gtag, found: String, expected: String) -> HostMot2Error {
 
 /// The register addresses of one channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct ChannelRegisters {
+pub(crate) struct ChannelRegisters {
     /// Address of CS.
     pub cs: u16,
     interface: u16,
@@ -221,18 +233,18 @@ pub struct ChannelRegisters {
 
 impl ChannelRegisters {
     /// Addresses of the interface registers, in the order in which they are packed.
-    pub fn interfaces(&self) -> impl Iterator<Item = u16> + use<> {
+    pub fn interfaces(self) -> impl Iterator<Item = u16> + use<> {
         let Self {
             interface,
             register_stride,
             count,
             ..
-        } = *self;
+        } = self;
         (0..u16::from(count)).map(move |n| interface + register_stride * n)
     }
 
     /// Addresses of the interface registers that `bytes` bytes of process data take.
-    pub fn interfaces_for(&self, bytes: u8) -> impl Iterator<Item = u16> + use<> {
+    pub fn interfaces_for(self, bytes: u8) -> impl Iterator<Item = u16> + use<> {
         self.interfaces().take(usize::from(bytes.div_ceil(4)))
     }
 }

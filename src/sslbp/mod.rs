@@ -17,19 +17,19 @@ pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess,
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
 pub use doit_time::{ChannelExchange, DEFAULT_BAUD_RATE, DoitTime};
 pub use error::PortError;
-pub use layout::{ChannelRegisters, MAX_INTERFACE_REGISTERS, PortLayout, PortPlace};
+pub use layout::{MAX_INTERFACE_REGISTERS, PortLayout, PortPlace};
 pub use machine::{
     ChannelLink, CompletedOperation, Failure, FailureCounts, PortEvent, PortImage, PortMachine,
     PortState, TransferResult,
 };
-pub use operation::{
-    COMMAND_IGNORED, OperationTimes, PortAccess, PortOperation, StartMode, software_mode_word,
-};
+pub use operation::{COMMAND_IGNORED, PortAccess, PortOperation, StartMode, software_mode_word};
 pub use parameters::{ChannelVariable, PortParameters};
-pub use port::{Port, PortLink, PortResult, SetupPort};
+pub use port::{Port, PortLink, SetupPort};
 pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};
-pub use status::{ComState, CsStatus, LinkStatus, LocalFaults};
+pub use status::{ComState, CsStatus, LocalFaults};
 
-pub(crate) use layout::MAX_PORTS;
+pub(crate) use layout::{ChannelRegisters, MAX_PORTS};
+pub(crate) use port::PortResult;
 
 use doit_time::USUAL_REMOTE_LATENCY;
+use operation::OperationTimes;

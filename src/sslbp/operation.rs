@@ -72,8 +72,7 @@ pub enum PortOperation {
 
 /// Durations of an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct OperationTimes {
+pub(super) struct OperationTimes {
     /// Until COMMAND is 0, without errors.
     pub usual: Duration,
     /// Limit after which COMMAND is considered stuck.
@@ -91,7 +90,7 @@ impl PortOperation {
     ///
     /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; `tests/protocol/sslbp_stepped.rs` checks the
     /// longest times against all recordings.
-    pub fn times(&self) -> OperationTimes {
+    pub(super) fn times(&self) -> OperationTimes {
         let (usual, longest, settle) = match self {
             // The registers are wiped 1 to 6 us after COMMAND is 0.
             Self::StopAll => (125, 5_000, 50),
@@ -118,6 +117,17 @@ impl PortOperation {
             longest: Duration::from_micros(longest),
             settle: Duration::from_micros(settle),
         }
+    }
+
+    /// Time until COMMAND is 0, without errors. A port with a clock of 33 MHz takes three times as
+    /// long.
+    pub fn usual_time(&self) -> Duration {
+        self.times().usual
+    }
+
+    /// Limit of that time: a COMMAND that is busy for longer is stuck.
+    pub fn longest_time(&self) -> Duration {
+        self.times().longest
     }
 
     /// The word for COMMAND; a word that the register ignores if there is nothing to do.

@@ -38,7 +38,7 @@ bitflags! {
     ///
     /// Manual: 7I77, "CS REGISTER AFTER START".
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-    pub struct LinkStatus: u8 {
+    pub(super) struct LinkStatus: u8 {
         /// START is not complete.
         const NOT_READY = 0x80;
         /// The remote has not been identified.
@@ -158,7 +158,7 @@ impl CsStatus {
     }
 
     /// Communication status.
-    pub const fn link(self) -> LinkStatus {
+    pub(super) const fn link(self) -> LinkStatus {
         LinkStatus::from_bits_retain((self.0 >> 8) as u8)
     }
 

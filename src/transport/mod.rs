@@ -14,4 +14,4 @@ pub mod udp;
 
 pub use crate::bus::Fault;
 pub use faulty::{Faulty, FaultyError};
-pub use recording::{RecordedEntry, RecordedEvent, Recording};
+pub use recording::{RecordedEntry, Recording};

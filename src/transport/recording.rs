@@ -34,25 +34,31 @@ pub struct Recording<B> {
 /// An entry of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct RecordedEntry {
-    /// Time at which the exchange ended.
-    pub at: Instant,
-    /// The register; the first one for an exchange that failed.
-    pub address: u16,
-    /// The event.
-    pub event: RecordedEvent,
-}
-
-/// Events in the log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum RecordedEvent {
-    /// The register was read and had this word.
-    Read(u32),
-    /// The word was written to the register.
-    Written(u32),
-    /// The exchange failed. It is not known whether its writes were executed.
+pub enum RecordedEntry {
+    /// A register was read.
+    Read {
+        /// Time at which the exchange ended.
+        at: Instant,
+        /// The register.
+        address: u16,
+        /// Its word.
+        word: u32,
+    },
+    /// A register was written.
+    Written {
+        /// Time at which the exchange ended.
+        at: Instant,
+        /// The register.
+        address: u16,
+        /// The word.
+        word: u32,
+    },
+    /// An exchange failed. It is not known whether its writes were executed.
     Failed {
+        /// Time at which the exchange ended.
+        at: Instant,
+        /// The register of its first access.
+        address: u16,
         /// The kind of the error.
         kind: BusErrorKind,
         /// Number of accesses of the exchange.
@@ -62,14 +68,18 @@ pub enum RecordedEvent {
 
 impl fmt::Display for RecordedEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (nanos, address) = (self.at.as_nanos(), self.address);
+        let (Self::Read { at, .. } | Self::Written { at, .. } | Self::Failed { at, .. }) = self;
+        let nanos = at.as_nanos();
         write!(f, "{}.{:02} host ", nanos / 1_000, nanos % 1_000 / 10)?;
-        match self.event {
-            RecordedEvent::Read(word) => write!(f, "read {address:#06X} {word:#010X}"),
-            RecordedEvent::Written(word) => write!(f, "write {address:#06X} {word:#010X}"),
-            RecordedEvent::Failed { kind, accesses } => {
-                write!(f, "failed {address:#06X} ; {kind:?}, accesses={accesses}")
-            }
+        match self {
+            Self::Read { address, word, .. } => write!(f, "read {address:#06X} {word:#010X}"),
+            Self::Written { address, word, .. } => write!(f, "write {address:#06X} {word:#010X}"),
+            Self::Failed {
+                address,
+                kind,
+                accesses,
+                ..
+            } => write!(f, "failed {address:#06X} ; {kind:?}, accesses={accesses}"),
         }
     }
 }
@@ -98,11 +108,11 @@ impl<B> Recording<B> {
         Ok(())
     }
 
-    fn push(&mut self, at: Instant, address: u16, event: RecordedEvent) {
+    fn push(&mut self, entry: RecordedEntry) {
         let is_full = self.entries.len() >= self.capacity;
         self.dropped.tally(is_full.into());
         if !is_full || self.entries.pop_front().is_some() {
-            self.entries.push_back(RecordedEntry { at, address, event });
+            self.entries.push_back(entry);
         }
     }
 }
@@ -117,22 +127,22 @@ impl<B: RegisterBus + Clock> Recording<B> {
     ) -> Result<T, B::Error> {
         let at = self.inner.now();
         if let Err(error) = &result {
-            let event = RecordedEvent::Failed {
+            self.push(RecordedEntry::Failed {
+                at,
+                address: accesses.first().map_or(0, |first| first.address),
                 kind: error.kind(),
                 accesses: accesses.len(),
-            };
-            self.push(at, accesses.first().map_or(0, |first| first.address), event);
+            });
             return result;
         }
         for access in accesses {
-            let event = match access.direction {
-                Direction::Read => RecordedEvent::Read,
-                Direction::Write => RecordedEvent::Written,
-            };
             let addresses = (access.address..=u16::MAX).step_by(4);
             let values = words.get(access.words()).unwrap_or_default();
-            for (address, &value) in addresses.zip(values) {
-                self.push(at, address, event(value));
+            for (address, &word) in addresses.zip(values) {
+                self.push(match access.direction {
+                    Direction::Read => RecordedEntry::Read { at, address, word },
+                    Direction::Write => RecordedEntry::Written { at, address, word },
+                });
             }
         }
         result

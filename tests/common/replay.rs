@@ -233,11 +233,10 @@ impl Recorded {
             return Register::Data;
         }
         for channel in Channel::ALL {
-            let registers = layout.channel(channel).unwrap();
-            if registers.cs == address {
+            if layout.cs(channel) == Some(address) {
                 return Register::Cs(channel.index());
             }
-            for (n, interface) in (0..).zip(registers.interfaces()) {
+            for (n, interface) in (0..).zip(layout.interfaces(channel)) {
                 if interface == address {
                     return Register::Interface(channel.index(), n);
                 }

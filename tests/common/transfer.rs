@@ -32,9 +32,8 @@ impl Registers {
     pub fn read<B: RegisterBus>(bus: &mut B, layout: PortLayout) -> Self {
         let mut addresses = vec![layout.command, layout.data()];
         for channel in layout.mask().iter() {
-            let registers = layout.channel(channel).unwrap();
-            addresses.push(registers.cs);
-            addresses.extend(registers.interfaces());
+            addresses.push(layout.cs(channel).unwrap());
+            addresses.extend(layout.interfaces(channel));
         }
         let accesses: Vec<_> = (0..)
             .zip(&addresses)
@@ -106,8 +105,8 @@ pub fn doit<B: RegisterBus + Clock>(
     assert!(machine.is_idle());
     bus.wait(Duration::from_micros(1));
     for channel in mask.iter() {
-        let registers = layout.channel(channel).unwrap();
-        let addresses = registers.interfaces_for(machine.link(channel).sizes.tx);
+        let count = machine.link(channel).sizes.tx.div_ceil(4);
+        let addresses = layout.interfaces(channel).take(count.into());
         for (address, word) in addresses.zip(outputs[channel]) {
             bus.write(address, word).unwrap();
         }

@@ -36,11 +36,12 @@ const LAYERS: [(&str, &[&str]); 11] = [
 ];
 
 /// Modules outside of the layers: the serialized forms of settings and events, values as words,
-/// rounded numbers, counters, fractions of a time, and the advice of errors.
-const FORMS: [&str; 6] = [
+/// rounded numbers, counters, fractions of a time, the error of parsing, and the advice of errors.
+const FORMS: [&str; 7] = [
     "advice",
     "serial_form",
     "packed",
+    "ParseError",
     "Rounded",
     "tally",
     "fraction",

@@ -280,7 +280,7 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
             limit: ProcessDataSizes { rx: 13, tx: 12 },
         }
     );
-    let cs = port.layout().channel(ONE).unwrap().cs;
+    let cs = port.layout().cs(ONE).unwrap();
     let cs = CsStatus(fpga.read(cs).unwrap());
     assert!(cs.is_stopped(), "{cs}");
     // In setup mode its tables can still be read.
@@ -356,10 +356,10 @@ proptest! {
                 Step::Command(word) => fpga.write(layout.command, word).unwrap(),
                 Step::Data(word) => fpga.write(layout.data(), word).unwrap(),
                 Step::Channel(channel, register, word) => {
-                    let registers = layout.channel(Channel::ALL[usize::from(channel)]).unwrap();
+                    let channel = Channel::ALL[usize::from(channel)];
                     let address = match register {
-                        0 => registers.cs,
-                        n => registers.interfaces().nth(usize::from(n) - 1).unwrap(),
+                        0 => layout.cs(channel).unwrap(),
+                        n => layout.interfaces(channel).nth(usize::from(n) - 1).unwrap(),
                     };
                     fpga.write(address, word).unwrap();
                 }

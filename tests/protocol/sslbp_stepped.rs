@@ -23,9 +23,8 @@ impl Registers {
         let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
         let mut addresses = vec![layout.command, layout.data()];
         for channel in Channel::ALL {
-            let registers = layout.channel(channel).unwrap();
-            addresses.push(registers.cs);
-            addresses.extend(registers.interfaces());
+            addresses.push(layout.cs(channel).unwrap());
+            addresses.extend(layout.interfaces(channel));
         }
         let accesses: Vec<_> = (0..)
             .zip(addresses)
@@ -82,11 +81,10 @@ impl Cycle {
     /// Writes `words` to CS or the interface registers of channel 0, and begins `operation`.
     fn write(&mut self, operation: PortOperation, words: &[(Register, u32)]) {
         let layout = PortLayout::new(&MODULE, 0, 8).unwrap();
-        let zero = layout.channel(ZERO).unwrap();
         for &(register, word) in words {
             let address = match register {
-                Register::Interface(0, n) => zero.interfaces().nth(n.into()).unwrap(),
-                _ => zero.cs,
+                Register::Interface(0, n) => layout.interfaces(ZERO).nth(n.into()).unwrap(),
+                _ => layout.cs(ZERO).unwrap(),
             };
             self.bus.write(address, word).unwrap();
         }
@@ -238,7 +236,7 @@ fn every_recorded_operation_ends_within_half_of_its_longest_time() {
     assert!(operations.len() > 800, "{}", operations.len());
     let mut kinds = BTreeMap::<&str, (u32, Duration)>::new();
     for (name, operation, took) in operations {
-        let longest = operation.times().longest;
+        let longest = operation.longest_time();
         assert!(2 * took <= longest, "{name}: {operation:?} took {took:?}");
         let entry = kinds.entry(kind_of(&operation)).or_default();
         *entry = (entry.0 + 1, entry.1.max(took));
@@ -267,7 +265,7 @@ fn the_usual_time_of_an_operation_is_what_the_recordings_took() {
     for (kind, (operation, mut took)) in times {
         took.sort();
         let (first, median) = (took[0], took[took.len() / 2]);
-        let usual = operation.times().usual;
+        let usual = operation.usual_time();
         let last = took.last();
         println!("{kind}: usually {usual:?}; recorded {first:?} to {last:?}, half {median:?}");
         assert!(

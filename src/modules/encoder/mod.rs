@@ -16,13 +16,13 @@ use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
-use crate::hal::{PinStore, Rejection};
+use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 
 pub use crate::hostmot2::TickRate;
 
-use pins::EncoderCommand;
-pub use pins::{EncoderBankPins, EncoderPins};
+pub use pins::EncoderPins;
+use pins::{EncoderBankPins, EncoderCommand};
 use state::{EncoderRates, EncoderReading, EncoderSample, EncoderState};
 
 /// Set-up of the encoders.
@@ -42,7 +42,7 @@ pub struct EncoderSetup {
 #[derive(Debug)]
 pub struct Encoders {
     /// The pins that all encoders share.
-    pub bank: EncoderBankPins,
+    bank: EncoderBankPins,
     axes: Vec<Encoder>,
     clock_hz: u32,
     /// Samples of an encoder per tick of the rate: 0.5 for multiplexed encoders, since each of the
@@ -82,6 +82,31 @@ impl Encoders {
     /// The pins of each encoder.
     pub fn pins(&self) -> impl ExactSizeIterator<Item = EncoderPins> + '_ {
         self.axes.iter().map(|encoder| encoder.pins)
+    }
+
+    /// Rate at which the inputs of all encoders are sampled, in Hz; for muxed encoders the
+    /// multiplex rate, twice the sample rate of each encoder. A rate that the clock cannot be
+    /// divided to becomes the next lower one.
+    pub const fn sample_frequency(&self) -> Output<u32> {
+        self.bank.sample_frequency
+    }
+
+    /// Delay of the sample after the multiplex edge in ns, for muxed encoders of version 4; rounded
+    /// to the nearest number of clock periods, at most 15.
+    pub const fn muxed_skew(&self) -> Option<Output<u32>> {
+        self.bank.muxed_skew
+    }
+
+    /// Time stamps of about 10 MHz instead of 1 MHz, for all encoders: for frequency counting, and
+    /// for cycle periods up to 1 ms. The velocity estimate restarts when this changes.
+    pub const fn hires_timestamp(&self) -> Output<bool> {
+        self.bank.hires_timestamp
+    }
+
+    /// Source that latches the counts of all encoders: 0 the DPLL's reference, 1 to 4 its timers,
+    /// -1 none. Only with a DPLL.
+    pub const fn timer_number(&self) -> Option<Output<i32>> {
+        self.bank.timer_number
     }
 
     /// Registers the encoders of a firmware, as many as the settings ask for: multiplexed ones of
@@ -241,7 +266,7 @@ impl Encoder {
         }
         if self.command.refuses_probe {
             let pin = pins.probe_enable;
-            cycle.pins.count_rejection(pin, Rejection::OutOfRange);
+            cycle.pins.count_out_of_range(pin);
         }
         state.follow(self.command);
         cycle.words.set(self.mode, state.control());

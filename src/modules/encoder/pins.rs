@@ -211,21 +211,11 @@ fn vel_timeout() -> Spec {
 }
 
 /// The pins that all encoders share.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct EncoderBankPins {
-    /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
-    /// the sample rate of each encoder. A rate that the clock cannot be divided to becomes the next
-    /// lower one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct EncoderBankPins {
     pub sample_frequency: Output<u32>,
-    /// Delay of the sample after the multiplex edge in ns, for muxed encoders of version 4; rounded
-    /// to the nearest number of clock periods, at most 15.
     pub muxed_skew: Option<Output<u32>>,
-    /// Time stamps of about 10 MHz instead of 1 MHz: for frequency counting, and for cycle periods
-    /// up to 1 ms. The velocity estimate restarts when this changes.
     pub hires_timestamp: Output<bool>,
-    /// Source that latches the counts: 0 the DPLL's reference, 1 to 4 its timers, -1 none. Only
-    /// with a DPLL.
     pub timer_number: Option<Output<i32>>,
 }
 

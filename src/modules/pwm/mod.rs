@@ -41,21 +41,14 @@ pub struct PwmPins {
     pub output_type: Param<i32>,
 }
 
-/// The pins that all generators share.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct PwmBankPins {
-    /// PWM frequency in Hz.
-    pub pwm_frequency: Param<u32>,
-    /// Frequency of the PDM clock in Hz, each tick of which is one step of 4096; as in LinuxCNC.
-    pub pdm_frequency: Param<u32>,
-}
-
 /// All PWM generators.
 #[derive(Debug)]
 pub struct Pwm {
-    /// The pins that all generators share.
-    pub bank: PwmBankPins,
+    /// PWM frequency of all generators in Hz.
+    pub pwm_frequency: Param<u32>,
+    /// Frequency of the PDM clock of all generators in Hz, each tick of which is one step of 4096;
+    /// as in LinuxCNC.
+    pub pdm_frequency: Param<u32>,
     generators: Vec<Generator>,
     clock_hz: u32,
     /// Uses the fraction of the duty: module version 1.
@@ -133,10 +126,8 @@ impl Pwm {
             });
         }
         let mut make = r.maker(&bank_stem("pwmgen", bank));
-        let bank = PwmBankPins {
-            pwm_frequency: make.setting("pwm_frequency", hz.0)?,
-            pdm_frequency: make.setting("pdm_frequency", hz.1)?,
-        };
+        let pwm_frequency = make.setting("pwm_frequency", hz.0)?;
+        let pdm_frequency = make.setting("pdm_frequency", hz.1)?;
         let rate = PwmRate::new(clock_hz, hz.0.into());
         let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
         let enables = r.image.output(module.register(4, 0)?, 0);
@@ -151,7 +142,8 @@ impl Pwm {
             .collect::<Result<Vec<_>, _>>()?;
         link_enables(r, of_kind, &generators);
         Ok(Self {
-            bank,
+            pwm_frequency,
+            pdm_frequency,
             generators,
             clock_hz,
             dithers,
@@ -165,8 +157,8 @@ impl Pwm {
 
     fn write_rates(&mut self, cycle: &mut WriteCycle<'_>) {
         let hz = (
-            cycle.pins.param(self.bank.pwm_frequency),
-            cycle.pins.param(self.bank.pdm_frequency),
+            cycle.pins.param(self.pwm_frequency),
+            cycle.pins.param(self.pdm_frequency),
         );
         if hz != self.hz {
             self.hz = hz;

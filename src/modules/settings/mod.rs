@@ -14,6 +14,7 @@ use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
 
+use crate::ParseError;
 use crate::advice::Advice;
 use crate::discovery::RemoteTable;
 use crate::hal::is_scale;
@@ -38,7 +39,7 @@ use crate::sslbp::MAX_CHANNELS;
 ///     serial_ports: [(0, "20xxxxxx".parse()?)].into(),
 ///     ..Settings::default()
 /// };
-/// # Ok::<(), mesa_hal::driver::ParseError>(())
+/// # Ok::<(), mesa_hal::ParseError>(())
 /// ```
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -347,7 +348,7 @@ pub enum Pace {
 ///     ..RemoteConfig::default()
 /// };
 /// port.channels.insert(1, analog);
-/// # Ok::<(), mesa_hal::driver::ParseError>(())
+/// # Ok::<(), mesa_hal::ParseError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -410,19 +411,6 @@ pub enum Presence {
     /// its data may have another meaning, use a table of your own with
     /// [`TableAddresses`](crate::discovery::TableAddresses). Parameters of the remote have no pins.
     Optional,
-}
-
-/// Error of parsing a text.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{what} '{found}': expected {expected}")]
-#[non_exhaustive]
-pub struct ParseError {
-    /// The expected kind of value.
-    pub what: &'static str,
-    /// The text.
-    pub found: String,
-    /// The valid texts.
-    pub expected: &'static str,
 }
 
 /// `host` or `board`, as on a command line.

@@ -18,7 +18,7 @@ use alloc::format;
 use alloc::string::String;
 
 /// The result of an operation on a port over the bus `B`.
-pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
+pub(crate) type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
 
 /// The assumed clock of a processor whose parameters have not been read, in hertz.
 const USUAL_CLOCK: u32 = 100_000_000;

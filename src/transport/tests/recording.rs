@@ -1,6 +1,6 @@
 use super::{Memory, MemoryError};
 use crate::bus::{Access, Clock, RegisterBus};
-use crate::transport::{RecordedEvent, Recording};
+use crate::transport::{RecordedEntry, Recording};
 use core::time::Duration;
 use proptest::prelude::*;
 
@@ -69,8 +69,8 @@ proptest! {
         let kept: Vec<_> = bus
             .entries
             .iter()
-            .map(|entry| match entry.event {
-                RecordedEvent::Written(value) => value,
+            .map(|entry| match entry {
+                RecordedEntry::Written { word, .. } => *word,
                 other => panic!("{other:?}"),
             })
             .collect();

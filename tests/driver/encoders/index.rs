@@ -185,9 +185,12 @@ fn no_delayed_duplicate_or_lost_write_makes_a_false_zero() {
 fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
     for work in [50, 300, 600, 900_u64] {
         let mut driver = machine(PER_TURN);
-        let (pins, bank) = {
+        let (pins, hires_timestamp) = {
             let encoders = driver.modules::<Encoders>().next().expect("encoders");
-            (encoders.pins().next().expect("one"), encoders.bank)
+            (
+                encoders.pins().next().expect("one"),
+                encoders.hires_timestamp(),
+            )
         };
         let _ = driver.read().expect("the board is there");
         driver.write().expect("the board is there");
@@ -222,7 +225,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
                 driver.bus_mut().wait(Duration::from_micros(work));
                 driver
                     .pins_mut()
-                    .set(bank.hires_timestamp, cycle.is_multiple_of(2));
+                    .set(hires_timestamp, cycle.is_multiple_of(2));
                 driver.write().expect("the board is there");
                 driver
                     .bus_mut()
@@ -257,11 +260,12 @@ fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u
     }
     let _ = driver.read();
     let encoders = driver.modules::<Encoders>().next().expect("encoders");
-    let (bank, last) = (encoders.bank, encoders.pins().last().expect("six"));
+    let hires_timestamp = encoders.hires_timestamp();
+    let last = encoders.pins().last().expect("six");
     match disturbance {
         Disturbance::AnotherSetting => driver
             .pins_mut()
-            .set(bank.hires_timestamp, cycle.is_multiple_of(2)),
+            .set(hires_timestamp, cycle.is_multiple_of(2)),
         Disturbance::AnotherAxis => {
             let pins = driver.pins_mut();
             pins.set(last.counter.index_enable, cycle.is_multiple_of(2));

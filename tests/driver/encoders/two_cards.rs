@@ -141,8 +141,8 @@ fn multiplexed_encoders_with_a_probe_are_known_and_latch_on_it() {
         let mut driver = Driver::start(with_motors(firmware, 0), Settings::default())
             .unwrap_or_else(|error| panic!("version {version:#x}: {error}"));
         let encoders = encoders(&driver);
-        let bank = driver.modules::<Encoders>().next().expect("encoders").bank;
-        assert_eq!(bank.muxed_skew.is_some(), version == 0x84);
+        let bank = driver.modules::<Encoders>().next().expect("encoders");
+        assert_eq!(bank.muxed_skew().is_some(), version == 0x84);
         let pins = driver.pins_mut();
         pins.set(encoders[0].probe_invert, true);
         pins.set(encoders[0].probe_enable, true);

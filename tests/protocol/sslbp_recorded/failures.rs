@@ -123,9 +123,7 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
     let PortError::Timeout { waited, .. } = error else {
         panic!("expected a wait that ended, got {error}");
     };
-    let longest = PortOperation::Start(StartMode::Normal, ZERO.mask())
-        .times()
-        .longest;
+    let longest = PortOperation::Start(StartMode::Normal, ZERO.mask()).longest_time();
     assert!(waited >= longest && waited < longest * 11 / 10);
     let text = error.to_string();
     let awaited = "COMMAND to be 0 after START of channels 0 (0901)";

@@ -98,10 +98,10 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
     let mut runs = false;
     for PortPlace { layout, .. } in PortLayout::ports(firmware) {
         for line in (0..layout.channels).filter_map(Line::new) {
-            let Some(registers) = layout.channel(line) else {
+            let Some(cs) = layout.cs(line) else {
                 continue;
             };
-            let cs = CsStatus(bus.read(registers.cs).map_err(bus_failed)?);
+            let cs = CsStatus(bus.read(cs).map_err(bus_failed)?);
             // A remote in setup mode drives nothing, so it does not count as running.
             runs |= matches!(cs.state(), ComState::Chatter | ComState::ProcessData);
         }

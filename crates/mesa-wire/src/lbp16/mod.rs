@@ -15,6 +15,7 @@ mod answered;
 mod builder;
 mod command;
 mod error;
+mod error_register;
 mod info;
 mod parser;
 pub mod registers;
@@ -23,9 +24,9 @@ pub use answered::Answered;
 pub use builder::RequestBuilder;
 pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;
+pub use error_register::ErrorRegister;
 pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType, text};
 pub use parser::{Operation, Operations, elements};
-pub use registers::ErrorRegister;
 
 /// The UDP port of every board. Manual: 7I97, "UDP".
 pub const PORT: u16 = 27181;
