@@ -69,6 +69,9 @@ const OFF_AFTER: u64 = 60 * MILLI;
 /// A packet that drives pins ends with a command that makes a board bite that was reset: it is
 /// executed within this time.
 pub const PACKET: u64 = 20 * MICRO;
+/// On an embedded bus the packet follows the reads of the evidence before it, which take longer the
+/// more remotes there are.
+const EVIDENCE: u64 = MICRO;
 /// On an embedded bus the set-up is one exchange: length of the part of it that a reset can take
 /// away.
 const SET_UP: u64 = 200 * MICRO;
@@ -277,6 +280,8 @@ pub struct Oracle {
     /// Longest pause of a host between a write and the look that follows it: then the watchdog
     /// bites again.
     stalls: u64,
+    /// Longest time from a look at the board to the end of the packet that drives pins after it.
+    packet: u64,
     /// Time after a fault until which a stopped host may still send earlier packets.
     late_by: u64,
 }
@@ -313,6 +318,11 @@ impl Oracle {
             period: plan.period,
             off_after,
             late_by,
+            packet: if plan.is_network {
+                PACKET
+            } else {
+                PACKET + plan.remotes() as u64 * EVIDENCE
+            },
             stalls: if plan.more.stalls_in_write {
                 late_by
             } else {
@@ -406,8 +416,8 @@ impl Oracle {
                 let is_any = self.is_setting_up || self.late_by > 0;
                 let count = if is_any { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
-                    track.packet_until = at + self.lateness + self.late_by + PACKET + in_reset;
-                    track.packet_lasts = PACKET + seen;
+                    track.packet_until = at + self.lateness + self.late_by + self.packet + in_reset;
+                    track.packet_lasts = self.packet + seen;
                     track.packet_sets_up = self.is_setting_up;
                 }
                 for track in &mut self.remotes {
