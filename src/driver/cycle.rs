@@ -16,6 +16,10 @@ use crate::modules::watchdog::EvidenceRead;
 use crate::modules::{Module, ReadCycle, WriteCycle};
 use crate::tally::Tally;
 
+/// Longest wait, in writes, of a set-up for a certain read. On a network that loses packets again and
+/// again there may be none.
+const MAX_RESTORE_WAITS: u32 = 3;
+
 /// All parts of the cycle, and the state of the board.
 ///
 /// # Real time
@@ -46,6 +50,9 @@ pub(super) struct BoardCycle {
     /// The next read includes the extra evidence registers, because an event since the last full
     /// check may have masked a reset.
     look_closely: bool,
+    /// Writes for which a set-up that the application asks for has to wait, unless a read is certain
+    /// before: a packet of before the fault can still be on its way.
+    restore_waits: u32,
     /// A module asked for the extra registers with the last write.
     wants_extra: bool,
     /// Remotes get safe values for the last time, and no restart takes the place of that transfer.
@@ -107,6 +114,7 @@ impl BoardCycle {
             write_failures: 0,
             writes_since_read: 0,
             look_closely: true,
+            restore_waits: 0,
             wants_extra: false,
             is_last: false,
         }
@@ -229,6 +237,11 @@ impl BoardCycle {
         };
         self.count(at, &reply, &report);
         let was_running = self.is_running();
+        if certain {
+            self.restore_waits = 0;
+        } else if was_running {
+            self.restore_waits = MAX_RESTORE_WAITS;
+        }
         let read = EvidenceRead {
             words: &self.words,
             at,
@@ -315,11 +328,19 @@ impl BoardCycle {
     pub fn write(&mut self, now: Instant) -> Order {
         self.statistics.writes.tally(1);
         self.count_write(now);
-        if self.wants_restore() {
+        if self.wants_restore() && self.has_settled() {
             Order::SetUp
         } else {
             self.put(now)
         }
+    }
+
+    /// True if the set-up can be written: no late packet of before the fault can drive the outputs
+    /// that it sets up, or the wait for that was long enough.
+    fn has_settled(&mut self) -> bool {
+        let left = self.restore_waits.checked_sub(1);
+        self.restore_waits = left.unwrap_or_default();
+        left.is_none()
     }
 
     /// Handles a write without a preceding read: inputs age as after a failed read.

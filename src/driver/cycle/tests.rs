@@ -144,6 +144,31 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
 }
 
 #[test]
+fn a_set_up_that_a_pin_asks_for_waits_until_no_packet_is_on_its_way() {
+    // The number of writes without set-up, if that many reads are uncertain.
+    for (uncertain, quiet) in [(0, 0), (1, 1), (2, 2), (9, 3)] {
+        let mut bench = Bench::new();
+        bench.show(WATCHDOG_STATUS, 1);
+        bench.show(WATCHDOG_TIME, u32::MAX);
+        let late = Reply::CERTAIN.with_certain(false);
+        let _ = bench.read(if uncertain > 0 { late } else { Reply::CERTAIN });
+        let pins = &mut bench.cycle().pins;
+        let flag = pins.inout("hm2_7i92.0.watchdog.has_bit").expect("a pin");
+        pins.set(flag, false);
+        for n in 0..quiet {
+            let first = Order::Quiesce { has_run: false };
+            assert_eq!(bench.write()[0], first, "{uncertain} {n}");
+            let _ = bench.read(if n + 1 < uncertain {
+                late
+            } else {
+                Reply::CERTAIN
+            });
+        }
+        assert_eq!(bench.write()[0], Order::SetUp, "{uncertain}");
+    }
+}
+
+#[test]
 fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_the_write() {
     let mut bench = Bench::new();
     let pins = bench.driver.pins();

@@ -1,6 +1,7 @@
 //! A port with its registers in the image and its remotes' pins.
 
 use alloc::vec::Vec;
+use core::mem;
 use core::time::Duration;
 
 use super::health::Health;
@@ -29,6 +30,8 @@ pub struct SerialPort {
     pub(crate) recovery: Recovery,
     remotes: Vec<RemoteSlot>,
     pins: PortPins,
+    /// Time of the last read.
+    read_at: Instant,
     /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
 }
@@ -120,6 +123,7 @@ impl SerialPort {
             recovery,
             remotes: served,
             pins,
+            read_at: at,
             expected_time,
         })
     }
@@ -268,6 +272,7 @@ impl Module for SerialPort {
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
         let reads_before = u64::from(outcome.reads_before);
+        let last_read = mem::replace(&mut self.read_at, cycle.now);
         for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
             served.has_news = outcome.good.contains(channel);
@@ -277,8 +282,6 @@ impl Module for SerialPort {
                 }
                 served.take(cycle);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
-                // The reply can be the late one to the transfer that failed before: replies carry
-                // no number on the wire (FACTS 5.4).
                 let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
                 let cycles = cycle.pins.cycle().saturating_sub(due);
                 cycle.pins.group_good_since(group, cycles, started);
@@ -293,6 +296,8 @@ impl Module for SerialPort {
                 cycle.pins.invalidate(group);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
                 served.unanswered = Some((due, outcome.started));
+            } else if outcome.started_anew.contains(channel) {
+                served.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
             }
             if health.comes_with_board && !health.is_of_board() {
                 // A fault of its own cancels the arming with the board.

@@ -55,7 +55,10 @@ pub(super) struct RemoteSlot {
     mode_word: u32,
     /// The last read delivered a good transfer.
     pub has_news: bool,
-    /// The last transfer, if it failed: the cycle in which its data was due, and its start time.
+    /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
+    /// since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was due,
+    /// and its time. The last transfer, if it failed; or, before the first transfer after a START,
+    /// the chatter frames that the gateware exchanges by itself (FACTS 4.8).
     pub unanswered: Option<(u64, Instant)>,
     /// The version of the outputs in the image.
     put: Option<u64>,

@@ -85,3 +85,23 @@ fn an_age_covers_a_failed_transfer_whose_late_reply_may_be_taken_for_the_next_on
     }
     assert!(taken > 100, "{taken} good transfers after a failed one");
 }
+
+/// Between START and the first transfer the gateware exchanges frames by itself. A late reply to one
+/// of them is taken for the reply to the transfer.
+#[test]
+fn the_age_of_the_first_transfer_after_a_start_covers_late_replies_to_the_frames_before_it() {
+    let mut restarted = 0;
+    for late in (50_000..700_000).step_by(5_000) {
+        let mut rig = Rig::new();
+        for _ in 0..5 {
+            rig.cycle();
+        }
+        let cable = rig.machine.cable(FIELD);
+        cable.inject_by_chance(Toward::Fpga, WireFault::Late(late), 0.2);
+        for _ in 0..6 {
+            rig.machine.driver.restart((0, FIELD as u8));
+            restarted += (0..15).filter(|_| rig.cycle().is_some()).count().min(1);
+        }
+    }
+    assert!(restarted > 200, "{restarted} restarts with late replies");
+}

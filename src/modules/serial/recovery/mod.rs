@@ -28,6 +28,8 @@ pub(crate) struct ReadOutcome {
     pub failed: ChannelMask,
     /// Channels that went offline with this read.
     pub offline: ChannelMask,
+    /// Channels that a START has started.
+    pub started_anew: ChannelMask,
     /// The transfer was not complete in time.
     pub too_short: bool,
     /// Start of the transfer to which `good` and `failed` belong, and the number of earlier reads
@@ -270,7 +272,10 @@ impl Recovery {
                 self.transferred(machine, now, &complete, &mut outcome);
             }
             PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            PortOperation::Start(..) => self.started(machine, now, &complete),
+            PortOperation::Start(..) => {
+                outcome.started_anew = complete.good;
+                self.started(machine, now, &complete);
+            }
             // If uncertain, the size is read again.
             PortOperation::ReadLocal(_) if complete.certain => {
                 self.measured(machine, now, seen.data() as u8);
