@@ -1,5 +1,7 @@
 //! Parameters of all remotes together: reading, saving, comparing and restoring.
 
+mod serial;
+
 use core::convert::Infallible;
 use core::error::Error;
 use std::collections::BTreeMap;
@@ -12,6 +14,8 @@ use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::driver::{Configured, DriverError};
 use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
+
+pub use serial::{SerialCabinet, SerialCabinetError};
 
 /// Remotes in setup mode with readable and writable parameters: those of a
 /// [`Configured`] board, or the one on a serial port

@@ -12,16 +12,14 @@
 mod cabinet;
 mod firmware;
 mod serial;
-mod serial_cabinet;
 mod serial_error;
 pub mod update;
 
 pub use cabinet::{
     Cabinet, CabinetDifference, CabinetRemote, Comparison, RemoteMatch, RemotePlace, RestoreError,
-    SavedCabinet, SavedRemote, SavedValue, parse_value,
+    SavedCabinet, SavedRemote, SavedValue, SerialCabinet, SerialCabinetError, parse_value,
 };
 pub use firmware::{FirmwareError, FirmwareFile};
 pub use mesa_hal::lbp::RemoteLink;
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
-pub use serial_cabinet::{SerialCabinet, SerialCabinetError};
 pub use serial_error::{SerialError, SerialRequest};

@@ -10,7 +10,7 @@ use serde::Serialize;
 use mesa_tools::advice::{advice_of, with_advice};
 use mesa_tools::setup::RestoreError;
 
-use crate::cabinet::CabinetError;
+use crate::commands::param::cabinet::CabinetError;
 use crate::output;
 
 /// Context of every command.

@@ -2,7 +2,6 @@
 //!
 //! The work is done by libraries; this binary has the arguments, texts and screens.
 
-mod cabinet;
 mod commands;
 mod consent;
 mod context;

@@ -10,7 +10,7 @@ mod led;
 mod list;
 mod manual;
 mod named;
-mod param;
+pub mod param;
 mod pins;
 mod raw;
 mod registers;

@@ -14,7 +14,7 @@ use mesa_tools::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateS
 use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
-use crate::cabinet::CabinetTarget;
+use super::param::cabinet::CabinetTarget;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;

@@ -8,8 +8,8 @@ use mesa_hal::hal::AnyValue;
 use mesa_tools::setup::{CabinetDifference, Comparison, RemoteMatch, RemotePlace, SavedCabinet};
 use serde::Serialize;
 
+use super::cabinet::OpenCabinet;
 use super::{Where, warning};
-use crate::cabinet::OpenCabinet;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;

@@ -1,5 +1,6 @@
 //! `mesa param`: parameters of remotes, read and written by name, and saved for a whole cabinet.
 
+pub mod cabinet;
 mod file;
 mod list;
 mod one;
@@ -13,8 +14,8 @@ use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::modules::serial::WATCHDOG_PARAMETER;
 use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
 
-use crate::cabinet::{CabinetTarget, OpenCabinet};
 use crate::context::{Context, Ending, Failure};
+use cabinet::{CabinetTarget, OpenCabinet};
 
 const AFTER_HELP: &str = "\
 A board stops its serial ports and turns all pins into inputs: do not use this on a running machine.

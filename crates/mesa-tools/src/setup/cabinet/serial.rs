@@ -2,7 +2,8 @@
 
 use std::io::{Read, Write};
 
-use super::{Cabinet, CabinetRemote, RemotePlace, SerialError, SerialHost, SerialRemote};
+use super::{Cabinet, CabinetRemote, RemotePlace};
+use crate::setup::{SerialError, SerialHost, SerialRemote};
 use mesa_hal::Advice;
 use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
