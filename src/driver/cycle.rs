@@ -1,7 +1,11 @@
-//! The cycle, without a bus: evaluates reads, and decides what to write.
+//! The cycle, without a bus: evaluates reads, and decides [what to write](write).
 //!
 //! [`Driver`](super::Driver) does the exchanges that an [`Order`] asks for, and returns their
 //! outcome.
+
+mod write;
+
+pub(super) use write::{CycleWrite, Order};
 
 use core::time::Duration;
 
@@ -13,12 +17,12 @@ use crate::hal::{GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
 use crate::modules::events::EventSink;
 use crate::modules::watchdog::EvidenceRead;
-use crate::modules::{Module, ReadCycle, WriteCycle};
+use crate::modules::{Module, ReadCycle};
 use crate::tally::Tally;
 
-/// Longest wait, in writes, of a set-up for a certain read. On a network that loses packets again and
-/// again there may be none.
-const MAX_RESTORE_WAITS: u32 = 3;
+/// Writes after a fault before a set-up that a pin asks for: a packet from before the fault that a
+/// network delivers late, or twice, would drive the outputs that are set up.
+const QUIET_WRITES: u32 = 4;
 
 /// All parts of the cycle, and the state of the board.
 ///
@@ -50,41 +54,12 @@ pub(super) struct BoardCycle {
     /// The next read includes the extra evidence registers, because an event since the last full
     /// check may have masked a reset.
     look_closely: bool,
-    /// Writes for which a set-up that the application asks for has to wait, unless a read is certain
-    /// before: a packet of before the fault can still be on its way.
-    restore_waits: u32,
+    /// Writes that are left of [`QUIET_WRITES`].
+    quiet_writes: u32,
     /// A module asked for the extra registers with the last write.
     wants_extra: bool,
     /// Remotes get safe values for the last time, and no restart takes the place of that transfer.
     pub is_last: bool,
-}
-
-/// Form of a cycle's write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct CycleWrite {
-    /// The next read includes the extra registers.
-    pub extra: bool,
-    /// No settings are written, because the board is not set up.
-    pub quiet: bool,
-}
-
-/// The next exchange of a write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[must_use = "the board waits for it"]
-pub(super) enum Order {
-    /// The whole set-up, if the same firmware still answers. Then [`BoardCycle::put`].
-    SetUp,
-    /// Settings that drive pins, between two checks of the evidence. Then [`BoardCycle::guarded`].
-    Guarded,
-    /// All pins become inputs. Then [`BoardCycle::quiesced`].
-    Quiesce {
-        /// The board ran when the write began.
-        has_run: bool,
-    },
-    /// The writes of every cycle. Then [`BoardCycle::sent`] or [`BoardCycle::write_failed`].
-    Cycle(CycleWrite),
-    /// No further exchange.
-    Nothing,
 }
 
 impl BoardCycle {
@@ -114,7 +89,7 @@ impl BoardCycle {
             write_failures: 0,
             writes_since_read: 0,
             look_closely: true,
-            restore_waits: 0,
+            quiet_writes: 0,
             wants_extra: false,
             is_last: false,
         }
@@ -237,11 +212,6 @@ impl BoardCycle {
         };
         self.count(at, &reply, &report);
         let was_running = self.is_running();
-        if certain {
-            self.restore_waits = 0;
-        } else if was_running {
-            self.restore_waits = MAX_RESTORE_WAITS;
-        }
         let read = EvidenceRead {
             words: &self.words,
             at,
@@ -318,176 +288,6 @@ impl BoardCycle {
     fn not_read(&mut self) {
         for part in self.parts.each() {
             part.not_read(&mut self.pins);
-        }
-    }
-}
-
-/// A write.
-impl BoardCycle {
-    /// Begins a write.
-    pub fn write(&mut self, now: Instant) -> Order {
-        self.statistics.writes.tally(1);
-        self.count_write(now);
-        if self.wants_restore() && self.has_settled() {
-            Order::SetUp
-        } else {
-            self.put(now)
-        }
-    }
-
-    /// True if the set-up can be written: no late packet of before the fault can drive the outputs
-    /// that it sets up, or the wait for that was long enough.
-    fn has_settled(&mut self) -> bool {
-        let left = self.restore_waits.checked_sub(1);
-        self.restore_waits = left.unwrap_or_default();
-        left.is_none()
-    }
-
-    /// Handles a write without a preceding read: inputs age as after a failed read.
-    fn count_write(&mut self, now: Instant) {
-        let missed = self.writes_since_read;
-        self.writes_since_read = missed.saturating_add(1);
-        if missed == 0 || self.is_last {
-            return;
-        }
-        self.pins.begin_cycle(now);
-        self.not_read();
-        if missed == self.pins.stale_after() {
-            let writes = self.writes_since_read;
-            self.events.tell(now, EventKind::NotRead { writes });
-            self.make_safe();
-        }
-    }
-
-    /// True if the application has cleared the flag of the fault that made everything safe, and
-    /// thereby asks for the set-up to be written again.
-    fn wants_restore(&self) -> bool {
-        match self.state {
-            BoardState::Running => false,
-            BoardState::WatchdogBitten => self.parts.watchdog.is_cleared(&self.pins),
-            BoardState::Reset | BoardState::BusDown | BoardState::OtherFirmware => {
-                self.parts.connection.is_cleared(&self.pins)
-            }
-        }
-    }
-
-    /// Lets every module put its outputs into the image.
-    pub fn put(&mut self, now: Instant) -> Order {
-        if self.state == BoardState::OtherFirmware {
-            // The meaning of its registers is unknown.
-            self.written(now, false);
-            return Order::Nothing;
-        }
-        let is_running = self.is_running();
-        let mut cycle = WriteCycle {
-            words: &mut self.words,
-            pins: &mut self.pins,
-            now,
-            // A board that is not set up gets its set-up as a whole, and no part of it before.
-            hold: !is_running || self.is_last,
-            changed: true,
-            is_running,
-            wants_extra: false,
-        };
-        self.parts.watchdog.write(&mut cycle);
-        for port in &mut self.parts.ports {
-            port.write(&mut cycle);
-        }
-        for part in &mut self.parts.modules {
-            let version = cycle.pins.output_version(part.group);
-            cycle.changed = version.is_none() || version != part.version;
-            part.version = version;
-            part.module.write(&mut cycle);
-        }
-        self.wants_extra = cycle.wants_extra;
-        if is_running && self.words.has_guarded_news() {
-            self.look_closely = true;
-            return Order::Guarded;
-        }
-        self.keep_quiet(now, is_running)
-    }
-
-    /// Continues after settings that drive pins were written, or were not, because the board is not
-    /// set up any more. Settings that did not arrive are written again with the next write.
-    pub fn guarded(&mut self, now: Instant) -> Order {
-        self.keep_quiet(now, true)
-    }
-
-    /// Orders that all pins become inputs in each cycle in which the board is known not to be set
-    /// up, so that late packets drive them for a cycle at most.
-    fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Order {
-        if matches!(self.state, BoardState::WatchdogBitten | BoardState::Reset) {
-            Order::Quiesce { has_run }
-        } else {
-            self.quiesced(now, has_run)
-        }
-    }
-
-    /// Continues when all pins are inputs, if they had to be.
-    pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
-        if has_run && !self.is_running() {
-            // The words that were put are not written.
-            self.written(now, false);
-            // Before the next write, which checks if the application has cleared the flag.
-            self.publish();
-            return Order::Nothing;
-        }
-        Order::Cycle(CycleWrite {
-            extra: self.wants_closer_look(),
-            quiet: !self.is_running(),
-        })
-    }
-
-    /// Notes the begin of the cycle's write.
-    pub fn sending(&mut self, now: Instant) {
-        self.parts.watchdog.sending(now);
-        for port in &mut self.parts.ports {
-            port.sending(now);
-        }
-    }
-
-    /// Handles the cycle's write that was sent.
-    pub fn sent(&mut self, now: Instant) {
-        self.written(now, true);
-        self.write_failures = 0;
-    }
-
-    /// Handles a cycle's write that failed as a whole; returns the number of consecutive ones.
-    pub fn write_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
-        self.written(now, false);
-        self.statistics.write_errors.tally(1);
-        self.look_closely = true;
-        let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);
-        row.add(&self.events, now, 1, kind);
-        self.write_failures = self.write_failures.saturating_add(1);
-        if self.parts.connection.count_exchange(&mut self.pins, true) {
-            self.fail(now, BoardState::BusDown);
-            // Before the next write, which checks if the application has cleared the flag.
-            self.publish();
-        }
-        self.write_failures
-    }
-
-    fn written(&mut self, now: Instant, arrived: bool) {
-        for part in self.parts.each() {
-            part.written(now, arrived);
-        }
-    }
-
-    /// Notes that settings that drive pins are about to be sent.
-    pub fn sending_guarded(&mut self, now: Instant) {
-        self.parts.watchdog.sending(now);
-    }
-
-    /// Notes that these settings were sent.
-    pub fn sent_guarded(&mut self, now: Instant) {
-        self.parts.watchdog.written(now, true);
-    }
-
-    /// Confirms these settings, after good evidence.
-    pub fn confirm_guarded(&mut self) {
-        if self.is_running() {
-            self.words.guarded_sent();
         }
     }
 }
@@ -586,6 +386,7 @@ impl BoardCycle {
     /// Leaves the running state, if the board is in it; everything is safe from now on.
     fn fail(&mut self, now: Instant, state: BoardState) {
         if self.is_running() {
+            self.quiet_writes = QUIET_WRITES;
             self.enter(now, state);
         }
         self.make_safe();

@@ -177,7 +177,7 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
         if let Some((pattern, age)) = read_pattern(&driver, &inputs) {
             // The inputs of a late write are taken later than the driver can know.
             assert!(
-                (n - 1 - age..n).contains(&pattern),
+                ((n - 1).saturating_sub(age)..n).contains(&pattern),
                 "seed {seed}, cycle {n}: {pattern} is older than {age} cycles"
             );
             good += u32::from(age == 0);

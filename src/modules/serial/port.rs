@@ -111,7 +111,7 @@ impl SerialPort {
             }
             health.event_sink = Some((r.events.clone(), layout.instance));
             healths.push(health);
-            served.push(RemoteSlot::register(r, remote, registers)?);
+            served.push(RemoteSlot::register(r, remote, registers, at)?);
         }
         let pins = PortPins::register(r, layout.instance)?;
         let recovery = Recovery::new(healths, parameters, policy, at);

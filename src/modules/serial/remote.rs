@@ -71,6 +71,7 @@ impl RemoteSlot {
         r: &mut Registrar<'_>,
         found: FoundRemote,
         registers: ChannelRegisters,
+        started_at: Instant,
     ) -> Result<Self, RegisterError> {
         let FoundRemote { started, pins, .. } = found;
         let inputs = registers.interfaces_for(started.input_bytes());
@@ -92,7 +93,7 @@ impl RemoteSlot {
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
             has_news: false,
-            unanswered: None,
+            unanswered: Some((0, started_at)),
             put: None,
             drives: false,
         })

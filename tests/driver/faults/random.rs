@@ -185,7 +185,8 @@ impl Run {
         let now = self.machine.driver.pins().now().as_nanos();
         let at = now - age.time.as_nanos() as u64;
         let truth = self.truths.iter().rposition(|truth| truth.since <= at);
-        let mut since = self.truths.iter().skip(truth.expect("since its start"));
+        // The first age counts from the driver's start, which is before the first truth.
+        let mut since = self.truths.iter().skip(truth.unwrap_or(0));
         let latest = if age.cycles < 2 { 1 } else { usize::MAX };
         assert!(
             since
