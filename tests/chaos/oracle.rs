@@ -62,6 +62,9 @@ fn off_after(plan: &Plan) -> u64 {
     }
     (plan.extras.remote_watchdog.max(written.into()) + 10) * MILLI
 }
+/// Time from clearing a remote's faults to the first frame of chatter, which replaces its outputs: up
+/// to then it applied none.
+const CLEARED: u64 = MILLI;
 /// Nothing switches off a remote whose watchdog is off.
 const NEVER: u64 = 1_000_000 * MILLI;
 /// The same limit for the board's own outputs.
@@ -94,7 +97,9 @@ struct Track {
     name: String,
     /// Bits may be missing: pins are inputs at this time, or outputs have tripped by themselves.
     has_gaps: bool,
-    is_faulty: bool,
+    /// Time until which outputs of before a fault may stand for longer; `u64::MAX` while the fault
+    /// is set.
+    faulty_until: u64,
     /// The current state is a subset of the previous one.
     has_fewer: bool,
     commands: VecDeque<Command>,
@@ -126,7 +131,7 @@ impl Track {
         Self {
             name,
             has_gaps,
-            is_faulty: false,
+            faulty_until: 0,
             has_fewer: false,
             commands: VecDeque::new(),
             shown: Level::OFF,
@@ -221,7 +226,8 @@ impl Track {
         };
         // A remote that got a fault while it was not addressed keeps its outputs, and its watchdog
         // is fed by the first frame that reports the fault.
-        let limit = if self.is_faulty { 2 } else { 1 } * self.limit;
+        let times = if now <= self.faulty_until { 2 } else { 1 };
+        let limit = times * self.limit;
         // From the newest back, each with the time at which the next command replaced it.
         let mut replaced = u64::MAX;
         let mut pairs = self
@@ -360,7 +366,11 @@ impl Oracle {
     /// addressed until it has reported the fault, which feeds its watchdog.
     pub fn remotes_are_asked(&mut self, now: u64) {
         let until = now + self.off_after + 45 * self.period + self.lateness;
-        for track in self.remotes.iter_mut().filter(|track| track.is_faulty) {
+        for track in self
+            .remotes
+            .iter_mut()
+            .filter(|track| now <= track.faulty_until)
+        {
             if let Some((_, limit, _)) = &mut track.fault {
                 *limit = until.max(*limit);
             }
@@ -431,13 +441,13 @@ impl Oracle {
             What::Written | What::Opened => Ok(()),
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
-                self.remotes[remote].is_faulty = false;
+                self.remotes[remote].faulty_until = at + CLEARED;
                 self.remotes[remote].is_started = true;
                 Ok(())
             }
             What::Faults(remote, faults) => {
                 self.remotes[remote].has_gaps |= faults & TRIPS != 0;
-                self.remotes[remote].is_faulty = true;
+                self.remotes[remote].faulty_until = u64::MAX;
                 // Counted from the reply that reported the fault; with other faults the replies may
                 // be lost, until the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;

@@ -2,13 +2,13 @@
 
 use std::{
     net::{Ipv4Addr, SocketAddrV4},
-    process::{Command, ExitStatus, Stdio},
+    process::{ExitStatus, Stdio},
 };
 
 use super::{
     Process, Scratch,
     console::{Console, Values, values},
-    mesa, wait_until,
+    mesa, realtime, wait_until,
 };
 
 /// A running board with its console.
@@ -24,7 +24,7 @@ impl Board {
     /// Starts a board at an address that no other test uses, and waits until it listens. Later
     /// arguments take precedence: `--port 0` selects a free port.
     pub fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
-        let mut child = Command::new(mesa())
+        let mut child = realtime(mesa())
             .args(["sim", "--listen", &address.to_string()])
             .args(arguments)
             .stdin(Stdio::piped())

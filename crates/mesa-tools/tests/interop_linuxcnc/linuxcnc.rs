@@ -15,7 +15,7 @@ use std::{
 use crate::expected::{Expected, List};
 use crate::interop::{
     console::{Console, Values, values},
-    mesa,
+    mesa, realtime,
     tools::{has_program, skip},
 };
 
@@ -29,21 +29,11 @@ const LOADS: usize = 12;
 /// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
 
-/// Ensures that only one LinuxCNC runs at a time: the machine has few cores, and each LinuxCNC
-/// needs its 1 kHz. Programs that this thread starts from now on get a higher priority than others,
-/// as far as permitted.
+/// Ensures that only one LinuxCNC runs at a time: the computer has few cores, and each LinuxCNC
+/// needs its 1 kHz.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Ok(thread) = fs::read_link("/proc/thread-self")
-        && let Some(thread) = thread.file_name()
-    {
-        let mut renice = Command::new("renice");
-        renice.args(["-n", "-20", "-p"]).arg(thread);
-        // Without the priority, a busy machine takes longer.
-        let _ = renice.stdout(Stdio::null()).stderr(Stdio::null()).status();
-    }
-    guard
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// LinuxCNC and a simulated board in a private network.
@@ -160,7 +150,7 @@ impl Machine {
         });
         // Open for both directions, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox = Command::new(concat!(
+        let mut sandbox = realtime(concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../../examples/linuxcnc.sh"
         ))

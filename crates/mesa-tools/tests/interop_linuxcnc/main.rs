@@ -301,12 +301,12 @@ fn check_isolated_io(machine: &mut Machine) {
     machine.set("inmux.00.enc1-reset", "true");
     machine.expect("inmux.00.enc1-count", "0");
     machine.set("inmux.00.enc1-reset", "false");
-    // Two detents, B ahead of A, slowly enough for the input filter.
-    for step in [
-        "3 on", "2 on", "3 off", "2 off", "3 on", "2 on", "3 off", "2 off",
-    ] {
-        machine.board.run(&format!("input board {step}"));
-        std::thread::sleep(Duration::from_millis(10));
+    // Two detents, B ahead of A. LinuxCNC counts from what it reads, so it has to see each step.
+    for (on, level) in [("on", "TRUE"), ("off", "FALSE")].repeat(2) {
+        for input in [3, 2] {
+            machine.board.run(&format!("input board {input} {on}"));
+            machine.expect(&format!("inmux.00.input-{input:02}"), level);
+        }
     }
     machine.expect("inmux.00.enc1-count", "8");
     machine.set("led.CR02", "true");
