@@ -275,8 +275,9 @@ impl Module for SerialPort {
         let last_read = mem::replace(&mut self.read_at, cycle.now);
         for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
-            served.has_news = outcome.good.contains(channel);
-            if served.has_news {
+            let is_good = outcome.good.contains(channel);
+            served.has_confirmed_safe = is_good && served.is_safe;
+            if is_good {
                 if !served.drives {
                     health.outputs = OutputsState::Off;
                 }
@@ -318,7 +319,7 @@ impl Module for SerialPort {
     fn not_read(&mut self, _: &mut PinStore) {
         self.port.machine.not_observed();
         for served in &mut self.remotes {
-            served.has_news = false;
+            served.has_confirmed_safe = false;
         }
     }
 
@@ -410,11 +411,13 @@ impl SerialPort {
     }
 
     /// Remotes that may have an output on which was on before the last write: the last read
-    /// delivered no good transfer of them, and no other evidence shows that all outputs are off.
+    /// delivered no good transfer of their safe values, and no other evidence shows that all outputs
+    /// are off.
     pub(crate) fn not_reached(&self, now: Instant) -> impl Iterator<Item = RemoteStatus<'_>> {
         let pairs = self.remotes.iter().zip(&self.recovery.remotes);
-        let not =
-            pairs.map(move |(served, health)| !served.has_news && !health.outputs.are_off(now));
+        let not = pairs.map(move |(served, health)| {
+            !served.has_confirmed_safe && !health.outputs.are_off(now)
+        });
         let not = self.remotes().zip(not);
         not.filter_map(|(status, is_not)| is_not.then_some(status))
     }

@@ -53,8 +53,8 @@ pub(super) struct RemoteSlot {
     outputs: Vec<WriteSlot>,
     mode: Setting,
     mode_word: u32,
-    /// The last read delivered a good transfer.
-    pub has_news: bool,
+    /// The last read delivered a good transfer of safe values.
+    pub has_confirmed_safe: bool,
     /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
     /// since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was due,
     /// and its time. The last transfer, if it failed; or, before the first transfer after a START,
@@ -64,6 +64,8 @@ pub(super) struct RemoteSlot {
     put: Option<u64>,
     /// The outputs in the image are not all 0, which they are after START.
     pub drives: bool,
+    /// The outputs in the image are the safe values.
+    pub is_safe: bool,
 }
 
 impl RemoteSlot {
@@ -92,10 +94,11 @@ impl RemoteSlot {
                 .collect(),
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
-            has_news: false,
+            has_confirmed_safe: false,
             unanswered: Some((0, started_at)),
             put: None,
             drives: false,
+            is_safe: false,
         })
     }
 
@@ -125,6 +128,8 @@ impl RemoteSlot {
         let mut words = [0; REGISTERS];
         self.pins.put_outputs(cycle.pins, &mut words);
         self.drives = words != [0; REGISTERS];
+        let state = cycle.pins.group_state(self.pins.group);
+        self.is_safe = state.is_some_and(|group| !group.armed);
         for (word, &slot) in words.into_iter().zip(&self.outputs) {
             cycle.words.put(slot, word);
         }

@@ -101,6 +101,24 @@ fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
     }
 }
 
+/// The host was away for longer than the board's watchdog: the first read delivers the transfer of
+/// before, with outputs on, and the board transmits nothing any more.
+#[test]
+fn a_transfer_of_before_the_bite_does_not_confirm_that_outputs_are_off() {
+    for (away, cycles) in [(0, 0), (900, 0), (1001, 0), (1001, 3), (3000, 0), (3000, 3)] {
+        let mut machine = busy_machine_with_watchdog(0);
+        machine.sleep(away);
+        for _ in 0..cycles {
+            cycle(&mut machine, |_| {});
+        }
+        let what = format!("{away} ms, {cycles} cycles");
+        let (mut fpga, named) = stop(machine, &what);
+        let is_bitten = away > 1000;
+        assert_eq!(named.contains(&OUTPUTS), is_bitten, "{what}: {named:?}");
+        assert_eq!(lit(&mut fpga, 100).contains(&OUTPUTS), is_bitten, "{what}");
+    }
+}
+
 /// All remotes are unplugged: the bus's own error does not hide the remotes that cannot be switched
 /// off.
 #[test]
