@@ -143,13 +143,17 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     assert!(bytes.len() == 2 << 20 && bytes[USER..USER + data.len()] == data);
     let again = run(&["flash", "backup", kept.path(), "--addr", &address]);
     assert_eq!(again.code, Some(2), "{again:?}");
+    assert!(
+        again.err.contains("already exists; --yes replaces it"),
+        "{again:?}"
+    );
     json(&[
         "flash",
         "backup",
         kept.path(),
         "--addr",
         &address,
-        "--overwrite",
+        "--yes",
     ]);
 }
 

@@ -11,6 +11,7 @@ use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
@@ -67,9 +68,8 @@ struct Backup {
     target: Target,
     /// File for the backup: as many bytes as the memory has
     file: PathBuf,
-    /// Replace an existing file
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 /// Write a configuration and verify it
@@ -117,13 +117,7 @@ impl Flash {
 impl Backup {
     fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
-        if path.exists() && !self.overwrite {
-            return Err(Failure::usage(format_args!(
-                "{} already exists; --overwrite replaces it",
-                path.display()
-            )));
-        }
-        files::check(path)?;
+        self.asks.replaces(context, path)?;
         let found = self.target.find()?;
         let mut bus = found.open()?;
         let mut flash = open(&mut bus, &found)?;
