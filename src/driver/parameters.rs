@@ -8,6 +8,7 @@ use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
 use crate::hostmot2::RemoteId;
+use crate::lbp::{RemoteAccess, RemoteLink};
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
@@ -154,6 +155,26 @@ impl<B: RegisterBus + Clock> Configured<B> {
         let raw = write.raw;
         pins.publish_parameter(store, name, raw);
         Ok(())
+    }
+}
+
+impl<B: RegisterBus + Clock> Configured<B> {
+    /// Accesses the memory of a remote, or one of its local locations, for what is no parameter: its
+    /// fault byte, or process data in its memory. Returns the value that a read reads.
+    ///
+    /// # Errors
+    /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Port`],
+    /// [`DriverError::Bus`]: the access failed.
+    ///
+    /// # Real time
+    /// Not for the cycle: about 70 us, 50 ms without a reply.
+    pub fn access_remote(
+        &mut self,
+        remote: impl Into<RemoteId>,
+        access: RemoteAccess,
+    ) -> Result<u64, DriverError<B::Error>> {
+        let (mut memory, ..) = self.in_setup(remote.into())?;
+        Ok(memory.exchange(access)?)
     }
 }
 

@@ -7,6 +7,7 @@
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod baud_rate;
 mod binding;
 mod counter;
 mod field;
@@ -17,6 +18,7 @@ mod scaling;
 use self::field::Field;
 use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
+pub use baud_rate::{BAUD_RATE_PARAMETER, operate_baud_rate};
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
 pub use scaling::Scaling;
 

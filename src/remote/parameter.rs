@@ -6,6 +6,7 @@ use core::convert::Infallible;
 use core::ops::RangeInclusive;
 
 use super::Scaling;
+use super::baud_rate::{BAUD_RATE_PARAMETER, HIGHEST_INDEX, operate_baud_rate};
 use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
 use crate::advice::Advice;
 use crate::discovery::{DataDirection, DataRecord, DataType};
@@ -63,6 +64,14 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
         /// Upper limit.
         max: f32,
     },
+    /// The value is no index of a baud rate.
+    #[error(
+        "{value} selects no baud rate: allowed is 0 (9600 baud) to {HIGHEST_INDEX} (10000000 baud)"
+    )]
+    NoBaudRate {
+        /// The value.
+        value: AnyValue,
+    },
     /// The remote contains another value than the one written.
     #[error(
         "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
@@ -82,7 +91,7 @@ impl<E: core::error::Error + 'static> ParameterError<E> {
         match self {
             Self::Unknown => Some(Advice::ListParameters),
             Self::Size { .. } => Some(Advice::LeaveParameterOut),
-            Self::OutOfRange { .. } => Some(Advice::ChooseValue),
+            Self::OutOfRange { .. } | Self::NoBaudRate { .. } => Some(Advice::ChooseValue),
             Self::Memory(_) | Self::ReadOnly | Self::DoesNotFit { .. } | Self::NotTaken { .. } => {
                 None
             }
@@ -162,6 +171,9 @@ impl DataRecord {
             whole.map(|n| n as u64 & mask(bits))
         };
         let raw = raw.ok_or(ParameterError::DoesNotFit { value, kind, bits })?;
+        if self.is_named(BAUD_RATE_PARAMETER) && operate_baud_rate(raw).is_none() {
+            return Err(ParameterError::NoBaudRate { value });
+        }
         let (min, max) = (self.min, self.max);
         // Limits of scaled numbers are in units; equal limits are no limits.
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
@@ -175,6 +187,9 @@ impl DataRecord {
     /// The range of whole numbers that the parameter can hold; `None` for a float.
     pub fn whole_numbers(&self) -> Option<RangeInclusive<i128>> {
         let kind = self.parameter_type();
+        if self.is_named(BAUD_RATE_PARAMETER) {
+            return Some(0..=HIGHEST_INDEX.into());
+        }
         (kind != HalType::Float).then(|| whole_numbers(kind, self.bits))
     }
 
@@ -363,6 +378,29 @@ mod tests {
         assert!((signed.value_of(0xFFFF) + 1.0).abs() < f64::EPSILON);
         assert_eq!(bits_of(&signed, -1.0), Some(0xFFFF));
         assert_eq!(bits_of(&signed, -501.0), None);
+    }
+
+    /// Manual: 7I77, "OPERATE MODE BAUD RATE".
+    #[test]
+    fn an_index_outside_of_the_table_of_baud_rates_is_refused_whatever_the_record_allows() {
+        let baud = DataRecord {
+            name: "NVBAUDRATE".into(),
+            ..record(DataType::NonvolUnsigned, 16, 0.0, 65_535.0)
+        };
+        for index in 0..=HIGHEST_INDEX {
+            assert_eq!(bits_of(&baud, u32::from(index)), Some(u64::from(index)));
+        }
+        for value in [12_u32, 255, 65_535] {
+            let value = AnyValue::from(value);
+            let refused = baud.raw_of::<Infallible>(value);
+            assert_eq!(refused, Err(ParameterError::NoBaudRate { value }));
+        }
+        assert_eq!(baud.whole_numbers(), Some(0..=11));
+        let rates = [0, 4, 8, 9, 10, 11, 12].map(operate_baud_rate);
+        let [lowest, setup, half, usual, twice, highest, none] = rates;
+        assert_eq!((lowest, setup, none), (Some(9_600), Some(115_200), None));
+        let fast = [half, usual, twice, highest].map(|rate| rate.unwrap_or(0) / 1000);
+        assert_eq!(fast, [1_250, 2_500, 5_000, 10_000]);
     }
 
     /// FACTS 7.4.

@@ -77,7 +77,7 @@ fn lost_replies_during_discovery_are_asked_for_again() {
     ));
     let error = found.read_error.unwrap();
     assert!(
-        error.contains("channel 0: read of 1 bytes at 0x05"),
+        error.contains("channel 0: read of 1 byte at 0x05"),
         "{error}"
     );
 }

@@ -45,6 +45,15 @@ impl AccessSize {
     }
 }
 
+impl fmt::Display for AccessSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.bytes() {
+            1 => f.write_str("1 byte"),
+            bytes => write!(f, "{bytes} bytes"),
+        }
+    }
+}
+
 /// A local location of a remote, one byte: read by C0 to DF, written by E0 to FF. A location that
 /// the manual calls reserved reads as 0, and a write does not change it.
 ///
@@ -210,10 +219,10 @@ impl fmt::Display for RemoteAccess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Read { address, size } => {
-                write!(f, "read of {} bytes at {address:#06X}", size.bytes())
+                write!(f, "read of {size} at {address:#06X}")
             }
             Self::Write { address, size, .. } => {
-                write!(f, "write of {} bytes at {address:#06X}", size.bytes())
+                write!(f, "write of {size} at {address:#06X}")
             }
             Self::ReadLocal(_) => write!(f, "local read {:02X}", self.command()),
             Self::WriteLocal(_, value) => {
@@ -247,6 +256,10 @@ mod tests {
         assert_eq!(
             read(0x49A, AccessSize::Word).to_string(),
             "read of 2 bytes at 0x049A"
+        );
+        assert_eq!(
+            read(0x49A, AccessSize::Byte).to_string(),
+            "read of 1 byte at 0x049A"
         );
         assert_eq!(
             RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 1).to_string(),

@@ -7,12 +7,14 @@
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod access;
+mod address;
 mod crc;
 mod link;
 mod request;
 mod status;
 
 pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
+pub use address::MemoryAddress;
 pub use crc::crc8;
 pub use link::{NonvolatileProblem, RemoteLink};
 pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};

@@ -2,7 +2,7 @@
 
 use alloc::{vec, vec::Vec};
 
-use super::{LocalLocation, RemoteAccess, crc8};
+use super::{AccessSize, LocalLocation, MemoryAddress, RemoteAccess, crc8};
 
 /// An invalid reply to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -56,32 +56,46 @@ pub struct Request {
 }
 
 impl Request {
-    /// Reads or writes the remote's memory or one of its local locations.
+    /// Reads or writes the remote's memory or one of its local locations, as an FPGA does.
     pub fn access(access: RemoteAccess) -> Self {
-        let mut body = vec![access.command()];
-        let reply_len = match access {
-            RemoteAccess::Read { address, size } => {
-                body.extend(address.to_le_bytes());
-                size.bytes()
-            }
+        match access {
+            RemoteAccess::Read { address, size } => Self::read(MemoryAddress::at(address), size),
             RemoteAccess::Write {
                 address,
                 size,
                 value,
-            } => {
-                let data = value.to_le_bytes().into_iter();
-                body.extend(address.to_le_bytes());
-                body.extend(data.take(size.bytes().into()));
-                0
+            } => Self::write(MemoryAddress::at(address), size, value),
+            RemoteAccess::ReadLocal(_) => Self::new(vec![access.command()], 1),
+            RemoteAccess::WriteLocal(LocalLocation::RESET_PARSER, _) => {
+                Self::new(vec![access.command()], 0)
             }
-            RemoteAccess::ReadLocal(_) => 1,
-            RemoteAccess::WriteLocal(LocalLocation::RESET_PARSER, _) => 0,
-            RemoteAccess::WriteLocal(_, value) => {
-                body.push(value);
-                0
-            }
-        };
-        Self::new(body, reply_len.into())
+            RemoteAccess::WriteLocal(_, value) => Self::new(vec![access.command(), value], 0),
+        }
+    }
+
+    /// Reads the remote's memory: commands 40 to 4F.
+    ///
+    /// ```
+    /// use mesa_wire::lbp::{AccessSize, MemoryAddress, Request};
+    ///
+    /// // Manual: 7I77, "EXAMPLE LBP COMMANDS": read 8 bytes at 0x010. The last byte is the CRC.
+    /// let read = Request::read(MemoryAddress::at(0x10), AccessSize::Double);
+    /// assert_eq!(read.as_bytes(), [0x47, 0x10, 0x00, 0xA7]);
+    /// assert_eq!(read.reply_len(), 9);
+    /// ```
+    pub fn read(address: MemoryAddress, size: AccessSize) -> Self {
+        let command = 0x40 | address.bits() | size as u8;
+        Self::new(data_body(command, address), size.bytes().into())
+    }
+
+    /// Writes the remote's memory: commands 60 to 6F. `value` is right-justified; its bits above
+    /// `size` are ignored.
+    pub fn write(address: MemoryAddress, size: AccessSize, value: u64) -> Self {
+        let command = 0x60 | address.bits() | size as u8;
+        let mut body = data_body(command, address);
+        let data = value.to_le_bytes().into_iter();
+        body.extend(data.take(size.bytes().into()));
+        Self::new(body, 0)
     }
 
     /// Calls the RPC with the command byte `command`, 80 to BF, and the argument `data`; the reply
@@ -97,7 +111,8 @@ impl Request {
         Self::new(body, reply_len)
     }
 
-    fn new(mut body: Vec<u8>, reply_len: usize) -> Self {
+    /// A request of any bytes, to which the CRC is appended; the reply has `reply_len` bytes of data.
+    pub fn new(mut body: Vec<u8>, reply_len: usize) -> Self {
         body.push(crc8(&body));
         Self {
             frame: body,
@@ -140,6 +155,13 @@ impl Request {
     }
 }
 
+/// Command and address of a data access.
+fn data_body(command: u8, address: MemoryAddress) -> Vec<u8> {
+    let mut body = vec![command];
+    body.extend(address.address.into_iter().flat_map(u16::to_le_bytes));
+    body
+}
+
 /// The reply to the [`DISCOVERY`] RPC.
 ///
 /// Manual: 7I77, "DISCOVERY RPC"; FACTS 1.2.
@@ -178,6 +200,54 @@ impl DiscoveryReply {
             tx_size,
             ptoc: u16::from_le_bytes([p0, p1]),
             gtoc: u16::from_le_bytes([g0, g1]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Manual: 7I77, "EXAMPLE LBP COMMANDS"; the last byte is the CRC.
+    #[test]
+    fn the_examples_of_the_manual_have_their_bytes() {
+        let at = MemoryAddress::at(0x10);
+        let write = Request::write(at.auto_increment(), AccessSize::Long, 0xDDCC_BBAA);
+        let bytes = [0x6E, 0x10, 0x00, 0xAA, 0xBB, 0xCC, 0xDD, 0x90];
+        assert_eq!((write.as_bytes(), write.reply_len()), (&bytes[..], 1));
+        let more = Request::write(MemoryAddress::CURRENT, AccessSize::Word, 0xFFEE);
+        let bytes = [0x61, 0xEE, 0xFF, 0x92];
+        assert_eq!((more.as_bytes(), more.reply_len()), (&bytes[..], 1));
+        let read = Request::read(at, AccessSize::Double);
+        let bytes = [0x47, 0x10, 0x00, 0xA7];
+        assert_eq!((read.as_bytes(), read.reply_len()), (&bytes[..], 9));
+    }
+
+    #[test]
+    fn all_forms_of_access_have_the_commands_of_the_manual() {
+        let sizes = [
+            AccessSize::Byte,
+            AccessSize::Word,
+            AccessSize::Long,
+            AccessSize::Double,
+        ];
+        let forms = [
+            (0x40, MemoryAddress::CURRENT),
+            (0x44, MemoryAddress::at(1)),
+            (0x48, MemoryAddress::CURRENT.auto_increment()),
+            (0x4C, MemoryAddress::at(1).auto_increment()),
+        ];
+        for (first, address) in forms {
+            for (command, size) in (first..).zip(sizes) {
+                let read = Request::read(address, size);
+                assert_eq!(read.as_bytes()[0], command);
+                let write = Request::write(address, size, 0);
+                assert_eq!(write.as_bytes()[0], command | 0x20);
+                let with_address = if address.address.is_some() { 2 } else { 0 };
+                assert_eq!(read.as_bytes().len(), 2 + with_address);
+                let data = usize::from(size.bytes());
+                assert_eq!(write.as_bytes().len(), 2 + with_address + data);
+            }
         }
     }
 }

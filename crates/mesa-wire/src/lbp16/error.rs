@@ -25,8 +25,9 @@ pub enum Lbp16Error {
     },
     /// The request ends within a command.
     #[error(
-        "byte {offset}: {found} bytes left of the {expected} of {what}; was the packet cut off, or \
-         is the count of this command too large, or that of the one before too small?"
+        "byte {offset}: {found} byte{} left of the {expected} of {what}; was the packet cut off, or \
+         is the count of this command too large, or that of the one before too small?",
+        if *found == 1 { "" } else { "s" }
     )]
     CutOff {
         /// Offset of the command in the request.

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 use std::io::{self, IsTerminal};
 use std::net::SocketAddrV4;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
@@ -45,33 +45,82 @@ impl Asks {
         what: &str,
         board: Option<&Found>,
     ) -> Result<(), Failure> {
+        self.agreed(context, &Question::before(what))?;
+        board.map_or(Ok(()), Found::check_free)
+    }
+
+    fn agreed(self, context: &Context, question: &Question) -> Result<(), Failure> {
         let answer = if self.yes {
-            complain(format_args!("mesa: {what}"));
+            complain(format_args!("mesa: {}", question.what));
             Ok(())
         } else {
-            context.asked(what)
+            context.asked(question)
         };
         if let Some(signal) = context.stop.signal() {
             let message = format_args!("ended by {signal}; nothing was done");
             return Err(Failure::stopped(signal, message));
         }
-        answer?;
-        board.map_or(Ok(()), Found::check_free)
+        answer
     }
 
     /// Checks that a file [can be written](files::check) at `path`, and asks for consent if one
     /// exists there, before the work whose result the file takes.
     pub fn replaces(self, context: &Context, path: &Path) -> Result<(), Failure> {
         files::check(path)?;
-        if !path.exists() {
+        if path.exists() {
+            self.replaces_all(context, &[path.to_owned()])?;
+        }
+        Ok(())
+    }
+
+    /// Asks for consent to replace files, which exist; nothing to ask if there are none.
+    pub fn replaces_all(self, context: &Context, there: &[PathBuf]) -> Result<(), Failure> {
+        if there.is_empty() {
             return Ok(());
         }
-        let path = path.display();
-        self.consent(
-            context,
-            &format!("replaces {path}, which already exists"),
-            None,
-        )
+        self.agreed(context, &Question::of_files(there))
+    }
+}
+
+/// A question, and the refusal where it cannot be asked.
+struct Question {
+    /// The facts.
+    what: String,
+    /// The question after the facts.
+    prompt: &'static str,
+    /// What follows the facts if there is no terminal.
+    refusal: &'static str,
+}
+
+impl Question {
+    /// Asks before an action.
+    fn before(what: &str) -> Self {
+        Self {
+            what: what.to_owned(),
+            prompt: ". Go on?",
+            refusal: ": not a terminal, so nothing was done; add --yes to do it without a question",
+        }
+    }
+
+    /// Asks before files are replaced.
+    fn of_files(there: &[PathBuf]) -> Self {
+        let names: Vec<_> = there
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
+        let names = names.join(", ");
+        if there.len() == 1 {
+            return Self {
+                what: format!("{names} already exists"),
+                prompt: ". Replace it?",
+                refusal: "; --yes replaces it",
+            };
+        }
+        Self {
+            what: format!("{names} already exist"),
+            prompt: ". Replace them?",
+            refusal: "; --yes replaces them",
+        }
     }
 }
 
@@ -98,12 +147,16 @@ impl Context {
         Ok(false)
     }
 
-    fn asked(&self, what: &str) -> Result<(), Failure> {
+    fn asked(&self, question: &Question) -> Result<(), Failure> {
+        let Question {
+            what,
+            prompt,
+            refusal,
+        } = question;
         if !io::stdin().is_terminal() {
-            let how = "not a terminal, so nothing was done; add --yes to do it without a question";
-            return Err(Failure::usage(format_args!("{what}: {how}")));
+            return Err(Failure::usage(format_args!("{what}{refusal}")));
         }
-        complain(format_args!("mesa: {what}. Go on? [y/N]"));
+        complain(format_args!("mesa: {what}{prompt} [y/N]"));
         match self.answer()?.trim() {
             "y" | "Y" | "yes" => Ok(()),
             _ => Err(Failure::refused("nothing was done")),

@@ -95,7 +95,7 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
     let nowhere = ["--addr", "127.0.0.1:1"];
     let directory = env!("CARGO_MANIFEST_DIR");
     for before in [
-        &["flash", "backup", "--overwrite"][..],
+        &["flash", "backup"][..],
         &["param", "save"],
         &["latency", "--plot"],
         &["wiring", "--timeout", "1", "--report"],
@@ -115,7 +115,8 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
 }
 
 /// Every command that writes a file of its own, with the arguments before the file's name.
-const WRITERS: [&[&str]; 5] = [
+const WRITERS: [&[&str]; 6] = [
+    &["flash", "backup"],
     &["param", "save"],
     &["latency", "--seconds", "0.1", "--plot"],
     &["doctor", "--passive", "--report"],
@@ -131,8 +132,8 @@ fn a_file_that_is_there_is_replaced_only_after_a_question() {
         let sim = ["--sim", "7i92-7i77"];
         let refused = run(&[before, &[scratch.path()], &sim].concat());
         assert_eq!(refused.code, Some(2), "{before:?}: {refused:?}");
-        let said = "which already exists: not a terminal, so nothing was done; add --yes";
-        assert!(refused.err.contains(said), "{before:?}: {refused:?}");
+        let said = format!("{} already exists; --yes replaces it\n", scratch.path());
+        assert!(refused.err.ends_with(&said), "{before:?}: {refused:?}");
         assert_eq!(refused.out, "", "{before:?}");
     }
     assert_eq!(

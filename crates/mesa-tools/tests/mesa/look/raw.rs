@@ -61,7 +61,7 @@ fn what_is_no_packet_is_refused_and_nothing_is_sent() {
     for (hex, said) in [
         ("0142000", "odd number of digits"),
         ("014200zz", "`z` is no hexadecimal digit"),
-        ("014200", "byte 0: 1 bytes left of the 2 of an address"),
+        ("014200", "byte 0: 1 byte left of the 2 of an address"),
         ("004200 01", "for 0 elements"),
         (long.as_str(), "a packet has 1 to 1472"),
         ("ff420000 ff420000 ff420000", "the reply would have 1524"),

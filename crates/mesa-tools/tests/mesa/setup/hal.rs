@@ -213,8 +213,10 @@ fn files_are_replaced_only_when_that_is_asked_for() {
     fs::remove_file(directory.join("machine.ini")).expect("it is there");
     let refused = run(&["hal", "--sim", "7i97", "--out", out]);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    let what = "replaces board.hal, motion.hal, bench.hal, main.rs: not a terminal";
-    assert!(refused.err.contains(what), "{refused:?}");
+    let there = ["board.hal", "motion.hal", "bench.hal", "main.rs"];
+    let there = there.map(|name| directory.join(name).display().to_string());
+    let what = format!("{} already exist; --yes replaces them", there.join(", "));
+    assert!(refused.err.contains(&what), "{refused:?}");
     assert_eq!(read("board.hal"), "mine");
     assert!(!directory.join("machine.ini").exists(), "all or none");
 

@@ -1,9 +1,11 @@
 //! Commands that set up a board or its remotes.
 
 mod flash;
+mod flash_boot_block;
 mod hal;
 mod ip;
 mod led;
 mod param;
+mod param_words;
 pub mod restart;
 mod update;

@@ -134,21 +134,17 @@ impl Hal {
 fn may_replace(directory: &Path, asks: Asks, context: &Context) -> Result<(), Failure> {
     let mut there = Vec::new();
     for name in NAMES {
-        match fs::metadata(directory.join(name)) {
+        let path = directory.join(name);
+        match fs::metadata(&path) {
             Ok(found) if !found.is_file() => {
-                let path = directory.join(name);
                 let why = "no regular file, and left unchanged; choose another --out";
                 return Err(Failure::usage(format_args!("{}: {why}", path.display())));
             }
-            Ok(_) => there.push(name),
+            Ok(_) => there.push(path),
             Err(_) => {}
         }
     }
-    if there.is_empty() {
-        return Ok(());
-    }
-    let (directory, there) = (directory.display(), there.join(", "));
-    asks.consent(context, &format!("{directory}: replaces {there}"), None)
+    asks.replaces_all(context, &there)
 }
 
 impl Skeleton {
