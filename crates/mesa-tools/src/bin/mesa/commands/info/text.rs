@@ -34,6 +34,9 @@ impl Display for Found {
 fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {
     let (identity, counters) = (&ethernet.identity, &ethernet.counters);
     writeln!(f, "Ethernet board {}", identity.card)?;
+    if let Some(t_board) = &ethernet.t_board {
+        writeln!(f, "  {t_board}")?;
+    }
     writeln!(f, "  MAC          {}", identity.mac)?;
     let source = identity.address_from.of_card(&identity.card);
     writeln!(f, "  IP address   {source}")?;
