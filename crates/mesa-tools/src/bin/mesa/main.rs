@@ -12,10 +12,12 @@ mod modes;
 mod number;
 mod output;
 mod pattern;
+mod picture;
 mod place;
 mod running;
 mod sim;
 mod simulated;
+mod stamp;
 mod target;
 
 use std::io::{self, Write};
