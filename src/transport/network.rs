@@ -118,23 +118,28 @@ impl Network {
         }
     }
 
-    /// The interface that a board is, or would be, most likely plugged into: a wired one,
-    /// preferably with a link and without the default route.
-    pub fn likely(&self) -> Option<&Interface> {
-        let wired = self.interfaces.iter().filter(|one| one.is_ethernet);
-        wired.max_by_key(|one| {
-            let mut routes = self.routes.iter();
-            let is_default = routes.any(|route| route.interface == one.name && route.is_default());
-            let rank = [
-                one.is_device,
-                !one.is_wireless,
-                one.has_link,
-                !is_default,
-                one.is_up,
-            ];
-            // Of equal ones the first.
-            (rank, core::cmp::Reverse(&one.name))
-        })
+    /// The wired interfaces that carry no other network, so that a board may be plugged into them:
+    /// those with a link first, then those that are down, whose link is not known, then those
+    /// without a link.
+    pub fn free(&self) -> Vec<&Interface> {
+        let wired = |one: &&Interface| one.is_ethernet && !one.is_wireless;
+        // In a container, no interface has a device.
+        let has_device = self
+            .interfaces
+            .iter()
+            .filter(wired)
+            .any(|one| one.is_device);
+        let all = self.interfaces.iter().filter(wired);
+        let all = all.filter(|one| one.is_device || !has_device);
+        let mut free: Vec<_> = all.filter(|one| !self.is_used(one)).collect();
+        free.sort_by_key(|one| (!one.has_link, one.is_up, &one.name));
+        free
+    }
+
+    /// True if an interface with a link leads to a network.
+    fn is_used(&self, interface: &Interface) -> bool {
+        let mut routes = self.routes.iter();
+        interface.has_link && routes.any(|route| route.interface == interface.name)
     }
 }
 
@@ -352,14 +357,21 @@ Local:
     }
 
     #[test]
-    fn the_likely_interface_is_wired_and_has_a_link_and_nothing_better_to_do() {
+    fn an_interface_with_another_network_is_not_free_for_a_board() {
         let mut network = network();
-        let name = |network: &Network| network.likely().map(|one| one.name.clone());
-        assert_eq!(name(&network).as_deref(), Some("eth1"));
-        network.interfaces.remove(1);
-        assert_eq!(name(&network).as_deref(), Some("eth0"));
+        let names = |network: &Network| -> Vec<_> {
+            let free = network.free();
+            free.iter().map(|one| one.name.clone()).collect()
+        };
+        // Of eth0 and eth1 with their networks, and eth2, which is down.
+        assert_eq!(names(&network), ["eth2"]);
+        network.interfaces.push(interface("eth3", true));
+        assert_eq!(names(&network), ["eth3", "eth2"]);
+        // A cable that is not plugged in leads nowhere, whatever the routes.
+        network.interfaces[0].has_link = false;
+        assert_eq!(names(&network), ["eth3", "eth2", "eth0"]);
         network.interfaces.retain(|one| one.name == "lo");
-        assert_eq!(name(&network), None);
+        assert!(network.free().is_empty());
     }
 
     #[test]

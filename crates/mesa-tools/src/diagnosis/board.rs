@@ -2,16 +2,19 @@
 
 use core::time::Duration;
 
-use super::{FigureVerdict, Finding, RoundTrips};
+use super::{FigureVerdict, Finding, Packets, RoundTrips};
+use crate::Counted;
 use crate::advice::told;
 use mesa_hal::Rounded;
 use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
+use mesa_hal::hostmot2::Idrom;
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::lbp16::registers::{eeprom, read_only};
+use mesa_hal::sslbp::StartFailureReason;
 
 /// Tolerance for lost or late replies: a machine runs with up to one in this number.
-const LOSS: u32 = 200;
+const LOSS: u64 = 200;
 
 /// Judges the firmware of the Ethernet side.
 pub fn firmware(identity: &Identity) -> Finding {
@@ -26,6 +29,33 @@ pub fn firmware(identity: &Identity) -> Finding {
     };
     let advice = format!("{lacks}: ask Mesa for a newer one, `mesa flash write` writes it");
     Finding::new(FigureVerdict::Look, "firmware", figure, advice)
+}
+
+/// Names a board of the T generation, by its card's name or its FPGA: the difference matters for
+/// programs that write its flash memory, and for LinuxCNC.
+pub fn generation(card: &str, idrom: &Idrom) -> Option<Finding> {
+    let t_board = t_board(card, idrom)?;
+    let advice = "nothing to do to drive it; LinuxCNC drives its PWM from 2.9.2 on, and its configurations \
+                  are .bin files, which Mesa's mesaflash writes";
+    Some(Finding::new(
+        FigureVerdict::Look,
+        "board generation",
+        t_board,
+        advice,
+    ))
+}
+
+/// Description of a board of the T generation (FACTS 9.6); `None` for any other.
+pub fn t_board(card: &str, idrom: &Idrom) -> Option<String> {
+    let is_t = card.len() > 1 && card.ends_with('T') || idrom.is_7i97t();
+    is_t.then(|| {
+        format!(
+            "{card} is a T board: an Efinix FPGA ({} kgates, ClockHigh {} MHz) and another layout of its flash \
+             memory than the board without the T",
+            idrom.fpga_size,
+            idrom.clock_high_hz / 1_000_000
+        )
+    })
 }
 
 /// Judges the board's error counters.
@@ -54,53 +84,79 @@ pub fn errors(counters: &Counters) -> Finding {
     Finding::new(FigureVerdict::Look, check, some.join(", "), advice)
 }
 
-/// Judges lost packets and response times.
-pub fn round_trips(trips: &RoundTrips, period: Duration) -> [Finding; 2] {
-    [loss(trips), latency(trips, period)]
-}
-
-fn loss(trips: &RoundTrips) -> Finding {
+/// Judges the packets that were lost.
+pub fn loss(packets: &Packets) -> Finding {
     let check = "packet loss";
-    let figure = format!("{} of {} lost", trips.lost, trips.asked());
-    let verdict = match trips.lost {
-        _ if trips.asked() == 0 => FigureVerdict::Unknown,
+    let figure = packets.loss().to_string();
+    let verdict = match packets.lost {
+        _ if packets.sent == 0 => FigureVerdict::Unknown,
         0 => return Finding::good(check, figure),
-        lost if lost.saturating_mul(LOSS) <= trips.asked() => FigureVerdict::Look,
+        lost if lost.saturating_mul(LOSS) <= packets.sent => FigureVerdict::Look,
         _ => FigureVerdict::Bad,
     };
-    let advice = "nothing may be lost on a direct cable: check cable and plugs, leave switches out, and \
-                  look for other traffic";
+    let advice = if packets.damaged > 0 {
+        "check the cable, its plugs and its shield, and where it runs beside motor cables"
+    } else {
+        "nothing may be lost on a direct cable: check cable and plugs, leave switches out, and look for \
+         other traffic"
+    };
     Finding::new(verdict, check, figure, advice)
 }
 
-fn latency(trips: &RoundTrips, period: Duration) -> Finding {
+/// Judges the response times. A late reply is one that a cycle would not have waited for: not lost,
+/// but as good as lost.
+pub fn latency(trips: &RoundTrips, period: Duration) -> Finding {
     let check = "latency against period";
+    // Deadline that the driver sets for a reply.
+    let room = period * 4 / 5;
+    let late = trips.longer_than(room) as u64;
     let [median, p99, max] = [0.5, 0.99, 1.0].map(|share| trips.quantile(share));
+    if max.is_zero() {
+        let advice = "see packet loss";
+        return Finding::new(FigureVerdict::Unknown, check, "no reply came", advice);
+    }
     let figure = format!(
-        "median {}, 99 % {}, longest {}, {} longer than the period of {}",
+        "{} of {} late: median {}, 99 % {}, longest {}, and a period of {} waits for {}",
+        match late {
+            0 => "none".to_owned(),
+            late => late.to_string(),
+        },
+        Counted((trips.asked() - trips.lost).into(), "reply"),
         Rounded(&median),
         Rounded(&p99),
         Rounded(&max),
-        trips.late,
-        Rounded(&period)
+        Rounded(&period),
+        Rounded(&room)
     );
-    // Deadline that the driver sets for a reply.
-    let room = period * 4 / 5;
-    let verdict = if trips.asked() == trips.lost {
-        FigureVerdict::Unknown
-    } else if trips.late == 0 && max <= room {
+    let verdict = if late == 0 {
         return Finding::good(check, figure);
-    } else if p99 <= room && trips.late.saturating_mul(LOSS) <= trips.asked() {
+    } else if late.saturating_mul(LOSS) <= trips.asked().into() {
         FigureVerdict::Look
     } else {
         FigureVerdict::Bad
     };
-    let advice = format!(
-        "answers must come within {}: see what is said of kernel, CPUs and network card, or take a \
-         longer --period",
-        Rounded(&room)
-    );
-    Finding::new(verdict, check, figure, advice)
+    Finding::new(verdict, check, figure, cause(trips, room))
+}
+
+/// Names the cause of late replies.
+fn cause(trips: &RoundTrips, room: Duration) -> String {
+    let woken = Rounded(&trips.woken_late);
+    let cause = if trips.quantile(0.5) > room {
+        return "even the usual reply takes too long: leave switches and routers out, see the network \
+                card's interrupts, or take a longer --period"
+            .to_owned();
+    } else if trips.woken_late >= room / 2 {
+        format!(
+            "this computer ran the program up to {woken} late meanwhile, which delays replies as well: see \
+             kernel, priority and CPUs"
+        )
+    } else {
+        format!(
+            "this computer ran the program at most {woken} late meanwhile, so the network delays them: see \
+             the network card, its driver and interrupts, and leave switches out"
+        )
+    };
+    format!("{cause}; the cable is not the cause, as late packets are not lost")
 }
 
 /// Judges a watchdog's time against the period that feeds it; `None`: it never bites. `whose` names
@@ -177,14 +233,22 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
     }
 }
 
+/// Advice for missing field power, with the rule whose breach destroys outputs (manual: 7I77, "VIN
+/// AND FIELD POWER SUPPLY").
+const SUPPLY: &str = "check its supply, fuse and wires; never switch field power on by a switch or relay at the \
+                      card: it must rise slower than 10 V/ms (manuals of 7I77 and 7I72)";
+
 /// `is_measured`: the voltage is part of the process data. A remote that does not measure it
 /// reports no fault of it.
 fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding {
     let check = format!("{place}: field power");
     let (figure, advice) = if faults.contains(RemoteFaults::LOW_VOLTAGE) {
-        ("missing or too low", "check its supply, fuse and wires")
+        ("missing or too low", SUPPLY)
     } else if faults.contains(RemoteFaults::HIGH_VOLTAGE) {
-        ("too high", "switch it off, and check its supply")
+        (
+            "too high",
+            "switch it off, and check its supply: cards take 32 V at most",
+        )
     } else if is_measured {
         return Finding::good(check, "measured, and no fault reported");
     } else {
@@ -201,12 +265,26 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
 pub fn missing(remark: &Remark) -> Finding {
     if let (true, Some(remote)) = (remark.is_silent(), remark.remote) {
         let check = remote.to_string();
-        let advice = "nothing to do where no remote is plugged in; else check its cable and its power (field \
-                      power too, where it is powered from there)";
+        let advice = "nothing to do where no remote is plugged in; else check its cable and its power: without \
+                      VIN, which a jumper may take from field power, no remote is found (manual: 7I77, \"VIN AND \
+                      FIELD POWER SUPPLY\")";
         return Finding::new(FigureVerdict::Look, check, "nothing answers", advice);
     }
-    let advice = "mend what it says; `mesa info` shows what is known of the remote";
+    let advice = if lacks_field_power(remark) {
+        SUPPLY
+    } else {
+        "mend what it says; `mesa info` shows what is known of the remote"
+    };
     Finding::new(FigureVerdict::Bad, "missing remote", told(remark), advice)
+}
+
+/// True if a remote did not start because its field power is missing or too low.
+fn lacks_field_power(remark: &Remark) -> bool {
+    let RemarkKind::DidNotStart(failure) = &remark.kind else {
+        return false;
+    };
+    let low = RemoteFaults::LOW_VOLTAGE;
+    matches!(failure.reason, StartFailureReason::FaultRemains(faults) if faults.contains(low))
 }
 
 /// Judges an anomaly of a running remote, or a module of the firmware that is not driven.
@@ -232,11 +310,6 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    fn trips(micros: &[u64], lost: u32, late: u32) -> RoundTrips {
-        let times = micros.iter().map(|&us| Duration::from_micros(us)).collect();
-        RoundTrips::new(times, lost, late)
-    }
-
     #[test]
     fn a_watchdog_is_fed_by_three_periods_and_lets_nothing_run_on() {
         for (time, verdict) in [
@@ -252,38 +325,87 @@ mod tests {
         }
     }
 
+    fn trips(micros: &[u64], woken_late: u64) -> RoundTrips {
+        let times = micros.iter().map(|&us| Duration::from_micros(us)).collect();
+        RoundTrips::new(times, 0, Duration::from_micros(woken_late))
+    }
+
+    /// 1000 replies that take 100 us, but the first ones these times.
+    fn with(first: &[u64]) -> Vec<u64> {
+        [first, &[100; 1000][first.len()..]].concat()
+    }
+
     #[test]
-    fn answers_are_judged_by_what_a_cycle_can_wait_for() {
-        let usual = [100; 1000];
-        let mut peak = usual;
-        peak[7] = 900;
-        for (trips, verdicts) in [
-            (trips(&usual, 0, 0), [FigureVerdict::Ok, FigureVerdict::Ok]),
+    fn late_replies_are_judged_by_what_a_cycle_can_wait_for() {
+        for (times, verdict, figure) in [
             (
-                trips(&peak, 5, 0),
-                [FigureVerdict::Look, FigureVerdict::Look],
+                with(&[800]),
+                FigureVerdict::Ok,
+                "none of 1000 replies late: ",
             ),
             (
-                trips(&usual, 6, 1),
-                [FigureVerdict::Bad, FigureVerdict::Look],
-            ),
-            (trips(&usual, 0, 6), [FigureVerdict::Ok, FigureVerdict::Bad]),
-            (
-                trips(&[900; 1000], 0, 0),
-                [FigureVerdict::Ok, FigureVerdict::Bad],
+                with(&[951; 5]),
+                FigureVerdict::Look,
+                "5 of 1000 replies late: ",
             ),
             (
-                trips(&[], 10, 0),
-                [FigureVerdict::Bad, FigureVerdict::Unknown],
+                with(&[951; 6]),
+                FigureVerdict::Bad,
+                "6 of 1000 replies late: ",
             ),
-            (
-                trips(&[], 0, 0),
-                [FigureVerdict::Unknown, FigureVerdict::Unknown],
-            ),
+            (vec![900; 1], FigureVerdict::Bad, "1 of 1 reply late: "),
+            (vec![], FigureVerdict::Unknown, "no reply came"),
         ] {
-            let findings = round_trips(&trips, MS);
-            let found = findings.each_ref().map(|finding| finding.verdict);
-            assert_eq!(found, verdicts, "{findings:?}");
+            let finding = latency(&trips(&times, 0), MS);
+            assert_eq!(finding.verdict, verdict, "{finding:?}");
+            assert!(finding.figure.starts_with(figure), "{finding:?}");
+        }
+        // One number for all of them: the longest is one of those that are late.
+        let figure = latency(&trips(&with(&[951, 2000]), 0), MS).figure;
+        let said = "2 of 1000 replies late: median 100 us, 99 % 100 us, longest 2 ms, and a period of 1 ms \
+                    waits for 800 us";
+        assert_eq!(figure, said);
+    }
+
+    #[test]
+    fn late_replies_have_a_cause_and_it_is_not_the_cable() {
+        for (times, woken_late, cause) in [
+            (
+                with(&[900; 9]),
+                900,
+                "this computer ran the program up to 900 us late",
+            ),
+            (with(&[900; 9]), 30, "so the network delays them"),
+            (vec![900; 9], 900, "even the usual reply takes too long"),
+        ] {
+            let advice = latency(&trips(&times, woken_late), MS)
+                .advice
+                .expect("advice");
+            assert!(
+                advice.starts_with(cause) || advice.contains(cause),
+                "{advice}"
+            );
+            assert!(!advice.contains("check"), "{advice}");
+        }
+    }
+
+    #[test]
+    fn lost_packets_are_judged_and_the_cable_is_named() {
+        for (lost, sent, verdict) in [
+            (0, 1000, FigureVerdict::Ok),
+            (5, 1000, FigureVerdict::Look),
+            (6, 1000, FigureVerdict::Bad),
+            (0, 0, FigureVerdict::Unknown),
+        ] {
+            let packets = Packets {
+                sent,
+                lost,
+                ..Packets::default()
+            };
+            let finding = loss(&packets);
+            assert_eq!(finding.verdict, verdict, "{finding:?}");
+            let advice = finding.advice.unwrap_or_default();
+            assert_eq!(advice.contains("cable"), verdict != FigureVerdict::Ok);
         }
     }
 

@@ -1,6 +1,8 @@
 //! Ability of a computer to keep a period.
 
-use super::{FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt};
+use super::{
+    FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors,
+};
 
 /// Priority that a cycle needs to run before the interrupt threads of other devices.
 const PRIORITY: u64 = 50;
@@ -19,6 +21,8 @@ pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
     ];
     if let Some(interface) = interface {
         let cpus = host.cpus().map_or(0, |cpus| cpus.len());
+        findings.push(card(interface, host.network_card(interface).as_ref()));
+        findings.push(errors(interface, host.network_errors(interface)));
         findings.push(interrupts(interface, &host.interrupts(interface), cpus));
         findings.push(coalescing(interface, host.held_back_ns(interface)));
     }
@@ -156,6 +160,53 @@ pub fn idle(states: &[IdleState]) -> Finding {
             format!("`sudo cpupower idle-set --disable-by-latency {WAKE_US}`"),
         ),
     }
+}
+
+/// Judges the network card by its driver.
+pub fn card(interface: &str, card: Option<&NetworkCard>) -> Finding {
+    /// Drivers of Intel's cards.
+    const INTEL: [&str; 8] = [
+        "e1000", "e1000e", "i40e", "ice", "igb", "igbvf", "igc", "ixgbe",
+    ];
+    let check = "NIC driver";
+    let Some(NetworkCard { driver, is_usb }) = card else {
+        return unknown(check, &format!("ethtool -i {interface}"));
+    };
+    let figure = format!("{interface}: {driver}");
+    let (verdict, advice) = match driver.as_str() {
+        _ if *is_usb => (
+            FigureVerdict::Look,
+            "a card on USB waits for the bus: use one on PCI Express for the board",
+        ),
+        "r8169" => (
+            FigureVerdict::Look,
+            "with some Realtek cards replies come milliseconds late: install the driver r8168 (Debian: \
+             r8168-dkms), or use an Intel card",
+        ),
+        driver if INTEL.contains(&driver) => return Finding::good(check, figure),
+        _ => (
+            FigureVerdict::Unknown,
+            "Intel cards are known to answer in time; `mesa latency` measures this one",
+        ),
+    };
+    Finding::new(verdict, check, figure, advice)
+}
+
+/// Judges the packets that the network card has lost.
+pub fn errors(interface: &str, errors: Option<NetworkErrors>) -> Finding {
+    let check = "NIC errors";
+    let Some(NetworkErrors { damaged, dropped }) = errors else {
+        return unknown(check, &format!("ip -s link show {interface}"));
+    };
+    let figure = format!("{interface}: {damaged} received damaged, {dropped} dropped");
+    let advice = match (damaged, dropped) {
+        (0, 0) => return Finding::good(check, figure),
+        (0, _) => {
+            "the computer did not fetch packets in time: see kernel, priority, CPUs and interrupts"
+        }
+        _ => "check the cable, its plugs and its shield, and where it runs beside motor cables",
+    };
+    Finding::new(FigureVerdict::Look, check, figure, advice)
 }
 
 /// Judges the CPUs of the network card's interrupts.
@@ -308,5 +359,39 @@ mod tests {
             coalescing("eth0", Some(0)),
         ]);
         assert_eq!(all, [Unknown; 9]);
+    }
+
+    #[test]
+    fn network_cards_are_judged_by_what_is_known_of_their_drivers() {
+        let of = |driver: &str, is_usb| NetworkCard {
+            driver: driver.to_owned(),
+            is_usb,
+        };
+        for (found, verdict, advice) in [
+            (of("igc", false), Ok, ""),
+            (of("r8169", false), Look, "r8168-dkms"),
+            (of("r8168", false), Unknown, "mesa latency"),
+            (of("ax88179_178a", true), Look, "on PCI Express"),
+        ] {
+            let finding = card("eth0", Some(&found));
+            assert_eq!(finding.verdict, verdict, "{finding:?}");
+            assert!(finding.advice.unwrap_or_default().contains(advice));
+        }
+        assert_eq!(card("eth0", None).verdict, Unknown);
+    }
+
+    #[test]
+    fn damaged_packets_are_the_cables_and_dropped_ones_the_computers() {
+        let of = |damaged, dropped| errors("eth0", Some(NetworkErrors { damaged, dropped }));
+        assert_eq!(of(0, 0).verdict, Ok);
+        for (finding, advice) in [
+            (of(3, 0), "cable"),
+            (of(3, 1), "cable"),
+            (of(0, 1), "in time"),
+        ] {
+            assert_eq!(finding.verdict, Look, "{finding:?}");
+            assert!(finding.advice.is_some_and(|told| told.contains(advice)));
+        }
+        assert_eq!(errors("eth0", None).verdict, Unknown);
     }
 }

@@ -42,6 +42,35 @@ pub struct Interrupt {
     pub cpus: Vec<usize>,
 }
 
+/// The card of a network interface. Source: `/sys/class/net`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NetworkCard {
+    /// Name of its driver: `igb`.
+    pub driver: String,
+    /// True if it is plugged into USB.
+    pub is_usb: bool,
+}
+
+/// Packets that a network interface has lost. Source: `statistics` of `/sys/class/net`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NetworkErrors {
+    /// Received damaged: the cable.
+    pub damaged: u64,
+    /// Dropped for lack of room: the computer did not fetch them in time.
+    pub dropped: u64,
+}
+
+/// Settings of a thread that decide when it runs. Source: `/proc/thread-self`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ThreadSettings {
+    /// Realtime priority, 1 to 99; `None` for an ordinary thread.
+    pub priority: Option<u32>,
+    /// CPUs that it may run on.
+    pub cpus: Vec<usize>,
+    /// True if memory of its process is locked.
+    pub has_locked_memory: bool,
+}
+
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
@@ -100,6 +129,23 @@ impl Host {
             },
             may_schedule: may(CAP_SYS_NICE),
             may_lock: may(CAP_IPC_LOCK),
+        })
+    }
+
+    /// Settings of the calling thread, given by an option or by the program that started it.
+    pub fn thread(&self) -> Option<ThreadSettings> {
+        const PRIORITY: usize = 37;
+        let stat = self.text("proc/thread-self/stat")?;
+        // The name in parentheses may contain anything.
+        let (_, fields) = stat.rsplit_once(')')?;
+        let priority = fields.split_whitespace().nth(PRIORITY)?.parse().ok()?;
+        let status = self.text("proc/thread-self/status")?;
+        let line = |name: &str| status.lines().find_map(|line| line.strip_prefix(name));
+        let locked = line("VmLck:").and_then(|text| text.split_whitespace().next());
+        Some(ThreadSettings {
+            priority: Some(priority).filter(|priority| *priority > 0),
+            cpus: list(line("Cpus_allowed_list:")?),
+            has_locked_memory: locked.is_some_and(|kilobytes| kilobytes != "0"),
         })
     }
 
@@ -173,6 +219,31 @@ impl Host {
         interrupts.collect()
     }
 
+    /// Driver of a network interface, and whether its card is on USB; `None` without a device.
+    pub fn network_card(&self, interface: &str) -> Option<NetworkCard> {
+        let device = self.root.join(format!("sys/class/net/{interface}/device"));
+        let driver = fs::read_link(device.join("driver")).ok()?;
+        let place = fs::canonicalize(&device).ok();
+        let place = place.unwrap_or_default().to_string_lossy().into_owned();
+        Some(NetworkCard {
+            driver: driver.file_name()?.to_str()?.to_owned(),
+            is_usb: place.contains("/usb"),
+        })
+    }
+
+    /// Packets that a network card has received damaged, or that this computer has dropped, since
+    /// the interface exists.
+    pub fn network_errors(&self, interface: &str) -> Option<NetworkErrors> {
+        let count = |name: &str| -> Option<u64> {
+            self.text(&format!("sys/class/net/{interface}/statistics/{name}"))?
+                .parse()
+                .ok()
+        };
+        let damaged = count("rx_crc_errors")?.saturating_add(count("rx_frame_errors")?);
+        let dropped = count("rx_missed_errors")?.saturating_add(count("rx_fifo_errors")?);
+        Some(NetworkErrors { damaged, dropped })
+    }
+
     /// Time for which the kernel itself holds packets back, in nanoseconds: `gro_flush_timeout`,
     /// which applies only while `napi_defer_hard_irqs` is not 0.
     pub fn held_back_ns(&self, interface: &str) -> Option<u64> {
@@ -222,11 +293,16 @@ mod tests {
         assert!(!host.cpus().unwrap().is_empty());
         assert!(host.limits().unwrap().priority <= 99);
         assert!(host.is_realtime().is_some());
+        let thread = host.thread().unwrap();
+        assert!(!thread.cpus.is_empty(), "{thread:?}");
         let nothing = Host::below("/nowhere");
         assert_eq!((nothing.limits(), nothing.cpus()), (None, None));
+        assert_eq!(nothing.thread(), None);
         assert_eq!((nothing.is_realtime(), nothing.isolated()), (None, None));
         assert!(nothing.governors().is_empty() && nothing.idle_states().is_empty());
         assert!(nothing.interrupts("eth0").is_empty());
         assert_eq!(nothing.held_back_ns("eth0"), None);
+        assert_eq!(nothing.network_card("eth0"), None);
+        assert_eq!(nothing.network_errors("eth0"), None);
     }
 }

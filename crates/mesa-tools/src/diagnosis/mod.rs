@@ -1,17 +1,21 @@
 //! Diagnosis of a board, its network and its computer: figures and verdicts on them.
 //!
-//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] those of the connection
-//! to a board; the functions of [`computer`], [`network`] and [`board`] are pure: they turn figures
+//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] and [`Packets`] have those
+//! of the connection to a board; the functions of [`computer`], [`network`] and [`board`] are pure: they turn figures
 //! into [`Finding`]s. [`wiring`] guides an operator through a check of a cabinet's wires.
 
 pub mod board;
 pub mod computer;
 mod host;
 pub mod network;
+mod packets;
 mod round_trips;
 pub mod wiring;
 
-pub use host::{Host, HostLimits, IdleState, Interrupt};
+pub use host::{
+    Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors, ThreadSettings,
+};
+pub use packets::{BoardCounts, PacketMark, Packets};
 pub use round_trips::RoundTrips;
 
 /// Verdict on a figure, from good to bad.

@@ -15,10 +15,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
         NetworkPath::Here => Finding::good(CHECK, format!("{address} is this computer")),
         NetworkPath::None => bad(
             format!("none to {address}"),
-            format!(
-                "give an interface an address in its network: {}",
-                add(network, address)
-            ),
+            outside(network, address).told(),
         ),
         NetworkPath::Discarded(route) => bad(
             format!("a route of this computer discards what is sent to {address}"),
@@ -33,7 +30,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
             ),
             format!(
                 "boards are made for a direct cable: {}",
-                add(network, address)
+                outside(network, address).told()
             ),
         ),
         NetworkPath::Direct(route) => direct(network, route),
@@ -82,14 +79,91 @@ fn direct(network: &Network, route: &Route) -> Finding {
     }
 }
 
+/// The interfaces of a computer that is not in a board's network.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outside {
+    /// State of the interfaces that the board may be plugged into.
+    pub interfaces: String,
+    /// What to do.
+    pub advice: String,
+}
+
+impl Outside {
+    fn told(&self) -> String {
+        format!("{}; {}", self.interfaces, self.advice)
+    }
+}
+
+/// Looks for the interface that a board at `address` may be plugged into, if no interface is in its
+/// network. An interface that carries another network is never meant.
+pub fn outside(network: &Network, address: Ipv4Addr) -> Outside {
+    let free = network.free();
+    let Some(first) = free.first() else {
+        return Outside {
+            interfaces: in_use(network),
+            advice: format!(
+                "plug the board into a network card of its own, then {}",
+                add(address, "INTERFACE")
+            ),
+        };
+    };
+    let name = &first.name;
+    let states: Vec<String> = free.iter().map(|one| state(one)).collect();
+    let interface = if states.len() == 1 {
+        "the interface"
+    } else {
+        "the interfaces:"
+    };
+    Outside {
+        interfaces: format!("{interface} {}", states.join(", ")),
+        advice: match first {
+            Interface { has_link: true, .. } => add(address, name),
+            Interface { is_up: false, .. } => format!(
+                "`sudo ip link set {name} up`; if it has no address in that network then, {}",
+                add(address, name)
+            ),
+            _ => format!(
+                "check the cable and the board's power, then {}",
+                add(address, name)
+            ),
+        },
+    }
+}
+
+/// State of an interface without a network.
+fn state(interface: &Interface) -> String {
+    let state = match interface {
+        Interface { is_up: false, .. } => "is down",
+        Interface {
+            has_link: false, ..
+        } => "has no link",
+        _ => "has a link and no address",
+    };
+    format!("{} {state}", interface.name)
+}
+
+/// The wired interfaces of a computer none of which is free.
+fn in_use(network: &Network) -> String {
+    let wired = network.interfaces.iter();
+    let wired = wired.filter(|one| one.is_ethernet && !one.is_wireless && one.has_link);
+    let names: Vec<&str> = wired.map(|one| one.name.as_str()).collect();
+    match names[..] {
+        [] => "this computer has no Ethernet interface".to_owned(),
+        [name] => format!("the only interface, {name}, carries another network"),
+        _ => format!("the interfaces {} carry other networks", names.join(", ")),
+    }
+}
+
 /// Command that adds a suitable address to an interface.
-fn add(network: &Network, address: Ipv4Addr) -> String {
-    let own = Ipv4Addr::from_bits(match address.to_bits() {
-        bits if bits & 0xFF == 1 => bits + 1,
-        bits => bits & !0xFF | 1,
-    });
-    let name = network.likely().map_or("INTERFACE", |one| &one.name);
-    format!("`sudo ip addr add {own}/24 dev {name}`")
+fn add(address: Ipv4Addr, interface: &str) -> String {
+    let own = host_beside(address);
+    format!("`sudo ip addr add {own}/24 dev {interface}`")
+}
+
+/// Address for this computer beside a board: the first of the /24 network that is not the board's.
+pub fn host_beside(board: Ipv4Addr) -> Ipv4Addr {
+    let [a, b, c, d] = board.octets();
+    Ipv4Addr::new(a, b, c, if d == 1 { 2 } else { 1 })
 }
 
 #[cfg(test)]
@@ -174,7 +248,7 @@ mod tests {
                 Ipv4Addr::new(192, 168, 1, 121),
                 FigureVerdict::Look,
                 "behind 192.168.0.1",
-                "ip addr add 192.168.1.1/24 dev eth0",
+                "ip addr add 192.168.1.1/24 dev INTERFACE",
             ),
             (
                 network(Ready, "eth1"),
@@ -206,5 +280,62 @@ mod tests {
         assert_eq!(here.verdict, FigureVerdict::Ok);
         assert_eq!(interface(&Network::default(), board), None);
         assert_eq!(interface(&network(Ready, "eth1"), board), Some("eth0"));
+    }
+
+    /// An interface `eth1` beside `eth0`, which leads to the office and to the internet.
+    fn beside_the_office(state: State) -> Network {
+        let mut network = network(Ready, "eth0");
+        network.routes.remove(0);
+        network.interfaces.push(Interface {
+            name: "eth1".to_owned(),
+            is_up: state != Down,
+            has_link: state == Ready,
+            ..network.interfaces[0].clone()
+        });
+        network
+    }
+
+    #[test]
+    fn the_interface_that_is_down_is_named_and_never_that_of_the_office() {
+        let board = Ipv4Addr::new(10, 10, 10, 10);
+        for (state, interfaces, advice) in [
+            (
+                Down,
+                "the interface eth1 is down",
+                "`sudo ip link set eth1 up`; if it has no address in that network then, `sudo ip addr add \
+                 10.10.10.1/24 dev eth1`",
+            ),
+            (
+                NoLink,
+                "the interface eth1 has no link",
+                "check the cable and the board's power, then `sudo ip addr add 10.10.10.1/24 dev eth1`",
+            ),
+            (
+                Ready,
+                "the interface eth1 has a link and no address",
+                "`sudo ip addr add 10.10.10.1/24 dev eth1`",
+            ),
+        ] {
+            let network = beside_the_office(state);
+            let found = outside(&network, board);
+            assert_eq!((&*found.interfaces, &*found.advice), (interfaces, advice));
+            let way = way(&network, board);
+            assert!(!way.advice.expect("advice").contains("eth0"));
+        }
+        let mut alone = beside_the_office(Down);
+        alone.interfaces.truncate(1);
+        let found = outside(&alone, board);
+        assert_eq!(
+            found.interfaces,
+            "the only interface, eth0, carries another network"
+        );
+        assert!(found.advice.ends_with("dev INTERFACE`"), "{found:?}");
+    }
+
+    #[test]
+    fn this_computer_gets_another_address_than_the_board() {
+        let [board, first] = [[10, 10, 10, 10], [10, 1, 2, 1]].map(Ipv4Addr::from);
+        assert_eq!(host_beside(board), Ipv4Addr::new(10, 10, 10, 1));
+        assert_eq!(host_beside(first), Ipv4Addr::new(10, 1, 2, 2));
     }
 }

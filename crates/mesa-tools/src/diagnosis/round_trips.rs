@@ -2,73 +2,112 @@
 
 use core::time::Duration;
 
-use mesa_hal::bus::{Access, BusError, BusErrorKind, Clock, RegisterBus};
+use mesa_hal::bus::{Access, AccessList, BusError, BusErrorKind, Clock, RegisterBus};
 
 /// Address of HostMot2's cookie, which every firmware has.
 const COOKIE: u16 = 0x0100;
 
+/// Time after which a reply is not waited for any more. A reply that comes later still counts as
+/// late, and as one that took this time.
+const LONGEST: Duration = Duration::from_millis(50);
+
 /// Requests and their replies, one in each period.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RoundTrips {
-    /// Response times, in ascending order.
+    /// Response times, late ones included, in ascending order.
     times: Vec<Duration>,
     /// Requests without a reply.
     pub lost: u32,
-    /// Replies that took longer than a period.
-    pub late: u32,
+    /// Longest delay with which this computer ran the program again after a pause.
+    pub woken_late: Duration,
 }
 
 impl RoundTrips {
     /// Creates the statistics from measured values.
-    pub fn new(mut times: Vec<Duration>, lost: u32, late: u32) -> Self {
+    pub fn new(mut times: Vec<Duration>, lost: u32, woken_late: Duration) -> Self {
         times.sort_unstable();
-        Self { times, lost, late }
+        Self {
+            times,
+            lost,
+            woken_late,
+        }
     }
 
     /// Reads one register in `exchanges` requests, one in each period, without repeating a lost
-    /// one; ends early when `go_on` returns false. Writes nothing to the FPGA. Leaves the deadline
-    /// of the bus at one period.
+    /// one; ends early when `go_on` returns false. A late reply is waited for, and the next request
+    /// follows a period after the late one. Writes nothing to the FPGA. Leaves the deadline of the
+    /// bus at 50 ms.
     ///
     /// # Errors
     /// Any bus error other than a lost or late reply: the board is not reachable.
     ///
     /// # Real time
-    /// Not for the cycle. Takes one period for each request.
+    /// Not for the cycle. Takes one period for each request, and more for a late or lost reply.
     pub fn measure<B: RegisterBus + Clock>(
         bus: &mut B,
         exchanges: u32,
         period: Duration,
         mut go_on: impl FnMut() -> bool,
     ) -> Result<Self, B::Error> {
-        bus.set_cycle(period, Some(period));
+        bus.set_cycle(period, Some(LONGEST));
         let list = bus.prepare(&[Access::read(COOKIE, 0, 1)], None)?;
-        let (mut times, mut lost, mut late) = (Vec::new(), 0, 0);
+        let mut trips = Self::default();
+        let late_before = bus.statistics().late;
         for _ in 0..exchanges {
             if !go_on() {
                 break;
             }
             let begun = bus.now();
-            let mut words = [0];
-            let answer = bus
-                .start(&list, &words)
-                .and_then(|()| bus.finish(&list, &mut words));
-            match answer.map_err(|error| (error.kind(), error)) {
-                Ok(_) => times.push(bus.now().since(begun)),
-                Err((BusErrorKind::Late, _)) => late += 1,
-                Err((BusErrorKind::Lost | BusErrorKind::Stale | BusErrorKind::Short, _)) => {
-                    lost += 1;
-                }
-                Err((_, error)) => return Err(error),
+            trips.add(ask(bus, &list), bus.now().since(begun))?;
+            let planned = begun.after(period);
+            let left = planned.since(bus.now());
+            if !left.is_zero() {
+                bus.wait(left);
+                trips.woken_late = trips.woken_late.max(bus.now().since(planned));
             }
-            let left = begun.after(period).since(bus.now());
-            bus.wait(left);
         }
-        Ok(Self::new(times, lost, late))
+        trips.settle(bus, &list, late_before);
+        trips.times.sort_unstable();
+        Ok(trips)
+    }
+
+    /// Adds the result of a request.
+    fn add<E: BusError>(&mut self, answer: Result<(), E>, took: Duration) -> Result<(), E> {
+        match answer.map_err(|error| (error.kind(), error)) {
+            Ok(()) => self.times.push(took),
+            Err((BusErrorKind::Late, _)) => self.times.push(took.max(LONGEST)),
+            Err((BusErrorKind::Lost | BusErrorKind::Stale | BusErrorKind::Short, _)) => {
+                self.lost += 1;
+            }
+            Err((_, error)) => return Err(error),
+        }
+        Ok(())
+    }
+
+    /// Finds the replies that came after they were given up: those are late, and not lost.
+    fn settle<B: RegisterBus + Clock>(&mut self, bus: &mut B, list: &AccessList, late_before: u64) {
+        if self.lost == 0 {
+            return;
+        }
+        bus.wait(LONGEST);
+        // A further request takes them from the socket.
+        let _ = ask(bus, list);
+        let late = bus.statistics().late.saturating_sub(late_before);
+        let known = self.times.iter().filter(|time| **time >= LONGEST).count();
+        let found = late.saturating_sub(known as u64).min(self.lost.into());
+        self.lost -= found as u32;
+        self.times
+            .extend(core::iter::repeat_n(LONGEST, found as usize));
+    }
+
+    /// Number of replies that took longer than a time.
+    pub fn longer_than(&self, time: Duration) -> usize {
+        self.times.len() - self.times.partition_point(|took| *took <= time)
     }
 
     /// Number of requests.
     pub fn asked(&self) -> u32 {
-        self.times.len() as u32 + self.lost + self.late
+        self.times.len() as u32 + self.lost
     }
 
     /// Returns the response time that the given share of the replies, 0 to 1, did not exceed; zero
@@ -80,6 +119,13 @@ impl RoundTrips {
     }
 }
 
+/// One request and its reply.
+fn ask<B: RegisterBus>(bus: &mut B, list: &AccessList) -> Result<(), B::Error> {
+    let mut words = [0];
+    bus.start(list, &words)?;
+    bus.finish(list, &mut words).map(drop)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,8 +134,10 @@ mod tests {
     #[test]
     fn quantiles_are_ranks() {
         let times = (1..=100).rev().map(Duration::from_micros).collect();
-        let trips = RoundTrips::new(times, 2, 1);
-        assert_eq!(trips.asked(), 103);
+        let trips = RoundTrips::new(times, 2, Duration::ZERO);
+        assert_eq!(trips.asked(), 102);
+        let longer = [0, 50, 99, 100].map(|us| trips.longer_than(Duration::from_micros(us)));
+        assert_eq!(longer, [100, 50, 1, 0]);
         let micros = [0.0, 0.5, 0.99, 1.0].map(|share| trips.quantile(share).as_micros());
         assert_eq!(micros, [1, 50, 99, 100]);
         assert_eq!(RoundTrips::default().quantile(0.5), Duration::ZERO);
@@ -100,7 +148,7 @@ mod tests {
         let mut bus = machines::i7i97(1);
         let period = Duration::from_millis(1);
         let trips = RoundTrips::measure(&mut bus, 50, period, || true).unwrap();
-        assert_eq!((trips.asked(), trips.lost, trips.late), (50, 0, 0));
+        assert_eq!((trips.asked(), trips.lost), (50, 0));
         let mut left = 5;
         let mut go_on = || {
             left -= 1;

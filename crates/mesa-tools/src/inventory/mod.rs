@@ -13,6 +13,7 @@ pub use take::take;
 
 use core::fmt;
 
+use crate::Counted;
 use mesa_hal::RemoteId;
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::ethernet::{Counters, EthernetBoard, EthernetError, Identity, Lbp16Board};
@@ -40,6 +41,9 @@ pub struct InventoryEthernet {
     /// Identity of the board.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub identity: Identity,
+    /// Description of a board of the T generation, which has another FPGA and flash layout; `None`
+    /// for any other.
+    pub t_board: Option<String>,
     /// Source of the user LEDs.
     pub leds: LedMode,
     /// Source of the user LEDs after a restart.
@@ -318,6 +322,7 @@ impl InventoryEthernet {
         }
         Ok(Self {
             identity,
+            t_board: None,
             leds: board.led_mode(LedTime::Now)?,
             leds_at_start: board.led_mode(LedTime::AtStart)?,
             counters,
@@ -416,15 +421,11 @@ impl Inventory {
 
     /// Verdict in one line: `in order: MESA7I97, 1 remote`.
     pub fn judgement(&self) -> impl fmt::Display {
-        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-        let what = format!(
-            "{}, {}",
-            self.firmware.board,
-            count(self.remotes().count(), "remote")
-        );
+        let remotes = Counted::of(self.remotes().count(), "remote");
+        let what = format!("{}, {remotes}", self.firmware.board);
         match self.findings.len() {
             0 => format!("in order: {what}"),
-            n => format!("{} to look at: {what}", count(n, "thing")),
+            n => format!("{} to look at: {what}", Counted::of(n, "thing")),
         }
     }
 }

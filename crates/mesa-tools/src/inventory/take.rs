@@ -10,6 +10,7 @@ use super::{
     InventoryPin, InventoryPort, InventoryRemote, InventoryTerminal, PinDirection, terminals,
 };
 use crate::advice::{told, with_advice};
+use crate::diagnosis::board::t_board;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
@@ -53,8 +54,11 @@ pub fn take<B: RegisterBus + Clock>(
     mut goes_on: impl FnMut() -> bool,
 ) -> Taken<Inventory, B> {
     let firmware = HostMot2::identify(bus)?;
-    if let Some(ethernet) = ethernet.as_mut().filter(|_| firmware.idrom.is_7i97t()) {
-        ethernet.identity.is_of_7i97t();
+    if let Some(ethernet) = &mut ethernet {
+        if firmware.idrom.is_7i97t() {
+            ethernet.identity.is_of_7i97t();
+        }
+        ethernet.t_board = t_board(&ethernet.identity.card, &firmware.idrom);
     }
     check_modes::<B>(&firmware, modes)?;
     let left = left_behind(bus, &firmware)?;

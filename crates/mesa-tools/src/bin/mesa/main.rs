@@ -13,10 +13,12 @@ mod modes;
 mod number;
 mod output;
 mod pattern;
+mod picture;
 mod place;
 mod running;
 mod sim;
 mod simulated;
+mod stamp;
 mod target;
 
 use std::io::{self, Write};

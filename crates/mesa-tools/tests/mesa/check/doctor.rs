@@ -69,7 +69,7 @@ fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
         ("ok", "7I97, network firmware 16")
     );
     let (_, loss) = finding(&found, "packet loss");
-    assert!(loss.contains(" of 10 lost"), "{loss}");
+    assert!(loss.contains("packets lost"), "{loss}");
     let (_, watchdog) = finding(&found, "board: watchdog against period");
     assert_eq!(watchdog, "50 ms, period 10 ms");
     assert_eq!(
@@ -82,6 +82,99 @@ fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     for enable in 0..6 {
         assert_eq!(shown[&format!("board.enable{enable}")], "0");
     }
+}
+
+/// Runs a passive diagnosis of a board whose network has a fault, and returns it with the counts of
+/// the board's network meanwhile: lost packets that it did not receive, and lost replies.
+fn with_mishap(mishap: &str) -> (Value, [u64; 2]) {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    // The seldom packets before and after the test exchanges are not disturbed.
+    let exchanges = ["--exchanges", "300", "--period", "2000"];
+    let arguments = ["doctor", "--json", "--addr", &address, "--passive"];
+    let child = command(&[&arguments[..], &exchanges].concat()).spawn();
+    let child = Process::new(child.expect("mesa starts"));
+    board.wait_for_packets(30);
+    board.console.run(mishap);
+    board.wait_for_packets(100);
+    board.console.run("loss 0");
+    board.console.run("late 0");
+    let ended = Run::from(child.output());
+    let found: Value = serde_json::from_str(&ended.out).expect("JSON");
+    hold_against_schema("doctor", &found);
+    let shown = board.console.show("network");
+    let lost = ["received", "sent"].map(|way| {
+        let count = &shown[&format!("network.{way}.lost")];
+        count.parse().expect("a count")
+    });
+    (found, lost)
+}
+
+#[test]
+fn late_replies_are_not_called_lost_and_the_cable_is_not_blamed() {
+    let (found, lost) = with_mishap("late 0.3");
+    assert_eq!(lost, [0, 0]);
+    let (verdict, loss) = finding(&found, "packet loss");
+    assert_eq!(verdict, "ok", "{loss}");
+    assert!(loss.starts_with("none of 3"), "{loss}");
+    let (verdict, late) = finding(&found, "latency against period");
+    assert_eq!(verdict, "bad", "{late}");
+    let count: u32 = late.split(' ').next().expect("a word").parse().expect(late);
+    assert!((20..=300).contains(&count), "{late}");
+    let advice = found["findings"].as_array().expect("findings");
+    let advice = advice
+        .iter()
+        .find(|one| one["check"] == "latency against period");
+    let advice = advice.expect("it")["advice"].as_str().expect("advice");
+    assert!(advice.contains("the cable is not the cause"), "{advice}");
+}
+
+#[test]
+fn lost_packets_are_counted_for_each_way_as_the_board_counts_them() {
+    let (found, [to_board, back]) = with_mishap("loss 0.2");
+    assert!(to_board > 5 && back > 5, "{to_board}, {back}");
+    let (verdict, loss) = finding(&found, "packet loss");
+    assert_eq!(verdict, "bad", "{loss}");
+    let said =
+        format!("packets lost, {to_board} on the way to the board and {back} on the way back");
+    assert!(loss.contains(&said), "{loss}, and not {said}");
+    assert!(
+        loss.starts_with(&format!("{} of ", to_board + back)),
+        "{loss}"
+    );
+}
+
+#[test]
+fn a_software_mode_that_measures_field_power_is_started_and_judged() {
+    let machine = [
+        "--sim",
+        "7i92-7i77",
+        "--yes",
+        "--exchanges",
+        "10",
+        "--period",
+        SLOW,
+    ];
+    let (_, found, _) = diagnosis(&[&machine[..], &["--mode", "0.0=2"]].concat());
+    assert_eq!(
+        finding(&found, "channel 0, 7I77: field power"),
+        ("ok", "measured, and no fault reported")
+    );
+}
+
+#[test]
+fn a_t_board_is_named_as_such() {
+    let passive = ["--passive", "--exchanges", "10", "--period", SLOW];
+    let (_, found, _) = diagnosis(&[&["--sim", "7i97t"][..], &passive].concat());
+    let (verdict, figure) = finding(&found, "board generation");
+    assert_eq!(verdict, "look");
+    assert!(
+        figure.starts_with("7I97T is a T board: an Efinix FPGA (20 kgates"),
+        "{figure}"
+    );
+    assert_eq!(finding(&found, "firmware").1, "7I97T, network firmware 16");
+    let (_, found, _) = diagnosis(&[&["--sim", "7i97"][..], &passive].concat());
+    assert!(!found.to_string().contains("T board"), "{found:#}");
 }
 
 #[test]
@@ -111,6 +204,11 @@ fn a_remote_without_field_power_is_bad_and_the_exit_code_says_so() {
     assert_eq!(text.code, Some(1), "{text:?}");
     assert!(
         text.out.contains("BAD") && text.out.contains("-> "),
+        "{text:?}"
+    );
+    // The rule whose breach destroys the outputs.
+    assert!(
+        text.out.contains("it must rise slower than 10 V/ms"),
         "{text:?}"
     );
 }

@@ -1,5 +1,6 @@
 //! `mesa latency`.
 
+use std::io::{BufRead, BufReader};
 use std::net::Ipv4Addr;
 use std::time::Instant;
 
@@ -89,13 +90,106 @@ fn the_percentiles_the_bars_and_the_picture_are_for_people() {
     let picture = std::fs::read_to_string(picture.path()).expect("a picture");
     assert!(picture.starts_with("<svg") && picture.trim_end().ends_with("</svg>"));
     for words in [
-        "150 cycles at 500 Hz",
-        "how late a cycle begins",
+        "hm2_7i92.0: cycles at 500 Hz",
+        "paced by the host: 150 cycles, none of ",
+        "paced by the host: lateness of its begin",
         "the period",
+        "4000 Hz: ",
+        ", Linux ",
+        " UTC",
     ] {
         assert!(picture.contains(words), "{words}");
     }
     assert!(picture.matches("<rect").count() > 4, "bars");
+}
+
+#[test]
+fn both_paces_are_on_one_axis_of_the_picture() {
+    let picture = Scratch::new("both.svg");
+    let base = [
+        "latency",
+        "--sim",
+        "7i97",
+        "--seconds",
+        "0.2",
+        "--pace",
+        "both",
+    ];
+    done(&[&base[..], &["--plot", picture.path()]].concat());
+    let picture = std::fs::read_to_string(picture.path()).expect("a picture");
+    assert_eq!(picture.matches("time in us").count(), 1);
+    for pace in ["host", "board"] {
+        for what in ["time until a cycle is over", "lateness of its begin"] {
+            let label = format!("paced by the {pace}: {what}");
+            assert!(picture.contains(&label), "{label}");
+        }
+    }
+}
+
+#[test]
+fn what_was_given_is_not_advised() {
+    let base = [
+        "latency",
+        "--sim",
+        "7i97",
+        "--seconds",
+        "0.3",
+        "--rate",
+        "2000",
+    ];
+    let reasons = |arguments: &[&str]| -> Vec<String> {
+        let found = json(&[&base[..], arguments].concat());
+        let verdicts = found["runs"][0]["verdicts"].as_array().expect("verdicts");
+        let reasons = verdicts.iter().map(|one| one["reason"].as_str());
+        reasons.map(|one| one.expect("a text").to_owned()).collect()
+    };
+    for reason in reasons(&["--lock-memory"]) {
+        assert!(!reason.contains("--lock-memory"), "{reason}");
+    }
+    for reason in reasons(&["--cpu", "0"]) {
+        assert!(!reason.contains("--cpu"), "{reason}");
+    }
+}
+
+#[test]
+fn lost_packets_are_named_and_a_mode_is_started() {
+    let arguments = ["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address.to_string();
+    let latency = [
+        "latency",
+        "--addr",
+        &address,
+        "--seconds",
+        "5",
+        "--rate",
+        "100",
+    ];
+    let mode = ["--mode", "0.0=3", "--json"];
+    let child = command(&[&latency[..], &mode].concat()).spawn();
+    let mut child = Process::new(child.expect("mesa starts"));
+    let said = child.child().stderr.take().expect("standard error");
+    let mut lines = BufReader::new(said).lines().map_while(Result::ok);
+    lines
+        .find(|line| line.contains("channel 0: 7I77"))
+        .expect("it is started");
+    board.wait_for_packets(20);
+    assert_eq!(board.console.show("all")["remote.0.mode"], "3");
+    board.console.run("loss 0.1");
+    board.wait_for_packets(60);
+    board.console.run("loss 0");
+    let ended = Run::from(child.output());
+    let value: Value = serde_json::from_str(&ended.out).expect("JSON");
+    crate::run::hold_against_schema("latency", &value);
+    let shown = board.console.show("network");
+    let [to_board, back] = ["received", "sent"].map(|way| {
+        let lost = shown[&format!("network.{way}.lost")].parse::<u64>();
+        lost.expect("a count")
+    });
+    assert!(to_board + back > 0, "{shown:?}");
+    let packets = &value["runs"][0]["packets"];
+    assert_eq!(packets["lost"], to_board + back, "{value:#}");
+    assert_eq!(packets["lost_to_board"], to_board, "{value:#}");
 }
 
 #[test]

@@ -377,6 +377,8 @@ fn a_7i97t_is_shown_with_its_own_jumpers() {
     for line in [
         "HostMot2 firmware for MESA7I97",
         "Ethernet board 7I97T",
+        "  7I97T is a T board: an Efinix FPGA (20 kgates, ClockHigh 160 MHz) and another layout of its \
+         flash memory than the board without the T",
         "from EEPROM (W11 down, W12 up)",
         "ClockHigh 160.000 MHz",
     ] {

@@ -1,6 +1,8 @@
 //! `mesa list`.
 
+use std::fs;
 use std::net::{Ipv4Addr, UdpSocket};
+use std::path::Path;
 use std::process::Stdio;
 
 use mesa_hal::lbp16;
@@ -91,6 +93,50 @@ fn where_there_is_none_it_says_why_and_what_to_do() {
         let advice = lines.next().expect("advice").trim_start();
         assert!(advice.starts_with("-> ") && advice.len() > 10, "{run:?}");
     }
+}
+
+#[test]
+#[cfg(target_endian = "little")]
+fn the_interface_that_is_down_is_named_and_not_that_of_the_office() {
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let root = root.join(format!("{}-list", std::process::id()));
+    let file = |path: &str, text: &str| {
+        let path = root.join(path);
+        fs::create_dir_all(path.parent().expect("a directory")).expect("a scratch directory");
+        fs::write(path, text).expect("a scratch file");
+    };
+    for (interface, flags, carrier) in [("eth0", "0x1003", "1"), ("eth1", "0x1002", "")] {
+        file(&format!("sys/class/net/{interface}/type"), "1");
+        file(&format!("sys/class/net/{interface}/flags"), flags);
+        file(&format!("sys/class/net/{interface}/carrier"), carrier);
+        file(
+            &format!("sys/class/net/{interface}/device/vendor"),
+            "0x8086",
+        );
+    }
+    let office = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\n\
+                  eth0\t00000000\t0100A8C0\t0003\t0\t0\t100\t00000000\n\
+                  eth0\t0000A8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\n";
+    file("proc/net/route", office);
+    let found = run(&["list", "--json", "--root", root.to_str().expect("UTF-8")]);
+    fs::remove_dir_all(&root).expect("it is there");
+    let found: serde_json::Value = serde_json::from_str(&found.out).expect("JSON");
+    hold_against_schema("list", &found);
+    let groups = found["silent"].as_array().expect("groups");
+    let board = groups
+        .iter()
+        .find(|group| group["addresses"][0] == "10.10.10.10");
+    let board = board.expect("the address of the factory");
+    assert_eq!(
+        board["reason"],
+        "no interface is in its network: packets leave by eth0 through the gateway 192.168.0.1, and the \
+         interface eth1 is down"
+    );
+    assert_eq!(
+        board["advice"],
+        "`sudo ip link set eth1 up`; if it has no address in that network then, `sudo ip addr add \
+         10.10.10.1/24 dev eth1`"
+    );
 }
 
 #[test]

@@ -10,14 +10,16 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::Pace;
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{BoardState, Driver, Settings};
+use mesa_tools::Counted;
 use mesa_tools::diagnosis::{
-    self, FigureVerdict, Finding, Host, RoundTrips, board, computer, network,
+    self, FigureVerdict, Finding, Host, PacketMark, Packets, RoundTrips, board, computer, network,
 };
 use serde::Serialize;
 
@@ -25,7 +27,8 @@ use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
-use crate::output::complain;
+use crate::modes::Modes;
+use crate::output::{Tone, complain};
 use crate::running;
 use crate::target::{Found, Target};
 
@@ -43,6 +46,8 @@ Example:
 pub struct Doctor {
     #[command(flatten)]
     target: Target,
+    #[command(flatten)]
+    modes: Modes,
     /// Planned period of the machine, in microseconds, 100 to 10000
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 1000,
         value_parser = clap::value_parser!(u64).range(100..=10_000))]
@@ -182,13 +187,21 @@ impl Doctor {
         findings: &mut Vec<Finding>,
     ) -> Result<(), Failure> {
         let mut board = EthernetBoard::new(bus);
-        findings.push(board::firmware(&board.identity()?));
-        findings.push(board::errors(&board.counters()?));
+        let mut identity = board.identity()?;
+        let counters = board.counters()?;
         let firmware = HostMot2::identify(bus)?;
+        if firmware.idrom.is_7i97t() {
+            identity.is_of_7i97t();
+        }
+        findings.push(board::firmware(&identity));
+        findings.extend(board::generation(&identity.card, &firmware.idrom));
+        findings.push(board::errors(&counters));
         findings.push(bite(bus, &firmware)?);
         let go_on = || context.stop.signal().is_none();
+        let begin = PacketMark::take(bus);
         let trips = RoundTrips::measure(bus, self.exchanges, self.period(), go_on)?;
-        findings.extend(board::round_trips(&trips, self.period()));
+        findings.push(board::loss(&begin.packets_since(bus, Pace::Host)));
+        findings.push(board::latency(&trips, self.period()));
         Ok(())
     }
 
@@ -200,10 +213,11 @@ impl Doctor {
         bus: Bus,
         findings: &mut Vec<Finding>,
     ) -> Result<Result<(), Failure>, Failure> {
-        let settings = Settings {
+        let mut settings = Settings {
             period: self.period(),
             ..Settings::default()
         };
+        self.modes.put(&mut settings);
         let watchdog = settings.watchdog_time();
         let mut driver = running::start(bus, settings)?;
         if let Err(error) = driver.prove_watchdogs() {
@@ -214,9 +228,14 @@ impl Doctor {
                 "fix that first, then run this again",
             ));
         }
+        let mark = PacketMark::take(driver.bus_mut());
         let cycles = self.cycle(context, &mut driver);
-        findings.extend(judge(&driver, self.period(), watchdog, cycles));
-        let (bus, stopped) = driver.shutdown();
+        let state = driver.board_state();
+        let remotes = judge(&driver, self.period(), watchdog);
+        let (mut bus, stopped) = driver.shutdown();
+        let packets = mark.packets_since(&mut bus, Pace::Host);
+        findings.push(judge_cycles(cycles, state, &packets));
+        findings.extend(remotes);
         stopped?;
         complain("mesa: the machine is stopped; no output was ever on");
         Ok(running::check_alone(&bus))
@@ -246,31 +265,33 @@ struct CycleCounts {
     failed: u32,
 }
 
+/// Finding about the cycles of a short run, and their packets.
+fn judge_cycles(cycles: CycleCounts, state: BoardState, packets: &Packets) -> Finding {
+    let check = "cycles";
+    let mut figure = format!(
+        "{} of {} failed",
+        cycles.failed,
+        Counted(cycles.all.into(), "cycle")
+    );
+    let state = running::trouble(state).map(|state| state.to_string());
+    let trouble = packets.trouble();
+    for trouble in state.iter().chain(&trouble) {
+        figure.push_str("; ");
+        figure.push_str(trouble);
+    }
+    if cycles.failed == 0 && state.is_none() && trouble.is_none() {
+        return Finding::good(check, figure);
+    }
+    let advice = match packets.lost {
+        0 => "no packet was lost: see latency",
+        _ => "see packet loss",
+    };
+    Finding::new(FigureVerdict::Look, check, figure, advice)
+}
+
 /// Findings about a machine that has run for a short time.
-fn judge(
-    driver: &Driver<Bus>,
-    period: Duration,
-    watchdog: Duration,
-    cycles: CycleCounts,
-) -> Vec<Finding> {
-    let figure = format!("{} of {} failed", cycles.failed, cycles.all);
-    let mut findings = vec![
-        if cycles.failed == 0 && driver.board_state() == BoardState::Running {
-            Finding::good("cycles", figure)
-        } else {
-            let figure = match running::trouble(driver.board_state()) {
-                Some(trouble) => format!("{figure}; {trouble}"),
-                None => figure,
-            };
-            Finding::new(
-                FigureVerdict::Look,
-                "cycles",
-                figure,
-                "see packet loss and latency",
-            )
-        },
-    ];
-    findings.push(board::watchdog("board: watchdog", Some(watchdog), period));
+fn judge(driver: &Driver<Bus>, period: Duration, watchdog: Duration) -> Vec<Finding> {
+    let mut findings = vec![board::watchdog("board: watchdog", Some(watchdog), period)];
     for port in driver.ports() {
         let layout = port.layout();
         for channel in 0..layout.channels {
@@ -309,7 +330,8 @@ fn bite(bus: &mut Bus, firmware: &HostMot2) -> Result<Finding, Failure> {
 
 impl Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {}", self.address, word(self.verdict))?;
+        let verdict = word(self.verdict);
+        writeln!(f, "{}: {}", self.address, tone(self.verdict).of(verdict))?;
         for finding in &self.findings {
             let Finding {
                 check,
@@ -317,12 +339,21 @@ impl Display for Diagnosis {
                 verdict,
                 advice,
             } = finding;
-            writeln!(f, "{:<8} {check}: {figure}", word(*verdict))?;
+            let word = format!("{:<8}", word(*verdict));
+            writeln!(f, "{} {check}: {figure}", tone(*verdict).of(&word))?;
             if let Some(advice) = advice {
                 writeln!(f, "         -> {advice}")?;
             }
         }
         Ok(())
+    }
+}
+
+fn tone(verdict: FigureVerdict) -> Tone {
+    match verdict {
+        FigureVerdict::Ok => Tone::Good,
+        FigureVerdict::Unknown | FigureVerdict::Look => Tone::Doubt,
+        FigureVerdict::Bad => Tone::Bad,
     }
 }
 

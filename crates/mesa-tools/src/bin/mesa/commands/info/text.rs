@@ -11,13 +11,19 @@ use mesa_tools::inventory::{
 };
 
 use super::Found;
+use crate::output::Tone;
 
 impl Display for Found {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let inventory = &self.0;
-        writeln!(f, "{}", inventory.judgement())?;
+        let tone = if inventory.findings.is_empty() {
+            Tone::Good
+        } else {
+            Tone::Doubt
+        };
+        writeln!(f, "{}", tone.of(&inventory.judgement().to_string()))?;
         for finding in &inventory.findings {
-            writeln!(f, "  {finding}")?;
+            writeln!(f, "  {}", tone.of(finding))?;
         }
         writeln!(f)?;
         if let Some(ethernet) = &inventory.ethernet {
@@ -34,6 +40,9 @@ impl Display for Found {
 fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {
     let (identity, counters) = (&ethernet.identity, &ethernet.counters);
     writeln!(f, "Ethernet board {}", identity.card)?;
+    if let Some(t_board) = &ethernet.t_board {
+        writeln!(f, "  {t_board}")?;
+    }
     writeln!(f, "  MAC          {}", identity.mac)?;
     let source = identity.address_from.of_card(&identity.card);
     writeln!(f, "  IP address   {source}")?;

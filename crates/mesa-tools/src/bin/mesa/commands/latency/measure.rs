@@ -7,8 +7,10 @@ use mesa_hal::bus::{BusStatistics, RegisterBus};
 use mesa_hal::driver::{DriverStatistics, Pace, RemoteState};
 use mesa_hal::runner::{Cycle, Latency as Recorder, RunStatistics, Runner};
 use mesa_hal::{Driver, Settings};
+use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
+use super::advice::Setting;
 use super::{Latency, without};
 use crate::context::{Context, Failure, told};
 use crate::link::Bus;
@@ -26,6 +28,10 @@ pub struct Measured {
     pub cycles: u64,
     pub begin: Mark,
     pub end: Mark,
+    /// Packets from the first cycle to the end.
+    pub packets: Packets,
+    /// Settings of the thread of the cycle, and of this computer, that decide how late cycles are.
+    pub setting: Setting,
     /// Socket options that this host does not allow.
     pub refused: Vec<&'static str>,
     /// Remotes that did not run all the time.
@@ -122,7 +128,8 @@ fn one(
     bus: Bus,
     context: &Context,
 ) -> Result<(Measured, Bus), Failure> {
-    let driver = running::start(bus, settings(asked, pace))?;
+    let mut driver = running::start(bus, settings(asked, pace))?;
+    let mark = PacketMark::take(driver.bus_mut());
     let board = driver.name().to_owned();
     let mut recorder = Recorder::of(&driver);
     let mut runner = Runner::new(driver);
@@ -150,27 +157,31 @@ fn one(
     let stopped = ended.stopped.map_err(|error| told(&error));
     let mut bus = ended.driver.into_bus();
     let alone = running::check_alone(&bus).map_err(|failure| failure.to_string());
-    let stopped = stopped.and(alone);
+    let packets = mark.packets_since(&mut bus, pace);
     let measured = Measured {
         board,
         recorder,
         cycles: end.cycle.saturating_sub(WARM_UP),
         begin,
         end,
+        packets,
+        setting: Setting::now(),
         refused: bus.link().refused().to_vec(),
         offline,
-        stopped,
+        stopped: stopped.and(alone),
     };
     Ok((measured, bus))
 }
 
 fn settings(asked: &Latency, pace: Pace) -> Settings {
-    Settings {
+    let mut settings = Settings {
         period: Duration::from_secs(1) / asked.rate,
         pace,
         watchdog: Some(running::WATCHDOG),
         ..Settings::default()
-    }
+    };
+    asked.modes.put(&mut settings);
+    settings
 }
 
 /// CPU time of this thread so far.

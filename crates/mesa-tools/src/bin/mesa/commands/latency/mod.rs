@@ -1,6 +1,7 @@
 //! `mesa latency`: lateness and cost of cycles on this host with this board, and the rates that
 //! they allow.
 
+mod advice;
 mod measure;
 mod plot;
 mod report;
@@ -15,6 +16,7 @@ use mesa_hal::runner::Realtime;
 
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::modes::Modes;
 use crate::output::complain;
 use crate::simulated::Passage;
 use crate::target::Target;
@@ -45,6 +47,8 @@ Examples:
 pub struct Latency {
     #[command(flatten)]
     target: Target,
+    #[command(flatten)]
+    modes: Modes,
     /// Time to measure at each pace, in seconds, 0.1 to 86400
     #[arg(long, value_name = "N", default_value = "10", value_parser = seconds)]
     seconds: f64,
@@ -55,7 +59,7 @@ pub struct Latency {
     /// Clock that starts the cycles; `board` needs a firmware with a DPLL, as that of a 7I97
     #[arg(long, value_enum, default_value = "host")]
     pace: Paces,
-    /// File for a picture of the histograms, as SVG
+    /// File for a picture of the histograms and the verdicts, as SVG
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     /// SCHED_FIFO priority of the cycle, 1 to 99
@@ -108,7 +112,7 @@ impl Latency {
         let drawn = self
             .plot
             .as_ref()
-            .map(|file| plot::draw(file, self.rate, &measured));
+            .map(|file| plot::draw(file, &report, &measured));
         let was_offline = measured.iter().any(|run| !run.offline.is_empty());
         for run in measured {
             run.stopped.map_err(Failure::refused)?;

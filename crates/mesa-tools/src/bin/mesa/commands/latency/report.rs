@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use mesa_hal::driver::Pace;
 use mesa_hal::runner::{Distribution, Histogram, RateJudgement};
+use mesa_tools::diagnosis::Packets;
 use serde::Serialize;
 
 use super::measure::{Mark, Measured, Offline};
-use super::name;
+use super::{advice, name};
 
 /// Rates to judge, in Hz.
 const RATES: [u32; 3] = [1000, 2000, 4000];
@@ -23,18 +24,18 @@ const WIDTH: f64 = 30.0;
 /// Report of a measurement.
 #[derive(Debug, Serialize)]
 pub struct Report {
-    board: String,
-    rate_hz: u32,
-    runs: Vec<Run>,
+    pub board: String,
+    pub rate_hz: u32,
+    pub runs: Vec<Run>,
     /// Socket options that would shorten or steady the round trip, and were refused.
     socket_options_refused: Vec<&'static str>,
 }
 
 /// Result at one pace.
 #[derive(Debug, Serialize)]
-struct Run {
-    pace: &'static str,
-    cycles: u64,
+pub struct Run {
+    pub pace: &'static str,
+    pub cycles: u64,
     failed_reads: u64,
     /// Skipped periods at the host's pace, periods without inputs at the board's.
     missed_periods: u64,
@@ -46,8 +47,10 @@ struct Run {
     packets_out_per_cycle: f64,
     bytes_out_per_cycle: f64,
     bytes_back_per_cycle: f64,
-    verdicts: Vec<Judged>,
+    pub verdicts: Vec<Judged>,
     offline: Vec<Offline>,
+    /// Packets from the first cycle to the end.
+    pub packets: Packets,
     histogram: Vec<Row>,
 }
 
@@ -62,10 +65,10 @@ struct Times {
 }
 
 #[derive(Debug, Serialize)]
-struct Judged {
-    rate_hz: u32,
-    holds: RateJudgement,
-    reason: String,
+pub struct Judged {
+    pub rate_hz: u32,
+    pub holds: RateJudgement,
+    pub reason: String,
 }
 
 /// Cycles with a time from here up to the next row.
@@ -122,6 +125,7 @@ impl Run {
                 .map(|&rate| Judged::of(rate, measured))
                 .collect(),
             offline: measured.offline.clone(),
+            packets: measured.packets,
             histogram: rows(recorder.late(), recorder.used()),
         }
     }
@@ -156,7 +160,7 @@ impl Judged {
         Self {
             rate_hz: rate,
             holds: verdict.judgement,
-            reason: verdict.to_string(),
+            reason: advice::reason(&verdict, measured),
         }
     }
 }
@@ -209,6 +213,13 @@ impl Display for Run {
         writeln!(
             f,
             "reads that failed: {failed}; periods without a cycle: {missed}"
+        )?;
+        writeln!(
+            f,
+            "{}",
+            self.packets
+                .trouble()
+                .unwrap_or_else(|| { self.packets.loss().to_string() })
         )?;
         writeln!(
             f,

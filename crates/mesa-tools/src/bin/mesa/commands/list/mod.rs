@@ -5,6 +5,7 @@ mod why;
 
 use std::fmt::{self, Display};
 use std::net::{Ipv4Addr, SocketAddrV4};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
@@ -42,6 +43,9 @@ pub struct List {
     /// UDP port of the boards, 1 to 65535
     #[arg(long, default_value_t = lbp16::PORT, value_parser = clap::value_parser!(u16).range(1..))]
     port: u16,
+    /// Directory that contains this computer's /proc and /sys
+    #[arg(long, value_name = "DIRECTORY", default_value = "/", hide = true)]
+    root: PathBuf,
 }
 
 /// Result of the search.
@@ -70,7 +74,7 @@ struct Silent {
 impl List {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let addresses = self.addresses()?;
-        let network = Network::here()?;
+        let network = Network::below(&self.root)?;
         let mut found = Boards {
             boards: Vec::new(),
             silent: Vec::new(),

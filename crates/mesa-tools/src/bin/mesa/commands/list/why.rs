@@ -3,8 +3,9 @@
 use std::net::Ipv4Addr;
 
 use mesa_hal::bus::BusAdvice;
-use mesa_hal::transport::network::{Interface, Network, NetworkPath};
+use mesa_hal::transport::network::{Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
+use mesa_tools::diagnosis::network::{Outside, host_beside, outside};
 
 /// A reason with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,9 +48,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             reason: silence.to_string(),
             advice: "choose another address of 127.0.0.0/8".to_owned(),
         },
-        (_, NetworkPath::Direct(route)) => {
-            in_network(&route.interface, network.interface(&route.interface))
-        }
+        (_, NetworkPath::Direct(route)) => in_network(network, &route.interface),
         (_, NetworkPath::Gateway(route)) => {
             let (gateway, interface) = (route.gateway, &route.interface);
             let reason = format!(
@@ -64,7 +63,8 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
 
 /// Reason if the interface is in the network of the board. Its state may be hidden, as in a
 /// container.
-fn in_network(name: &str, interface: Option<&Interface>) -> Why {
+fn in_network(network: &Network, name: &str) -> Why {
+    let interface = network.interface(name);
     if interface.is_some_and(|interface| !interface.is_up) {
         Why {
             reason: format!("the interface {name} is down"),
@@ -78,51 +78,41 @@ fn in_network(name: &str, interface: Option<&Interface>) -> Why {
     } else {
         Why {
             reason: format!("no answer on {name}, which is in its network"),
-            advice: "check the board's power and its address jumpers, or search its network: mesa \
-                     list IP/BITS"
-                .to_owned(),
+            advice: format!(
+                "check the board's power and its address jumpers, or search its network: mesa list \
+                 IP/BITS{}",
+                elsewhere(network)
+            ),
         }
     }
 }
 
-/// Reason if no interface is in the network of the board, with the interface that should be.
-fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
-    let Some(interface) = network.likely() else {
-        return Why {
-            reason: format!("{reason}, and this computer has no Ethernet interface"),
-            advice: "plug in a network adapter".to_owned(),
-        };
-    };
-    let name = &interface.name;
-    let host = host_beside(address);
-    let add = format!("sudo ip addr add {host}/24 dev {name}");
-    if interface.is_up {
-        let link = if interface.has_link {
-            ""
-        } else {
-            " (which has no link: check its cable)"
-        };
-        return Why {
-            reason: reason.to_owned(),
-            advice: format!("{add}{link}"),
-        };
-    }
-    Why {
-        reason: format!("{reason}, and the interface {name} is down"),
-        advice: format!("{add} && sudo ip link set {name} up"),
+/// The interfaces that are down: a board may be plugged into one of them, and another network have
+/// the same addresses.
+fn elsewhere(network: &Network) -> String {
+    let free = network.free().into_iter();
+    let down = free.filter(|one| !one.is_up);
+    let commands = down.map(|one| format!("`sudo ip link set {} up`", one.name));
+    let commands = commands.collect::<Vec<_>>().join(" or ");
+    match commands.as_str() {
+        "" => String::new(),
+        commands => format!("; if the board is at an interface that is down, {commands}"),
     }
 }
 
-/// Address for this computer beside a board: the first of the /24 network that is not the board's.
-fn host_beside(board: Ipv4Addr) -> Ipv4Addr {
-    let [a, b, c, d] = board.octets();
-    Ipv4Addr::new(a, b, c, if d == 1 { 2 } else { 1 })
+/// Reason if no interface is in the network of the board, with the state of those that may be its.
+fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
+    let Outside { interfaces, advice } = outside(network, address);
+    Why {
+        reason: format!("{reason}, and {interfaces}"),
+        advice,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mesa_hal::transport::network::Route;
+    use mesa_hal::transport::network::{Interface, Route};
 
     /// State of an interface.
     #[derive(Clone, Copy, PartialEq)]
@@ -184,6 +174,12 @@ mod tests {
                 "check the board's power",
             ),
             (
+                vec![interface("eth0", Down), interface("eth1", Ready)],
+                vec![beside.clone()],
+                "no answer on eth1, which is in its network",
+                "if the board is at an interface that is down, `sudo ip link set eth0 up`",
+            ),
+            (
                 vec![interface("eth1", NoLink)],
                 vec![beside.clone()],
                 "eth1 has no link",
@@ -198,20 +194,27 @@ mod tests {
             (
                 vec![interface("eth0", Ready)],
                 vec![default.clone()],
-                "packets leave by eth0 through the gateway 192.0.2.1",
-                "sudo ip addr add 10.10.10.1/24 dev eth0",
+                "packets leave by eth0 through the gateway 192.0.2.1, and the only interface, eth0, carries \
+                 another network",
+                "sudo ip addr add 10.10.10.1/24 dev INTERFACE",
+            ),
+            (
+                vec![interface("eth0", Ready), interface("eth1", Down)],
+                vec![default.clone()],
+                "packets leave by eth0 through the gateway 192.0.2.1, and the interface eth1 is down",
+                "sudo ip link set eth1 up",
             ),
             (
                 vec![interface("eth1", NoLink)],
                 vec![],
-                "no interface is in its network",
-                "sudo ip addr add 10.10.10.1/24 dev eth1 (which has no link",
+                "no interface is in its network, and the interface eth1 has no link",
+                "check the cable and the board's power, then `sudo ip addr add 10.10.10.1/24 dev eth1`",
             ),
             (
                 vec![interface("eth1", Down)],
                 vec![],
                 "the interface eth1 is down",
-                "sudo ip addr add 10.10.10.1/24 dev eth1 && sudo ip link set eth1 up",
+                "`sudo ip link set eth1 up`; if it has no address in that network then, `sudo ip addr add",
             ),
             (
                 vec![interface("eth0", Ready)],
@@ -223,20 +226,13 @@ mod tests {
                 vec![],
                 vec![default],
                 "this computer has no Ethernet interface",
-                "plug in a network adapter",
+                "plug the board into a network card of its own",
             ),
         ] {
             let (why, how) = why(&interfaces, &routes);
             assert!(why.contains(reason), "{reason}: {why}");
             assert!(how.contains(advice), "{advice}: {how}");
         }
-    }
-
-    #[test]
-    fn this_computer_gets_another_address_than_the_board() {
-        assert_eq!(host_beside(BOARD), Ipv4Addr::new(10, 10, 10, 1));
-        let first = Ipv4Addr::new(10, 1, 2, 1);
-        assert_eq!(host_beside(first), Ipv4Addr::new(10, 1, 2, 2));
     }
 
     #[test]
