@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::cycle::{CycleWrite, Order};
 use super::pace::ReadResult;
-use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
+use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
 
 /// Pause between two polls of COMMAND.
@@ -218,6 +218,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
             Responder::Same => {}
             Responder::Absent => return Ok(true),
             Responder::Other => return Ok(false),
+        }
+        // The set-up would hide that the board was reset while it did not answer.
+        if self.cycle.state() == BoardState::BusDown {
+            self.look()?;
         }
         let Self {
             bus,

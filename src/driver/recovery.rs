@@ -22,7 +22,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Those of the bus, and [`CycleError::OtherFirmware`]; nothing is armed then.
     ///
     /// # Real time
-    /// As `write`, and eight more exchanges when the board has to be set up again, after the reply
+    /// As `write`, and nine more exchanges when the board has to be set up again, after the reply
     /// that is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if !self.cycle.is_running() {

@@ -96,6 +96,14 @@ pub enum BoardState {
 }
 }
 
+impl BoardState {
+    /// True if the board with the driver's firmware answers: otherwise nothing is known about the
+    /// present states of its remotes and inputs.
+    pub const fn is_reached(self) -> bool {
+        !matches!(self, Self::BusDown | Self::OtherFirmware)
+    }
+}
+
 impl fmt::Display for BoardState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -69,8 +69,9 @@ pub struct SnapshotWriter {
 #[derive(Debug)]
 struct ChangeTimes {
     board: (BoardState, Instant),
-    /// For each remote, true while it runs, and the time since.
-    remotes: Vec<(bool, Instant)>,
+    /// For each remote, true while it runs, and the time since; `None` while the board is not
+    /// reached.
+    remotes: Vec<(Option<bool>, Instant)>,
 }
 
 /// Takes snapshots, in any thread.
@@ -169,7 +170,7 @@ impl SnapshotWriter {
         let places: Vec<_> = remotes.collect();
         let since = ChangeTimes {
             board: (driver.board_state(), now),
-            remotes: places.iter().map(|_| (true, now)).collect(),
+            remotes: places.iter().map(|_| (Some(true), now)).collect(),
         };
         let (layout, words) = SnapshotLayout::new(driver, places, &since);
         let words = (0..words).map(|_| AtomicU64::new(0)).collect();
@@ -263,7 +264,8 @@ impl ChangeTimes {
             self.board = (driver.board_state(), now);
         }
         for (since, remote) in self.remotes.iter_mut().zip(remotes(driver)) {
-            let runs = remote.state == RemoteState::Running;
+            let is_reached = driver.board_state().is_reached();
+            let runs = is_reached.then_some(remote.state == RemoteState::Running);
             if since.0 != runs {
                 *since = (runs, now);
             }

@@ -229,7 +229,13 @@ impl fmt::Display for CsStatus {
             }
         }
         if !self.remote_faults().is_empty() {
-            write!(f, "; the remote says: {}", self.remote_faults())?;
+            // Until START has read the faults, they are those of an earlier reply (FACTS 3.7).
+            let is_old = matches!(
+                self.state(),
+                S::Stopped | S::Starting | S::UnitNumber | S::Sizes | S::ClearOutputs
+            );
+            let says = if is_old { "said before" } else { "says" };
+            write!(f, "; the remote {says}: {}", self.remote_faults())?;
         }
         write!(f, " (CS {:08X})", self.0)
     }

@@ -30,15 +30,16 @@ pub enum RemoteState {
     Running,
     /// The remote is offline; the driver tries to restart it at the given time.
     Offline {
-        /// The first reason since the remote was re-armed last, until another device is found in
-        /// its place.
+        /// The present reason: that for which the remote stopped running last, until an attempt to
+        /// restart it finds another one. A fault from before it ran last stays in
+        /// [`RemoteStatus::first_fault`](super::RemoteStatus::first_fault).
         reason: OfflineReason,
         /// Earliest time of the next attempt; `None`: when the application asks for it.
         next_attempt: Option<Instant>,
     },
     /// The remote is being restarted.
     Restarting {
-        /// The reason why it was offline.
+        /// The present reason, as when it is offline.
         reason: OfflineReason,
     },
 }
@@ -198,11 +199,11 @@ impl Health {
             let kind = EventKind::RemoteStaysOffline { remote, reason };
             self.tell(now, kind);
         }
-        let first = *self.first_fault.get_or_insert(reason);
-        let reason = if reason.is_about_identity() {
-            reason
-        } else {
-            first
+        self.first_fault.get_or_insert(reason);
+        let reason = match self.state {
+            RemoteState::Running => reason,
+            RemoteState::Offline { reason: before, .. }
+            | RemoteState::Restarting { reason: before } => reason.after(before),
         };
         self.state = RemoteState::Offline {
             reason,

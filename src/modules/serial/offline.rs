@@ -3,8 +3,7 @@
 use super::Failure;
 use crate::advice::Advice;
 use crate::packed::{packed_enum, packed_word};
-use crate::sslbp::RemoteName;
-use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
+use crate::sslbp::{ComState, CsStatus, ProcessDataSizes, RemoteFaults, RemoteName};
 
 packed_enum! {
 /// Reason why a remote is offline.
@@ -132,6 +131,25 @@ impl OfflineReason {
         }
     }
 
+    /// The present reason of a remote that was offline for the reason `before`, and has not run
+    /// since, when this one is found: a restart that fails or is only requested keeps a reason that
+    /// it does not contradict.
+    pub(super) fn after(self, before: Self) -> Self {
+        match self {
+            Self::DidNotStart(cs) if cs.state() == ComState::CheckFaults => {
+                match Self::of_faults(cs.remote_faults()) {
+                    reported @ (Self::FieldPower(_) | Self::Reported(_)) => reported,
+                    _ => self,
+                }
+            }
+            Self::DidNotStart(_) if matches!(before, Self::Absent | Self::TooManyFailures(_)) => {
+                before
+            }
+            Self::Requested if !matches!(before, Self::BoardDown | Self::Stopped) => before,
+            _ => self,
+        }
+    }
+
     /// True for a fault that a START clears.
     pub(super) const fn is_cleared_by_start(&self) -> bool {
         matches!(self, Self::Watchdog | Self::IllegalMode | Self::Reported(_))
@@ -140,15 +158,6 @@ impl OfflineReason {
     /// True if the application requested it, so that there is no fault.
     pub(super) const fn is_asked_for(&self) -> bool {
         matches!(self, Self::Stopped | Self::Requested)
-    }
-
-    /// True if another device answers than expected, which is more important than why the remote
-    /// went offline.
-    pub(super) const fn is_about_identity(&self) -> bool {
-        matches!(
-            self,
-            Self::AnotherDevice { .. } | Self::OtherTables { .. } | Self::OtherSizes { .. }
-        )
     }
 }
 

@@ -37,12 +37,17 @@ pub struct Watchdog {
     /// cycle.
     shortest: Duration,
     stage: WatchdogStage,
-    /// The longest time that the cycle has written.
+    /// The longest time that the cycle has written, as a word and as a duration.
     longest: u32,
+    longest_time: Duration,
     /// The next write restarts the watchdog.
     is_fed: bool,
     /// Start of the last write that restarted it.
     fed: Option<Instant>,
+    /// That write ended before the watchdog could bite, if it arrived.
+    is_fed_in_time: bool,
+    /// Start of the last write that is known to have restarted it, by evidence read after it.
+    confirmed: Option<Instant>,
     /// Start of the current write: the host may be suspended between that and its end.
     sent_from: Option<Instant>,
     status: ReadSlot,
@@ -118,8 +123,11 @@ impl Watchdog {
             shortest: r.settings.period.saturating_mul(2),
             stage: WatchdogStage::Disabled,
             longest: 0,
+            longest_time: Duration::ZERO,
             is_fed: false,
             fed: None,
+            is_fed_in_time: false,
+            confirmed: None,
             sent_from: None,
             status: r.image.read(Phase::Evidence, status),
             time_left: r.image.read(Phase::Evidence, time),
@@ -147,7 +155,7 @@ impl Watchdog {
         let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.evidence_matches();
         if is_set_up {
             self.stage = WatchdogStage::Held;
-            self.fed = None;
+            (self.fed, self.confirmed) = (None, None);
         }
         is_set_up
     }
@@ -182,6 +190,9 @@ impl Watchdog {
         if in_cycle {
             self.stage = WatchdogStage::Running;
         }
+        if is_certain {
+            self.confirmed = self.fed;
+        }
         None
     }
 
@@ -195,15 +206,23 @@ impl Watchdog {
 
     /// Finds the cause of a bite. After a reset the next write makes the watchdog bite at once,
     /// without a time of its own; a bite of a board that was set up needs a silence longer than its
-    /// time.
+    /// time since a write that has arrived before it could bite.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
-        let timeout = self.registers.timeout_of(self.longest);
-        let was_fed = |fed: Instant| timeout.is_some_and(|timeout| now.since(fed) < timeout);
-        if !is_counting(time) && is_certain && self.fed.is_some_and(was_fed) {
+        let fed = if is_certain && self.is_fed_in_time {
+            self.fed
+        } else {
+            self.confirmed
+        };
+        if !is_counting(time) && fed.is_some_and(|fed| self.cannot_bite(fed, now)) {
             BoardState::Reset
         } else {
             BoardState::WatchdogBitten
         }
+    }
+
+    /// True if a watchdog that was restarted at `fed` cannot have bitten at `now`.
+    fn cannot_bite(&self, fed: Instant, now: Instant) -> bool {
+        now.since(fed) < self.longest_time
     }
 
     /// True if the application has cleared the bite.
@@ -236,7 +255,11 @@ impl Module for Watchdog {
             return;
         }
         let time = self.registers.time_for(self.timeout().max(self.shortest));
-        self.longest = self.longest.max(time);
+        if time > self.longest {
+            self.longest = time;
+            let longest = self.registers.timeout_of(time);
+            self.longest_time = longest.unwrap_or(self.longest_time);
+        }
         cycle.words.set(self.time, time);
         cycle.words.repeat(self.time);
         cycle.request_extra();
@@ -245,6 +268,8 @@ impl Module for Watchdog {
     fn written(&mut self, now: Instant, _: bool) {
         let sent_from = self.sent_from.take().unwrap_or(now);
         if self.is_fed {
+            let before = self.confirmed;
+            self.is_fed_in_time = before.is_none_or(|before| self.cannot_bite(before, now));
             self.fed = Some(sent_from);
         }
     }

@@ -43,9 +43,10 @@ pub struct RemoteSnapshot {
     /// The group of its pins.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub group: GroupId,
-    /// Time since which it has been running, or not running, as far as published.
+    /// Time since which it has been running, or not running, as far as published; or since which
+    /// that is unknown, because the board [is not reached](BoardState::is_reached).
     pub since: Instant,
-    /// Its state.
+    /// Its state, as last known.
     pub state: RemoteState,
     /// The first reason for going offline since it was last re-armed.
     pub first_fault: Option<OfflineReason>,

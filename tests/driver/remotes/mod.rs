@@ -1,4 +1,5 @@
-//! Remotes: each simulated device, and those that are optional.
+//! Remotes: each simulated device, those that are optional, and reasons of those that are offline.
 
 mod devices;
 pub mod optional;
+mod reasons;

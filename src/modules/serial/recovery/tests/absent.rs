@@ -72,6 +72,15 @@ fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
     rig.seen.cs[2] = STOPPED;
     rig.write();
     rig.read();
+    let state = rig.state(TWO);
+    let is_new = matches!(
+        state,
+        RemoteState::Offline {
+            reason: OfflineReason::NotRunning(_),
+            ..
+        }
+    );
+    assert!(is_new, "it is absent no more: {state:?}");
     rig.seen.start[2][0] ^= 1;
     let state = rig.attempt(CHATTER, SIZES);
     assert!(
@@ -102,7 +111,7 @@ fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
         let RemoteState::Offline { reason, .. } = state else {
             panic!("{state:?}");
         };
-        assert!(reason.is_about_identity(), "{reason}");
+        assert!(is_about_identity(reason), "{reason}");
         rig.read();
         assert_eq!(rig.write(), 0x1003, "it gets no transfer");
     }
