@@ -5,6 +5,7 @@
 mod commands;
 mod consent;
 mod context;
+mod date;
 mod files;
 mod full_screen;
 mod link;
@@ -13,6 +14,7 @@ mod number;
 mod output;
 mod pattern;
 mod place;
+mod reason;
 mod running;
 mod sim;
 mod simulated;
