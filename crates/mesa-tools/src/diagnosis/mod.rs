@@ -39,7 +39,7 @@ pub enum FigureVerdict {
 pub struct Finding {
     /// Name of the check.
     pub check: String,
-    /// Figure found.
+    /// Figure found, in words if there is none.
     pub figure: String,
     /// Verdict on the figure.
     pub verdict: FigureVerdict,
@@ -50,9 +50,10 @@ pub struct Finding {
 impl Finding {
     /// Creates the finding for a figure that is in order.
     pub fn good(check: impl Into<String>, figure: impl Into<String>) -> Self {
+        let figure = Some(figure.into()).filter(|figure| has_words(figure));
         Self {
             check: check.into(),
-            figure: figure.into(),
+            figure: figure.unwrap_or_else(|| "not known".to_owned()),
             verdict: FigureVerdict::Ok,
             advice: None,
         }
@@ -67,14 +68,34 @@ impl Finding {
     ) -> Self {
         Self {
             verdict,
-            advice: Some(advice.into()),
+            advice: Some(advice.into()).filter(|advice| has_words(advice)),
             ..Self::good(check, figure)
         }
     }
+}
+
+fn has_words(text: &str) -> bool {
+    !text.trim().is_empty()
 }
 
 /// Returns the worst of several verdicts; [`FigureVerdict::Ok`] without any.
 pub fn worst<'a>(findings: impl IntoIterator<Item = &'a Finding>) -> FigureVerdict {
     let verdicts = findings.into_iter().map(|finding| finding.verdict);
     verdicts.max().unwrap_or(FigureVerdict::Ok)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finding_has_words_or_no_advice() {
+        let blank = Finding::new(FigureVerdict::Look, "fuse", " ", "");
+        assert_eq!((&*blank.figure, blank.advice), ("not known", None));
+        let whole = Finding::new(FigureVerdict::Bad, "fuse", "blown", "replace it");
+        assert_eq!(
+            (&*whole.figure, whole.advice.as_deref()),
+            ("blown", Some("replace it"))
+        );
+    }
 }

@@ -10,15 +10,20 @@ use crate::interop::{PATIENCE, mesa, wait_until};
 /// Interval of looks at the screen.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// A terminal of 120 by 40 characters for a command. Ends with the command.
+/// A terminal for a command. Ends with the command.
 pub struct Terminal {
     socket: String,
 }
 
 impl Terminal {
-    /// Runs `mesa` with these arguments in the terminal, and prints its exit code at its end.
-    /// Returns `None`, with a clear message, without tmux.
+    /// Runs `mesa` with these arguments in a terminal of 120 by 40 characters, and prints its exit
+    /// code at its end. Returns `None`, with a clear message, without tmux.
     pub fn start(name: &str, arguments: &str) -> Option<Self> {
+        Self::start_with(name, arguments, [120, 40])
+    }
+
+    /// As [`start`](Self::start), with other numbers of columns and rows.
+    pub fn start_with(name: &str, arguments: &str, size: [u16; 2]) -> Option<Self> {
         if !has_program("tmux") {
             skip("tmux");
             return None;
@@ -30,7 +35,8 @@ impl Terminal {
             "{} {arguments}; echo exit code $?; sleep 600",
             mesa().display()
         );
-        let size = ["-x", "120", "-y", "40"];
+        let [columns, rows] = size.map(|size| size.to_string());
+        let size = ["-x", &columns, "-y", &rows];
         let started = ["-f", "/dev/null", "new-session", "-d"];
         let output = terminal.tmux(&[&started[..], &size, &[&command]].concat());
         assert!(output.status.success(), "{output:?}");

@@ -5,6 +5,7 @@
 mod commands;
 mod consent;
 mod context;
+mod computer;
 mod date;
 mod files;
 mod full_screen;
@@ -15,10 +16,10 @@ mod output;
 mod pattern;
 mod picture;
 mod place;
+mod reason;
 mod running;
 mod sim;
 mod simulated;
-mod stamp;
 mod target;
 
 use std::io::{self, Write};

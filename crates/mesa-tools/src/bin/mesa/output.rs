@@ -18,8 +18,9 @@ static IS_LOST: AtomicBool = AtomicBool::new(false);
 /// reported once on standard error and [kept](is_lost): a command that drives a board continues in
 /// either case.
 pub fn say(text: impl Display) {
+    let is_terminal = io::stdout().is_terminal();
     let mut out = io::stdout().lock();
-    let done = match width() {
+    let done = match width().filter(|_| is_terminal) {
         Some(width) => write!(out, "{}", wrapped(&text.to_string(), width)),
         None => write!(out, "{text}"),
     };
@@ -55,11 +56,9 @@ fn is_coloured() -> bool {
     io::stdout().is_terminal() && !Palette::from_environment().is_plain()
 }
 
-/// Columns of the terminal, if standard output is one and has at least 40.
+/// Columns of the terminal, if there is one of at least 40.
 fn width() -> Option<usize> {
-    let size = ratatui::crossterm::terminal::size();
-    let is_shown = io::stdout().is_terminal();
-    let width = size.ok().filter(|_| is_shown)?.0;
+    let (width, _) = ratatui::crossterm::terminal::size().ok()?;
     (width >= 40).then_some(width.into())
 }
 
@@ -130,6 +129,11 @@ pub fn complain(text: impl Display) {
         Some(lines) if lines.len() < MAX_HELD => lines.push(text.to_string()),
         Some(_) => {}
         None => {
+            let text = text.to_string();
+            let text = match width().filter(|_| io::stderr().is_terminal()) {
+                Some(width) => wrapped(&text, width),
+                None => text,
+            };
             let _ = writeln!(io::stderr(), "{text}");
         }
     }

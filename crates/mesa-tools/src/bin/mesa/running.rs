@@ -84,18 +84,26 @@ pub struct Keeper {
 impl Keeper {
     /// Checks the state of the board; call in each cycle.
     pub fn look_after(&mut self, driver: &mut Driver<Bus>) {
-        self.failed = match driver.board_state() {
-            BoardState::Running => Duration::ZERO,
-            _ => self.failed + driver.period(),
-        };
-        if self.failed >= AGAIN {
-            self.failed = Duration::ZERO;
-            // After a failure the state stays as shown, and the next attempt follows. Packets of
-            // another master meanwhile are counted by the bus.
-            if driver.bus_mut().check_alone().is_ok() {
-                let _ = driver.rearm();
-            }
+        // After a failure the state stays as shown, and the next attempt follows. Packets of
+        // another master meanwhile are counted by the bus.
+        if self.is_due(driver.board_state(), driver.period())
+            && driver.bus_mut().check_alone().is_ok()
+        {
+            let _ = driver.rearm();
         }
+    }
+
+    /// True if the board is to be set up in this cycle; call in each cycle.
+    pub fn is_due(&mut self, state: BoardState, period: Duration) -> bool {
+        self.failed = match state {
+            BoardState::Running => Duration::ZERO,
+            _ => self.failed + period,
+        };
+        let is_due = self.failed >= AGAIN;
+        if is_due {
+            self.failed = Duration::ZERO;
+        }
+        is_due
     }
 }
 

@@ -5,16 +5,16 @@ mod outputs;
 
 use std::fs;
 use std::net::Ipv4Addr;
-use std::process::Stdio;
-use std::time::Duration;
+use std::process::{Command, Stdio};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::check::set::board;
 use crate::interop::board::Board;
 use crate::interop::console::Console;
 use crate::interop::{Process, Scratch};
-use crate::run::{Run, command, hold_against_schema, run};
+use crate::run::{Run, command, hold_against_schema, json, run};
 
 /// A running check: its output, and the operator's input.
 pub struct Guided {
@@ -145,12 +145,23 @@ fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
     let expected = ["ok", "other_changed", "other_changed", "not_checked"];
     assert_eq!(verdicts(&report)[..4], expected, "{report:#}");
     let name = |n: usize| format!("hm2_7i92.0.7i77.0.0.input-0{n}");
-    assert_eq!(report["exchanged"], json!([[name(1), name(2)]]));
+    assert_eq!(report["exchanged"], serde_json::json!([[name(1), name(2)]]));
     let third = entry(&report, "input-02");
-    assert_eq!(third["others"], json!([name(1)]));
+    assert_eq!(third["others"], serde_json::json!([name(1)]));
     assert_eq!(third["terminal"], "TB8 pin 3");
     let missing = report["missing"].as_array().expect("a list");
     assert_eq!(missing.len(), 1, "{report:#}");
+    // It names when and on what it was made.
+    check_date(report["date"].as_str().expect("a date"));
+    assert_eq!(
+        (&report["board"], &report["firmware"]),
+        (&"7I92".into(), &"MESA7I92".into())
+    );
+    assert_eq!(report["ethernet_firmware"], 16);
+    let units = units(&board).into_iter().map(
+        |(place, unit)| serde_json::json!({ "place": place, "card": "7I77", "unit_number": unit }),
+    );
+    assert_eq!(report["units"], units.collect::<Value>());
     // Nothing was driven.
     assert_eq!(crate::check::set::lit(&mut board), [""; 0]);
 }
@@ -247,11 +258,9 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     let run = guided.ended();
     assert_eq!(run.code, Some(1), "{run:?}");
     assert_eq!(fs::read_to_string(&file.0).expect("a report"), run.out);
-    let head = format!(
-        "{}: 1 of 6 terminals in order; ended before all were checked\nMISSING, ",
-        board.address
-    );
-    assert!(run.out.starts_with(&head), "{run:?}");
+    check_head(&run.out, &board);
+    let summary = "\n1 of 6 terminals in order; ended before all were checked\nMISSING, ";
+    assert!(run.out.contains(summary), "{run:?}");
     let lines: Vec<&str> = run
         .out
         .lines()
@@ -261,6 +270,65 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     assert!(lines[1].contains("exchange A and B"), "{run:?}");
     assert!(lines[2].contains("  INSTEAD CHANGED: TB4 pin 9"), "{run:?}");
     assert!(lines[3].ends_with("  not checked"), "{run:?}");
+}
+
+/// The head of a report about this board, which was made a moment ago. The truth is `date`, and the
+/// unit numbers of the inventory.
+fn check_head(text: &str, board: &Board) {
+    let lines: Vec<&str> = text.lines().collect();
+    let begin = format!("Wiring of {}, checked from ", board.address);
+    let date = lines[0].strip_prefix(&begin).expect("the first line");
+    let date = date.strip_suffix(" on").expect("a date");
+    check_date(date);
+    assert!(
+        lines[1].starts_with("Board     7I92, MAC 00:60:1b:"),
+        "{text}"
+    );
+    assert_eq!(lines[2], "Firmware  MESA7I92, Ethernet firmware 16");
+    for (line, (place, unit)) in lines[3..].iter().zip(units(board)) {
+        assert_eq!(
+            *line,
+            format!("Remote    {place} 7I77, unit number 0x{unit:08X}")
+        );
+    }
+}
+
+/// A date in UTC, within the last two minutes.
+fn check_date(date: &str) {
+    let pattern = "0000-00-00T00:00:00Z";
+    let digits_to_0 = |letter: char| if letter.is_ascii_digit() { '0' } else { letter };
+    assert_eq!(date.chars().map(digits_to_0).collect::<String>(), pattern);
+    let since = Command::new("date").args(["--date", date, "+%s"]).output();
+    let since = String::from_utf8(since.expect("date runs").stdout).expect("digits");
+    let begun = UNIX_EPOCH + Duration::from_secs(since.trim().parse().expect(date));
+    let passed = SystemTime::now().duration_since(begun).expect("it is over");
+    assert!(passed < Duration::from_secs(120), "{date}");
+}
+
+/// Place and unit number of each remote, from the inventory.
+fn units(board: &Board) -> Vec<(String, u64)> {
+    let info = json(&["info", "--addr", &board.address.to_string()]);
+    let channels = info["serial_ports"][0]["channels"]
+        .as_array()
+        .expect("channels");
+    let remotes = channels.iter().enumerate();
+    let remotes = remotes.filter_map(|(channel, content)| {
+        let number = find_number(content, "unit_number")?;
+        Some((format!("0.{channel}"), number))
+    });
+    remotes.collect()
+}
+
+/// The number of this name, anywhere in a value.
+fn find_number(value: &Value, name: &str) -> Option<u64> {
+    match value {
+        Value::Object(map) => {
+            let own = map.get(name).and_then(Value::as_u64);
+            own.or_else(|| map.values().find_map(|value| find_number(value, name)))
+        }
+        Value::Array(list) => list.iter().find_map(|value| find_number(value, name)),
+        _ => None,
+    }
 }
 
 /// The first axis has an index every 4000 counts; the index of the second one is not wired.
@@ -345,7 +413,7 @@ fn everything_in_order_is_exit_code_0() {
     board.console.run("input 0 30 on");
     let run = guided.ended();
     assert_eq!(run.code, Some(0), "{run:?}");
-    assert!(run.out.contains("1 of 1 terminals in order\n"), "{run:?}");
+    assert!(run.out.contains("\n1 of 1 terminal in order\n"), "{run:?}");
     // The analog value at a terminal, on a card that has one.
     let mode = ["--mode", "0.0=2"];
     let guided = Guided::begin(&board, &[&["analogin"], &mode[..]].concat());

@@ -76,7 +76,7 @@ fn check_header(header: &str, told: &serde_json::Value) {
     let pin = "\"trigger: hm2_7i92.0.7i77.0.0.input-02 crosses 0.5 rising, ";
     assert!(trigger.starts_with(pin), "{trigger}");
     assert!(
-        trigger.ends_with(&format!(" UTC, cycle {cycle}\"")),
+        trigger.ends_with(&format!("Z, cycle {cycle}\"")),
         "{trigger}"
     );
 }

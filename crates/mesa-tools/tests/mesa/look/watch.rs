@@ -66,6 +66,102 @@ fn the_screen_follows_the_board_and_ends_with_the_terminal_restored() {
     assert!(outputs.clone().all(|output| output == "0"), "{truth:?}");
 }
 
+/// Words of the screen, without frames: a terminal may be broken at a space.
+fn words(text: &str) -> String {
+    let lines = text.lines().map(|line| line.trim_matches(['│', ' ']));
+    let words: Vec<_> = lines.flat_map(str::split_whitespace).collect();
+    words.join(" ")
+}
+
+#[test]
+fn terminals_come_first_and_are_whole_on_narrow_screens() {
+    for columns in [40, 80, 120] {
+        let name = format!("narrow-{columns}");
+        let arguments = "watch --sim 7i92-7i77,2=7i72";
+        let Some(terminal) = Terminal::start_with(&name, arguments, [columns, 60]) else {
+            return;
+        };
+        let text = terminal.wait_for("the first terminal", |text| text.contains(" more ─"));
+        let pins = text
+            .split(" more ")
+            .nth(1)
+            .unwrap_or_else(|| panic!("{text}"));
+        let first = words(pins);
+        let first = first.trim_start_matches(['─', '┐', ' ']);
+        assert!(first.starts_with("TB"), "{columns}:\n{text}");
+        // The longest places are those of encoders.
+        for (filter, place) in [
+            ("encoder.05", "TB4 pin 17, 18, 20, 21 QA5, /QA5, QB5, /QB5"),
+            ("input-17", "TB7 pin 2 INPUT17"),
+            ("7i72.0.2.output-00", "TB3 pin 1 OUTPUT0"),
+        ] {
+            terminal.type_keys(&["/"]);
+            terminal.type_keys(&["-l", filter]);
+            terminal.type_keys(&["Enter"]);
+            let filtered = format!("filter: {filter}");
+            terminal.wait_for(place, |text| {
+                let words = words(text);
+                words.contains(&filtered) && words.contains(place)
+            });
+            terminal.type_keys(&["/"]);
+            let erase = vec!["BSpace"; filter.len()];
+            terminal.type_keys(&erase);
+            terminal.type_keys(&["Enter"]);
+        }
+        // Parameters come with the key that the screen and the help name.
+        terminal.wait_for_text("a: all");
+        terminal.type_keys(&["/"]);
+        terminal.type_keys(&["-l", "watchdog.timeout_ns"]);
+        terminal.wait_for_text(" pins: 0; a: 1 more ");
+        terminal.type_keys(&["Enter", "a"]);
+        terminal.wait_for_text(" pins and parameters: 1; a: less ");
+        terminal.type_keys(&["q"]);
+        terminal.wait_for_text("exit code 0");
+    }
+    let help = run(&["watch", "--help"]).out;
+    assert!(
+        help.contains("Keys: a lists parameters and inverted pins"),
+        "{help}"
+    );
+}
+
+/// The truth is the board: it is one that lost its power once, or none.
+#[test]
+fn a_board_that_is_switched_off_and_on_was_reset_once_and_nothing_is_known_meanwhile() {
+    let arguments = ["--board", "7i92-7i77", "--port", "0"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address;
+    let Some(terminal) = Terminal::start("power", &format!("watch --addr {address}")) else {
+        return;
+    };
+    terminal.wait_for_text("0.0 7I77  running");
+    for cuts in 1..3 {
+        board.kill();
+        let text = terminal.wait_for_text("board     NOT REACHED");
+        let is_known = text.contains("7I77  running") || text.contains("7I77  OFFLINE");
+        assert!(!is_known, "{text}");
+        for channel in [0, 1] {
+            assert!(
+                text.contains(&format!("0.{channel} 7I77  UNKNOWN")),
+                "{text}"
+            );
+        }
+        let port = address.port().to_string();
+        board = Board::start(*address.ip(), &["--board", "7i92-7i77", "--port", &port]);
+        let text = terminal.wait_for("it runs again", |text| {
+            text.contains("board     running") && text.contains("0.0 7I77  running")
+        });
+        let times = if cuts == 1 { "1 time," } else { "2 times," };
+        assert!(text.contains(&format!("board reset {times}")), "{text}");
+    }
+    // A remote that is pulled out now is not offline for a reason from before.
+    board.console.run("unplug 0");
+    let text = terminal.wait_for_text("0.0 7I77  OFFLINE");
+    let line = text.lines().find(|line| line.contains("0.0 7I77  OFFLINE"));
+    let line = line.expect("the line of the remote");
+    assert!(line.contains("too many failed transfers"), "{text}");
+}
+
 #[test]
 fn control_c_and_a_signal_end_it_too() {
     for (name, keys, said) in [

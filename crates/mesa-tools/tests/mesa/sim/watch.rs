@@ -219,6 +219,44 @@ fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
 }
 
 #[test]
+fn nothing_is_cut_on_narrow_screens() {
+    for columns in [40, 80, 120] {
+        let arguments = format!("sim --machine {MILL} --port 0 --watch");
+        let name = format!("sim-narrow-{columns}");
+        let Some(terminal) = Terminal::start_with(&name, &arguments, [columns, 90]) else {
+            return;
+        };
+        let all = |text: &str| {
+            let lines = text.lines().map(|line| line.trim_matches(['│', ' ']));
+            let words: Vec<_> = lines.flat_map(str::split_whitespace).collect();
+            words.join(" ")
+        };
+        let refused = "error: there is no axis `w`: there are x, y, z";
+        terminal.wait_for_text("mill>");
+        terminal.type_keys(&["-l", "turn w 5"]);
+        terminal.type_keys(&["Enter"]);
+        terminal.type_keys(&["-l", "wheel 1"]);
+        terminal.type_keys(&["Enter"]);
+        for wanted in [
+            "watchdog off no client",
+            "errors: 0 parse, 0 memory, 0 write; 0 reloads, 0 resets",
+            "0 7i77-io idle",
+            "V disabled",
+            "emergency stop released, its chain is closed",
+            "x-home off x-limit off y-home off z-home off",
+            "handwheel mpg 1 click",
+            "channel 0 inputs on: 1 31 outputs on: none",
+            refused,
+        ] {
+            let what = format!("{wanted}, {columns} columns");
+            terminal.wait_for(&what, |text| all(text).contains(wanted));
+        }
+        terminal.type_keys(&["C-c"]);
+        terminal.wait_for_text("exit code 0");
+    }
+}
+
+#[test]
 fn a_long_answer_has_the_whole_screen_until_it_was_read() {
     let Some(terminal) = Terminal::start(
         "sim-help",

@@ -1,5 +1,6 @@
 //! Full-screen commands: the terminal, the drawing loop, and parts shared by screens.
 
+mod lines;
 mod trend;
 
 use std::io::{self, IsTerminal};
@@ -13,6 +14,7 @@ use rustix::io::Errno;
 
 use crate::context::{Context, Failure};
 use crate::output;
+pub use lines::{fitting, wrapped, wrapped_text};
 pub use trend::{SAMPLES, Trend};
 
 /// Interval between two pictures, and between two samples of the trend lines.

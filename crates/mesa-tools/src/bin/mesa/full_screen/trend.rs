@@ -7,8 +7,8 @@ use std::fmt::{self, Display, Write};
 pub const SAMPLES: usize = 24;
 
 /// Last samples of a value. `Display` draws them in eight heights between their minimum and
-/// maximum. A constant value is flat: at the top if positive, as a bit that is on, else at the
-/// bottom.
+/// maximum, with a precision at most so many of the last ones. A constant value is flat: at the top
+/// if positive, as a bit that is on, else at the bottom.
 #[derive(Clone, Debug, Default)]
 pub struct Trend(VecDeque<f64>);
 
@@ -24,15 +24,19 @@ impl Trend {
 impl Display for Trend {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const HEIGHTS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-        let finite = self.0.iter().copied().filter(|sample| sample.is_finite());
+        let first = f
+            .precision()
+            .map_or(0, |most| self.0.len().saturating_sub(most));
+        let shown = || self.0.iter().copied().skip(first);
+        let finite = shown().filter(|sample| sample.is_finite());
         let (least, largest) = finite.fold((f64::MAX, f64::MIN), |(least, largest), sample| {
             (least.min(sample), largest.max(sample))
         });
         let range = largest - least;
-        for sample in &self.0 {
+        for sample in shown() {
             let height = if range > 0.0 {
                 (((sample - least) / range * 7.0).round() as usize).min(7)
-            } else if *sample > 0.0 {
+            } else if sample > 0.0 {
                 7
             } else {
                 0
@@ -40,7 +44,7 @@ impl Display for Trend {
             f.write_char(HEIGHTS[height])?;
         }
         // Pads to the width of the column.
-        for _ in self.0.len()..f.width().unwrap_or_default() {
+        for _ in shown().count()..f.width().unwrap_or_default() {
             f.write_char(' ')?;
         }
         Ok(())
@@ -68,5 +72,7 @@ mod tests {
         assert_eq!(line(&[]), "");
         assert_eq!(line(&[1.0; 2 * SAMPLES]).chars().count(), SAMPLES);
         assert_eq!(format!("{:4}|", Trend([1.0].into())), "█   |");
+        let trend = Trend([0.0, 1.0, 2.0, 3.0].into());
+        assert_eq!(format!("{trend:3.2}|"), "▁█ |", "the last two");
     }
 }

@@ -113,6 +113,30 @@ fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
     assert_eq!(fs::read_to_string(&file.0).expect("a report"), run.out);
 }
 
+/// The terminal breaks lines anywhere, so that the command breaks them at spaces before.
+#[test]
+fn no_terminal_is_broken_on_a_narrow_screen() {
+    for columns in [40, 80, 120] {
+        let name = format!("wiring-{columns}");
+        let arguments = "wiring '*7i77.0.0.input-0?' --sim 7i92-7i77";
+        let Some(terminal) = Terminal::start_with(&name, arguments, [columns, 70]) else {
+            return;
+        };
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let asked = "[1/10] TB8 pin 1 INPUT0 (7i77.0.0.input-00): actuate it now; it is off";
+        terminal.wait_for(asked, |text| words(text).contains(asked));
+        terminal.type_keys(&["q", "Enter"]);
+        let text = words(&terminal.wait_for_text("exit code 1"));
+        for n in 0..10 {
+            let line = format!(
+                "TB8 pin {} INPUT{n} (7i77.0.0.input-0{n}) not checked",
+                n + 1
+            );
+            assert!(text.contains(&line), "{columns}: {line}: {text}");
+        }
+    }
+}
+
 #[test]
 fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
     let mut board = board();
@@ -123,7 +147,7 @@ fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
     let run = guided.ended();
     assert_eq!(run.code, Some(0), "{run:?}");
     let report = fs::read_to_string(&file.0).expect("a report");
-    assert!(report.contains("1 of 1 terminals in order"), "{report}");
+    assert!(report.contains("1 of 1 terminal in order"), "{report}");
 }
 
 #[test]

@@ -61,7 +61,7 @@ fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
     guided.says("[5/10] ");
     wait_for(&mut board, 0, "output-04", "1");
     board.console.run("shorted 0 4 on");
-    let failed = guided.says("  FAILED: the 7I77 on port 0, channel 0 went offline: ");
+    let failed = guided.says("  FAILED: the 7I77 on port 0, channel 0 is offline: ");
     assert!(failed.contains("output overloaded"), "{failed}");
     board.console.run("shorted 0 4 off");
     guided.says("[6/10] ");

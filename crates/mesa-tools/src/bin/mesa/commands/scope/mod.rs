@@ -234,7 +234,7 @@ impl Scope {
             pin,
             level: self.level,
             edge: self.edge,
-            at: stamp::date(SystemTime::now() - ago),
+            at: date::utc(SystemTime::now() - ago),
             cycle: trigger.map_or(0, |row| row.cycle),
         }
     }

@@ -14,6 +14,7 @@ use super::report::{Change, Inputs, Outcome, Report};
 use crate::context::{Context, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
+use crate::reason::{self, Reason};
 use crate::running;
 
 /// Time within which a machine that was just started must run.
@@ -41,7 +42,7 @@ pub struct Jog {
     was_sent: bool,
     /// True once the output was confirmed to have its value.
     was_set: bool,
-    failure: Option<String>,
+    failure: Option<Reason>,
 }
 
 /// A jog to do.
@@ -161,26 +162,27 @@ impl Jog {
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
-            self.failure = Some(told(&error));
+            self.failure = Some(Reason::new(told(&error)));
         }
         let value = self.steps.last().map(|step| step.value);
         let value = value.unwrap_or(AnyValue::from(false));
         let (time, inputs) = (self.time, self.inputs(&infos));
         let signal = signal.map(|signal| signal.to_string());
-        let outcome = self.outcome(signal, not_reached.first().cloned());
+        let lost = not_reached.first().map(Reason::new);
+        let outcome = self.outcome(signal, lost);
         Ok(Report::new(info, value, time, outcome, inputs, not_reached))
     }
 
     /// Outcome of a jog that was ended by a signal, or after which a remote is `lost`.
-    fn outcome(self, signal: Option<String>, lost: Option<String>) -> Outcome {
+    fn outcome(self, signal: Option<String>, lost: Option<Reason>) -> Outcome {
         let is_contradicted = self.level.is_some_and(|level| level.contradictions > 0);
         match (self.failure.or(lost), signal) {
             (Some(reason), _) if self.was_set => Outcome::Failed(reason),
             (None, Some(signal)) if self.was_set => Outcome::Stopped(signal),
             (None, None) if self.was_set => Outcome::Done,
             (reason, signal) => {
-                let reason = reason.or(signal);
-                let reason = reason.unwrap_or_else(|| "no transfer has got through".to_owned());
+                let reason = reason.or(signal.map(Reason::new));
+                let reason = reason.unwrap_or_else(|| Reason::new("no transfer has got through"));
                 if self.was_sent && !is_contradicted {
                     Outcome::NotConfirmed(reason)
                 } else {
@@ -228,8 +230,8 @@ impl Jog {
     }
 
     /// Reason for an end before the time.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
+    pub fn failure(&self) -> Option<&Reason> {
+        self.failure.as_ref()
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_, Bus>) -> ControlFlow<()> {
@@ -275,7 +277,7 @@ impl Jog {
     /// Fails once the machine does not run any more, or the output cannot be driven any more.
     fn check(&mut self, driver: &Driver<Bus>) -> ControlFlow<()> {
         self.failure = match running::check(driver) {
-            Err(failure) => Some(failure.to_string()),
+            Err(failure) => Some(Reason::new(failure)),
             Ok(()) if self.phase == Phase::Start => None,
             Ok(()) => self.reason(driver),
         };
@@ -311,7 +313,7 @@ impl Jog {
         for (_, step) in (0..).zip(&self.steps).filter(|(n, _)| steps.contains(n)) {
             let value = if is_on { step.value } else { step.safe };
             if let Err(error) = cycle.pins_mut().set_any(step.pin, value) {
-                self.failure = Some(told(&error));
+                self.failure = Some(Reason::new(told(&error)));
                 return ControlFlow::Break(());
             }
         }
@@ -334,11 +336,10 @@ impl Jog {
             if level.contradictions < CONTRADICTIONS {
                 return ControlFlow::Continue(());
             }
-            self.failure = Some(
+            self.failure = Some(Reason::new(
                 "its terminal shows the opposite of what is driven: something else drives it, or it \
-                 is shorted"
-                    .to_owned(),
-            );
+                 is shorted",
+            ));
             return ControlFlow::Break(());
         }
         if let Some(level) = &mut self.level {
@@ -349,7 +350,7 @@ impl Jog {
     }
 
     /// Reason why the pin cannot be driven, or is not driven any more.
-    fn reason(&self, driver: &Driver<Bus>) -> Option<String> {
+    fn reason(&self, driver: &Driver<Bus>) -> Option<Reason> {
         let group = self.groups.iter().copied().find(|&group| {
             let state = driver.pins().group_state(group);
             let is_disarmed = state.is_none_or(|state| !state.armed);
@@ -364,17 +365,15 @@ impl Jog {
             .into_iter()
             .find(|(_, remote)| remote.pins.group == group);
         let Some((port, remote)) = remote else {
-            return Some("the board's own inputs are not valid".to_owned());
+            return Some(Reason::new("the board's own inputs are not valid"));
         };
         let place = format!(
-            "{} on port {port}, channel {}",
+            "the {} on port {port}, channel {}",
             remote.descriptor.name,
             remote.started.channel.index()
         );
-        Some(match remote.first_fault {
-            Some(reason) => format!("the {place} went offline: {}", told(&reason)),
-            None => format!("the {place} does not run"),
-        })
+        let (state, first) = (remote.state, remote.first_fault);
+        Some(reason::of_remote(&place, state, first))
     }
 
     fn look(&mut self, pins: &Pins, at: impl Fn(&mut Told) -> &mut Option<AnyValue>) {

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::commands::named;
+use crate::reason::Reason;
 
 /// Outcome of a jog.
 #[derive(Debug, Serialize)]
@@ -15,11 +16,11 @@ use crate::commands::named;
 pub enum Outcome {
     Done,
     Stopped(String),
-    Failed(String),
+    Failed(Reason),
     /// Never had the value.
-    NotSet(String),
+    NotSet(Reason),
     /// Was set, and ended before the value was confirmed.
-    NotConfirmed(String),
+    NotConfirmed(Reason),
 }
 
 /// Report of a finished jog.
@@ -133,11 +134,11 @@ impl Display for Report {
         };
         writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
         if self.inputs.not_seen > 0 {
-            let count = self.inputs.not_seen;
-            writeln!(
-                f,
-                "{count} inputs were not valid before: their changes are not known"
-            )?;
+            let inputs = match self.inputs.not_seen {
+                1 => "1 input was not valid before: its changes are".to_owned(),
+                count => format!("{count} inputs were not valid before: their changes are"),
+            };
+            writeln!(f, "{inputs} not known")?;
         }
         if self.inputs.changes.is_empty() {
             return writeln!(f, "no input changed");

@@ -1,5 +1,6 @@
 //! `mesa watch`: live pins of a machine on a full screen.
 
+mod columns;
 mod screen;
 pub mod view;
 
@@ -26,8 +27,9 @@ use screen::Pins;
 
 const AFTER_HELP: &str = "\
 Starts the machine with all outputs off and drives nothing. A board that another program drives is
-left alone. Keys: / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End scroll;
-q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
+left alone. Pins at terminals come first. Keys: a lists parameters and inverted pins (-not) as
+well, or hides them; / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End
+scroll; q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
 
 Example:
   mesa watch --sim 7i92-7i77
@@ -44,6 +46,9 @@ pub struct Watch {
     /// Initial filter: a part of a pin's name, terminal or signal, or a pattern with * or ?
     #[arg(default_value = "", hide_default_value = true)]
     pattern: String,
+    /// List parameters and inverted pins (-not) as well from the start, as key a does
+    #[arg(long)]
+    all: bool,
     /// Period of the cycle in milliseconds, 1 to 10
     #[arg(long, value_name = "MS", default_value_t = 5)]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=10))]
@@ -64,7 +69,8 @@ impl Watch {
         };
         self.modes.put(&mut settings);
         let driver = running::start(found.open()?, found.with_patience(settings))?;
-        let pins = Pins::new(driver.name(), driver.period(), self.pattern.clone());
+        let (name, period) = (driver.name(), driver.period());
+        let pins = Pins::new(name, period, self.pattern.clone(), self.all);
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let mut live = Live { pins, reader };

@@ -1,9 +1,11 @@
 //! The screen: keys, samples and drawing.
 
+#[cfg(test)]
+pub mod tests;
+
 use std::time::Duration;
 
-use mesa_hal::driver::{BoardState, RemoteState};
-use mesa_hal::hal::{AnyValue, PinInfo, Reading};
+use mesa_hal::driver::BoardState;
 use mesa_hal::runner::Snapshot;
 use ratatui::Frame;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
@@ -12,19 +14,19 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line as TextLine, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph};
 
-use crate::full_screen::{Palette, SAMPLES, Scroll, Trend, Wish, short_time};
+use crate::full_screen::{Palette, Scroll, Trend, Wish, fitting, short_time, wrapped};
+use crate::number::counted;
 use crate::place;
 
-use super::view::{self, Line};
+use super::columns::{Cells, Columns};
+use super::view::{self, Line, Listing, RemoteLine};
 
-/// Terminals with fewer rows have no room for the cycle and the remotes.
-const LOW: u16 = 20;
-/// With fewer columns, the terminal of a pin comes before its trend.
-const NARROW: u16 = 120;
-/// Columns of a narrow screen that are not for names: value, state, terminal, and the border.
-const OTHERS_NARROW: usize = 53;
-/// Columns of a wide screen that are not for names: the trend as well.
-const OTHERS: usize = 59 + SAMPLES;
+/// Columns of the words in front of the lines about the board, and of the places of remotes.
+const MARGIN: usize = 10;
+/// Rows of the border of a part of the screen.
+const BORDER: u16 = 2;
+/// Rows of the gauge of the cycle.
+const CYCLE: u16 = 3;
 
 /// State of the screen.
 #[derive(Debug)]
@@ -32,25 +34,28 @@ pub struct Pins {
     board: String,
     period: Duration,
     filter: String,
+    /// Parameters and inverted pins are listed as well.
+    is_all: bool,
     is_typing: bool,
     scroll: Scroll,
     seen: Option<Snapshot>,
-    lines: Vec<Line>,
+    listing: Listing,
     /// Trend of each pin.
     trends: Vec<Trend>,
     palette: Palette,
 }
 
 impl Pins {
-    pub fn new(board: &str, period: Duration, filter: String) -> Self {
+    pub fn new(board: &str, period: Duration, filter: String, is_all: bool) -> Self {
         Self {
             board: board.to_owned(),
             period,
             filter,
+            is_all,
             is_typing: false,
             scroll: Scroll::default(),
             seen: None,
-            lines: Vec::new(),
+            listing: Listing::default(),
             trends: Vec::new(),
             palette: Palette::from_environment(),
         }
@@ -84,6 +89,10 @@ impl Pins {
             }
             KeyCode::Char('q') | KeyCode::Esc => return Wish::End,
             KeyCode::Char('/') => self.is_typing = true,
+            KeyCode::Char('a') => {
+                self.is_all = !self.is_all;
+                self.choose();
+            }
             KeyCode::Up => self.scroll.to(self.scroll.first.saturating_sub(1)),
             KeyCode::Down => self.scroll.to(self.scroll.first + 1),
             KeyCode::PageUp => self.scroll.page_up(),
@@ -101,7 +110,7 @@ impl Pins {
             return;
         };
         let Ok(pattern) = self.filter.parse();
-        self.lines = view::lines(seen, &pattern, &self.board);
+        self.listing = Listing::of(seen, &pattern, self.is_all, &self.board);
         self.scroll.to(0);
     }
 
@@ -110,29 +119,35 @@ impl Pins {
             frame.render_widget(Paragraph::new("waiting for the first cycle"), frame.area());
             return;
         };
-        let remotes = seen.remotes().count() as u16;
-        // A low terminal shows pins instead of the cycle and the remotes.
-        let [cycle, remotes] = if frame.area().height < LOW {
-            [0, 0]
-        } else {
-            [3, remotes.clamp(1, 8) + 2]
-        };
+        let width = usize::from(frame.area().width.saturating_sub(BORDER));
+        let state = wrapped(&self.state(&seen), width, MARGIN);
+        let counts = counts(&seen).into_iter();
+        let counts = counts
+            .flat_map(|line| wrapped(&line, width, MARGIN))
+            .collect();
+        let mut remotes = self.remotes(&seen, width, false);
+        let plan = Plan::new(frame.area().height, &[&state, &counts, &remotes]);
+        if usize::from(plan.remotes) < remotes.len() + usize::from(BORDER) {
+            remotes = self.remotes(&seen, width, true);
+        }
         let areas = Layout::vertical([
-            Constraint::Length(if cycle == 0 { 3 } else { 5 }),
-            Constraint::Length(cycle),
-            Constraint::Length(remotes),
+            Constraint::Length(plan.board),
+            Constraint::Length(plan.cycle),
+            Constraint::Length(plan.remotes),
             Constraint::Min(3),
             Constraint::Length(1),
         ]);
-        let [board, cycle, remotes, pins, keys] = areas.areas(frame.area());
-        self.draw_board(frame, board, &seen);
+        let [board, cycle, place_of_remotes, pins, keys] = areas.areas(frame.area());
+        let about_board = [state, counts].concat();
+        draw_lines(frame, board, format!(" {} ", self.board), about_board);
         self.draw_cycle(frame, cycle, &seen);
-        self.draw_remotes(frame, remotes, &seen);
+        draw_lines(frame, place_of_remotes, " remotes ".to_owned(), remotes);
         self.draw_pins(frame, pins, &seen);
         self.draw_keys(frame, keys);
     }
 
-    fn draw_board(&self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
+    /// The state of the board.
+    fn state(&self, seen: &Snapshot) -> TextLine<'static> {
         let (state, since) = seen.board();
         let (words, color) = match state {
             BoardState::Running => ("running", Color::Green),
@@ -143,27 +158,40 @@ impl Pins {
             _ => ("?", Color::Red),
         };
         let since = short_time(seen.time().since(since));
-        let (bus, driver) = (seen.bus_statistics(), seen.driver_statistics());
-        let text = vec![
-            TextLine::from(vec![
-                Span::raw("board     "),
-                Span::styled(words, self.palette.style(color)),
-                Span::raw(format!(" for {since}, cycle {}", seen.cycle())),
-            ]),
-            TextLine::from(format!(
-                "packets   {} exchanges: {} lost, {} late, {} stale, {} duplicate, {} writes lost",
-                bus.exchanges, bus.lost, bus.late, bus.stale, bus.duplicate, bus.lost_writes
-            )),
-            TextLine::from(format!(
-                "watchdog  has bitten {} times; board reset {} times, not reached {} times",
-                driver.watchdog_bites, driver.resets, driver.bus_down
-            )),
-        ];
-        let title = format!(" {} ", self.board);
-        frame.render_widget(
-            Paragraph::new(text).block(Block::bordered().title(title)),
-            area,
-        );
+        TextLine::from(vec![
+            Span::raw("board     "),
+            Span::styled(words, self.palette.style(color)),
+            Span::raw(format!(" for {since}, cycle {}", seen.cycle())),
+        ])
+    }
+
+    /// Lines about the remotes. Where the screen is too low for all, those that do not run come first.
+    fn remotes(&self, seen: &Snapshot, width: usize, is_low: bool) -> Vec<TextLine<'static>> {
+        let lines = seen.remotes().map(|remote| RemoteLine::of(&remote, seen));
+        let mut lines: Vec<_> = lines.collect();
+        if lines.is_empty() {
+            return vec![TextLine::from("none takes part")];
+        }
+        if is_low {
+            lines.sort_by_key(|line| line.runs);
+        }
+        let lines = lines.into_iter().flat_map(|line| {
+            let color = if line.runs { Color::Green } else { Color::Red };
+            let RemoteLine {
+                place,
+                state,
+                since,
+                rest,
+                ..
+            } = line;
+            let line = TextLine::from(vec![
+                Span::raw(format!("{place:<MARGIN$}")),
+                Span::styled(format!("{state:<11}"), self.palette.style(color)),
+                Span::raw(format!("{:<12} {rest}", format!("for {since}"))),
+            ]);
+            wrapped(&line, width, MARGIN)
+        });
+        lines.collect()
     }
 
     fn draw_cycle(&self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
@@ -175,12 +203,15 @@ impl Pins {
         } else {
             Color::Red
         };
-        let title = format!(
-            " cycle: longest {} us, at most {} us late, {} periods skipped ",
-            micros(run.longest),
-            micros(run.latest),
-            run.skipped_periods
-        );
+        let longest = format!(" cycle: longest {} us", micros(run.longest));
+        let latest = format!("{longest}, at most {} us late", micros(run.latest));
+        let skipped = counted(run.skipped_periods, "period");
+        let titles = vec![
+            format!("{latest}, {skipped} skipped "),
+            latest + " ",
+            longest + " ",
+        ];
+        let title = fitting(usize::from(area.width.saturating_sub(BORDER)), titles);
         let label = format!("{} of {} us", micros(run.last_took), micros(self.period));
         let gauge = Gauge::default()
             .block(Block::bordered().title(title))
@@ -190,289 +221,151 @@ impl Pins {
         frame.render_widget(gauge, area);
     }
 
-    fn draw_remotes(&self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
-        let lines = seen.remotes().map(|remote| {
-            let [place, state, since, rest] = view::remote(&remote, seen);
-            let color = match remote.state {
-                RemoteState::Running => Color::Green,
-                _ => Color::Red,
-            };
-            TextLine::from(vec![
-                Span::raw(format!("{place:<10}")),
-                Span::styled(format!("{state:<11}"), self.palette.style(color)),
-                Span::raw(format!("{:<12} {rest}", format!("for {since}"))),
-            ])
-        });
-        let mut lines: Vec<_> = lines.collect();
-        if lines.is_empty() {
-            lines.push(TextLine::from("none takes part"));
-        }
-        let block = Block::bordered().title(" remotes ");
-        frame.render_widget(Paragraph::new(lines).block(block), area);
+    fn draw_pins(&mut self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
+        let lines = self.pin_lines(seen, usize::from(area.width.saturating_sub(BORDER)));
+        let rows = usize::from(area.height.saturating_sub(BORDER));
+        self.scroll.fit(lines.len(), rows);
+        let shown = lines.into_iter().skip(self.scroll.first).take(rows);
+        let Listing {
+            shown: count,
+            hidden,
+            ..
+        } = self.listing;
+        let title = match (self.is_all, hidden) {
+            (true, _) => format!(" pins and parameters: {count}; a: less "),
+            (false, 0) => format!(" pins: {count} "),
+            (false, hidden) => format!(" pins: {count}; a: {hidden} more "),
+        };
+        draw_lines(frame, area, title, shown.collect());
     }
 
-    fn draw_pins(&mut self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
-        let rows = usize::from(area.height.saturating_sub(2));
-        self.scroll.fit(self.lines.len(), rows);
+    /// Lines of all listed pins.
+    fn pin_lines(&self, seen: &Snapshot, width: usize) -> Vec<TextLine<'static>> {
         let readings: Vec<_> = seen.pins().collect();
-        let width = self.name_width(area, &readings);
-        let lines = self.lines.iter().skip(self.scroll.first).take(rows);
-        let lines = lines.map(|line| match line {
+        let cells = |number: usize| {
+            let (info, reading) = readings.get(number)?;
+            Some(Cells {
+                name: view::short(&info.name, &self.board),
+                value: view::number(reading.value, &info.unit),
+                note: view::note(info, *reading),
+                trend: self.trends.get(number),
+                place: place::short(&info.place),
+            })
+        };
+        let lines = &self.listing.lines;
+        let all: Vec<Option<Cells<'_>>> = lines
+            .iter()
+            .map(|line| match line {
+                Line::Pin(number) => cells(*number),
+                Line::Heading(_) => None,
+            })
+            .collect();
+        let shown: Vec<_> = all.iter().flatten().collect();
+        let columns = Columns::fit(width, &shown);
+        let lines = lines.iter().zip(&all).flat_map(|(line, cells)| match line {
             Line::Heading(heading) => {
                 let style = Style::new().add_modifier(Modifier::BOLD);
-                TextLine::styled(heading.clone(), style)
+                vec![TextLine::styled(heading.clone(), style)]
             }
-            Line::Pin(number) => match (readings.get(*number), self.trends.get(*number)) {
-                (Some((info, reading)), Some(trend)) => {
-                    let state = view::state(info, *reading);
-                    let color = match (state.is_empty(), reading.value.bits) {
-                        (false, _) => Color::Red,
-                        (true, 0) => Color::Reset,
-                        (true, _) => Color::Green,
+            Line::Pin(number) => {
+                let is_on = readings
+                    .get(*number)
+                    .is_some_and(|(_, reading)| reading.value.bits != 0);
+                let lines = cells.iter().flat_map(|cells| {
+                    let color = match (&cells.note, is_on) {
+                        (Some(_), _) => Color::Red,
+                        (None, false) => Color::Reset,
+                        (None, true) => Color::Green,
                     };
-                    let value = view::number(reading.value, &info.unit);
-                    let name = view::short(&info.name, &self.board);
-                    let place = place::short(&info.place);
-                    let name = view::shortened(name, width);
-                    let text = if area.width < NARROW {
-                        format!(" {name:<width$} {value:>12} {state:<9} {place:<26} {trend}")
-                    } else {
-                        format!(
-                            "  {name:<width$} {value:>14} {state:<10} {trend:SAMPLES$}  {place}"
-                        )
-                    };
-                    TextLine::styled(text, self.palette.style(color))
-                }
-                _ => TextLine::default(),
-            },
+                    let style = self.palette.style(color);
+                    let lines = columns.lines(cells).into_iter();
+                    lines.map(move |line| TextLine::styled(line, style))
+                });
+                lines.collect()
+            }
         });
-        let lines: Vec<_> = lines.collect();
-        let pins = self
-            .lines
-            .iter()
-            .filter(|line| matches!(line, Line::Pin(_)))
-            .count();
-        let title = format!(" {pins} of {} pins and parameters ", readings.len());
-        let block = Block::bordered().title(title);
-        frame.render_widget(Paragraph::new(lines).block(block), area);
-    }
-
-    /// Width of the column of names: that of the longest one, as far as the other columns have
-    /// room beside it.
-    fn name_width(&self, area: Rect, readings: &[(&PinInfo, Reading<AnyValue>)]) -> usize {
-        let names = self.lines.iter().filter_map(|line| match line {
-            Line::Pin(number) => readings.get(*number).map(|(info, _)| &*info.name),
-            Line::Heading(_) => None,
-        });
-        let widths = names.map(|name| view::short(name, &self.board).chars().count());
-        let [least, others] = if area.width < NARROW {
-            [25, OTHERS_NARROW]
-        } else {
-            [34, OTHERS]
-        };
-        let room = usize::from(area.width).saturating_sub(others).max(least);
-        widths.max().unwrap_or(0).clamp(least, room)
+        lines.collect()
     }
 
     fn draw_keys(&self, frame: &mut Frame<'_>, area: Rect) {
-        let text = if self.is_typing {
-            format!("filter: {}_   Enter: done", self.filter)
-        } else if self.filter.is_empty() {
-            "/ filter   arrows, PgUp, PgDn: scroll   q: end".to_owned()
+        let all = if self.is_all {
+            "a: less"
         } else {
-            format!("filter: {}   / change   q: end", self.filter)
+            "a: all pins"
         };
+        let texts = if self.is_typing {
+            vec![format!("filter: {}_   Enter: done", self.filter)]
+        } else if self.filter.is_empty() {
+            vec![
+                format!("/ filter   {all}   arrows, PgUp, PgDn: scroll   q: end"),
+                format!("/ filter  {all}  q: end"),
+            ]
+        } else {
+            vec![
+                format!("filter: {}   / change   {all}   q: end", self.filter),
+                format!("filter: {}", self.filter),
+            ]
+        };
+        let text = fitting(usize::from(area.width), texts);
         frame.render_widget(Paragraph::new(text), area);
     }
 }
 
-#[cfg(test)]
-pub mod tests {
-    use super::*;
-    use mesa_hal::runner::SnapshotWriter;
-    use mesa_hal::{Clock, Driver};
-    use mesa_hal_sim::{SimFpga, machines};
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
+/// Counts of the board.
+fn counts(seen: &Snapshot) -> [TextLine<'static>; 2] {
+    let (bus, driver) = (seen.bus_statistics(), seen.driver_statistics());
+    let times = |count| counted(count, "time");
+    [
+        TextLine::from(format!(
+            "packets   {}: {} lost, {} late, {} stale, {} duplicate, {} lost",
+            counted(bus.exchanges, "exchange"),
+            bus.lost,
+            bus.late,
+            bus.stale,
+            bus.duplicate,
+            counted(bus.lost_writes, "write")
+        )),
+        TextLine::from(format!(
+            "watchdog  has bitten {}; board reset {}, not reached {}",
+            times(driver.watchdog_bites),
+            times(driver.resets),
+            times(driver.bus_down)
+        )),
+    ]
+}
 
-    const PERIOD: Duration = Duration::from_millis(1);
+/// Lines in a frame with a title.
+fn draw_lines(frame: &mut Frame<'_>, area: Rect, title: String, lines: Vec<TextLine<'static>>) {
+    let block = Block::bordered().title(title);
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
 
-    fn driver() -> Driver<SimFpga> {
-        let board = machines::six_axes_7i92(mesa_hal_sim::Motor::default());
-        Driver::start(board, mesa_hal::Settings::default()).unwrap()
-    }
+/// Rows of the parts of the screen above the pins; 0 for a part that is not shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Plan {
+    board: u16,
+    cycle: u16,
+    remotes: u16,
+}
 
-    fn run(driver: &mut Driver<SimFpga>, cycles: u32) -> Snapshot {
-        let mut writer = SnapshotWriter::new(driver);
-        for _ in 0..cycles {
-            let _ = driver.read();
-            driver.write().unwrap();
-            driver.bus_mut().wait(PERIOD);
-            writer.publish(driver).unwrap();
-        }
-        writer.reader().read().unwrap()
-    }
-
-    /// Snapshot of a running machine with a 7I77.
-    pub fn snapshot() -> Snapshot {
-        run(&mut driver(), 20)
-    }
-
-    fn picture(screen: &mut Pins) -> String {
-        picture_of(screen, 120, 40)
-    }
-
-    fn picture_of(screen: &mut Pins, width: u16, height: u16) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| screen.draw(frame)).unwrap();
-        terminal.backend().to_string()
-    }
-
-    fn press(screen: &mut Pins, codes: &[KeyCode]) -> Wish {
-        let keys = codes
-            .iter()
-            .map(|&code| KeyEvent::new(code, KeyModifiers::NONE));
-        keys.map(|key| screen.key(key))
-            .last()
-            .unwrap_or(Wish::Continue)
-    }
-
-    fn type_text(screen: &mut Pins, text: &str) {
-        let codes: Vec<_> = text.chars().map(KeyCode::Char).collect();
-        assert_eq!(press(screen, &codes), Wish::Continue);
-    }
-
-    fn screen(filter: &str) -> Pins {
-        let mut screen = Pins::new("hm2_7i92.0", PERIOD, filter.to_owned());
-        screen.take(&snapshot());
-        screen
-    }
-
-    #[test]
-    fn board_packets_watchdog_cycle_remotes_and_pins_are_on_the_screen() {
-        let picture = picture(&mut screen(""));
-        for text in [
-            " hm2_7i92.0 ",
-            "board     running for",
-            "packets   ",
-            "0 lost",
-            "watchdog  has bitten 0 times",
-            " of 1000 us",
-            "0.0 7I77  running",
-            "0.1 7I77  running",
-            "pins and parameters",
-            "/ filter",
-        ] {
-            assert!(picture.contains(text), "{text}\n{picture}");
-        }
-    }
-
-    #[test]
-    fn what_is_typed_filters_at_once_and_q_is_a_letter_there() {
-        let mut screen = screen("");
-        type_text(&mut screen, "/inq");
-        assert!(picture(&mut screen).contains("filter: inq_"));
-        assert!(picture(&mut screen).contains(" 0 of "));
-        press(&mut screen, &[KeyCode::Backspace]);
-        type_text(&mut screen, "put-02");
-        press(&mut screen, &[KeyCode::Enter]);
-        let shown = picture(&mut screen);
-        assert!(shown.contains("TB8 of 7i77.0.0"), "{shown}");
-        assert!(shown.contains("7i77.0.0.input-02  "), "{shown}");
-        assert!(shown.contains("TB8 pin 3 INPUT2"), "{shown}");
-        assert!(!shown.contains("input-03"), "{shown}");
-        assert_eq!(press(&mut screen, &[KeyCode::Char('q')]), Wish::End);
-    }
-
-    #[test]
-    fn q_and_escape_end_it() {
-        let mut screen = screen("");
-        assert_eq!(press(&mut screen, &[KeyCode::Esc]), Wish::End);
-        let keys = [KeyCode::Char('/'), KeyCode::Esc];
-        assert_eq!(
-            press(&mut screen, &keys),
-            Wish::Continue,
-            "it ends the filter"
-        );
-        assert_eq!(press(&mut screen, &[KeyCode::Char('q')]), Wish::End);
-    }
-
-    #[test]
-    fn scrolling_stays_within_the_list() {
-        let mut screen = screen("");
-        let first = picture(&mut screen);
-        press(&mut screen, &[KeyCode::Up, KeyCode::PageUp]);
-        assert_eq!(picture(&mut screen), first);
-        press(&mut screen, &[KeyCode::End]);
-        let last = picture(&mut screen);
-        assert_ne!(last, first);
-        press(&mut screen, &[KeyCode::PageDown, KeyCode::Down]);
-        assert_eq!(picture(&mut screen), last);
-        press(&mut screen, &[KeyCode::Home]);
-        assert_eq!(picture(&mut screen), first);
-    }
-
-    #[test]
-    fn a_remote_that_is_pulled_out_is_shown_with_its_reason() {
-        let mut driver = driver();
-        let _ = run(&mut driver, 20);
-        drop(driver.bus_mut().plug(0, 0, None));
-        let mut screen = Pins::new("hm2_7i92.0", PERIOD, "input-02".to_owned());
-        screen.take(&run(&mut driver, 200));
-        let shown = picture(&mut screen);
-        assert!(shown.contains("0.0 7I77  OFFLINE"), "{shown}");
-        assert!(shown.contains("too many failed transfers"), "{shown}");
-        assert!(shown.contains("old "), "{shown}");
-        assert!(shown.contains("0.1 7I77  running"), "{shown}");
-    }
-
-    #[test]
-    fn a_small_terminal_shows_pins_with_their_terminals() {
-        let mut screen = screen("input-02");
-        let narrow = picture_of(&mut screen, 80, 24);
-        let pin = narrow.lines().find(|line| line.contains("input-02 "));
-        assert!(
-            pin.is_some_and(|line| line.contains("TB8 pin 3 INPUT2")),
-            "{narrow}"
-        );
-        let low = picture_of(&mut screen, 80, 12);
-        assert!(
-            low.contains("TB8 pin 3 INPUT2") && low.contains("running for"),
-            "{low}"
-        );
-    }
-
-    #[test]
-    fn the_column_of_names_is_as_wide_as_the_longest_one_if_there_is_room() {
-        let snapshot = snapshot();
-        let names = snapshot.infos().iter();
-        let names = names.map(|info| view::short(&info.name, "hm2_7i92.0").to_owned());
-        let longest = names.max_by_key(String::len).unwrap();
-        assert!(longest.len() > 80 - OTHERS_NARROW, "{longest}");
-        let (module, _) = longest.rsplit_once('.').unwrap();
-        let mut screen = screen(module);
-        let shortened = view::shortened(&longest, 80 - OTHERS_NARROW);
-        for (columns, shown) in [(160, &longest), (100, &longest), (80, &shortened)] {
-            let picture = picture_of(&mut screen, columns, 60);
-            assert!(picture.contains(&format!(" {shown} ")), "{picture}");
-            let width = match columns {
-                160 => 35,
-                _ => shown.chars().count(),
-            };
-            let pins = format!("{module}.");
-            let lines = picture.lines().filter(|line| line.contains(&pins));
-            let after: Vec<_> = lines.map(|line| line.chars().nth(3 + width)).collect();
-            assert!(after.len() > 5, "{picture}");
-            assert!(after.iter().all(|after| *after == Some(' ')), "{picture}");
-        }
-    }
-
-    #[test]
-    fn a_screen_of_any_size_is_drawn() {
-        let mut screen = screen("");
-        for (width, height) in [(1, 1), (10, 5), (20, 12), (300, 100)] {
-            let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-            terminal.draw(|frame| screen.draw(frame)).unwrap();
+impl Plan {
+    /// Leaves a third of the screen to the pins. In the rest the state of the board comes first,
+    /// then the remotes, the counts of the board and the cycle.
+    fn new(height: u16, [state, counts, remotes]: &[&Vec<TextLine<'_>>; 3]) -> Self {
+        let rows = |lines: &[TextLine<'_>]| u16::try_from(lines.len()).unwrap_or(u16::MAX);
+        let mut room = height.saturating_sub((height / 3).max(5) + 1);
+        let mut take = |least: u16, rows: u16| {
+            let taken = if room < least { 0 } else { rows.min(room) };
+            room -= taken;
+            taken
+        };
+        let board = take(0, rows(state).saturating_add(BORDER));
+        let remotes = take(BORDER + 1, rows(remotes).saturating_add(BORDER));
+        let counts = rows(counts);
+        Self {
+            board: board + take(counts, counts),
+            cycle: take(CYCLE, CYCLE),
+            remotes,
         }
     }
 }

@@ -1,11 +1,12 @@
 //! Content of the screen as text: remotes, and pins in groups.
 
-use crate::context::told;
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
 use mesa_hal::runner::{RemoteSnapshot, Snapshot};
 
+use crate::context::told;
 use crate::full_screen::short_time;
+use crate::number::counted;
 use crate::pattern::Pattern;
 
 /// A line of the list of pins.
@@ -17,39 +18,80 @@ pub enum Line {
     Pin(usize),
 }
 
-/// The pins that match a pattern, grouped by terminal block, in the order of the machine.
-pub fn lines(snapshot: &Snapshot, pattern: &Pattern, board: &str) -> Vec<Line> {
-    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
-    let remotes: Vec<_> = snapshot.remotes().collect();
-    for (number, info) in snapshot.infos().iter().enumerate() {
-        if !pattern.fits(info) {
-            continue;
-        }
-        let heading = heading(info, &remotes, board);
-        match groups.iter_mut().find(|(known, _)| *known == heading) {
-            Some((_, pins)) => pins.push(number),
-            None => groups.push((heading, vec![number])),
-        }
-    }
-    let lines = groups.into_iter().flat_map(|(heading, pins)| {
-        let pins = pins.into_iter().map(Line::Pin);
-        std::iter::once(Line::Heading(heading)).chain(pins)
-    });
-    lines.collect()
+/// Pins that match a pattern.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Listing {
+    pub lines: Vec<Line>,
+    /// Number of pins in `lines`.
+    pub shown: usize,
+    /// Number of other pins that match.
+    pub hidden: usize,
 }
 
-/// The terminal block of a pin, with its remote; without a block, the part of the machine that the
-/// pin belongs to.
-fn heading(info: &PinInfo, remotes: &[RemoteSnapshot], board: &str) -> String {
-    let rest = short(&info.name, board);
-    let part = rest.rsplit_once('.').map_or(board, |(part, _)| part);
-    let Some((block, _)) = info.place.terminal.split_once(" pin ") else {
-        return part.to_owned();
-    };
-    if remotes.iter().any(|remote| remote.group == info.group) {
-        format!("{block} of {part}")
-    } else {
-        block.to_owned()
+impl Listing {
+    /// Pins that match a pattern, grouped by terminal block; pins without a terminal follow. Without
+    /// `is_all` parameters and inverted pins are hidden.
+    pub fn of(snapshot: &Snapshot, pattern: &Pattern, is_all: bool, board: &str) -> Self {
+        let mut groups: Vec<(Heading, Vec<usize>)> = Vec::new();
+        let remotes: Vec<_> = snapshot.remotes().collect();
+        let (mut shown, mut hidden) = (0, 0);
+        for (number, info) in snapshot.infos().iter().enumerate() {
+            if !pattern.fits(info) {
+                continue;
+            }
+            if !is_all && is_secondary(info) {
+                hidden += 1;
+                continue;
+            }
+            shown += 1;
+            let heading = Heading::of(info, &remotes, board);
+            match groups.iter_mut().find(|(known, _)| *known == heading) {
+                Some((_, pins)) => pins.push(number),
+                None => groups.push((heading, vec![number])),
+            }
+        }
+        groups.sort_by_key(|(heading, _)| !heading.is_block);
+        let lines = groups.into_iter().flat_map(|(heading, pins)| {
+            let pins = pins.into_iter().map(Line::Pin);
+            std::iter::once(Line::Heading(heading.text)).chain(pins)
+        });
+        Self {
+            lines: lines.collect(),
+            shown,
+            hidden,
+        }
+    }
+}
+
+/// True for parameters, and for pins that show another one inverted.
+fn is_secondary(info: &PinInfo) -> bool {
+    info.role.is_param() || info.name.ends_with("-not") || info.name.ends_with("_not")
+}
+
+/// Heading of a group of pins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Heading {
+    /// True for a terminal block.
+    is_block: bool,
+    text: String,
+}
+
+impl Heading {
+    /// The terminal block of a pin, with its remote; without a block, the part of the machine that
+    /// the pin belongs to.
+    fn of(info: &PinInfo, remotes: &[RemoteSnapshot], board: &str) -> Self {
+        let rest = short(&info.name, board);
+        let part = rest.rsplit_once('.').map_or(board, |(part, _)| part);
+        let block = info.place.terminal.split_once(" pin ");
+        let of_remote = remotes.iter().any(|remote| remote.group == info.group);
+        Self {
+            is_block: block.is_some(),
+            text: match block {
+                None => part.to_owned(),
+                Some((block, _)) if of_remote => format!("{block} of {part}"),
+                Some((block, _)) => block.to_owned(),
+            },
+        }
     }
 }
 
@@ -65,7 +107,9 @@ pub fn shortened(name: &str, width: usize) -> String {
     if count <= width {
         return name.to_owned();
     }
-    let kept = width.saturating_sub(1);
+    let Some(kept) = width.checked_sub(1) else {
+        return String::new();
+    };
     let (front, back) = (kept / 2, kept - kept / 2);
     let begin: String = name.chars().take(front).collect();
     let end: String = name.chars().skip(count - back).collect();
@@ -82,41 +126,65 @@ pub fn number(value: AnyValue, unit: &str) -> String {
     format!("{text} {unit}").trim_end().to_owned()
 }
 
-/// Short note about a reading that is not valid; else empty.
-pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
+/// Short note about a reading that is not valid.
+pub fn note(info: &PinInfo, reading: Reading<AnyValue>) -> Option<String> {
     if info.role.is_param() || reading.valid {
-        return String::new();
+        return None;
     }
-    match reading.age {
+    Some(match reading.age {
         Age::NEVER => "never read".to_owned(),
         age => format!("old {}", short_time(age.time)),
-    }
+    })
 }
 
-/// Place and name of a remote, its state, the time since the last change, and counts with the
-/// reason. The reason of an earlier fault is marked as such.
-pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 4] {
-    let since = short_time(snapshot.time().since(remote.since));
-    let counts = format!("{} transfers, {} failed", remote.transfers, remote.failures);
-    let (state, rest) = match (remote.state, remote.first_fault) {
-        (RemoteState::Running, None) => ("running", counts),
-        (RemoteState::Running, Some(before)) => {
-            ("running", format!("{counts}; before: {}", told(&before)))
+/// Line about a remote.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RemoteLine {
+    /// Port, channel and name.
+    pub place: String,
+    pub state: &'static str,
+    /// True if it is known to run.
+    pub runs: bool,
+    /// Time since the last change of the state.
+    pub since: String,
+    /// The reason for its state, its counts, and the first fault if that is another one.
+    pub rest: String,
+}
+
+impl RemoteLine {
+    pub fn of(remote: &RemoteSnapshot, snapshot: &Snapshot) -> Self {
+        let (state, reason) = match remote.state {
+            RemoteState::Running => ("running", None),
+            RemoteState::Offline { reason, .. } => ("OFFLINE", Some(reason)),
+            RemoteState::Restarting { reason } => ("RESTARTING", Some(reason)),
+            _ => ("?", None),
+        };
+        let is_known = snapshot.board().0.is_reached();
+        let why = reason.map(|reason| told(&reason));
+        let why = match (is_known, why) {
+            (true, why) => why,
+            (false, None) => Some(format!("the board is not reached; before that: {state}")),
+            (false, Some(why)) => {
+                let before = format!("the board is not reached; before that: {state}, {why}");
+                Some(before)
+            }
+        };
+        let counts = format!(
+            "{}, {} failed",
+            counted(remote.transfers, "transfer"),
+            remote.failures
+        );
+        let first = remote.first_fault.filter(|first| Some(*first) != reason);
+        let first = first.map(|first| format!("first fault: {}", told(&first)));
+        let rest: Vec<String> = why.into_iter().chain([counts]).chain(first).collect();
+        Self {
+            place: format!("{}.{} {}", remote.id.port, remote.id.channel, remote.name),
+            state: if is_known { state } else { "UNKNOWN" },
+            runs: is_known && remote.state == RemoteState::Running,
+            since: short_time(snapshot.time().since(remote.since)),
+            rest: rest.join("; "),
         }
-        (RemoteState::Offline { reason, .. }, _) => {
-            ("OFFLINE", format!("{}; {counts}", told(&reason)))
-        }
-        (RemoteState::Restarting { reason }, _) => {
-            ("RESTARTING", format!("{}; {counts}", told(&reason)))
-        }
-        _ => ("?", counts),
-    };
-    [
-        format!("{}.{} {}", remote.id.port, remote.id.channel, remote.name),
-        state.to_owned(),
-        since,
-        rest,
-    ]
+    }
 }
 
 #[cfg(test)]
@@ -124,11 +192,12 @@ mod tests {
     use super::*;
     use crate::commands::watch::screen::tests::snapshot;
 
-    fn listed(pattern: &str) -> Vec<String> {
+    fn listed(pattern: &str, is_all: bool) -> Vec<String> {
         let snapshot = snapshot();
-        let lines = lines(&snapshot, &pattern.parse().unwrap(), "hm2_7i92.0");
+        let pattern = pattern.parse().unwrap();
+        let listing = Listing::of(&snapshot, &pattern, is_all, "hm2_7i92.0");
+        let lines = listing.lines.into_iter();
         lines
-            .into_iter()
             .map(|line| match line {
                 Line::Heading(heading) => format!("# {heading}"),
                 Line::Pin(number) => short(&snapshot.infos()[number].name, "hm2_7i92.0").to_owned(),
@@ -141,20 +210,21 @@ mod tests {
         assert_eq!(shortened("7i77.0.0.input-00", 17), "7i77.0.0.input-00");
         assert_eq!(shortened("7i77.0.0.input-00-not", 11), "7i77.…0-not");
         assert_eq!(shortened("input", 1), "…");
+        assert_eq!(shortened("input", 0), "");
     }
 
     #[test]
     fn pins_are_grouped_by_terminal_block_and_filtered() {
-        let field = listed("7i77.0.0.input-");
+        let field = listed("7i77.0.0.input-", true);
         assert_eq!(field[0], "# TB8 of 7i77.0.0");
         assert_eq!(field[1], "7i77.0.0.input-00");
         let second = field.iter().position(|line| line == "# TB7 of 7i77.0.0");
         assert_eq!(second, Some(1 + 2 * 16), "{field:?}");
         assert_eq!(field.len(), 2 + 2 * 32);
-        assert_eq!(listed("watchdog.has_bit")[0], "# watchdog");
-        assert_eq!(listed("/QA3")[0], "# TB4");
-        assert_eq!(listed("nothing such"), [""; 0]);
-        let headings = listed("");
+        assert_eq!(listed("watchdog.has_bit", false)[0], "# watchdog");
+        assert_eq!(listed("/QA3", false)[0], "# TB4");
+        assert_eq!(listed("nothing such", true), [""; 0]);
+        let headings = listed("", true);
         let mut headings: Vec<_> = headings
             .iter()
             .filter(|line| line.starts_with('#'))
@@ -163,5 +233,31 @@ mod tests {
         headings.sort();
         headings.dedup();
         assert_eq!(headings.len(), all, "each block is there once");
+    }
+
+    #[test]
+    fn terminals_come_first_and_parameters_and_inverted_pins_on_request() {
+        let snapshot = snapshot();
+        let places = |is_all| {
+            let all = Pattern::default();
+            let listing = Listing::of(&snapshot, &all, is_all, "hm2_7i92.0");
+            let pins = listing.lines.iter().filter_map(|line| match line {
+                Line::Pin(number) => Some(&snapshot.infos()[*number]),
+                Line::Heading(_) => None,
+            });
+            (pins.collect::<Vec<_>>(), listing)
+        };
+        let (pins, listing) = places(false);
+        let is_free = |info: &&&PinInfo| info.place.terminal.is_empty();
+        let at_terminals = pins.iter().take_while(|info| !is_free(info)).count();
+        assert!(at_terminals >= 32 + 16 + 6, "{at_terminals}");
+        assert!(pins.iter().skip(at_terminals).all(|info| is_free(&info)));
+        let is_hidden = |info: &&PinInfo| info.role.is_param() || info.name.ends_with("not");
+        assert!(!pins.iter().any(is_hidden));
+        let hidden = snapshot.infos().iter().filter(is_hidden).count();
+        assert_eq!((listing.shown, listing.hidden), (pins.len(), hidden));
+        let (all, listing) = places(true);
+        assert_eq!((all.len(), listing.hidden), (snapshot.infos().len(), 0));
+        assert_eq!(listing.shown, pins.len() + hidden);
     }
 }

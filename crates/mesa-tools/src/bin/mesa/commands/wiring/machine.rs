@@ -14,8 +14,9 @@ use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 
 use crate::commands::set::jog::{Jog, JogPlan, Step};
-use crate::context::{Context, Failure, told};
+use crate::context::{Context, Failure};
 use crate::link::Bus;
+use crate::reason::{self, Reason};
 use crate::running::{self, Keeper};
 
 /// Time within which an output must become ready to be driven. Short, because the person who agreed
@@ -29,7 +30,7 @@ pub enum Driven {
     /// Off again.
     Off,
     /// Off before its time, or never on, with the reason.
-    Failed(String),
+    Failed(Reason),
 }
 
 /// A running machine. Dropping it stops the machine, with all outputs off.
@@ -176,11 +177,11 @@ impl Work {
         if !is_over {
             return Some(jog);
         }
-        let failure = jog.failure().map(str::to_owned);
+        let failure = jog.failure().cloned();
         let _ = self.tell.try_send(match failure {
             Some(reason) => Driven::Failed(reason),
             None if self.is_told => Driven::Off,
-            None => Driven::Failed("nothing has shown that it was on".to_owned()),
+            None => Driven::Failed(Reason::new("nothing has shown that it was on")),
         });
         None
     }
@@ -196,21 +197,14 @@ pub fn is_ready(snapshot: &Snapshot, info: &PinInfo) -> bool {
 }
 
 /// Reason why the value of a pin is not valid.
-pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
+pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> Reason {
     if let Some(trouble) = running::trouble(snapshot.board().0) {
-        return trouble.to_string();
+        return trouble.into();
     }
     let mut remotes = snapshot.remotes();
     let Some(remote) = remotes.find(|remote| remote.group == info.group) else {
-        return "the board has not shown it yet".to_owned();
+        return Reason::new("the board has not shown it yet");
     };
     let place = format!("the {} on {}", remote.name, remote.id);
-    let reason = match remote.state {
-        RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
-        _ => None,
-    };
-    match reason.or(remote.first_fault) {
-        Some(reason) => format!("{place} is offline: {}", told(&reason)),
-        None => format!("{place} does not answer"),
-    }
+    reason::of_remote(&place, remote.state, remote.first_fault)
 }

@@ -1,5 +1,6 @@
 //! `mesa wiring`: a guided check of the wires of a cabinet.
 
+mod head;
 mod machine;
 mod report;
 mod session;
@@ -10,6 +11,7 @@ use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
+use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hal::{GroupId, PinInfo, Place};
 use mesa_hal::{Board, Configured, Driver, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, WiringCheck};
@@ -20,11 +22,13 @@ use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::modes::Modes;
+use crate::number::counted;
 use crate::output::complain;
 use crate::pattern::Pattern;
 use crate::simulated::Passage;
 use crate::target::{Found, Target};
 use crate::{place, running};
+use head::Head;
 use machine::Machine;
 use report::{Input, Item, Missing, Outcome, Report, What};
 use session::{Dialog, Lines, Session, Terminals};
@@ -108,14 +112,16 @@ impl Wiring {
         }
         let found = self.target.find()?.pass_time(Passage::Paced);
         let settings = found.with_patience(self.settings());
-        let board = Board::identify(found.open_with(set::unhurried())?, settings)?;
+        let mut bus = found.open_with(set::unhurried())?;
+        let identity = EthernetBoard::new(&mut bus).identity()?;
+        let board = Board::identify(bus, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
         let terminals = self.terminals(&board)?;
         let driver = self.start(context, &found, board, &terminals.items)?;
         let name = driver.name().to_owned();
         let reporter = Reporter {
-            address: found.address.to_string(),
+            head: Head::new(&found.address, &identity, &driver),
             missing: self.missing(&driver),
             path: self.report.as_deref(),
         };
@@ -243,10 +249,15 @@ impl Wiring {
             ..outputs.map(|item| item.info.place.clone()).collect()
         };
         let what = format!(
-            "{}: drives {} digital outputs one after the other, each for {} with all others off, \
-             no drive enables and no analog outputs: {}{watchdogs}",
+            "{}: drives {}{} for {} with all others off, no drive enables and no analog outputs: \
+             {}{watchdogs}",
             found.address,
-            count,
+            counted(count as u64, "digital output"),
+            if count == 1 {
+                ""
+            } else {
+                " one after the other, each"
+            },
             Rounded(&self.time),
             place::short(&at)
         );
@@ -256,7 +267,7 @@ impl Wiring {
 
 /// Makes the report of a check, and keeps it in a file if there is one.
 struct Reporter<'a> {
-    address: String,
+    head: Head,
     missing: Missing,
     path: Option<&'a Path>,
 }
@@ -275,8 +286,8 @@ impl Reporter<'_> {
     }
 
     fn report(&self, session: &Session<'_>, outcome: Outcome) -> Report {
-        let (address, names) = (self.address.clone(), session.names());
-        Report::new(address, &session.items, &names, outcome, &self.missing)
+        let (head, names) = (self.head.clone(), session.names());
+        Report::new(head, &session.items, &names, outcome, &self.missing)
     }
 
     fn keep(&self, session: &Session<'_>, outcome: Outcome) -> Result<(), Failure> {

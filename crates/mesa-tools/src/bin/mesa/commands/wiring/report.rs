@@ -8,9 +8,12 @@ use mesa_tools::diagnosis::wiring::{Point, PointKind, WiringJudgement, WiringVer
 use serde::Serialize;
 use serde_json::Value;
 
+use super::head::Head;
 use crate::commands::named;
 use crate::commands::watch::view;
 use crate::context::Failure;
+use crate::number::counted;
+use crate::reason::{Reason, with_reason};
 use crate::{files, place};
 
 /// A terminal to check.
@@ -22,7 +25,7 @@ pub struct Item {
     /// Answer of a person about an output.
     pub said: Option<String>,
     /// Reason why it is not valid, is unstable, or has failed.
-    pub reason: Option<String>,
+    pub reason: Option<Reason>,
 }
 
 /// An input or an output.
@@ -127,11 +130,10 @@ impl Item {
             let others = self.others().iter().map(|&n| names.point(n));
             others.collect::<Vec<_>>().join(", ")
         };
-        let reason = || self.reason.clone().unwrap_or_default();
-        let said = || self.said.clone().unwrap_or_default();
+        let with_reason = |result: &str| with_reason(result, self.reason.as_ref());
         match self.mark {
             Mark::Not(Not::NotChecked) => "not checked".to_owned(),
-            Mark::Not(Not::Failed) => format!("FAILED: {}", reason()),
+            Mark::Not(Not::Failed) => with_reason("FAILED"),
             Mark::Judged(verdict) => match verdict {
                 WiringVerdict::Ok => {
                     let before = match &others()[..] {
@@ -141,22 +143,24 @@ impl Item {
                     format!("ok{}{before}", self.path())
                 }
                 WiringVerdict::CountsDown => format!(
-                    "COUNTS DOWN, {}: exchange A and B, or give it a negative scale, before a drive is enabled",
-                    self.range().unwrap_or_default()
+                    "COUNTS DOWN{}: exchange A and B, or give it a negative scale, before a drive is enabled",
+                    self.range()
+                        .map(|range| format!(", {range}"))
+                        .unwrap_or_default()
                 ),
                 WiringVerdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
-                WiringVerdict::NoChange => match &*reason() {
-                    "" => "NO CHANGE".to_owned(),
-                    reason => format!("NO CHANGE: {reason}"),
+                WiringVerdict::NoChange => with_reason("NO CHANGE"),
+                WiringVerdict::OtherChanged if is_output => match &self.said {
+                    Some(said) => format!("INSTEAD CAME ON: {said}"),
+                    None => "SOMETHING ELSE CAME ON".to_owned(),
                 },
-                WiringVerdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
                 WiringVerdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
                 WiringVerdict::Together => {
                     format!("CHANGED TOGETHER with {}: connected?", others())
                 }
                 WiringVerdict::NotBack => format!("DID NOT COME BACK{}", self.path()),
-                WiringVerdict::Unstable => format!("UNSTABLE: {}", reason()),
-                WiringVerdict::NotValid => format!("NOT VALID: {}", reason()),
+                WiringVerdict::Unstable => with_reason("UNSTABLE"),
+                WiringVerdict::NotValid => with_reason("NOT VALID"),
                 WiringVerdict::Skipped => "skipped".to_owned(),
             },
         }
@@ -226,7 +230,8 @@ pub struct Missing {
 /// Report of a check.
 #[derive(Debug, Serialize)]
 pub struct Report {
-    address: String,
+    #[serde(flatten)]
+    head: Head,
     outcome: Outcome,
     pub ok: bool,
     terminals: Vec<Row>,
@@ -250,14 +255,14 @@ struct Row {
     unit: String,
     direction: Option<&'static str>,
     said: Option<String>,
-    reason: Option<String>,
+    reason: Option<Reason>,
     #[serde(skip)]
     text: [String; 2],
 }
 
 impl Report {
     pub fn new(
-        address: String,
+        head: Head,
         items: &[Item],
         names: &Names<'_>,
         outcome: Outcome,
@@ -278,7 +283,7 @@ impl Report {
         };
         let is_ok = |item: &Item| item.mark == Mark::Judged(WiringVerdict::Ok);
         Self {
-            address,
+            head,
             outcome,
             ok: !missing.is_incomplete && items.iter().all(is_ok),
             terminals: items.iter().map(row).collect(),
@@ -340,8 +345,8 @@ impl Display for Report {
             Outcome::Stopped => "; ended by a signal before all were checked",
             Outcome::Failed => "; the machine ended it",
         };
-        let (address, count) = (&self.address, self.terminals.len());
-        writeln!(f, "{address}: {ok} of {count} terminals in order{how}")?;
+        let count = counted(self.terminals.len() as u64, "terminal");
+        writeln!(f, "{}{ok} of {count} in order{how}", self.head)?;
         for missing in &self.missing {
             writeln!(f, "MISSING, and not checked: {missing}")?;
         }

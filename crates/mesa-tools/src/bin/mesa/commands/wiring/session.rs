@@ -13,7 +13,9 @@ use mesa_tools::diagnosis::wiring::{
 use super::machine::{self, Driven, Machine};
 use super::report::{Input, Item, Mark, Names, Not, Outcome, What, text};
 use crate::context::Context;
+use crate::number::counted;
 use crate::output::complain;
+use crate::reason::Reason;
 use crate::sim::console;
 
 /// Interval of the checks of inputs, keys and signals.
@@ -114,8 +116,8 @@ impl<'a> Session<'a> {
 
     fn go(&mut self, keep: impl Fn(&Self)) -> Result<(), Outcome> {
         complain(format_args!(
-            "{} terminals. Enter skips one, b and Enter goes back, q and Enter ends with the report.",
-            self.items.len()
+            "{}. Enter skips one, b and Enter goes back, q and Enter ends with the report.",
+            counted(self.items.len() as u64, "terminal")
         ));
         complain("Hands off for a moment: what changes now changes by itself.");
         let begun = Instant::now();
@@ -192,11 +194,12 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn reason(&self, at: usize) -> String {
+    fn reason(&self, at: usize) -> Reason {
         let found = self.seen.as_ref().zip(self.items.get(at));
-        found.map_or_else(String::new, |(seen, item)| {
-            machine::reason(seen, &item.info)
-        })
+        found.map_or_else(
+            || Reason::new("the last cycle was not read in time"),
+            |(seen, item)| machine::reason(seen, &item.info),
+        )
     }
 
     fn is_timeout(&self, since: Instant) -> bool {
@@ -280,17 +283,19 @@ impl<'a> Session<'a> {
     fn judged(&mut self, at: usize, found: WiringJudgement) {
         let reason = match found.verdict {
             WiringVerdict::NotValid => Some(self.reason(at)),
-            WiringVerdict::Unstable if self.is_index(at) => {
-                Some("it came while the encoder stood: noise, or an open wire?".to_owned())
-            }
+            WiringVerdict::Unstable if self.is_index(at) => Some(Reason::new(
+                "it came while the encoder stood: noise, or an open wire?",
+            )),
             WiringVerdict::NoChange if self.is_index(at) => Some(match found.moved {
-                Some((from, to)) => format!("{}: is it wired?", no_index(from, to)),
-                None => "the encoder was not turned".to_owned(),
+                Some((from, to)) => {
+                    Reason::new(format_args!("{}: is it wired?", no_index(from, to)))
+                }
+                None => Reason::new("the encoder was not turned"),
             }),
             WiringVerdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
-                Some(DITHERS.to_owned())
+                Some(Reason::new(DITHERS))
             }
-            WiringVerdict::Unstable => Some("it changes by itself".to_owned()),
+            WiringVerdict::Unstable => Some(Reason::new("it changes by itself")),
             WiringVerdict::NoChange => self.stuck(at),
             _ => None,
         };
@@ -302,7 +307,7 @@ impl<'a> Session<'a> {
     }
 
     /// Reason for a level that did not change.
-    fn stuck(&self, at: usize) -> Option<String> {
+    fn stuck(&self, at: usize) -> Option<Reason> {
         let What::Input(input) = self.items.get(at)?.what else {
             return None;
         };
@@ -310,7 +315,7 @@ impl<'a> Session<'a> {
             return None;
         }
         let value = text(self.check.value(input.point)?);
-        Some(format!("it was {value} all the time"))
+        Some(Reason::new(format_args!("it was {value} all the time")))
     }
 
     fn is_index(&self, at: usize) -> bool {
@@ -325,7 +330,7 @@ impl<'a> Session<'a> {
         self.check.restless().any(|point| point == input.point)
     }
 
-    fn mark(&mut self, at: usize, mark: Mark, reason: Option<String>) {
+    fn mark(&mut self, at: usize, mark: Mark, reason: Option<Reason>) {
         if let Some(item) = self.items.get_mut(at) {
             item.mark = mark;
             item.reason = reason;
@@ -334,7 +339,7 @@ impl<'a> Session<'a> {
     }
 
     /// Marks an output and reports its result.
-    fn concluded(&mut self, at: usize, mark: Mark, reason: Option<String>) -> Next {
+    fn concluded(&mut self, at: usize, mark: Mark, reason: Option<Reason>) -> Next {
         self.mark(at, mark, reason);
         self.tell_words(at);
         Next::Forward

@@ -9,6 +9,7 @@ use ratatui::text::{Line, Span};
 
 use super::values::{Rate, Values};
 use crate::full_screen::{Palette, SAMPLES, Trend};
+use crate::number::counted;
 
 /// Seconds of silence after which a client no longer counts as active.
 const TALKS: f64 = 2.0;
@@ -61,8 +62,9 @@ impl BoardView {
         self.values = values;
     }
 
-    /// One line about the board: address, packet rate, active clients and watchdog.
-    pub fn line(&self, palette: Palette) -> Line<'static> {
+    /// One line about the board: address, packet rate, active clients and watchdog; a trend if a
+    /// line of `width` has room for it.
+    pub fn line(&self, palette: Palette, width: usize) -> Line<'static> {
         let values = &self.values;
         let (watchdog, color) = if values.is_on("board.watchdog-bitten") {
             ("WATCHDOG HAS BITTEN", Color::Red)
@@ -82,7 +84,7 @@ impl BoardView {
             [] => "no client".to_owned(),
             _ => format!("from {}", clients.join(", ")),
         };
-        Line::from(vec![
+        let line = Line::from(vec![
             Span::raw(format!(
                 "{:<10} {} {:<21} {:>6.0} packets/s  ",
                 self.name,
@@ -91,8 +93,9 @@ impl BoardView {
                 self.packets.per_second(),
             )),
             Span::styled(watchdog, palette.style(color)),
-            Span::raw(format!("  {clients}  {}", self.packet_trend)),
-        ])
+            Span::raw(format!("  {clients}")),
+        ]);
+        with_trend(line, Some(&self.packet_trend), width)
     }
 
     /// Network counters of the board.
@@ -102,9 +105,12 @@ impl BoardView {
             sum.iter().sum::<f64>()
         };
         format!(
-            "up {:.0} s; {} packets in, {} out; mishaps: {} lost, {} late, {} duplicate; errors: {} parse, {} memory, {} write; {} reloads, {} resets",
+            "up {:.0} s; {} in, {} out; mishaps: {} lost, {} late, {} duplicate; errors: {} parse, {} memory, {} write; {}, {}",
             self.values.number("time"),
-            self.number("network", &["received", "packets"]),
+            counted(
+                self.number("network", &["received", "packets"]) as u64,
+                "packet"
+            ),
             self.number("network", &["sent", "packets"]),
             both("lost"),
             both("late"),
@@ -112,8 +118,8 @@ impl BoardView {
             self.number("board", &["errors", "parse"]),
             self.number("board", &["errors", "memory"]),
             self.number("board", &["errors", "write"]),
-            self.number("board", &["reloads"]),
-            self.number("board", &["resets"]),
+            counted(self.number("board", &["reloads"]) as u64, "reload"),
+            counted(self.number("board", &["resets"]) as u64, "reset"),
         )
     }
 
@@ -121,8 +127,9 @@ impl BoardView {
         self.values.number(&format!("{of}.{}", what.join(".")))
     }
 
-    /// The machine: remotes, axes, inputs and outputs.
-    pub fn machine(&self, palette: Palette) -> Vec<Line<'static>> {
+    /// The machine: remotes, axes, inputs and outputs; trends where lines of `width` have room for
+    /// them.
+    pub fn machine(&self, palette: Palette, width: usize) -> Vec<Line<'static>> {
         let mut lines = Vec::new();
         lines.push(heading("remotes"));
         let channels = self.values.parts("remote");
@@ -136,7 +143,9 @@ impl BoardView {
                 "axis             position      velocity       command  drive",
             ));
         }
-        lines.extend(axes.iter().map(|axis| self.axis(axis, palette)));
+        let trend = |axis: &str| self.positions.get(axis);
+        let axes = axes.iter();
+        lines.extend(axes.map(|axis| with_trend(self.axis(axis, palette), trend(axis), width)));
         lines.push(heading("inputs and outputs"));
         lines.extend(self.wiring(palette));
         let own = self.values.under("board");
@@ -215,8 +224,6 @@ impl BoardView {
             (false, true) => "AT STOP",
             _ => "",
         };
-        let trend = self.positions.get(axis);
-        let trend = trend.map(Trend::to_string).unwrap_or_default();
         Line::from(vec![
             Span::raw(format!(
                 "  {name:<9} {:>13.4} {:>13.4} {:>11.4} V  ",
@@ -225,8 +232,7 @@ impl BoardView {
                 number("volts"),
             )),
             Span::styled(format!("{drive:<9}"), palette.style(color)),
-            Span::raw(format!("{trend:<SAMPLES$} ")),
-            Span::styled(held, palette.style(Color::Red)),
+            Span::styled(format!("{held:<7}"), palette.style(Color::Red)),
         ])
     }
 
@@ -264,12 +270,23 @@ impl BoardView {
             } else {
                 ""
             };
-            let clicks = self.values.text(&name("clicks"));
-            let text = format!("  {:<15}{wheel} {clicks} clicks{turning}", "handwheel");
+            let clicks = match self.values.text(&name("clicks")) {
+                one @ ("1" | "-1") => format!("{one} click"),
+                clicks => format!("{clicks} clicks"),
+            };
+            let text = format!("  {:<15}{wheel} {clicks}{turning}", "handwheel");
             lines.push(Line::raw(text));
         }
         lines
     }
+}
+
+/// A line with a trend behind it, if there is room.
+fn with_trend(mut line: Line<'static>, trend: Option<&Trend>, width: usize) -> Line<'static> {
+    if let Some(trend) = trend.filter(|_| line.width() + 2 + SAMPLES <= width) {
+        line.push_span(Span::raw(format!("  {trend:SAMPLES$}")));
+    }
+    line
 }
 
 fn heading(text: &'static str) -> Line<'static> {
@@ -390,7 +407,7 @@ mod tests {
                      remote.0.requests.intact {sent}\n"
                 ));
             }
-            let shown = text(&view.machine(palette()));
+            let shown = text(&view.machine(palette(), 120));
             assert!(
                 shown.contains(&format!("  0 7i72         {state} ")),
                 "{shown}"
@@ -405,7 +422,7 @@ mod tests {
     #[test]
     fn clients_that_talk_are_named_and_the_watchdog_is_told() {
         let mut view = BoardView::new("mill", "127.0.0.1:27181".to_owned());
-        let line = |view: &BoardView| view.line(palette()).to_string();
+        let line = |view: &BoardView| view.line(palette(), 120).to_string();
         view.take("time 0\nboard.name 7I97\nnetwork.received.packets 0\n");
         assert!(line(&view).contains("watchdog off  no client"));
         view.take(

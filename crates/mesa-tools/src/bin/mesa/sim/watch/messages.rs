@@ -8,7 +8,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph};
 
-use crate::full_screen::{Palette, Scroll};
+use crate::full_screen::{Palette, Scroll, fitting, wrapped};
 
 /// Older lines are dropped.
 const MAX_LINES: usize = 2000;
@@ -29,6 +29,8 @@ pub struct Messages {
     /// True while the messages have the whole screen.
     pub is_large: bool,
     pub scroll: Scroll,
+    /// The first line of an answer that has got the whole screen, until that is drawn.
+    begin: Option<usize>,
 }
 
 impl Messages {
@@ -39,7 +41,7 @@ impl Messages {
     /// Adds the lines of an answer. An answer longer than the available rows gets the whole screen,
     /// from its beginning.
     pub fn answer(&mut self, text: &str) {
-        let first = self.lines.len().saturating_sub(1);
+        let count = text.lines().count();
         for line in text.lines() {
             let kind = if line.starts_with("error: ") {
                 Kind::Refusal
@@ -48,10 +50,10 @@ impl Messages {
             };
             self.push(kind, line.to_owned());
         }
-        if text.lines().count() > self.scroll.rows {
+        if count > self.scroll.rows {
             self.is_large = true;
-            self.scroll.fit(self.lines.len(), self.scroll.rows);
-            self.scroll.to(first);
+            // From the line of its command on.
+            self.begin = self.lines.len().checked_sub(count + 1);
         }
     }
 
@@ -68,25 +70,47 @@ impl Messages {
 
     pub fn draw(&mut self, frame: &mut Frame<'_>, area: Rect, palette: Palette) {
         let rows = usize::from(area.height.saturating_sub(2));
-        self.scroll.fit(self.lines.len(), rows);
-        if !self.is_large {
-            self.scroll.to(usize::MAX);
-        }
-        let shown = self.lines.iter().skip(self.scroll.first).take(rows);
-        let lines = shown.map(|(kind, text)| {
+        let width = usize::from(area.width.saturating_sub(2));
+        let mut lines = Vec::new();
+        let mut begin = None;
+        for (number, (kind, text)) in self.lines.iter().enumerate() {
+            if self.begin == Some(number) {
+                begin = Some(lines.len());
+            }
             let style = match kind {
                 Kind::Command => Style::new().add_modifier(Modifier::BOLD),
                 Kind::Answer => Style::new(),
                 Kind::Refusal => palette.style(Color::Red),
             };
-            Line::styled(text.clone(), style)
-        });
-        let keys = if self.is_large {
-            " PgUp, PgDn: scroll   q, Esc: back to the machine "
+            lines.extend(wrapped(&Line::styled(text, style), width, 4));
+        }
+        self.begin = None;
+        self.scroll.fit(lines.len(), rows);
+        if !self.is_large {
+            self.scroll.to(usize::MAX);
+        } else if let Some(begin) = begin {
+            self.scroll.to(begin);
+        }
+        let shown = lines.into_iter().skip(self.scroll.first).take(rows);
+        let block = Block::bordered().title(" console ");
+        let block = block.title_bottom(fitting(width, self.keys()));
+        frame.render_widget(Paragraph::new(shown.collect::<Vec<_>>()).block(block), area);
+    }
+
+    /// What keys do, in several lengths.
+    fn keys(&self) -> Vec<String> {
+        let keys: &[&str] = if self.is_large {
+            &[
+                " PgUp, PgDn: scroll   q, Esc: back to the machine ",
+                " PgUp, PgDn: scroll   q: back ",
+            ]
         } else {
-            " Tab: next board   PgUp, PgDn: scroll   Up, Down: last commands   q: end "
+            &[
+                " Tab: next board   PgUp, PgDn: scroll   Up, Down: last commands   q: end ",
+                " Tab: next board   PgUp, PgDn   q: end ",
+                " Tab, PgUp, PgDn   q: end ",
+            ]
         };
-        let block = Block::bordered().title(" console ").title_bottom(keys);
-        frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
+        keys.iter().map(|&keys| keys.to_owned()).collect()
     }
 }

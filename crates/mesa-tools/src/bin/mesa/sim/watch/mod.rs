@@ -17,7 +17,7 @@ use ratatui::widgets::{Block, Paragraph};
 
 use super::Running;
 use super::network::Network;
-use crate::full_screen::{Palette, Screen, Scroll, Wish};
+use crate::full_screen::{Palette, Screen, Scroll, Wish, wrapped};
 use crate::output;
 use board::BoardView;
 use command_line::CommandLine;
@@ -25,6 +25,13 @@ use messages::Messages;
 
 /// Maximum number of queued commands; the one in progress may be a `wait until`.
 const MAX_COMMANDS: usize = 16;
+
+/// Columns and rows of the borders of a part of the screen.
+const BORDER: u16 = 2;
+/// Indentation of the continuation of a line that does not fit.
+const INDENT: usize = 4;
+/// Maximum number of lines about the boards.
+const MAX_BOARD_LINES: usize = 17;
 
 /// The screen: a view of each board, and the console.
 pub struct Watch<'a> {
@@ -101,30 +108,34 @@ impl<'a> Watch<'a> {
         self.scroll.to(0);
     }
 
-    fn draw_boards(&self, frame: &mut Frame<'_>, area: Rect) {
+    /// Lines about the boards.
+    fn board_lines(&self, width: usize) -> Vec<Line<'static>> {
         let boards = self.boards.iter().enumerate();
-        let mut lines: Vec<_> = boards
-            .map(|(number, board)| {
-                let line = board.line(self.palette);
-                if number == self.chosen && self.boards.len() > 1 {
-                    line.patch_style(Style::new().add_modifier(Modifier::BOLD))
-                } else {
-                    line
-                }
-            })
-            .collect();
-        if let Some(board) = self.boards.get(self.chosen) {
-            lines.push(Line::raw(board.network()));
-        }
-        let block = Block::bordered().title(" simulated boards ");
-        frame.render_widget(Paragraph::new(lines).block(block), area);
+        let lines = boards.map(|(number, board)| {
+            let line = board.line(self.palette, width);
+            if number == self.chosen && self.boards.len() > 1 {
+                line.patch_style(Style::new().add_modifier(Modifier::BOLD))
+            } else {
+                line
+            }
+        });
+        let chosen = self.boards.get(self.chosen);
+        let network = chosen.map(|board| Line::raw(board.network()));
+        let lines = lines.chain(network);
+        lines
+            .flat_map(|line| wrapped(&line, width, INDENT))
+            .collect()
     }
 
     fn draw_machine(&mut self, frame: &mut Frame<'_>, area: Rect) {
         let Some(board) = self.boards.get(self.chosen) else {
             return;
         };
-        let lines = board.machine(self.palette);
+        let width = usize::from(area.width.saturating_sub(BORDER));
+        let lines = board.machine(self.palette, width).into_iter();
+        let lines: Vec<_> = lines
+            .flat_map(|line| wrapped(&line, width, INDENT))
+            .collect();
         let rows = usize::from(area.height.saturating_sub(2));
         self.scroll.fit(lines.len(), rows);
         let shown = lines.into_iter().skip(self.scroll.first).take(rows);
@@ -193,15 +204,17 @@ impl Screen for Watch<'_> {
     }
 
     fn draw(&mut self, frame: &mut Frame<'_>) {
-        let height = frame.area().height;
-        let boards = self.boards.len().min(16) as u16 + 3;
-        let [boards, rest, line] = Layout::vertical([
-            Constraint::Length(boards),
+        let Rect { width, height, .. } = frame.area();
+        let boards = self.board_lines(usize::from(width.saturating_sub(BORDER)));
+        let rows = boards.len().min(MAX_BOARD_LINES) as u16 + BORDER;
+        let [place, rest, line] = Layout::vertical([
+            Constraint::Length(rows.min(height / 2)),
             Constraint::Min(3),
             Constraint::Length(1),
         ])
         .areas(frame.area());
-        self.draw_boards(frame, boards);
+        let block = Block::bordered().title(" simulated boards ");
+        frame.render_widget(Paragraph::new(boards).block(block), place);
         self.draw_line(frame, line);
         if self.messages.is_large {
             self.messages.draw(frame, rest, self.palette);

@@ -1,0 +1,246 @@
+//! What the screen says after sequences of faults. The truth is the simulated machine: its cables,
+//! its field power, and how often its board was reset.
+
+use std::time::Duration;
+
+use super::picture;
+use crate::commands::watch::screen::Pins;
+use crate::running::Keeper;
+use mesa_hal::bus::{BusErrorKind, Fault};
+use mesa_hal::runner::SnapshotWriter;
+use mesa_hal::transport::Faulty;
+use mesa_hal::{Clock, Driver, Settings};
+use mesa_hal_sim::devices::{find_cable, find_mut};
+use mesa_hal_sim::{Motor, SimFpga, machines};
+
+const PERIOD: Duration = Duration::from_millis(5);
+/// Cycles after which the driver has tried to restart each remote, and has set up the board.
+const SETTLED: usize = 600;
+/// The network fails in each exchange.
+const CUT: Fault = Fault::NotExecuted(BusErrorKind::Lost);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Deed {
+    Unplug,
+    PlugIn,
+    FieldPowerOff,
+    FieldPowerOn,
+    /// The board loses its configuration, and has it again after 1.3 s.
+    PowerCycle,
+    Reset,
+    NetworkOff,
+    NetworkOn,
+}
+
+impl Deed {
+    const ALL: [Self; 8] = [
+        Self::Unplug,
+        Self::PlugIn,
+        Self::FieldPowerOff,
+        Self::FieldPowerOn,
+        Self::PowerCycle,
+        Self::Reset,
+        Self::NetworkOff,
+        Self::NetworkOn,
+    ];
+}
+
+/// A machine with its screen.
+struct Stage {
+    driver: Driver<Faulty<SimFpga>>,
+    writer: SnapshotWriter,
+    keeper: Keeper,
+    screen: Pins,
+    is_plugged_in: bool,
+    has_field_power: bool,
+    has_network: bool,
+    resets: u32,
+    /// Resets while the network was off, of which one can be seen later.
+    unseen_resets: u32,
+}
+
+impl Stage {
+    fn new() -> Self {
+        let fpga = machines::six_axes_7i92(Motor::default());
+        let mut settings = Settings {
+            period: PERIOD,
+            watchdog: Some(crate::running::WATCHDOG),
+            ..Settings::default()
+        };
+        settings.fault_policy.longest_backoff = Duration::from_millis(200);
+        let driver = Driver::start(Faulty::new(fpga, 1), settings).unwrap();
+        Self {
+            writer: SnapshotWriter::new(&driver),
+            driver,
+            keeper: Keeper::default(),
+            screen: Pins::new("hm2_7i92.0", PERIOD, String::new(), false),
+            is_plugged_in: true,
+            has_field_power: true,
+            has_network: true,
+            resets: 0,
+            unseen_resets: 0,
+        }
+    }
+
+    fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            let _ = self.driver.read();
+            let (state, period) = (self.driver.board_state(), self.driver.period());
+            if self.keeper.is_due(state, period) {
+                let _ = self.driver.rearm();
+            }
+            let _ = self.driver.write();
+            self.driver.bus_mut().wait(PERIOD);
+            self.writer.publish(&self.driver).unwrap();
+        }
+    }
+
+    fn happen(&mut self, deed: Deed) {
+        let bus = self.driver.bus_mut();
+        let now = SimFpga::now(&bus.inner);
+        let field = bus.inner.remote_mut(0, 0).unwrap();
+        match deed {
+            Deed::Unplug => find_cable(field).unwrap().unplug(),
+            Deed::PlugIn => find_cable(field).unwrap().replug(),
+            Deed::FieldPowerOff | Deed::FieldPowerOn => {
+                let volts = if deed == Deed::FieldPowerOn {
+                    24.0
+                } else {
+                    0.0
+                };
+                let device = find_mut(field).unwrap();
+                device.set_field_volts(now, volts).unwrap();
+            }
+            Deed::PowerCycle => bus.inner.reset_for(1_300_000_000),
+            Deed::Reset => bus.inner.reset_for(3_000_000),
+            Deed::NetworkOff => bus.fail_randomly(CUT, 1.0),
+            Deed::NetworkOn => bus.heal(),
+        }
+        match deed {
+            Deed::Unplug | Deed::PlugIn => self.is_plugged_in = deed == Deed::PlugIn,
+            Deed::FieldPowerOff => self.has_field_power = false,
+            Deed::FieldPowerOn => self.has_field_power = true,
+            Deed::PowerCycle | Deed::Reset if self.has_network => self.resets += 1,
+            Deed::PowerCycle | Deed::Reset => self.unseen_resets = 1,
+            Deed::NetworkOff => self.has_network = false,
+            Deed::NetworkOn => {
+                self.resets += std::mem::take(&mut self.unseen_resets);
+                self.has_network = true;
+            }
+        }
+    }
+
+    fn shown(&mut self) -> String {
+        self.screen.take(&self.writer.reader().read().unwrap());
+        picture(&mut self.screen)
+    }
+
+    fn check(&mut self, deeds: &[Deed]) {
+        let shown = self.shown();
+        let line = |begin: &str| {
+            let lines = shown.lines().map(|line| line.trim_matches(['"', '│', ' ']));
+            let lines = lines.skip_while(|line| !line.starts_with(begin));
+            lines.take(2).collect::<Vec<_>>().join(" ")
+        };
+        let field = line("0.0 7I77");
+        let says = |text: &str| field.starts_with(&format!("0.0 7I77  {text}"));
+        let what = format!("{deeds:?}:\n{shown}");
+        if !self.has_network {
+            assert!(shown.contains("board     NOT REACHED for "), "{what}");
+            assert!(says("UNKNOWN "), "{what}");
+            assert!(line("0.1 7I77").starts_with("0.1 7I77  UNKNOWN "), "{what}");
+            return;
+        }
+        assert!(shown.contains("board     running for "), "{what}");
+        let resets = match self.resets {
+            1 => "board reset 1 time, ".to_owned(),
+            count => format!("board reset {count} times, "),
+        };
+        assert!(shown.contains(&resets), "{what}");
+        assert!(line("0.1 7I77").starts_with("0.1 7I77  running "), "{what}");
+        let present = field.split("; ").next().unwrap_or_default();
+        match (self.is_plugged_in, self.has_field_power) {
+            (true, true) => assert!(says("running "), "{what}"),
+            (true, false) => {
+                assert!(says("OFFLINE ") || says("RESTARTING "), "{what}");
+                assert!(present.contains("voltage"), "{what}");
+            }
+            (false, _) => {
+                assert!(says("OFFLINE ") || says("RESTARTING "), "{what}");
+                let is_true = ["too many failed transfers", "the remote did not start"];
+                assert!(is_true.iter().any(|text| present.contains(text)), "{what}");
+                assert!(
+                    !field
+                        .split("first fault")
+                        .next()
+                        .unwrap()
+                        .contains("voltage"),
+                    "{what}"
+                );
+            }
+        }
+    }
+
+    /// True if a deed would change something.
+    fn can_happen(&self, deed: Deed) -> bool {
+        match deed {
+            Deed::Unplug => self.is_plugged_in,
+            Deed::PlugIn => !self.is_plugged_in,
+            Deed::FieldPowerOff => self.has_field_power,
+            Deed::FieldPowerOn => !self.has_field_power,
+            Deed::PowerCycle | Deed::Reset => true,
+            Deed::NetworkOff => self.has_network,
+            Deed::NetworkOn => !self.has_network,
+        }
+    }
+}
+
+#[test]
+fn the_screen_says_what_is_true_now_after_any_three_faults() {
+    let mut sequences = 0;
+    for number in 0..Deed::ALL.len().pow(3) {
+        let deeds = [number / 64, number / 8 % 8, number % 8].map(|n| Deed::ALL[n]);
+        let mut stage = Stage::new();
+        stage.run(20);
+        for (n, deed) in deeds.into_iter().enumerate() {
+            if !stage.can_happen(deed) {
+                break;
+            }
+            stage.happen(deed);
+            stage.run(SETTLED);
+            stage.check(&deeds[..=n]);
+            sequences += usize::from(n == 2);
+        }
+    }
+    assert!(sequences > 100, "{sequences}");
+}
+
+#[test]
+fn what_was_unknown_is_not_counted_as_time_in_which_a_remote_ran() {
+    let mut stage = Stage::new();
+    stage.run(2000);
+    assert!(stage.shown().contains("0.0 7I77  running    for 10 s"));
+    stage.happen(Deed::NetworkOff);
+    stage.run(420);
+    let shown = stage.shown();
+    assert!(shown.contains("board     NOT REACHED for 2 s"), "{shown}");
+    for channel in 0..2 {
+        let unknown = format!("0.{channel} 7I77  UNKNOWN    for 2 s ");
+        assert!(shown.contains(&unknown), "{shown}");
+    }
+    assert!(shown.contains("before that: running"), "{shown}");
+    stage.happen(Deed::NetworkOn);
+    stage.run(500);
+    let shown = stage.shown();
+    for channel in 0..2 {
+        let begin = format!("0.{channel} 7I77  running    for ");
+        let since = shown
+            .split(&begin)
+            .nth(1)
+            .unwrap_or_else(|| panic!("{shown}"));
+        assert!(
+            since.starts_with("1 s") || since.starts_with("2 s"),
+            "{shown}"
+        );
+    }
+}
