@@ -13,6 +13,7 @@
 )]
 
 pub mod advice;
+pub mod count;
 pub mod diagnosis;
 pub mod inventory;
 pub mod setup;

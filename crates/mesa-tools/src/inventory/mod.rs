@@ -18,6 +18,8 @@ use mesa_hal::ethernet::{Counters, EthernetBoard, EthernetError, Identity, Lbp16
 use mesa_hal::ethernet::{LedMode, LedTime};
 use mesa_hal::lbp16::Space;
 
+use crate::count::counted;
+
 /// A board and everything on it.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -413,15 +415,14 @@ impl Inventory {
 
     /// Verdict in one line: `in order: MESA7I97, 1 remote`.
     pub fn judgement(&self) -> impl fmt::Display {
-        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let what = format!(
             "{}, {}",
             self.firmware.board,
-            count(self.remotes().count(), "remote")
+            counted(self.remotes().count(), "remote")
         );
         match self.findings.len() {
             0 => format!("in order: {what}"),
-            n => format!("{} to look at: {what}", count(n, "thing")),
+            n => format!("{} to look at: {what}", counted(n, "thing")),
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Formatting of numbers in text output. Times use [`mesa_hal::Rounded`]; JSON has every digit.
 
+pub use mesa_tools::count::counted;
+
 /// Formats the value of a pin with four decimals; below 0.001 and from 10 million on in scientific
 /// notation with four significant digits.
 pub fn value(number: f64) -> String {
