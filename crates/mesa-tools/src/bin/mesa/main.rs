@@ -21,10 +21,11 @@ mod target;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use commands::Command;
-use context::{Context, Ending};
+use context::{Context, Ending, Failure};
 use mesa_hal::runner::Stop;
 
 /// Find, inspect, test, set up and simulate Mesa Electronics' motion I/O boards
@@ -75,11 +76,53 @@ fn command_line() -> clap::Command {
 
 /// Prints the help, or the error in the arguments, and returns the exit code.
 fn explain(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() && is_json_asked() {
+        return misuse(error).report(true);
+    }
     output::printed(error.print().and_then(|()| io::stdout().flush()));
-    match error.use_stderr() {
-        true => ExitCode::from(2),
-        false if output::is_lost() => ExitCode::FAILURE,
-        false => ExitCode::SUCCESS,
+    if error.use_stderr() {
+        return ExitCode::from(2);
+    }
+    ended(Ending::Done, false)
+}
+
+/// True if `--json` is among arguments that could not be parsed.
+fn is_json_asked() -> bool {
+    let mut options = std::env::args_os().take_while(|argument| argument != "--");
+    options.any(|argument| argument == "--json")
+}
+
+/// The error in the arguments: its first paragraph as the message, the others as the advice.
+fn misuse(error: &clap::Error) -> Failure {
+    let text = match error.kind() {
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            "a command is missing\n\n`--help` lists the commands".to_owned()
+        }
+        _ => error.render().to_string(),
+    };
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let (message, advice) = text.split_once("\n\n").unwrap_or((&text, ""));
+    let message = words(message.trim_start_matches("error: "));
+    match words(advice) {
+        advice if advice.is_empty() => Failure::usage(message),
+        advice => Failure::usage(format_args!("{message}; {advice}")).advising(advice),
+    }
+}
+
+/// Exit code of a command that has printed its result.
+fn ended(ending: Ending, is_json: bool) -> ExitCode {
+    if let Some(error) = output::lost() {
+        let what = format_args!("standard output: {error}");
+        let failure = match ending {
+            Ending::Stopped(signal) => Failure::stopped(signal, what),
+            Ending::Done | Ending::Refused => Failure::refused(what),
+        };
+        return failure.report(is_json);
+    }
+    match ending {
+        Ending::Done => ExitCode::SUCCESS,
+        Ending::Refused => ExitCode::FAILURE,
+        Ending::Stopped(signal) => signal.exit_code(),
     }
 }
 
@@ -92,8 +135,8 @@ fn main() -> ExitCode {
     let stop = match Stop::on_signals() {
         Ok(stop) => stop,
         Err(error) => {
-            output::complain(format_args!("mesa: signals cannot be caught: {error}"));
-            return ExitCode::FAILURE;
+            let what = format_args!("signals cannot be caught: {error}");
+            return Failure::refused(what).report(cli.json);
         }
     };
     let context = Context {
@@ -101,13 +144,8 @@ fn main() -> ExitCode {
         stop,
     };
     match cli.command.run(&context) {
-        Ok(Ending::Done) if !output::is_lost() => ExitCode::SUCCESS,
-        Ok(Ending::Done | Ending::Refused) => ExitCode::FAILURE,
-        Ok(Ending::Stopped(signal)) => signal.exit_code(),
-        Err(failure) => {
-            output::complain(format_args!("mesa: {failure}"));
-            failure.exit_code()
-        }
+        Ok(ending) => ended(ending, cli.json),
+        Err(failure) => failure.report(cli.json),
     }
 }
 

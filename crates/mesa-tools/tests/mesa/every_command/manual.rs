@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::run::{done, run};
 
 /// Names of all commands in the help.
-fn commands() -> Vec<String> {
+pub fn commands() -> Vec<String> {
     let help = done(&["--help"]);
     let (_, rest) = help.split_once("Commands:\n").expect("a list");
     let (list, _) = rest.split_once("\n\n").expect("its end");

@@ -1,6 +1,7 @@
 //! What all commands have in common: files, help, and other programs at the same board.
 
+mod failure;
 mod files;
 mod firewall;
-mod manual;
+pub mod manual;
 mod second_master;

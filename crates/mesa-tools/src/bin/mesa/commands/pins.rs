@@ -128,8 +128,9 @@ impl Pins {
         let rows = Rows(rows.collect());
         context.print(&rows)?;
         if rows.0.is_empty() {
-            complain("mesa: no pin fits; `mesa pins` without a pattern has all");
-            return Ok(Ending::Refused);
+            let advice = "`mesa pins` without a pattern has all";
+            let failure = Failure::refused(format_args!("no pin fits; {advice}"));
+            return Err(failure.advising(advice));
         }
         Ok(Ending::Done)
     }
