@@ -131,7 +131,7 @@ fn a_file_that_is_there_is_replaced_only_after_a_question() {
         let sim = ["--sim", "7i92-7i77"];
         let refused = run(&[before, &[scratch.path()], &sim].concat());
         assert_eq!(refused.code, Some(2), "{before:?}: {refused:?}");
-        let said = "which already exists: not a terminal, so nothing was done; add --yes";
+        let said = "which already exists; nothing was done: add --yes";
         assert!(refused.err.contains(said), "{before:?}: {refused:?}");
         assert_eq!(refused.out, "", "{before:?}");
     }

@@ -213,7 +213,7 @@ fn files_are_replaced_only_when_that_is_asked_for() {
     fs::remove_file(directory.join("machine.ini")).expect("it is there");
     let refused = run(&["hal", "--sim", "7i97", "--out", out]);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    let what = "replaces board.hal, motion.hal, bench.hal, main.rs: not a terminal";
+    let what = "would replace board.hal, motion.hal, bench.hal, main.rs; nothing was done";
     assert!(refused.err.contains(what), "{refused:?}");
     assert_eq!(read("board.hal"), "mine");
     assert!(!directory.join("machine.ini").exists(), "all or none");

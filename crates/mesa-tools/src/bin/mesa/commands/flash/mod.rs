@@ -11,6 +11,7 @@ use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
+use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
@@ -167,16 +168,15 @@ impl Write {
         };
         if !dry_run {
             let is_alone = is_alone(&mut flash, &report.areas)?;
-            let what = format!(
-                "{}: erases and writes {written} of the flash memory: {}{}",
+            let (about, risk) = (About::of(&bitfile), risk(is_alone));
+            let plan = Plan::at(
                 found.address,
-                About::of(&bitfile),
-                risk(is_alone)
+                format_args!("erase and write {written} of the flash memory: {about}{risk}"),
             );
             self.change
                 .target
                 .asks
-                .consent(context, &what, Some(&found))?;
+                .consent(context, &plan, Some(&found))?;
             let mut progress = Progress::of_write(context, written, is_alone);
             let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
             progress.ended(done)?;

@@ -12,7 +12,7 @@ use clap::Args;
 use mesa_hal::{Board, Settings};
 use serde::Serialize;
 
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::modes::Modes;
@@ -148,7 +148,8 @@ fn may_replace(directory: &Path, asks: Asks, context: &Context) -> Result<(), Fa
         return Ok(());
     }
     let (directory, there) = (directory.display(), there.join(", "));
-    asks.consent(context, &format!("{directory}: replaces {there}"), None)
+    let plan = Plan::at(directory, format_args!("replace {there}"));
+    asks.consent(context, &plan, None)
 }
 
 impl Skeleton {

@@ -10,9 +10,10 @@ use serde::Serialize;
 
 use super::cabinet::OpenCabinet;
 use super::{Where, warning};
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
+use crate::number::counted;
 use crate::output::complain;
 
 /// Limit for the size of a file: more than any cabinet needs.
@@ -160,12 +161,12 @@ impl Restore {
             }
         });
         let warnings: String = warnings.collect();
-        let count = differences.len();
-        let what = format!(
-            "writes {count} parameters in the non-volatile memory of remotes; they are used from \
-             the next power-up on{warnings}"
-        );
-        self.asks.consent(context, &what, cabinet.found())
+        let count = counted(differences.len(), "parameter");
+        let plan = Plan::new(format_args!(
+            "write {count} in the non-volatile memory of remotes, to be used from the next power-up \
+             on{warnings}"
+        ));
+        self.asks.consent(context, &plan, cabinet.found())
     }
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
@@ -211,7 +212,9 @@ impl Display for Saved {
             parameters,
         } = self;
         let file = file.display();
-        writeln!(f, "{file}: {parameters} parameters of {remotes} remotes")
+        let parameters = counted(*parameters, "parameter");
+        let remotes = counted(*remotes, "remote");
+        writeln!(f, "{file}: {parameters} of {remotes}")
     }
 }
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::list::Shown;
 use super::{Named, Where, go_on, named, warning};
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 
 /// Read one parameter
@@ -104,11 +104,11 @@ impl Set {
                 "until it is switched off"
             };
             let warning = warning(name, wanted);
-            let what = format!(
-                "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
-                named.remote.descriptor.name
+            let plan = Plan::at(
+                format_args!("{place}, {}", named.remote.descriptor.name),
+                format_args!("write {name} = {after} (now {before}), {kept}{warning}"),
             );
-            self.asks.consent(context, &what, cabinet.found())?;
+            self.asks.consent(context, &plan, cabinet.found())?;
             go_on(context)?;
             cabinet.write(place, name, self.value)?;
         }

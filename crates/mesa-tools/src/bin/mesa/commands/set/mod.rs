@@ -13,7 +13,7 @@ use mesa_hal::{Board, Rounded, Settings};
 
 use super::named;
 use super::slow_watchdog::SlowWatchdog;
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{self, Context, Ending, Failure};
 use crate::output::complain;
 use crate::place;
@@ -103,9 +103,9 @@ impl Set {
             value,
             safe: pins.read_any(pin).value,
         };
-        let what = self.says(&info, output, &infos) + &watchdog;
-        let what = format!("{}: {what}", found.address);
-        self.asks.consent(context, &what, Some(&found))?;
+        let action = self.says(&info, output, &infos) + &watchdog;
+        let plan = Plan::at(found.address, action);
+        self.asks.consent(context, &plan, Some(&found))?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was set"));
             return Ok(Ending::Stopped(signal));
@@ -178,9 +178,9 @@ impl Set {
         let with = enables.iter().filter_map(|by| match hazard(by) {
             // An enable that is enabled by another pin has no terminal of its own.
             Hazard::DriveEnable if by.enabled_by.is_some() => None,
-            Hazard::DriveEnable => Some(format!(", enables EVERY drive on {}", with_place(by))),
+            Hazard::DriveEnable => Some(format!(", enable EVERY drive on {}", with_place(by))),
             _ => Some(format!(
-                ", makes it an output ({}): nothing else may drive it",
+                ", make it an output ({}): nothing else may drive it",
                 by.name
             )),
         });
@@ -191,7 +191,7 @@ impl Set {
             ""
         };
         format!(
-            "sets {} to {}{unit} for {}{own}{}, with all other outputs off, then back to {}{unit}",
+            "set {} to {}{unit} for {}{own}{}, with all other outputs off, then back to {}{unit}",
             with_place(info),
             named::text(output.value),
             Rounded(&self.time),
@@ -248,7 +248,7 @@ pub fn settings() -> Settings {
 
 /// A pin with its terminals and signals.
 fn with_place(info: &PinInfo) -> String {
-    match &*place::short(&info.place) {
+    match &*place::on_card(info) {
         "" => info.name.clone(),
         place => format!("{} ({place})", info.name),
     }
