@@ -31,7 +31,8 @@ Starts the machine with all outputs off, reads it for a while, and stops it. A b
 program drives is left alone.
 
 PATTERN is a part of a pin's name, terminal or signal; with * or ?, a pattern of the whole. Signals
-of an encoder belong to the pins that show them: QA0 to the count, IDX0 to index-enable.
+of an encoder belong to the pins that show them: QA0 to the count, IDX0 to index-enable. TB8-20 is
+terminal 20 of TB8.
 
 Exits with 1 if no pin fits.
 

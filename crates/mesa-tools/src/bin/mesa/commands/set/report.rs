@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::commands::named;
+use crate::number;
 
 /// Outcome of a jog.
 #[derive(Debug, Serialize)]
@@ -133,10 +134,10 @@ impl Display for Report {
         };
         writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
         if self.inputs.not_seen > 0 {
-            let count = self.inputs.not_seen;
+            let count = number::counted(self.inputs.not_seen, "input");
             writeln!(
                 f,
-                "{count} inputs were not valid before: their changes are not known"
+                "{count} not valid before, so changes there are not known"
             )?;
         }
         if self.inputs.changes.is_empty() {
