@@ -21,10 +21,11 @@ mod target;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use clap::builder::styling::Styles;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
-use commands::Command;
+use commands::{Command, GROUPS, Group};
 use context::{Context, Ending, Failure};
 use mesa_hal::runner::Stop;
 
@@ -71,7 +72,34 @@ fn command_line() -> clap::Command {
         let help = command.get_after_help().map(ToString::to_string);
         command.after_help(format!("{}\n\n{EXITS}", help.unwrap_or_default()))
     }
-    Cli::command().mut_subcommands(with_exits)
+    let all = Cli::command().mut_subcommands(with_exits);
+    let groups = groups(&all);
+    all.help_template(format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{groups}{}\n{{options}}{{after-help}}",
+        heading("Options")
+    ))
+}
+
+/// The list of commands in the help, by groups.
+fn groups(all: &clap::Command) -> String {
+    let name_style = *Styles::styled().get_literal();
+    let names = GROUPS.iter().flat_map(|group| group.commands);
+    let width = names.map(|name| name.len()).max().unwrap_or(0);
+    let line = |name: &&str| {
+        let about = all.find_subcommand(name).and_then(clap::Command::get_about);
+        let about = about.map(ToString::to_string).unwrap_or_default();
+        format!("  {name_style}{name:<width$}{name_style:#}  {about}\n")
+    };
+    let group = |group: &Group| {
+        let lines: String = group.commands.iter().map(line).collect();
+        format!("{}\n{lines}\n", heading(group.heading))
+    };
+    GROUPS.iter().map(group).collect()
+}
+
+fn heading(text: &str) -> String {
+    let style = *Styles::styled().get_header();
+    format!("{style}{text}:{style:#}")
 }
 
 /// Prints the help, or the error in the arguments, and returns the exit code.

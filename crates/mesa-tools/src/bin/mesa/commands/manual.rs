@@ -1,6 +1,6 @@
 //! `mesa completions` and `mesa man`: shell completions and manual pages.
 
-use std::io;
+use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -36,20 +36,18 @@ impl Completions {
 Example:
   mesa man ~/.local/share/man/man1 && man mesa-info")]
 pub struct Man {
-    /// Existing directory for the pages
+    /// Directory for the pages; made unless it exists
     #[arg(value_name = "DIRECTORY")]
     directory: PathBuf,
 }
 
 impl Man {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        clap_mangen::generate_to(command_line(), &self.directory).map_err(|error| {
-            let directory = self.directory.display();
-            let how = match error.kind() {
-                io::ErrorKind::NotFound => "; make it first, or name another",
-                _ => "",
-            };
-            Failure::refused(format_args!("{directory}: {error}{how}"))
+        let made = fs::create_dir_all(&self.directory);
+        let written = made.and_then(|()| clap_mangen::generate_to(command_line(), &self.directory));
+        written.map_err(|error| {
+            let (directory, advice) = (self.directory.display(), "name another directory");
+            Failure::refused(format_args!("{directory}: {error}; {advice}")).advising(advice)
         })?;
         Ok(context.ending())
     }

@@ -54,6 +54,45 @@ pub enum Command {
     Wiring(wiring::Wiring),
 }
 
+/// A group of commands in the help.
+pub struct Group {
+    pub heading: &'static str,
+    /// Names of the commands, in their order.
+    pub commands: &'static [&'static str],
+}
+
+/// All groups: each command is in exactly one.
+pub const GROUPS: [Group; 7] = [
+    Group {
+        heading: "Look",
+        commands: &["list", "info", "pins", "watch", "scope"],
+    },
+    Group {
+        heading: "Test a machine",
+        commands: &["doctor", "wiring", "set", "latency"],
+    },
+    Group {
+        heading: "Keep and set up",
+        commands: &["hal", "param", "update", "flash", "ip", "led"],
+    },
+    Group {
+        heading: "Restart a board",
+        commands: &["reload", "reset"],
+    },
+    Group {
+        heading: "Registers by hand",
+        commands: &["peek", "poke", "raw"],
+    },
+    Group {
+        heading: "Simulate",
+        commands: &["sim"],
+    },
+    Group {
+        heading: "Shell and manual",
+        commands: &["completions", "man"],
+    },
+];
+
 impl Command {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         match self {
