@@ -101,6 +101,7 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
         &["wiring", "--timeout", "1", "--report"],
         &["scope", "input-02", "--trigger", "input-02", "--csv"],
         &["doctor", "--passive", "--report"],
+        &["report"],
     ] {
         for (place, code, said) in [
             (directory, 2, "no regular file"),
@@ -115,7 +116,8 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
 }
 
 /// Every command that writes a file of its own, with the arguments before the file's name.
-const WRITERS: [&[&str]; 5] = [
+const WRITERS: [&[&str]; 6] = [
+    &["report"],
     &["param", "save"],
     &["latency", "--seconds", "0.1", "--plot"],
     &["doctor", "--passive", "--report"],

@@ -5,5 +5,6 @@ mod hal;
 mod ip;
 mod led;
 mod param;
+mod report;
 pub mod restart;
 mod update;

@@ -14,6 +14,7 @@ pub mod param;
 mod pins;
 mod raw;
 mod registers;
+mod report;
 mod restart;
 mod scope;
 mod set;
@@ -45,6 +46,7 @@ pub enum Command {
     Poke(registers::Poke),
     List(list::List),
     Param(param::Param),
+    Report(report::Report),
     Pins(pins::Pins),
     Watch(watch::Watch),
     Scope(scope::Scope),
@@ -73,7 +75,7 @@ pub const GROUPS: [Group; 7] = [
     },
     Group {
         heading: "Keep and set up",
-        commands: &["hal", "param", "update", "flash", "ip", "led"],
+        commands: &["report", "hal", "param", "update", "flash", "ip", "led"],
     },
     Group {
         heading: "Restart a board",
@@ -112,6 +114,7 @@ impl Command {
             Self::Poke(poke) => poke.run(context),
             Self::List(list) => list.run(context),
             Self::Param(param) => param.run(context),
+            Self::Report(report) => report.run(context),
             Self::Pins(pins) => pins.run(context),
             Self::Watch(watch) => watch.run(context),
             Self::Scope(scope) => scope.run(context),

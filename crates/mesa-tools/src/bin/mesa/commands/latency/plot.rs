@@ -29,8 +29,15 @@ const LATE: RGBColor = RGBColor(31, 119, 180);
 const USED: RGBColor = RGBColor(230, 126, 34);
 const PERIOD: RGBColor = RGBColor(192, 57, 43);
 
-/// Draws the histograms of each pace, one below the other.
+/// Writes the picture of the histograms into a file.
 pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
+    let svg = svg(rate, all);
+    let svg = svg.map_err(|error| failure(file, &error))?;
+    files::write(file, svg.as_bytes())
+}
+
+/// Draws the histograms of each pace, one below the other.
+pub fn svg(rate: u32, all: &[Measured]) -> Result<String, Box<dyn std::error::Error>> {
     let mut text = String::new();
     let size = (SIZE.0, SIZE.1 * all.len().max(1) as u32);
     let shown = Shown::of(rate, all);
@@ -44,11 +51,11 @@ pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
                 one.cycles,
                 name(one.recorder.pace())
             );
-            chart(area, &title, &shown, &one.recorder).map_err(|error| failure(file, &error))?;
+            chart(area, &title, &shown, &one.recorder)?;
         }
         area.present()?;
     }
-    files::write(file, text.as_bytes())
+    Ok(text)
 }
 
 /// The ranges of the axes, which all charts have in common: times in microseconds, and cycles.
