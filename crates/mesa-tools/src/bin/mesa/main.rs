@@ -3,6 +3,7 @@
 //! The work is done by libraries; this binary has the arguments, texts and screens.
 
 mod commands;
+mod completion;
 mod consent;
 mod context;
 mod files;
@@ -155,6 +156,7 @@ fn ended(ending: Ending, is_json: bool) -> ExitCode {
 }
 
 fn main() -> ExitCode {
+    completion::answer();
     let cli = command_line().try_get_matches();
     let cli = match cli.and_then(|mut found| Cli::from_arg_matches_mut(&mut found)) {
         Ok(cli) => cli,

@@ -1,5 +1,6 @@
 //! What all commands have in common: files, help, and other programs at the same board.
 
+mod completion;
 mod consent;
 mod failure;
 mod files;

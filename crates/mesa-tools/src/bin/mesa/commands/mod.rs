@@ -17,7 +17,7 @@ mod registers;
 mod report;
 mod restart;
 mod scope;
-mod set;
+pub mod set;
 mod slow_watchdog;
 mod update;
 mod watch;
@@ -107,7 +107,7 @@ impl Command {
             Self::Doctor(doctor) => doctor.run(context),
             Self::Reload(reload) => reload.run(context),
             Self::Reset(reset) => reset.run(context),
-            Self::Completions(completions) => Ok(completions.run(context)),
+            Self::Completions(completions) => completions.run(context),
             Self::Man(man) => man.run(context),
             Self::Raw(raw) => raw.run(context),
             Self::Peek(peek) => peek.run(context),
