@@ -42,9 +42,14 @@ impl Stop {
 pub struct Signal(i32);
 
 impl Signal {
-    /// The exit code that shells expect of a program ended by a signal: 128 plus its number.
+    /// The exit status that shells expect of a program ended by a signal: 128 plus its number.
+    pub const fn exit_status(self) -> u8 {
+        128_u8.wrapping_add(self.0 as u8)
+    }
+
+    /// The [exit status](Self::exit_status), for `main` to return.
     pub fn exit_code(self) -> ExitCode {
-        ExitCode::from(128_u8.wrapping_add(self.0 as u8))
+        ExitCode::from(self.exit_status())
     }
 }
 

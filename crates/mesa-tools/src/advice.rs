@@ -73,11 +73,13 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
 }
 
 /// The facts of an error or a remark, and its advice in the words of the command line: `facts;
-/// advice`.
+/// advice`, or the advice alone without facts.
 pub fn with_advice(facts: impl Display, advice: Option<Advice>) -> String {
+    let facts = facts.to_string();
     match advice.and_then(in_command_words) {
+        Some(advice) if facts.is_empty() => advice.into_owned(),
         Some(advice) => format!("{facts}; {advice}"),
-        None => facts.to_string(),
+        None => facts,
     }
 }
 
@@ -224,5 +226,7 @@ mod tests {
         assert_eq!(told(&std::fmt::Error), std::fmt::Error.to_string());
         let hidden = with_advice("a fact", Some(Advice::SetWatchdog));
         assert_eq!(hidden, "a fact");
+        let alone = with_advice("", Some(Advice::RearmFirst));
+        assert_eq!(alone, "give the command again");
     }
 }

@@ -26,13 +26,52 @@ pub struct Asks {
     pub yes: bool,
 }
 
-/// Planned action of a command.
+/// Planned action of a command, in words that follow "would": `10.10.10.10:27181: would write ...`.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Board, remote or folder.
+    place: Option<String>,
+    /// Verb in the infinitive, and the rest.
+    action: String,
+}
+
+/// Planned action on a board, as `--dry-run` prints it.
 #[derive(Debug, Serialize)]
 struct Planned<'a> {
     /// Always true: nothing was done.
     dry_run: bool,
     address: SocketAddrV4,
     would: &'a str,
+}
+
+impl Plan {
+    pub fn new(action: impl Display) -> Self {
+        Self {
+            place: None,
+            action: action.to_string(),
+        }
+    }
+
+    pub fn at(place: impl Display, action: impl Display) -> Self {
+        Self {
+            place: Some(place.to_string()),
+            ..Self::new(action)
+        }
+    }
+
+    /// Text about the action, with a modal verb before it.
+    fn sentence(&self, modal: &str) -> String {
+        let action = &self.action;
+        match &self.place {
+            Some(place) => format!("{place}: {modal} {action}"),
+            None => format!("{modal} {action}"),
+        }
+    }
+
+    /// Text about the action that was not done, and the reason or the next step.
+    fn not_done(&self, why: impl Display) -> String {
+        format!("{}; nothing was done: {why}", self.sentence("would"))
+    }
 }
 
 impl Asks {
@@ -42,25 +81,21 @@ impl Asks {
     pub fn consent(
         self,
         context: &Context,
-        what: &str,
+        plan: &Plan,
         board: Option<&Found>,
     ) -> Result<(), Failure> {
-        self.agreed(context, &Question::before(what))?;
-        board.map_or(Ok(()), Found::check_free)
-    }
-
-    fn agreed(self, context: &Context, question: &Question) -> Result<(), Failure> {
         let answer = if self.yes {
-            complain(format_args!("mesa: {}", question.what));
+            complain(format_args!("mesa: {}", plan.sentence("will")));
             Ok(())
         } else {
-            context.asked(question)
+            context.asked(plan)
         };
         if let Some(signal) = context.stop.signal() {
-            let message = format_args!("ended by {signal}; nothing was done");
+            let message = plan.not_done(format_args!("ended by {signal}"));
             return Err(Failure::stopped(signal, message));
         }
-        answer
+        answer?;
+        board.map_or(Ok(()), Found::check_free)
     }
 
     /// Checks that a file [can be written](files::check) at `path`, and asks for consent if one
@@ -75,91 +110,53 @@ impl Asks {
 
     /// Asks for consent to replace files, which exist; nothing to ask if there are none.
     pub fn replaces_all(self, context: &Context, there: &[PathBuf]) -> Result<(), Failure> {
-        if there.is_empty() {
-            return Ok(());
-        }
-        self.agreed(context, &Question::of_files(there))
-    }
-}
-
-/// A question, and the refusal where it cannot be asked.
-struct Question {
-    /// The facts.
-    what: String,
-    /// The question after the facts.
-    prompt: &'static str,
-    /// What follows the facts if there is no terminal.
-    refusal: &'static str,
-}
-
-impl Question {
-    /// Asks before an action.
-    fn before(what: &str) -> Self {
-        Self {
-            what: what.to_owned(),
-            prompt: ". Go on?",
-            refusal: ": not a terminal, so nothing was done; add --yes to do it without a question",
-        }
-    }
-
-    /// Asks before files are replaced.
-    fn of_files(there: &[PathBuf]) -> Self {
-        let names: Vec<_> = there
-            .iter()
-            .map(|path| path.display().to_string())
-            .collect();
-        let names = names.join(", ");
-        if there.len() == 1 {
-            return Self {
-                what: format!("{names} already exists"),
-                prompt: ". Replace it?",
-                refusal: "; --yes replaces it",
-            };
-        }
-        Self {
-            what: format!("{names} already exist"),
-            prompt: ". Replace them?",
-            refusal: "; --yes replaces them",
-        }
+        let exist = match there {
+            [] => return Ok(()),
+            [_] => "exists",
+            _ => "exist",
+        };
+        let names = there.iter().map(|path| path.display().to_string());
+        let names = names.collect::<Vec<_>>().join(", ");
+        let plan = Plan::new(format_args!("replace {names}, which already {exist}"));
+        self.consent(context, &plan, None)
     }
 }
 
 impl Context {
-    /// Asks for [consent](Asks::consent) to an action on a board. With `--dry-run` prints the
-    /// action instead and returns `false`.
+    /// Asks for [consent](Asks::consent) to an action on a board, with its verb in the infinitive.
+    /// With `--dry-run` prints the action instead and returns `false`.
     pub fn agrees(
         &self,
         target: &ChangedTarget,
         found: &Found,
-        what: &str,
+        action: &str,
     ) -> Result<bool, Failure> {
         let address = found.address;
         if !target.dry_run {
-            let what = format!("{address}: {what}");
-            target.asks.consent(self, &what, Some(found))?;
+            let plan = Plan::at(address, action);
+            target.asks.consent(self, &plan, Some(found))?;
             return Ok(true);
         }
         self.print(&Planned {
             dry_run: true,
             address,
-            would: what,
+            would: action,
         })?;
         Ok(false)
     }
 
-    fn asked(&self, question: &Question) -> Result<(), Failure> {
-        let Question {
-            what,
-            prompt,
-            refusal,
-        } = question;
+    fn asked(&self, plan: &Plan) -> Result<(), Failure> {
         if !io::stdin().is_terminal() {
-            return Err(Failure::usage(format_args!("{what}{refusal}")));
+            let advice = "add --yes";
+            return Err(Failure::usage(plan.not_done(advice)).advising(advice));
         }
-        complain(format_args!("mesa: {what}{prompt} [y/N]"));
+        complain(format_args!(
+            "mesa: {}. Go on? [y/N]",
+            plan.sentence("will")
+        ));
         match self.answer()?.trim() {
             "y" | "Y" | "yes" => Ok(()),
-            _ => Err(Failure::refused("nothing was done")),
+            _ => Err(Failure::refused(plan.not_done("the answer was not y"))),
         }
     }
 
@@ -185,6 +182,6 @@ impl Context {
 impl Display for Planned<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { address, would, .. } = self;
-        writeln!(f, "{address}: {would}; nothing was done")
+        writeln!(f, "{address}: would {would}; nothing was done")
     }
 }

@@ -1,13 +1,15 @@
 //! Context, ending and failure of a command.
 
+use std::borrow::Cow;
 use std::error::Error;
 use std::fmt::{self, Display};
 use std::process::ExitCode;
 
+use mesa_hal::Advice;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use mesa_tools::advice::{advice_of, with_advice};
+use mesa_tools::advice::{advice_of, in_command_words, with_advice};
 use mesa_tools::setup::RestoreError;
 
 use crate::commands::param::cabinet::CabinetError;
@@ -60,6 +62,17 @@ pub enum Ending {
 pub struct Failure {
     why: Why,
     message: String,
+    advice: Option<String>,
+}
+
+/// A failure as JSON, for programs: one line of standard error.
+#[derive(Debug, Serialize)]
+struct FailureJson<'a> {
+    /// The text that is printed without `--json`.
+    message: &'a str,
+    /// The part of the message about what to do, if it has one.
+    advice: Option<&'a str>,
+    exit_code: u8,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -89,14 +102,52 @@ impl Failure {
         Self {
             why,
             message: message.to_string(),
+            advice: None,
         }
     }
 
-    pub fn exit_code(&self) -> ExitCode {
+    /// Refusal because of an error of the library, with a text that contains [what it says](told).
+    pub fn of(error: &(dyn Error + 'static), message: impl Display) -> Self {
+        Self {
+            advice: advice_on(error),
+            ..Self::refused(message)
+        }
+    }
+
+    /// The same as a mistake in the arguments.
+    pub fn for_usage(self) -> Self {
+        Self {
+            why: Why::Usage,
+            ..self
+        }
+    }
+
+    /// Names the part of the message about what to do.
+    pub fn advising(mut self, advice: impl Display) -> Self {
+        self.advice = Some(advice.to_string());
+        self
+    }
+
+    /// Reports the failure on standard error, as text or as JSON, and returns the exit code.
+    pub fn report(&self, is_json: bool) -> ExitCode {
+        let code = self.exit_status();
+        let json = FailureJson {
+            message: &self.message,
+            advice: self.advice.as_deref(),
+            exit_code: code,
+        };
+        match serde_json::to_string(&json).ok().filter(|_| is_json) {
+            Some(json) => output::complain(json),
+            None => output::complain(format_args!("mesa: {self}")),
+        }
+        ExitCode::from(code)
+    }
+
+    const fn exit_status(&self) -> u8 {
         match self.why {
-            Why::Usage => ExitCode::from(2),
-            Why::Refused => ExitCode::FAILURE,
-            Why::Stopped(signal) => signal.exit_code(),
+            Why::Usage => 2,
+            Why::Refused => 1,
+            Why::Stopped(signal) => signal.exit_status(),
         }
     }
 }
@@ -109,15 +160,26 @@ impl Display for Failure {
 
 impl<E: Into<Box<dyn Error>>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self::refused(told(&*error.into()))
+        let error = error.into();
+        Self::of(&*error, told(&*error))
     }
 }
 
 /// The facts of an error, and its advice in the words of the command line.
 pub fn told(error: &(dyn Error + 'static)) -> String {
+    with_advice(error, advice(error))
+}
+
+/// The advice of an error in the words of the command line.
+fn advice_on(error: &(dyn Error + 'static)) -> Option<String> {
+    let words = advice(error).and_then(in_command_words);
+    words.map(Cow::into_owned)
+}
+
+fn advice(error: &(dyn Error + 'static)) -> Option<Advice> {
     let cabinet = match error.downcast_ref() {
         Some(RestoreError::Cabinet(error)) => Some(error),
-        Some(other) => return with_advice(other, other.advice()),
+        Some(other) => return other.advice(),
         None => error.downcast_ref::<CabinetError>(),
     };
     let inner: &(dyn Error + 'static) = match cabinet {
@@ -125,5 +187,5 @@ pub fn told(error: &(dyn Error + 'static)) -> String {
         Some(CabinetError::Serial(error)) => error,
         None => error,
     };
-    with_advice(error, advice_of(inner))
+    advice_of(inner)
 }

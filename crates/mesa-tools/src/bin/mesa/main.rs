@@ -3,9 +3,10 @@
 //! The work is done by libraries; this binary has the arguments, texts and screens.
 
 mod commands;
+mod completion;
+mod computer;
 mod consent;
 mod context;
-mod computer;
 mod date;
 mod files;
 mod full_screen;
@@ -25,10 +26,12 @@ mod target;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use clap::builder::styling::Styles;
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
-use commands::Command;
-use context::{Context, Ending};
+use commands::{Command, GROUPS, Group};
+use context::{Context, Ending, Failure};
 use mesa_hal::runner::Stop;
 
 /// Find, inspect, test, set up and simulate Mesa Electronics' motion I/O boards
@@ -74,20 +77,90 @@ fn command_line() -> clap::Command {
         let help = command.get_after_help().map(ToString::to_string);
         command.after_help(format!("{}\n\n{EXITS}", help.unwrap_or_default()))
     }
-    Cli::command().mut_subcommands(with_exits)
+    let all = Cli::command().mut_subcommands(with_exits);
+    let groups = groups(&all);
+    all.help_template(format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{groups}{}\n{{options}}{{after-help}}",
+        heading("Options")
+    ))
+}
+
+/// The list of commands in the help, by groups.
+fn groups(all: &clap::Command) -> String {
+    let name_style = *Styles::styled().get_literal();
+    let names = GROUPS.iter().flat_map(|group| group.commands);
+    let width = names.map(|name| name.len()).max().unwrap_or(0);
+    let line = |name: &&str| {
+        let about = all.find_subcommand(name).and_then(clap::Command::get_about);
+        let about = about.map(ToString::to_string).unwrap_or_default();
+        format!("  {name_style}{name:<width$}{name_style:#}  {about}\n")
+    };
+    let group = |group: &Group| {
+        let lines: String = group.commands.iter().map(line).collect();
+        format!("{}\n{lines}\n", heading(group.heading))
+    };
+    GROUPS.iter().map(group).collect()
+}
+
+fn heading(text: &str) -> String {
+    let style = *Styles::styled().get_header();
+    format!("{style}{text}:{style:#}")
 }
 
 /// Prints the help, or the error in the arguments, and returns the exit code.
 fn explain(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() && is_json_asked() {
+        return misuse(error).report(true);
+    }
     output::printed(error.print().and_then(|()| io::stdout().flush()));
-    match error.use_stderr() {
-        true => ExitCode::from(2),
-        false if output::is_lost() => ExitCode::FAILURE,
-        false => ExitCode::SUCCESS,
+    if error.use_stderr() {
+        return ExitCode::from(2);
+    }
+    ended(Ending::Done, false)
+}
+
+/// True if `--json` is among arguments that could not be parsed.
+fn is_json_asked() -> bool {
+    let mut options = std::env::args_os().take_while(|argument| argument != "--");
+    options.any(|argument| argument == "--json")
+}
+
+/// The error in the arguments: its first paragraph as the message, the others as the advice.
+fn misuse(error: &clap::Error) -> Failure {
+    let text = match error.kind() {
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            "a command is missing\n\n`--help` lists the commands".to_owned()
+        }
+        _ => error.render().to_string(),
+    };
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let (message, advice) = text.split_once("\n\n").unwrap_or((&text, ""));
+    let message = words(message.trim_start_matches("error: "));
+    match words(advice) {
+        advice if advice.is_empty() => Failure::usage(message),
+        advice => Failure::usage(format_args!("{message}; {advice}")).advising(advice),
+    }
+}
+
+/// Exit code of a command that has printed its result.
+fn ended(ending: Ending, is_json: bool) -> ExitCode {
+    if let Some(error) = output::lost() {
+        let what = format_args!("standard output: {error}");
+        let failure = match ending {
+            Ending::Stopped(signal) => Failure::stopped(signal, what),
+            Ending::Done | Ending::Refused => Failure::refused(what),
+        };
+        return failure.report(is_json);
+    }
+    match ending {
+        Ending::Done => ExitCode::SUCCESS,
+        Ending::Refused => ExitCode::FAILURE,
+        Ending::Stopped(signal) => signal.exit_code(),
     }
 }
 
 fn main() -> ExitCode {
+    completion::answer();
     let cli = command_line().try_get_matches();
     let cli = match cli.and_then(|mut found| Cli::from_arg_matches_mut(&mut found)) {
         Ok(cli) => cli,
@@ -96,8 +169,8 @@ fn main() -> ExitCode {
     let stop = match Stop::on_signals() {
         Ok(stop) => stop,
         Err(error) => {
-            output::complain(format_args!("mesa: signals cannot be caught: {error}"));
-            return ExitCode::FAILURE;
+            let what = format_args!("signals cannot be caught: {error}");
+            return Failure::refused(what).report(cli.json);
         }
     };
     let context = Context {
@@ -105,13 +178,8 @@ fn main() -> ExitCode {
         stop,
     };
     match cli.command.run(&context) {
-        Ok(Ending::Done) if !output::is_lost() => ExitCode::SUCCESS,
-        Ok(Ending::Done | Ending::Refused) => ExitCode::FAILURE,
-        Ok(Ending::Stopped(signal)) => signal.exit_code(),
-        Err(failure) => {
-            output::complain(format_args!("mesa: {failure}"));
-            failure.exit_code()
-        }
+        Ok(ending) => ended(ending, cli.json),
+        Err(failure) => failure.report(cli.json),
     }
 }
 

@@ -23,12 +23,6 @@ pub fn end(number: f64) -> String {
     }
 }
 
-/// Formats a count with its noun: "1 remote", "2 remotes".
-pub fn counted(count: u64, noun: &str) -> String {
-    let plural = if count == 1 { "" } else { "s" };
-    format!("{count} {noun}{plural}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -44,12 +38,6 @@ mod tests {
         ] {
             assert_eq!(value(number), text);
         }
-    }
-
-    #[test]
-    fn one_is_counted_in_the_singular() {
-        let remotes = [0, 1, 2].map(|count| counted(count, "remote"));
-        assert_eq!(remotes, ["0 remotes", "1 remote", "2 remotes"]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use crate::full_screen::Palette;
 
@@ -11,12 +11,11 @@ use crate::full_screen::Palette;
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
 const MAX_HELD: usize = 1000;
 
-/// True if output to standard output was lost, other than to a closed pipe.
-static IS_LOST: AtomicBool = AtomicBool::new(false);
+/// First error of standard output, other than a closed pipe.
+static LOST: OnceLock<String> = OnceLock::new();
 
 /// Prints to standard output. A closed pipe, as `head` leaves it, is no error. Any other error is
-/// reported once on standard error and [kept](is_lost): a command that drives a board continues in
-/// either case.
+/// [kept](lost) for the end: a command that drives a board continues in either case.
 pub fn say(text: impl Display) {
     let is_terminal = io::stdout().is_terminal();
     let mut out = io::stdout().lock();
@@ -107,19 +106,41 @@ fn shown(line: &str) -> impl Iterator<Item = (usize, char)> + '_ {
     })
 }
 
-/// Takes the result of printing. The first error is reported and kept, as in [`say`].
+/// Takes the result of printing. The first error is kept, as in [`say`].
 pub fn printed(result: io::Result<()>) {
     let lost = result.err();
-    let lost = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe);
-    if let Some(error) = lost.filter(|_| !IS_LOST.swap(true, Ordering::Relaxed)) {
-        complain(format_args!("mesa: standard output: {error}"));
+    if let Some(error) = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe) {
+        let _ = LOST.set(error.to_string());
     }
 }
 
-/// True if output was lost, so that the command did not do all it was asked for.
-pub fn is_lost() -> bool {
-    IS_LOST.load(Ordering::Relaxed)
+/// Error that lost output, so that the command did not do all it was asked for.
+pub fn lost() -> Option<&'static str> {
+    LOST.get().map(String::as_str)
 }
+
+/// True while the last line of a terminal is a [status].
+static IS_STATUS: AtomicBool = AtomicBool::new(false);
+
+/// Prints what passes by itself, such as seconds that are left: on a terminal in one line that the
+/// next status or message replaces, else in a line of its own. Not printed while messages are
+/// [held](hold).
+pub fn status(text: impl Display) {
+    let held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    if held.is_some() {
+        return;
+    }
+    let mut out = io::stderr();
+    let _ = if out.is_terminal() {
+        IS_STATUS.store(true, Ordering::Relaxed);
+        write!(out, "{REPLACE}{text}")
+    } else {
+        writeln!(out, "{text}")
+    };
+}
+
+/// Goes to the begin of the line and clears it.
+const REPLACE: &str = "\r\x1b[K";
 
 /// Prints a message to standard error, if that is still open. While messages are [held](hold), the
 /// message is kept instead.
@@ -129,12 +150,14 @@ pub fn complain(text: impl Display) {
         Some(lines) if lines.len() < MAX_HELD => lines.push(text.to_string()),
         Some(_) => {}
         None => {
+            let is_status = IS_STATUS.swap(false, Ordering::Relaxed);
+            let before = if is_status { REPLACE } else { "" };
             let text = text.to_string();
             let text = match width().filter(|_| io::stderr().is_terminal()) {
                 Some(width) => wrapped(&text, width),
                 None => text,
             };
-            let _ = writeln!(io::stderr(), "{text}");
+            let _ = writeln!(io::stderr(), "{before}{text}");
         }
     }
 }

@@ -5,8 +5,10 @@ use std::str::FromStr;
 
 use mesa_hal::hal::PinInfo;
 
+use crate::place::Typed;
+
 /// A part of a pin's name, terminal or signal; with `*` or `?`, a pattern for the whole of one of
-/// them. Case is ignored. An empty pattern matches every pin.
+/// them; or a terminal [as typed](Typed). Case is ignored. An empty pattern matches every pin.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pattern(String);
 
@@ -28,7 +30,7 @@ impl Pattern {
     /// True if a pin matches.
     pub fn fits(&self, info: &PinInfo) -> bool {
         let texts = [&info.name, &info.place.terminal, &info.place.signal];
-        texts.into_iter().any(|text| self.fits_text(text))
+        texts.into_iter().any(|text| self.fits_text(text)) || Typed::from(&*self.0).fits(info)
     }
 
     /// True if a text matches.

@@ -1,6 +1,7 @@
-//! Short form of terminals.
+//! Terminals: their short form, the card that they are on, and as a person types them.
 
-use mesa_hal::hal::Place;
+use mesa_hal::RemoteId;
+use mesa_hal::hal::{PinInfo, Place};
 
 /// Connector, pins and signals; a connector with several pins is named once: `TB1 pin 1, 2, 4 QA0,
 /// /QA0, QB0`.
@@ -18,9 +19,140 @@ pub fn short(place: &Place) -> String {
     format!("{text} {}", place.signal).trim().to_owned()
 }
 
+/// A pin's terminals and signals with their card, `TB8 pin 20 OUTPUT3 of 7i77.0.0`, because several
+/// cards have a TB8; empty for a pin without a terminal.
+pub fn on_card(info: &PinInfo) -> String {
+    match short(&info.place) {
+        place if place.is_empty() => place,
+        place => format!("{place} of {}", card(&info.name)),
+    }
+}
+
+/// The terminals of several pins, card by card: `TB8 pin 17, 18 of 7i77.0.0; TB2 pin 1 of 7i77.0.1`.
+pub fn on_cards<'a>(infos: impl Iterator<Item = &'a PinInfo>) -> String {
+    let mut cards: Vec<(String, Vec<Place>)> = Vec::new();
+    for info in infos {
+        let card = card(&info.name);
+        let place = info.place.clone();
+        match cards.iter_mut().find(|(known, _)| *known == card) {
+            Some((_, places)) => places.push(place),
+            None => cards.push((card, vec![place])),
+        }
+    }
+    let cards = cards.into_iter().map(|(card, places)| {
+        let place = Place {
+            signal: String::new(),
+            ..places.into_iter().collect()
+        };
+        format!("{} of {card}", short(&place))
+    });
+    cards.collect::<Vec<_>>().join("; ")
+}
+
+/// The card in a pin's name: the remote that the pin belongs to, else the board.
+pub fn card(name: &str) -> String {
+    let parts: Vec<&str> = name.split('.').collect();
+    let own = parts.windows(3).find(|parts| remote_of(parts).is_some());
+    let board = || parts.get(..2).unwrap_or(&parts);
+    own.unwrap_or_else(board).join(".")
+}
+
+/// Port and channel of the remote in a pin's name, which follow its card (`7i77.0.0.output-03`).
+pub fn remote(name: &str) -> Option<RemoteId> {
+    let parts: Vec<&str> = name.split('.').collect();
+    parts.windows(3).find_map(remote_of)
+}
+
+fn remote_of(parts: &[&str]) -> Option<RemoteId> {
+    let [card, port, channel] = parts else {
+        return None;
+    };
+    let id = RemoteId::new(port.parse().ok()?, channel.parse().ok()?);
+    card.parse::<u32>().is_err().then_some(id)
+}
+
+/// A terminal or a signal as a person types it: `TB8-20`, `TB8.20`, `TB8 pin 20` or `OUTPUT3`,
+/// followed by ` of CARD` if several cards have it. Case is ignored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Typed {
+    place: String,
+    card: Option<String>,
+}
+
+impl From<&str> for Typed {
+    fn from(text: &str) -> Self {
+        let text = text.trim().to_lowercase();
+        let (place, card) = match text.split_once(" of ") {
+            Some((place, card)) => (place.trim(), Some(card.trim().to_owned())),
+            None => (&*text, None),
+        };
+        Self {
+            place: place.to_owned(),
+            card,
+        }
+    }
+}
+
+impl Typed {
+    /// True if a pin is at this terminal, or has this signal.
+    pub fn fits(&self, info: &PinInfo) -> bool {
+        let is_here = |card: &String| self::card(&info.name).to_lowercase().ends_with(card);
+        let Place { terminal, signal } = &info.place;
+        let mut signals = signal.split(", ");
+        let mut terminals = terminal.split(", ");
+        let fits = signals.any(|signal| signal.to_lowercase() == self.place)
+            || terminals.any(|terminal| self.is_terminal(&terminal.to_lowercase()));
+        !self.place.is_empty() && fits && self.card.as_ref().is_none_or(is_here)
+    }
+
+    /// True for the form of a terminal: a connector and the number of a pin.
+    pub fn is_terminal_form(&self) -> bool {
+        let number = self.place.rsplit(['-', '.', ' ']).next();
+        let connector = self
+            .place
+            .trim_end_matches(|end: char| end.is_ascii_digit());
+        let is_connector = ["tb", "p", "db", "j"].iter().any(|kind| {
+            let rest = connector.strip_prefix(kind);
+            rest.is_some_and(|rest| rest.starts_with(|first: char| first.is_ascii_digit()))
+        });
+        is_connector && number.is_some_and(|number| number.parse::<u16>().is_ok())
+    }
+
+    fn is_terminal(&self, terminal: &str) -> bool {
+        let Some((connector, pin)) = terminal.rsplit_once(" pin ") else {
+            return terminal == self.place;
+        };
+        let rest = self.place.strip_prefix(connector);
+        rest.is_some_and(|rest| {
+            let number = [" pin ", "-", ".", " "].iter();
+            let mut number = number.filter_map(|separator| rest.strip_prefix(separator));
+            number.any(|number| number.trim() == pin)
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_card_is_that_of_the_remote_or_the_board() {
+        for (name, card, remote) in [
+            ("hm2_7i92.0.7i77.0.1.analogout0", "7i77.0.1", Some((0, 1))),
+            ("hm2_7i97.0.pwmgen.02.value", "hm2_7i97.0", None),
+            (
+                "hm2_7i97.0.7i72.0.3.output-47-invert",
+                "7i72.0.3",
+                Some((0, 3)),
+            ),
+            ("7i77.0.0.output-03", "7i77.0.0", Some((0, 0))),
+            ("enable", "enable", None),
+        ] {
+            assert_eq!(super::card(name), card);
+            let remote = remote.map(|(port, channel)| RemoteId::new(port, channel));
+            assert_eq!(super::remote(name), remote, "{name}");
+        }
+    }
 
     #[test]
     fn a_connector_is_named_once() {

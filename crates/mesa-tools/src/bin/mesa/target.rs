@@ -18,6 +18,7 @@ use crate::context::{Failure, told};
 use crate::link::{BoardLink, Bus};
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
+use mesa_tools::Counted;
 
 /// Timeout of an answer when the identity of a board is checked again.
 const AGAIN: Duration = Duration::from_millis(100);
@@ -213,31 +214,26 @@ impl Found {
     }
 
     fn refuses(&self, tries: u32, error: UdpError) -> Failure {
+        let (said, tries) = (told(&error), Counted::of(tries as usize, "time"));
         let why = match error.kind() {
             _ if matches!(error, UdpError::Foreign { .. }) => {
-                format!(
-                    "no board answers, asked {tries} times, but another host does: {}",
-                    told(&error)
-                )
+                format!("no board answers, asked {tries}, but another host does: {said}")
             }
-            BusErrorKind::Lost => {
-                format!("no board answers, asked {tries} times: {}", told(&error))
-            }
-            _ => told(&error),
+            BusErrorKind::Lost => format!("no board answers, asked {tries}: {said}"),
+            _ => said,
         };
-        Failure::refused(format_args!("{}: {why}", self.address))
+        Failure::of(&error, format_args!("{}: {why}", self.address))
     }
 }
 
 fn from_environment() -> Result<SocketAddrV4, Failure> {
-    match std::env::var(ADDRESS) {
-        Ok(text) => parse_address(&text).map_err(|error| {
-            Failure::usage(format_args!("the environment variable {ADDRESS}: {error}"))
-        }),
-        Err(_) => Err(Failure::usage(
-            "which board? Give --addr IP, --sim MACHINE, or the environment variable MESA_ADDR",
-        )),
-    }
+    let Ok(text) = std::env::var(ADDRESS) else {
+        let advice = "Give --addr IP, --sim MACHINE, or the environment variable MESA_ADDR";
+        return Err(Failure::usage(format_args!("which board? {advice}")).advising(advice));
+    };
+    parse_address(&text).map_err(|error| {
+        Failure::usage(format_args!("the environment variable {ADDRESS}: {error}"))
+    })
 }
 
 /// Parses an IPv4 address, with a port if it is not 27181.

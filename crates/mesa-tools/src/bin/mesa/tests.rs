@@ -75,6 +75,39 @@ fn every_command_has_an_example_and_every_example_parses() {
 }
 
 #[test]
+fn each_command_is_in_one_group_of_the_help_with_what_it_does() {
+    let all = command_line();
+    let mut names: Vec<_> = all.get_subcommands().map(Command::get_name).collect();
+    let groups = GROUPS
+        .iter()
+        .flat_map(|group| group.commands.iter().copied());
+    let mut grouped: Vec<_> = groups.collect();
+    names.sort_unstable();
+    grouped.sort_unstable();
+    assert_eq!(grouped, names);
+    let help = command_line().render_help().to_string();
+    for command in all.get_subcommands() {
+        let about = command.get_about().map(ToString::to_string);
+        let about = about.unwrap_or_default();
+        let is_line = |line: &str| {
+            let rest = line
+                .strip_prefix("  ")
+                .and_then(|line| line.strip_prefix(command.get_name()));
+            rest.is_some_and(|rest| rest.starts_with(' ') && rest.trim() == about)
+        };
+        let lines = help.lines().filter(|line| is_line(line)).count();
+        assert_eq!(lines, 1, "{}: {help}", command.get_name());
+    }
+    for line in help.lines() {
+        assert!(line.chars().count() <= WIDEST, "{line}");
+    }
+    for group in &GROUPS {
+        let heading = format!("\n{}:\n", group.heading);
+        assert!(help.contains(&heading), "{heading}: {help}");
+    }
+}
+
+#[test]
 fn every_command_says_what_its_exit_codes_mean() {
     for (name, command) in commands() {
         let help = after_help(&command);

@@ -1,6 +1,7 @@
 //! `mesa set`: the state of an output comes from the simulated board's console.
 
 pub mod safety;
+mod terminals;
 
 use std::fs;
 use std::net::Ipv4Addr;
@@ -210,7 +211,7 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
         (["7i77.0.0.output-3", "on"], "output-03`"),
         (["spindle", "on"], "mesa pins"),
         (["enable", "on"], "mesa pins"),
-        (["rawcounts", "1"], "is the end of"),
+        (["rawcounts", "1"], "give the name of one"),
         ([OUTPUT, "2"], "0 or 1"),
         (["7i77.0.1.analogout0", "10.5"], "from -10 to 10"),
         (["7i77.0.1.analogout0", "nan"], "from -10 to 10"),

@@ -1,7 +1,10 @@
 //! What all commands have in common: files, help, and other programs at the same board.
 
+mod completion;
+mod consent;
+mod failure;
 mod files;
 mod firewall;
-mod manual;
+pub mod manual;
 mod second_master;
 mod troubles;

@@ -177,7 +177,8 @@ fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
         wait_until("it is driven", || arguments.len() == 1 || is_on(&mut board));
         let master = Master::start(board.address);
         let said = guided.says(SAID);
-        assert!(said.starts_with("mesa: "), "{said}");
+        let failure: Value = serde_json::from_str(&said).expect("a failure as JSON");
+        hold_against_schema("failure", &failure);
         let ended = guided.ended();
         drop(master);
         assert_eq!(ended.code, Some(1), "{ended:?}");

@@ -99,6 +99,12 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         !connector.is_empty() && connector.iter().all(is_its),
         "{connector:?}"
     );
+    // A terminal as a person types it; 2 is not a part of it.
+    for typed in ["TB8-2", "tb8.2", "TB8 pin 2 of 7i77.0.0"] {
+        let inputs = lines(typed);
+        let is_its = |line: &String| line.contains(".7i77.0.0.input-01");
+        assert!(inputs.len() >= 2 && inputs.iter().all(is_its), "{inputs:?}");
+    }
     // The pins of this signal, at its terminals.
     let index = lines("IDX0");
     let names: Vec<_> = index

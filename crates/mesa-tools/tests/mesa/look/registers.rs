@@ -37,11 +37,11 @@ fn what_is_written_needs_consent_is_read_back_and_is_there() {
     assert!(refused.err.contains("--yes"), "{refused:?}");
     let text = done(&[&poke[..], &["--dry-run"]].concat());
     assert!(
-        text.contains("writes 0xE 0x1234 to 0x0016 of space 6 (control)"),
+        text.contains("would write 0xE 0x1234 to 0x0016 of space 6 (control)"),
         "{text}"
     );
     let planned = json(&[&poke[..], &["--dry-run"]].concat());
-    let would = "writes 0xE 0x1234 to 0x0016 of space 6 (control)";
+    let would = "write 0xE 0x1234 to 0x0016 of space 6 (control)";
     assert_eq!(planned["would"], would);
     let kept = || done(&["peek", "6:0x16", "2", "--addr", &address]);
     assert_eq!(kept(), "6:0x0016  0x0008  8\n6:0x0018  0x0000  0\n");
@@ -97,7 +97,7 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
         let run = run(&[arguments, &["--sim", "7i97"]].concat());
         assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
         assert!(run.err.contains(said), "{arguments:?}: {run:?}");
-        assert!(!run.err.contains("writes 0x"), "announced: {run:?}");
+        assert!(!run.err.contains("write 0x"), "announced: {run:?}");
     }
 }
 

@@ -143,7 +143,9 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     let again = run(&["flash", "backup", kept.path(), "--addr", &address]);
     assert_eq!(again.code, Some(2), "{again:?}");
     assert!(
-        again.err.contains("already exists; --yes replaces it"),
+        again
+            .err
+            .contains("which already exists; nothing was done: add --yes"),
         "{again:?}"
     );
     json(&["flash", "backup", kept.path(), "--addr", &address, "--yes"]);

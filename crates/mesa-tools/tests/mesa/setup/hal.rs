@@ -215,7 +215,10 @@ fn files_are_replaced_only_when_that_is_asked_for() {
     assert_eq!(refused.code, Some(2), "{refused:?}");
     let there = ["board.hal", "motion.hal", "bench.hal", "main.rs"];
     let there = there.map(|name| directory.join(name).display().to_string());
-    let what = format!("{} already exist; --yes replaces them", there.join(", "));
+    let what = format!(
+        "would replace {}, which already exist; nothing was done",
+        there.join(", ")
+    );
     assert!(refused.err.contains(&what), "{refused:?}");
     assert_eq!(read("board.hal"), "mine");
     assert!(!directory.join("machine.ini").exists(), "all or none");

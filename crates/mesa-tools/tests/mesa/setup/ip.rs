@@ -33,7 +33,7 @@ fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
     ];
     let refused = run(&set);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    let said = "writes 192.168.7.1 with netmask 255.255.0.0 into the EEPROM, which holds 127.0.0.1";
+    let said = "write 192.168.7.1 with netmask 255.255.0.0 into the EEPROM, which holds 127.0.0.1";
     assert!(
         refused.err.contains(said) && refused.err.contains("--yes"),
         "{refused:?}"

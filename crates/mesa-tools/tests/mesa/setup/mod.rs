@@ -7,5 +7,6 @@ mod ip;
 mod led;
 mod param;
 mod param_words;
+mod report;
 pub mod restart;
 mod update;

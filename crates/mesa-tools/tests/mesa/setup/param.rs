@@ -131,7 +131,9 @@ fn a_cabinet_is_saved_and_restored() {
         let again = run(&[&["param", "save", file], &at[..]].concat());
         assert_eq!(again.code, Some(2), "it would be replaced: {again:?}");
         assert!(
-            again.err.contains("already exists; --yes replaces it"),
+            again
+                .err
+                .contains("which already exists; nothing was done: add --yes"),
             "{again:?}"
         );
         let text = fs::read_to_string(file).unwrap();

@@ -28,7 +28,7 @@ fn a_reset_needs_consent_and_is_waited_for() {
     assert_eq!(refused.code, Some(2), "{refused:?}");
     assert!(refused.err.contains("--yes"), "{refused:?}");
     let text = done(&[&reset[..], &["--dry-run"]].concat());
-    assert!(text.contains("restarts the network side"), "{text}");
+    assert!(text.contains("would restart the network side"), "{text}");
     let planned = json(&[&reset[..], &["--dry-run"]].concat());
     assert_eq!(
         (&planned["dry_run"], &planned["address"]),

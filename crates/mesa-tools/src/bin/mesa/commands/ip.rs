@@ -7,6 +7,7 @@ use clap::Args;
 use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use serde::Serialize;
 
+use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::target::ChangedTarget;
@@ -74,13 +75,12 @@ impl Ip {
             )));
         }
         if is_change && !self.target.dry_run {
-            let what = format!(
-                "{}: writes {} into the EEPROM, which holds {}",
+            let (new, old) = (pair(&after), pair(&before));
+            let plan = Plan::at(
                 found.address,
-                pair(&after),
-                pair(&before)
+                format_args!("write {new} into the EEPROM, which holds {old}"),
             );
-            self.target.asks.consent(context, &what, Some(&found))?;
+            self.target.asks.consent(context, &plan, Some(&found))?;
             write(&mut board, ip, netmask)?;
         }
         let shown = if self.target.dry_run {

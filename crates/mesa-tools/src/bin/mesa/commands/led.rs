@@ -56,9 +56,9 @@ impl Led {
         let mut board = EthernetBoard::new(&mut bus);
         if let Some(mode) = self.mode {
             let what = if self.at_start {
-                "sets what the user LEDs show, now and, in the EEPROM, after each restart"
+                "set what the user LEDs show, now and, in the EEPROM, after each restart"
             } else {
-                "sets what the user LEDs show until the next restart"
+                "set what the user LEDs show until the next restart"
             };
             if !context.agrees(&self.target, &found, what)? {
                 return Ok(context.ending());

@@ -1,20 +1,27 @@
 //! `mesa completions` and `mesa man`: shell completions and manual pages.
 
-use std::io;
+use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
 use clap_complete::Shell;
 
 use crate::command_line;
+use crate::completion;
 use crate::context::{Context, Ending, Failure};
 use crate::output::say;
 
 /// Print the completions of a shell
+///
+/// The script asks `mesa` for the candidates: commands, options, files, the machines of `--sim`, and
+/// the pins, terminals and signals of a simulated machine on the line. No board is asked.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
-  mesa completions bash > ~/.local/share/bash-completion/completions/mesa")]
+Print it again after an update of mesa.
+
+Examples:
+  mesa completions bash > ~/.local/share/bash-completion/completions/mesa
+  mesa completions fish > ~/.config/fish/completions/mesa.fish")]
 pub struct Completions {
     /// Shell to complete for
     #[arg(value_enum)]
@@ -22,11 +29,10 @@ pub struct Completions {
 }
 
 impl Completions {
-    pub fn run(&self, context: &Context) -> Ending {
-        let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut command_line(), "mesa", &mut script);
-        say(String::from_utf8_lossy(&script));
-        context.ending()
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let shell = self.shell.to_string();
+        say(completion::script(&shell).ok_or("no script for this shell")?);
+        Ok(context.ending())
     }
 }
 
@@ -36,20 +42,18 @@ impl Completions {
 Example:
   mesa man ~/.local/share/man/man1 && man mesa-info")]
 pub struct Man {
-    /// Existing directory for the pages
+    /// Directory for the pages; made unless it exists
     #[arg(value_name = "DIRECTORY")]
     directory: PathBuf,
 }
 
 impl Man {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        clap_mangen::generate_to(command_line(), &self.directory).map_err(|error| {
-            let directory = self.directory.display();
-            let how = match error.kind() {
-                io::ErrorKind::NotFound => "; make it first, or name another",
-                _ => "",
-            };
-            Failure::refused(format_args!("{directory}: {error}{how}"))
+        let made = fs::create_dir_all(&self.directory);
+        let written = made.and_then(|()| clap_mangen::generate_to(command_line(), &self.directory));
+        written.map_err(|error| {
+            let (directory, advice) = (self.directory.display(), "name another directory");
+            Failure::refused(format_args!("{directory}: {error}; {advice}")).advising(advice)
         })?;
         Ok(context.ending())
     }

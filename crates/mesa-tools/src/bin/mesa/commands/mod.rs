@@ -14,9 +14,10 @@ pub mod param;
 mod pins;
 mod raw;
 mod registers;
+mod report;
 mod restart;
 mod scope;
-mod set;
+pub mod set;
 mod slow_watchdog;
 mod update;
 mod watch;
@@ -45,6 +46,7 @@ pub enum Command {
     Poke(registers::Poke),
     List(list::List),
     Param(param::Param),
+    Report(report::Report),
     Pins(pins::Pins),
     Watch(watch::Watch),
     Scope(scope::Scope),
@@ -53,6 +55,45 @@ pub enum Command {
     Update(update::Update),
     Wiring(wiring::Wiring),
 }
+
+/// A group of commands in the help.
+pub struct Group {
+    pub heading: &'static str,
+    /// Names of the commands, in their order.
+    pub commands: &'static [&'static str],
+}
+
+/// All groups: each command is in exactly one.
+pub const GROUPS: [Group; 7] = [
+    Group {
+        heading: "Look",
+        commands: &["list", "info", "pins", "watch", "scope"],
+    },
+    Group {
+        heading: "Test a machine",
+        commands: &["doctor", "wiring", "set", "latency"],
+    },
+    Group {
+        heading: "Keep and set up",
+        commands: &["report", "hal", "param", "update", "flash", "ip", "led"],
+    },
+    Group {
+        heading: "Restart a board",
+        commands: &["reload", "reset"],
+    },
+    Group {
+        heading: "Registers by hand",
+        commands: &["peek", "poke", "raw"],
+    },
+    Group {
+        heading: "Simulate",
+        commands: &["sim"],
+    },
+    Group {
+        heading: "Shell and manual",
+        commands: &["completions", "man"],
+    },
+];
 
 impl Command {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
@@ -66,13 +107,14 @@ impl Command {
             Self::Doctor(doctor) => doctor.run(context),
             Self::Reload(reload) => reload.run(context),
             Self::Reset(reset) => reset.run(context),
-            Self::Completions(completions) => Ok(completions.run(context)),
+            Self::Completions(completions) => completions.run(context),
             Self::Man(man) => man.run(context),
             Self::Raw(raw) => raw.run(context),
             Self::Peek(peek) => peek.run(context),
             Self::Poke(poke) => poke.run(context),
             Self::List(list) => list.run(context),
             Self::Param(param) => param.run(context),
+            Self::Report(report) => report.run(context),
             Self::Pins(pins) => pins.run(context),
             Self::Watch(watch) => watch.run(context),
             Self::Scope(scope) => scope.run(context),

@@ -1,39 +1,89 @@
-//! Pins given by a person: by the whole name, or by its end.
+//! Pins given by a person: by the whole name, its end, a terminal or a signal.
 
-use mesa_hal::Remark;
-use mesa_hal::RemoteId;
-use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
+use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Role, Value};
+use mesa_hal::{Remark, RemoteId};
 
 use crate::context::{Failure, told};
 use crate::number::{self, end};
+use crate::place::{self, Typed};
 
-/// Fails with the reason if the remote in a pin's name is missing. Port and channel of the remote
-/// follow the card in the name (`7i77.0.0.output-03`).
+/// Most names that a refusal of an ambiguous one lists.
+const LISTED: usize = 8;
+
+/// Fails with the reason if the remote in a pin's name is missing.
 pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
-    let parts: Vec<&str> = name.split('.').collect();
-    let mut ids = parts.windows(3).filter_map(|parts| {
-        let [card, port, channel] = parts else {
-            return None;
-        };
-        let is_card = card.parse::<u32>().is_err();
-        let id = RemoteId::new(port.parse().ok()?, channel.parse().ok()?);
-        is_card.then_some(id)
-    });
-    let found = ids.find_map(|id| {
-        let mut missing = missing.iter();
-        missing
-            .find(|remark| remark.remote == Some(id))
-            .map(|remark| (id, remark))
-    });
-    found.map_or(
-        Ok(()),
-        |(RemoteId { port, channel }, Remark { kind, .. })| {
-            Err(Failure::refused(format_args!(
-                "{name}: its remote on {port}.{channel} is missing: {}",
-                told(kind)
-            )))
-        },
-    )
+    let Some(id) = place::remote(name) else {
+        return Ok(());
+    };
+    let mut missing = missing.iter();
+    let found = missing.find(|remark| remark.remote == Some(id));
+    found.map_or(Ok(()), |Remark { kind, .. }| {
+        let (RemoteId { port, channel }, said) = (id, told(kind));
+        let what = format_args!("{name}: its remote on {port}.{channel} is missing: {said}");
+        Err(Failure::of(kind, what))
+    })
+}
+
+/// Finds an output by its name as [`find`], or by its terminal or signal. Of several pins there only
+/// outputs count, without parameters; fails if more than one is left.
+pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId, Failure> {
+    let by_name = match find(pins, missing, text) {
+        Ok(pin) => return Ok(pin),
+        Err(failure) => failure,
+    };
+    let typed = Typed::from(text);
+    let there: Vec<&PinInfo> = pins.infos().iter().filter(|pin| typed.fits(pin)).collect();
+    let outputs = there.iter().filter(|pin| pin.role == Role::Output);
+    let outputs: Vec<&PinInfo> = outputs.copied().collect();
+    match (&outputs[..], &there[..]) {
+        ([output], _) => pins.id(&output.name).map_err(|error| usage(&error)),
+        ([], [input, ..]) => Err(Failure::usage(format_args!(
+            "`{text}` is not an output: {}",
+            with_place(input)
+        ))),
+        ([], []) if typed.is_terminal_form() => no_terminal(missing, text),
+        ([], []) => Err(by_name),
+        (several, _) => Err(ambiguous(text, several)),
+    }
+}
+
+/// Refusal of a terminal that no pin has. Remotes that answer without taking part may be the reason.
+fn no_terminal(missing: &[Remark], text: &str) -> Result<PinId, Failure> {
+    let missing = missing.iter().filter(|remark| !remark.is_silent());
+    let missing: Vec<String> = missing.map(|remark| told(remark)).collect();
+    if missing.is_empty() {
+        let advice = "`mesa pins` lists those that there are";
+        let what = format_args!("no terminal `{text}`; {advice}");
+        return Err(Failure::usage(what).advising(advice));
+    }
+    Err(Failure::refused(format_args!(
+        "no terminal `{text}`; missing: {}",
+        missing.join("; missing: ")
+    )))
+}
+
+/// Refusal of a text that several pins fit.
+fn ambiguous(text: &str, several: &[&PinInfo]) -> Failure {
+    let names = several.iter().map(|info| with_place(info));
+    let names: Vec<String> = names.take(LISTED).collect();
+    let more = match several.len().saturating_sub(names.len()) {
+        0 => String::new(),
+        more => format!(", and {more} more"),
+    };
+    let (names, advice) = (names.join(", or "), "give the name of one");
+    Failure::usage(format_args!("`{text}` may be {names}{more}: {advice}")).advising(advice)
+}
+
+/// A pin with its terminals, signals and card.
+pub fn with_place(info: &PinInfo) -> String {
+    match &*place::on_card(info) {
+        "" => info.name.clone(),
+        place => format!("{} ({place})", info.name),
+    }
+}
+
+fn usage(error: &PinError) -> Failure {
+    Failure::of(error, told(error)).for_usage()
 }
 
 /// Finds the pin or parameter with a name, or the only one whose name ends with it behind a point.
@@ -58,20 +108,15 @@ fn find_present(pins: &Pins, name: &str) -> Result<PinId, Failure> {
     let ends: Vec<&PinInfo> = pins.infos().iter().filter(ends_so).collect();
     match ends[..] {
         [] => Err(match error {
-            PinError::NotFound { nearest: None, .. } => Failure::usage(format_args!(
-                "no pin or parameter `{name}`; `mesa pins` lists them"
-            )),
-            error => Failure::usage(told(&error)),
+            PinError::NotFound { nearest: None, .. } => {
+                let advice = "`mesa pins` lists them";
+                let what = format_args!("no pin or parameter `{name}`; {advice}");
+                Failure::usage(what).advising(advice)
+            }
+            error => usage(&error),
         }),
-        [info] => pins
-            .id(&info.name)
-            .map_err(|error| Failure::usage(told(&error))),
-        [one, other, ..] => Err(Failure::usage(format_args!(
-            "`{name}` is the end of {} names, such as `{}` and `{}`: give more of it",
-            ends.len(),
-            one.name,
-            other.name
-        ))),
+        [info] => pins.id(&info.name).map_err(|error| usage(&error)),
+        ref several => Err(ambiguous(name, several)),
     }
 }
 
@@ -132,6 +177,17 @@ pub fn text(value: AnyValue) -> String {
         HalType::Bit => u8::from(bool::from_bits(value.bits)).to_string(),
         HalType::Float => number::value(f64::from_bits(value.bits)),
         _ => value.to_string(),
+    }
+}
+
+/// Formats a value as text with its unit; a bit is on or off.
+pub fn with_unit(info: &PinInfo, value: AnyValue) -> String {
+    match (value.hal_type, bool::from_bits(value.bits)) {
+        (HalType::Bit, true) => "on".to_owned(),
+        (HalType::Bit, false) => "off".to_owned(),
+        _ => format!("{} {}", text(value), info.unit)
+            .trim_end()
+            .to_owned(),
     }
 }
 

@@ -31,7 +31,8 @@ Starts the machine with all outputs off, reads it for a while, and stops it. A b
 program drives is left alone.
 
 PATTERN is a part of a pin's name, terminal or signal; with * or ?, a pattern of the whole. Signals
-of an encoder belong to the pins that show them: QA0 to the count, IDX0 to index-enable.
+of an encoder belong to the pins that show them: QA0 to the count, IDX0 to index-enable. TB8-20 is
+terminal 20 of TB8.
 
 Exits with 1 if no pin fits.
 
@@ -128,8 +129,9 @@ impl Pins {
         let rows = Rows(rows.collect());
         context.print(&rows)?;
         if rows.0.is_empty() {
-            complain("mesa: no pin fits; `mesa pins` without a pattern has all");
-            return Ok(Ending::Refused);
+            let advice = "`mesa pins` without a pattern has all";
+            let failure = Failure::refused(format_args!("no pin fits; {advice}"));
+            return Err(failure.advising(advice));
         }
         Ok(Ending::Done)
     }

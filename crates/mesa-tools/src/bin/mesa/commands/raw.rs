@@ -9,10 +9,11 @@ use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
 use mesa_hal::transport::udp::PacketLink;
 use serde::Serialize;
 
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure};
 use crate::link::BoardLink;
 use crate::target::{Found, Target};
+use mesa_tools::Counted;
 
 const AFTER_HELP: &str = "\
 HEX is one packet of at most 1472 bytes: commands, addresses and data as in the board's manual, low
@@ -124,8 +125,9 @@ impl Raw {
         let ending = self.print(context, &request, Some(reply), lines(reply)?)?;
         if len != expected {
             return Err(Failure::refused(format_args!(
-                "the reply has {len} bytes, expected {expected}; `mesa info` shows the errors that \
-                 the board has counted"
+                "the reply has {}, expected {expected}; `mesa info` shows the errors that the board \
+                 has counted",
+                Counted::of(len, "byte")
             )));
         }
         Ok(ending)
@@ -138,8 +140,9 @@ impl Raw {
         if writes.is_empty() {
             return Ok(());
         }
-        let what = format!("{}: writes {}", found.address, writes.join(", "));
-        self.asks.consent(context, &what, Some(found))
+        let action = format_args!("write {}", writes.join(", "));
+        let plan = Plan::at(found.address, action);
+        self.asks.consent(context, &plan, Some(found))
     }
 
     fn print(

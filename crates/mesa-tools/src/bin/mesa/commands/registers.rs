@@ -107,7 +107,7 @@ impl Poke {
             .map(|value| format!("0x{value:X}"))
             .collect();
         let what = format!(
-            "writes {} to 0x{address:04X} of space {space}",
+            "write {} to 0x{address:04X} of space {space}",
             values.join(" ")
         );
         let mut bus = found.open()?;

@@ -74,7 +74,7 @@ struct Restarting<'a> {
 
 impl Reset {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let what = "restarts the network side of the board: it is silent for up to half a second, \
+        let what = "restart the network side of the board: it is silent for up to half a second, \
                     and comes back with the address that its jumpers select";
         self.restart.run(context, "reset", what, |bus| {
             Ok(EthernetBoard::new(bus).reset()?)
@@ -84,7 +84,7 @@ impl Reset {
 
 impl Reload {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let what = "makes the FPGA load its configuration again: all outputs go off, and every \
+        let what = "make the FPGA load its configuration again: all outputs go off, and every \
                     register is lost";
         self.restart.run(context, "reload", what, |bus| {
             let layout = layout_of(bus)?;

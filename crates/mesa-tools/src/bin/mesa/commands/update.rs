@@ -16,7 +16,7 @@ use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
 use super::param::cabinet::CabinetTarget;
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
@@ -238,8 +238,7 @@ impl Update {
             return Err(UpdateError::<L::Error>::NotReadable.into());
         }
         bar.clear();
-        self.asks
-            .consent(context, &report.question(card), card.board)?;
+        self.asks.consent(context, &report.plan(card), card.board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
             Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
             done => done?,
@@ -323,23 +322,25 @@ impl Bar {
 
 impl Report {
     /// Planned action as text.
-    fn question(&self, card: &Card<'_>) -> String {
-        let what = if self.was_cut_off {
-            "finishes a firmware update that was cut off:".to_owned()
+    fn plan(&self, card: &Card<'_>) -> Plan {
+        let (place, unit) = (&self.place, self.unit_number);
+        let (place, what) = if self.was_cut_off {
+            let what = "finish a firmware update that was cut off: ";
+            (place.clone(), what)
         } else {
             let kind = kind(&card.started);
-            format!("a {kind}, unit number {:#010X}:", self.unit_number)
+            (format!("{place}: a {kind}, unit number {unit:#010X}"), "")
         };
-        format!(
-            "{}: {what} erases and writes {} of {} of {} bytes ({}){}. Until this is done, the card has \
-             no program; keep its power on",
-            self.place,
+        let action = format!(
+            "{what}erase and write {} of {} of {} bytes ({}){}. Until this is done, the card \
+             has no program; keep its power on",
             self.different,
             Counted::of(self.blocks, "block"),
             self.block_size,
             self.file.display(),
             self.said_doubts()
-        )
+        );
+        Plan::at(place, action)
     }
 
     fn said_doubts(&self) -> String {

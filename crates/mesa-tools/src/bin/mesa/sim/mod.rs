@@ -10,7 +10,7 @@ mod file;
 pub mod machine;
 mod mechanics;
 mod network;
-mod options;
+pub mod options;
 mod plan;
 mod remotes;
 mod station;

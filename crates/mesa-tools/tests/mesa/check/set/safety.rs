@@ -253,7 +253,7 @@ fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
     jog.signal("INT");
     let run = ended(jog);
     assert_eq!(run.code, Some(130), "{run:?}");
-    assert!(run.err.contains("makes it an output"), "{run:?}");
+    assert!(run.err.contains("make it an output"), "{run:?}");
     assert_eq!(truth(&mut board, &["pin-034"]), ["1"]);
 }
 

@@ -33,7 +33,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_started() {
         (
             &["output", "--timeout", "1", "--outputs"],
             2,
-            "not a terminal, so nothing was done; add --yes",
+            "TB7 pin 17, 18, 19, 20, 21, 22, 23, 24 of 7i77.0.0; nothing was done: add --yes",
         ),
         (
             &["--timeout", "1", "--report", "/nowhere/a.txt"],

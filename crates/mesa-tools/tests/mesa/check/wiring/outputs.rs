@@ -14,7 +14,7 @@ const OUTPUTS: &str = "*7i77.0.0.output-0?";
 fn begin(board: &Board) -> Guided {
     let time = ["--for", "0.6", "--json", "--yes"];
     let guided = Guided::begin(board, &[&[OUTPUTS, "--outputs"], &time[..]].concat());
-    let consent = guided.says("drives 10 digital outputs one after the other");
+    let consent = guided.says("drive 10 digital outputs one after the other");
     assert!(
         consent.contains("no drive enables and no analog outputs"),
         "{consent}"

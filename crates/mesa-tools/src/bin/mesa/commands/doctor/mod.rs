@@ -23,7 +23,7 @@ use mesa_tools::diagnosis::{
 };
 use serde::Serialize;
 
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
@@ -86,12 +86,12 @@ impl Doctor {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         if !self.passive {
-            let what = format!(
-                "{}: starts the machine with all outputs off, and stops it again (not with --passive)",
-                found.address
+            let plan = Plan::at(
+                found.address,
+                "start the machine with all outputs off, and stop it again (not with --passive)",
             );
             // The board is opened after the consent, and an error from then on becomes a finding.
-            self.asks.consent(context, &what, None)?;
+            self.asks.consent(context, &plan, None)?;
         }
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;

@@ -7,6 +7,7 @@ use clap::Args;
 use super::progress::{Bar, Progress};
 use super::report::{Name, Report, Written};
 use super::{Change, LONGEST, is_alone, risk};
+use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::output::complain;
@@ -100,14 +101,13 @@ impl Restore {
         areas: &[Written],
         is_alone: bool,
     ) -> Result<(), Failure> {
-        let what = format!(
-            "{}: erases and writes {} of the flash memory{}",
+        let (places, risk) = (places(areas), risk(is_alone));
+        let plan = Plan::at(
             found.address,
-            places(areas),
-            risk(is_alone)
+            format_args!("erase and write {places} of the flash memory{risk}"),
         );
         let asks = &self.change.target.asks;
-        asks.consent(context, &what, Some(found))
+        asks.consent(context, &plan, Some(found))
     }
 
     /// Fails if an area that the board may need to start differs and its flag was not given.

@@ -8,6 +8,7 @@ use mesa_hal::ethernet::{Area, EthernetError, Flash as Chip};
 use super::progress::Progress;
 use super::report::{About, Name, Report, Written};
 use super::{Change, LONGEST, area, is_alone, parse, risk, written};
+use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::link::Bus;
@@ -65,16 +66,13 @@ impl Write {
                     "{boot_block} first (if that is cut off, only a JTAG programmer helps), then "
                 )
             });
-            let what = format!(
-                "{}: erases and writes {first}{written} of the flash memory: {}{}",
+            let (about, risk) = (About::of(&bitfile), risk(is_alone));
+            let plan = Plan::at(
                 found.address,
-                About::of(&bitfile),
-                risk(is_alone)
+                format_args!("erase and write {first}{written} of the flash memory: {about}{risk}"),
             );
-            self.change
-                .target
-                .asks
-                .consent(context, &what, Some(&found))?;
+            let asks = &self.change.target.asks;
+            asks.consent(context, &plan, Some(&found))?;
             if let Some(boot_block) = boot_block {
                 let mut progress = Progress::of_write(context, boot_block, is_alone);
                 let done = flash.write_boot_block(|step, bytes| progress.step(step, bytes));

@@ -3,6 +3,8 @@
 
 mod text;
 
+pub use text::limits;
+
 use std::collections::BTreeMap;
 
 use clap::Args;
@@ -14,7 +16,7 @@ use serde::Serialize;
 use crate::context::{Context, Ending, Failure, told};
 use crate::modes::Modes;
 use crate::output::complain;
-use crate::target::Target;
+use crate::target::{self, Target};
 
 const AFTER_HELP: &str = "\
 Stops the serial ports and turns all pins into inputs: do not use this on a running machine. A board
@@ -42,16 +44,8 @@ struct Found(Inventory);
 impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
-        let mut bus = found.open()?;
-        let at = |error: &(dyn std::error::Error + 'static)| {
-            Failure::refused(format_args!("{}: {}", found.address, told(error)))
-        };
-        let ethernet =
-            InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
         let modes = self.modes.by_remote();
-        let goes_on = || context.stop.signal().is_none();
-        let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
-        let mut inventory = Found(inventory.map_err(|e| at(&e))?);
+        let mut inventory = Found(take(&found, &self.modes, context)?);
         let wrong = inventory.check_modes(&modes);
         if context.stop.signal().is_none() {
             let findings = &mut inventory.0.findings;
@@ -70,6 +64,19 @@ impl Info {
         }
         Ok(context.ending())
     }
+}
+
+/// Takes the inventory of a board; without the ports that are left when a signal comes.
+pub fn take(found: &target::Found, modes: &Modes, context: &Context) -> Result<Inventory, Failure> {
+    let mut bus = found.open()?;
+    let at = |error: &(dyn std::error::Error + 'static)| {
+        Failure::of(error, format_args!("{}: {}", found.address, told(error)))
+    };
+    let ethernet =
+        InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+    let goes_on = || context.stop.signal().is_none();
+    let inventory = inventory::take(&mut bus, Some(ethernet), &modes.by_remote(), goes_on);
+    inventory.map_err(|e| at(&e))
 }
 
 impl Found {

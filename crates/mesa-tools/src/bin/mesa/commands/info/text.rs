@@ -12,6 +12,7 @@ use mesa_tools::inventory::{
 
 use super::Found;
 use crate::output::Tone;
+use mesa_tools::Counted;
 
 impl Display for Found {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -87,10 +88,10 @@ fn print_firmware(f: &mut Formatter<'_>, firmware: &InventoryFirmware) -> fmt::R
     let mhz = |hz: u32| f64::from(hz) / 1e6;
     writeln!(
         f,
-        "HostMot2 firmware for {}: {} I/O pins on {} connectors, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
+        "HostMot2 firmware for {}: {} on {}, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
         firmware.board,
-        firmware.io_pins,
-        firmware.connectors,
+        Counted::of(firmware.io_pins as usize, "I/O pin"),
+        Counted::of(firmware.connectors as usize, "connector"),
         mhz(firmware.clock_low_hz),
         mhz(firmware.clock_high_hz),
     )?;
@@ -146,10 +147,10 @@ fn print_pins(f: &mut Formatter<'_>, pins: &[InventoryPin]) -> fmt::Result {
 fn print_port(f: &mut Formatter<'_>, port: &InventoryPort) -> fmt::Result {
     writeln!(
         f,
-        "\nSmart serial port {}: SSLBP {}, {} channels, clock {:.3} MHz",
+        "\nSmart serial port {}: SSLBP {}, {}, clock {:.3} MHz",
         port.port,
         port.sslbp,
-        port.channels.len(),
+        Counted::of(port.channels.len(), "channel"),
         f64::from(port.clock_hz) / 1e6,
     )?;
     port.channels
@@ -247,22 +248,24 @@ fn print_element(f: &mut Formatter<'_>, element: &InventoryElement) -> fmt::Resu
     Ok(())
 }
 
+/// The limits of a record, unless they are those of its bits.
+pub fn limits(data: &InventoryData) -> Option<[f32; 2]> {
+    let (min, max) = (f64::from(data.min), f64::from(data.max));
+    let mut scalings = [false, true]
+        .map(|signed| Scaling::new(data.bits, signed, min, max))
+        .into_iter();
+    let are_its_bits = scalings.any(Scaling::is_whole);
+    (data.min < data.max && !are_its_bits).then_some([data.min, data.max])
+}
+
 fn describe(data: &InventoryData) -> String {
     let way = match data.direction {
         "input" => "in",
         "output" => "out",
         _ => "in/out",
     };
-    let (min, max) = (f64::from(data.min), f64::from(data.max));
-    let limits_are_its_bits = [false, true]
-        .map(|signed| Scaling::new(data.bits, signed, min, max))
-        .into_iter()
-        .any(Scaling::is_whole);
-    let range = if data.min < data.max && !limits_are_its_bits {
-        format!(" {}..{}", data.min, data.max)
-    } else {
-        String::new()
-    };
+    let range = limits(data).map(|[min, max]| format!(" {min}..{max}"));
+    let range = range.unwrap_or_default();
     format!(
         "{:<20} {way:<6} {:>3} bits {}{range} {}",
         data.name, data.bits, data.data_type, data.unit

@@ -16,6 +16,7 @@ use mesa_hal::runner::Realtime;
 
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
+use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::simulated::Passage;
@@ -177,6 +178,45 @@ fn seconds(text: &str) -> Result<f64, String> {
         Ok(seconds) if (0.1..=86400.0).contains(&seconds) => Ok(seconds),
         _ => Err(String::from("it must be 0.1 to 86400")),
     }
+}
+
+/// A measurement for people.
+#[derive(Debug)]
+pub struct Picture {
+    pub svg: String,
+    /// The figures, or the source of the picture.
+    pub text: String,
+}
+
+/// Measures cycles at 1 kHz with all outputs off, paced by this host, without real-time settings.
+pub fn picture(
+    target: &Target,
+    modes: &Modes,
+    seconds: f64,
+    bus: Bus,
+    context: &Context,
+) -> Result<Picture, Failure> {
+    let plain = Latency {
+        target: target.clone(),
+        modes: modes.clone(),
+        seconds,
+        rate: 1000,
+        pace: Paces::Host,
+        plot: None,
+        realtime: None,
+        cpu: Vec::new(),
+        lock_memory: false,
+        spin: false,
+        asks: Asks { yes: false },
+    };
+    let measured = plain.watched(|| measure::each(&plain, bus, context))?;
+    let report = Report::of(plain.rate, &measured);
+    let svg = plot::svg(&report, &measured)?;
+    let text = report.to_string();
+    for run in measured {
+        run.stopped.map_err(Failure::refused)?;
+    }
+    Ok(Picture { svg, text })
 }
 
 /// Reports a pace that could not be measured; the measurement at another pace is kept.

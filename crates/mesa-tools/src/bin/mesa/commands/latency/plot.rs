@@ -13,7 +13,7 @@ use super::name;
 use super::report::Report;
 use crate::context::Failure;
 use crate::picture::{self, Area, GREEN, GREY, RED, SMALL, TRACES, YELLOW, failed, text, tick};
-use crate::{files, stamp};
+use crate::{computer, date, files};
 
 /// Sizes, in pixels.
 const WIDTH: u32 = 1000;
@@ -40,7 +40,7 @@ pub fn draw(file: &Path, report: &Report, all: &[Measured]) -> Result<(), Failur
 }
 
 /// Draws the histograms and the verdicts, as SVG.
-fn svg(report: &Report, all: &[Measured]) -> Result<String, Failure> {
+pub fn svg(report: &Report, all: &[Measured]) -> Result<String, Failure> {
     let lines = Line::all(report);
     let height = lines.iter().map(|line| line.texts.len() as u32 * LINE);
     let size = (WIDTH, HEADER + CHART + height.sum::<u32>() + FOOTER);

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::cabinet::OpenCabinet;
 use super::{Where, warning};
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::output::complain;
 use crate::target::Found;
@@ -207,11 +207,11 @@ impl Restore {
         });
         let warnings: String = warnings.collect();
         let count = Counted::of(differences.len(), "parameter");
-        let what = format!(
-            "writes {count} in the non-volatile memory of remotes; they are used from \
-             the next power-up on{warnings}"
-        );
-        self.asks.consent(context, &what, cabinet.found())
+        let plan = Plan::new(format_args!(
+            "write {count} in the non-volatile memory of remotes, to be used from the next power-up \
+             on{warnings}"
+        ));
+        self.asks.consent(context, &plan, cabinet.found())
     }
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::cabinet::OpenCabinet;
 use super::list::Shown;
 use super::{Named, NamedValue, Where, go_on, named, warning};
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 
 /// Read one parameter
@@ -92,11 +92,14 @@ impl Set {
         if raw != wanted {
             let place = named.remote.place;
             let (name, card) = (named.value.name(), named.remote.descriptor.name);
-            let what = format!(
-                "{place}, {card}: writes {name} = {after} (now {before}), {}",
-                named.effect(wanted)
+            let plan = Plan::at(
+                format_args!("{place}, {card}"),
+                format_args!(
+                    "write {name} = {after} (now {before}), {}",
+                    named.effect(wanted)
+                ),
             );
-            self.asks.consent(context, &what, cabinet.found())?;
+            self.asks.consent(context, &plan, cabinet.found())?;
             go_on(context)?;
             match &named.value {
                 NamedValue::Parameter(record) => cabinet.write(place, &record.name, self.value)?,

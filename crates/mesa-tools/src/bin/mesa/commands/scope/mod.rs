@@ -29,7 +29,7 @@ use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::target::Target;
-use crate::{files, running, stamp};
+use crate::{date, files, running};
 
 /// Timeout of a reply: a late cycle is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);

@@ -10,6 +10,7 @@ use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
 
+use super::announcer::Announcer;
 use super::report::{Change, Inputs, Outcome, Report};
 use crate::context::{Context, Failure, told};
 use crate::link::Bus;
@@ -42,7 +43,20 @@ pub struct Jog {
     was_sent: bool,
     /// True once the output was confirmed to have its value.
     was_set: bool,
+    /// True once the output was confirmed to have its safe value again.
+    is_safe: bool,
     failure: Option<Reason>,
+}
+
+/// Progress of a jog, as far as it is confirmed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// The output does not have its value yet.
+    Waiting,
+    /// The output has its value, for the time that is left.
+    Set { left: Duration },
+    /// The output has its safe value again.
+    Safe,
 }
 
 /// A jog to do.
@@ -127,6 +141,7 @@ impl Jog {
             told: told.collect(),
             was_sent: false,
             was_set: false,
+            is_safe: false,
             failure: None,
         }
     }
@@ -137,16 +152,20 @@ impl Jog {
         driver: Driver<Bus>,
         context: &Context,
         info: &PinInfo,
+        mut announcer: Announcer,
     ) -> Result<Report, Failure> {
         let infos = driver.pins().infos().to_vec();
         let mut signal = None;
         let ended = Runner::new(driver).run(|cycle| {
             signal = context.stop.signal();
-            match signal {
+            let flow = match signal {
                 Some(_) => self.end(cycle),
                 None => self.step(cycle),
-            }
+            };
+            announcer.show(self.progress(cycle.pins().now()));
+            flow
         });
+        announcer.end();
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
@@ -224,6 +243,16 @@ impl Jog {
         ControlFlow::Break(())
     }
 
+    fn progress(&self, now: Instant) -> Progress {
+        match self.phase {
+            Phase::Set(since) if self.was_set => Progress::Set {
+                left: self.time.saturating_sub(now.since(since)),
+            },
+            _ if self.is_safe => Progress::Safe,
+            _ => Progress::Waiting,
+        }
+    }
+
     /// True once the output was confirmed to have its value.
     pub const fn is_confirmed(&self) -> bool {
         self.was_set
@@ -265,6 +294,7 @@ impl Jog {
             }
             Phase::After(since) => {
                 self.look(cycle.pins(), |told| &mut told.after);
+                self.is_safe |= self.is_transferred(cycle.pins(), now.since(since));
                 if is_over(since, REST) {
                     self.phase = Phase::Done;
                 }
@@ -324,9 +354,7 @@ impl Jog {
     /// transfer begun since then has succeeded, and the level at the terminal agrees, if it is
     /// read.
     fn verify(&mut self, pins: &Pins, set: Duration) -> ControlFlow<()> {
-        let states = self.groups.iter().map(|&group| pins.group_state(group));
-        let mut states = states.map(|state| state.filter(|state| state.valid));
-        if !states.all(|state| state.is_some_and(|state| state.age.time < set)) {
+        if !self.is_transferred(pins, set) {
             return ControlFlow::Continue(());
         }
         if let Some(level) = &mut self.level
@@ -347,6 +375,13 @@ impl Jog {
         }
         self.was_set = true;
         ControlFlow::Continue(())
+    }
+
+    /// True if a transfer that has begun within `time` has succeeded in each group.
+    fn is_transferred(&self, pins: &Pins, time: Duration) -> bool {
+        let states = self.groups.iter().map(|&group| pins.group_state(group));
+        let mut states = states.map(|state| state.filter(|state| state.valid));
+        states.all(|state| state.is_some_and(|state| state.age.time < time))
     }
 
     /// Reason why the pin cannot be driven, or is not driven any more.

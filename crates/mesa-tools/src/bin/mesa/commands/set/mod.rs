@@ -1,5 +1,6 @@
 //! `mesa set`: jog of one output.
 
+mod announcer;
 pub mod jog;
 mod report;
 
@@ -11,15 +12,16 @@ use mesa_hal::hal::{HalType, PinId, PinInfo, Pins, Role};
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Board, Rounded, Settings};
 
-use super::named;
+use super::named::{self, with_place};
 use super::slow_watchdog::SlowWatchdog;
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{self, Context, Ending, Failure};
+use crate::modes::Modes;
 use crate::output::complain;
-use crate::place;
 use crate::running;
 use crate::simulated::Passage;
 use crate::target::Target;
+use announcer::Announcer;
 use jog::{Jog, JogPlan, Step};
 
 /// Long, because nothing here is fast and the thread has no priority. Short enough to feed remotes,
@@ -31,10 +33,12 @@ const DEADLINE: Duration = Duration::from_millis(20);
 const WATCHDOG: Duration = Duration::from_millis(100);
 
 const AFTER_HELP: &str = "\
-PIN is a name, or its end if no other name has that end: 7i77.0.0.output-03. All other outputs are
-off meanwhile. The output is made safe again after the time, after SIGINT (Ctrl-C) and SIGTERM, and
-after any failure: then the exit code is 1, and the reason is printed. A board that another program
-drives is left alone.
+PIN is a name, or its end if no other name has that end: 7i77.0.0.output-03; or the terminal or the
+signal of an output: TB8-20, OUTPUT3, or 'TB8-20 of 7i77.0.0' if several cards have it. All other
+outputs are off meanwhile. Standard error shows when the output is on, the seconds that are left,
+and when it is off again. The output is made safe again after the time, after SIGINT (Ctrl-C) and
+SIGTERM, and after any failure: then the exit code is 1, and the reason is printed. A board that
+another program drives is left alone.
 
 A drive moves with a voltage on its input and its enable: --analog allows an analog output to be
 set, --drive-enable a drive enable. An analog output has 0 V unless it is enabled, so it needs both
@@ -52,6 +56,7 @@ off.
 
 Examples:
   mesa set 7i77.0.0.output-03 on --for 2s --addr 10.10.10.10
+  mesa set TB8-20 on --for 2s --addr 10.10.10.10
   mesa set 7i77.0.1.analogout0 0.5 --for 1s --analog --drive-enable --sim 7i92-7i77 --yes";
 
 /// Set one output for a time, then make it safe again
@@ -60,7 +65,9 @@ Examples:
 pub struct Set {
     #[command(flatten)]
     target: Target,
-    /// Output to set; parameters and inversions are refused
+    #[command(flatten)]
+    modes: Modes,
+    /// Output to set, by its name, terminal or signal; parameters and inversions are refused
     pin: String,
     /// Value to set: on or off, or a number within the range of the output
     #[arg(allow_negative_numbers = true)]
@@ -83,12 +90,13 @@ pub struct Set {
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?.pass_time(Passage::Paced);
-        let settings = found.with_patience(settings());
+        let mut settings = found.with_patience(settings());
+        self.modes.put(&mut settings);
         let board = Board::identify(found.open_with(unhurried())?, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
         let pins = board.pins();
-        let pin = named::find(pins, board.missing(), &self.pin)?;
+        let pin = named::find_output(pins, board.missing(), &self.pin)?;
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
         let value = named::value(&info, &self.value)?;
         info.check_settable(value)
@@ -103,9 +111,9 @@ impl Set {
             value,
             safe: pins.read_any(pin).value,
         };
-        let what = self.says(&info, output, &infos) + &watchdog;
-        let what = format!("{}: {what}", found.address);
-        self.asks.consent(context, &what, Some(&found))?;
+        let action = self.action(&info, output, &infos) + &watchdog;
+        let plan = Plan::at(found.address, action);
+        self.asks.consent(context, &plan, Some(&found))?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was set"));
             return Ok(Ending::Stopped(signal));
@@ -118,8 +126,9 @@ impl Set {
             time: self.time,
             patience: jog::PATIENCE,
         };
+        let announcer = Announcer::start(&info, &plan);
         let jog = Jog::new(&driver, plan);
-        let report = jog.run(driver, context, &info)?;
+        let report = jog.run(driver, context, &info, announcer)?;
         context.print(&report)?;
         match report.failure() {
             Some(reason) if context.stop.signal().is_none() || !report.not_reached.is_empty() => {
@@ -169,18 +178,13 @@ impl Set {
     }
 
     /// Planned action as text.
-    fn says(&self, info: &PinInfo, output: Step, enables: &[&PinInfo]) -> String {
-        let unit = if info.unit.is_empty() {
-            String::new()
-        } else {
-            format!(" {}", info.unit)
-        };
+    fn action(&self, info: &PinInfo, output: Step, enables: &[&PinInfo]) -> String {
         let with = enables.iter().filter_map(|by| match hazard(by) {
             // An enable that is enabled by another pin has no terminal of its own.
             Hazard::DriveEnable if by.enabled_by.is_some() => None,
-            Hazard::DriveEnable => Some(format!(", enables EVERY drive on {}", with_place(by))),
+            Hazard::DriveEnable => Some(format!(", enable EVERY drive on {}", with_place(by))),
             _ => Some(format!(
-                ", makes it an output ({}): nothing else may drive it",
+                ", make it an output ({}): nothing else may drive it",
                 by.name
             )),
         });
@@ -191,12 +195,12 @@ impl Set {
             ""
         };
         format!(
-            "sets {} to {}{unit} for {}{own}{}, with all other outputs off, then back to {}{unit}",
+            "set {} to {} for {}{own}{}, with all other outputs off, then back to {}",
             with_place(info),
-            named::text(output.value),
+            named::with_unit(info, output.value),
             Rounded(&self.time),
             with.collect::<String>(),
-            named::text(output.safe)
+            named::with_unit(info, output.safe)
         )
     }
 }
@@ -243,14 +247,6 @@ pub fn settings() -> Settings {
         period: PERIOD,
         watchdog: Some(WATCHDOG),
         ..Settings::default()
-    }
-}
-
-/// A pin with its terminals and signals.
-fn with_place(info: &PinInfo) -> String {
-    match &*place::short(&info.place) {
-        "" => info.name.clone(),
-        place => format!("{} ({place})", info.name),
     }
 }
 

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::commands::named;
 use crate::reason::Reason;
+use mesa_tools::Counted;
 
 /// Outcome of a jog.
 #[derive(Debug, Serialize)]
@@ -134,11 +135,11 @@ impl Display for Report {
         };
         writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
         if self.inputs.not_seen > 0 {
-            let inputs = match self.inputs.not_seen {
-                1 => "1 input was not valid before: its changes are".to_owned(),
-                count => format!("{count} inputs were not valid before: their changes are"),
-            };
-            writeln!(f, "{inputs} not known")?;
+            let count = Counted::of(self.inputs.not_seen, "input");
+            writeln!(
+                f,
+                "{count} not valid before, so changes there are not known"
+            )?;
         }
         if self.inputs.changes.is_empty() {
             return writeln!(f, "no input changed");

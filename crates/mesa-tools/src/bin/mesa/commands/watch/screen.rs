@@ -15,8 +15,8 @@ use ratatui::text::{Line as TextLine, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph};
 
 use crate::full_screen::{Palette, Scroll, Trend, Wish, fitting, short_time, wrapped};
-use crate::number::counted;
 use crate::place;
+use mesa_tools::Counted;
 
 use super::columns::{Cells, Columns};
 use super::view::{self, Line, Listing, RemoteLine};
@@ -205,7 +205,7 @@ impl Pins {
         };
         let longest = format!(" cycle: longest {} us", micros(run.longest));
         let latest = format!("{longest}, at most {} us late", micros(run.latest));
-        let skipped = counted(run.skipped_periods, "period");
+        let skipped = Counted(run.skipped_periods, "period");
         let titles = vec![
             format!("{latest}, {skipped} skipped "),
             latest + " ",
@@ -314,16 +314,16 @@ impl Pins {
 /// Counts of the board.
 fn counts(seen: &Snapshot) -> [TextLine<'static>; 2] {
     let (bus, driver) = (seen.bus_statistics(), seen.driver_statistics());
-    let times = |count| counted(count, "time");
+    let times = |count| Counted(count, "time");
     [
         TextLine::from(format!(
             "packets   {}: {} lost, {} late, {} stale, {} duplicate, {} lost",
-            counted(bus.exchanges, "exchange"),
+            Counted(bus.exchanges, "exchange"),
             bus.lost,
             bus.late,
             bus.stale,
             bus.duplicate,
-            counted(bus.lost_writes, "write")
+            Counted(bus.lost_writes, "write")
         )),
         TextLine::from(format!(
             "watchdog  has bitten {}; board reset {}, not reached {}",

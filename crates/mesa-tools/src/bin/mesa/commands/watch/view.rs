@@ -6,8 +6,8 @@ use mesa_hal::runner::{RemoteSnapshot, Snapshot};
 
 use crate::context::told;
 use crate::full_screen::short_time;
-use crate::number::counted;
 use crate::pattern::Pattern;
+use mesa_tools::Counted;
 
 /// A line of the list of pins.
 #[derive(Clone, Debug, PartialEq)]
@@ -171,7 +171,7 @@ impl RemoteLine {
         };
         let counts = format!(
             "{}, {} failed",
-            counted(remote.transfers, "transfer"),
+            Counted(remote.transfers, "transfer"),
             remote.failures
         );
         let first = remote.first_fault.filter(|first| Some(*first) != reason);

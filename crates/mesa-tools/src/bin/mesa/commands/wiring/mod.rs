@@ -12,17 +12,16 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::ethernet::EthernetBoard;
-use mesa_hal::hal::{GroupId, PinInfo, Place};
+use mesa_hal::hal::{GroupId, PinInfo};
 use mesa_hal::{Board, Configured, Driver, Rounded, Settings};
 use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
-use crate::consent::Asks;
+use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::modes::Modes;
-use crate::number::counted;
 use crate::output::complain;
 use crate::pattern::Pattern;
 use crate::simulated::Passage;
@@ -30,6 +29,7 @@ use crate::target::{Found, Target};
 use crate::{place, running};
 use head::Head;
 use machine::Machine;
+use mesa_tools::Counted;
 use report::{Input, Item, Missing, Outcome, Report, What};
 use session::{Dialog, Lines, Session, Terminals};
 
@@ -244,24 +244,22 @@ impl Wiring {
         if count == 0 {
             return Ok(());
         }
-        let at = Place {
-            signal: String::new(),
-            ..outputs.map(|item| item.info.place.clone()).collect()
-        };
-        let what = format!(
-            "{}: drives {}{} for {} with all others off, no drive enables and no analog outputs: \
-             {}{watchdogs}",
+        let plan = Plan::at(
             found.address,
-            counted(count as u64, "digital output"),
-            if count == 1 {
-                ""
-            } else {
-                " one after the other, each"
-            },
-            Rounded(&self.time),
-            place::short(&at)
+            format_args!(
+                "drive {}{} for {} with all others off, no drive enables and no analog outputs: \
+                 {}{watchdogs}",
+                Counted::of(count, "digital output"),
+                if count == 1 {
+                    ""
+                } else {
+                    " one after the other, each"
+                },
+                Rounded(&self.time),
+                place::on_cards(outputs.map(|item| &item.info))
+            ),
         );
-        self.asks.consent(context, &what, Some(found))
+        self.asks.consent(context, &plan, Some(found))
     }
 }
 

@@ -12,9 +12,9 @@ use super::head::Head;
 use crate::commands::named;
 use crate::commands::watch::view;
 use crate::context::Failure;
-use crate::number::counted;
 use crate::reason::{Reason, with_reason};
 use crate::{files, place};
+use mesa_tools::Counted;
 
 /// A terminal to check.
 pub struct Item {
@@ -345,7 +345,7 @@ impl Display for Report {
             Outcome::Stopped => "; ended by a signal before all were checked",
             Outcome::Failed => "; the machine ended it",
         };
-        let count = counted(self.terminals.len() as u64, "terminal");
+        let count = Counted(self.terminals.len() as u64, "terminal");
         writeln!(f, "{}{ok} of {count} in order{how}", self.head)?;
         for missing in &self.missing {
             writeln!(f, "MISSING, and not checked: {missing}")?;

@@ -13,10 +13,10 @@ use mesa_tools::diagnosis::wiring::{
 use super::machine::{self, Driven, Machine};
 use super::report::{Input, Item, Mark, Names, Not, Outcome, What, text};
 use crate::context::Context;
-use crate::number::counted;
 use crate::output::complain;
 use crate::reason::Reason;
 use crate::sim::console;
+use mesa_tools::Counted;
 
 /// Interval of the checks of inputs, keys and signals.
 const LOOK: Duration = Duration::from_millis(5);
@@ -117,7 +117,7 @@ impl<'a> Session<'a> {
     fn go(&mut self, keep: impl Fn(&Self)) -> Result<(), Outcome> {
         complain(format_args!(
             "{}. Enter skips one, b and Enter goes back, q and Enter ends with the report.",
-            counted(self.items.len() as u64, "terminal")
+            Counted(self.items.len() as u64, "terminal")
         ));
         complain("Hands off for a moment: what changes now changes by itself.");
         let begun = Instant::now();

@@ -9,7 +9,7 @@ use ratatui::text::{Line, Span};
 
 use super::values::{Rate, Values};
 use crate::full_screen::{Palette, SAMPLES, Trend};
-use crate::number::counted;
+use mesa_tools::Counted;
 
 /// Seconds of silence after which a client no longer counts as active.
 const TALKS: f64 = 2.0;
@@ -107,7 +107,7 @@ impl BoardView {
         format!(
             "up {:.0} s; {} in, {} out; mishaps: {} lost, {} late, {} duplicate; errors: {} parse, {} memory, {} write; {}, {}",
             self.values.number("time"),
-            counted(
+            Counted(
                 self.number("network", &["received", "packets"]) as u64,
                 "packet"
             ),
@@ -118,8 +118,8 @@ impl BoardView {
             self.number("board", &["errors", "parse"]),
             self.number("board", &["errors", "memory"]),
             self.number("board", &["errors", "write"]),
-            counted(self.number("board", &["reloads"]) as u64, "reload"),
-            counted(self.number("board", &["resets"]) as u64, "reset"),
+            Counted(self.number("board", &["reloads"]) as u64, "reload"),
+            Counted(self.number("board", &["resets"]) as u64, "reset"),
         )
     }
 
