@@ -3,6 +3,7 @@
 use alloc::format;
 use alloc::string::{String, ToString};
 
+use super::spartan6::{Multiboot, MultibootFeature, sync_at};
 use crate::advice::Advice;
 
 /// A bitfile whose header and configuration data have been checked.
@@ -63,6 +64,18 @@ pub enum BitfileError {
         /// The board or FPGA that it was to be written to.
         expected: &'static str,
     },
+    /// The file is made for several configurations in one memory. The boot block has the addresses
+    /// of user configuration and fallback; a file that sets its own disables the fallback, or does
+    /// not start.
+    ///
+    /// Manual: 7I97, "BITFILE FORMAT".
+    #[error("a multiboot file, not a standard one: at byte {at} of its data it {what}")]
+    Multiboot {
+        /// Offset in the configuration.
+        at: usize,
+        /// The first multiboot feature.
+        what: MultibootFeature,
+    },
     /// The configuration is larger than its place in the flash memory.
     #[error("the configuration has {bytes} bytes, its place in the flash memory {room}")]
     TooLarge {
@@ -79,6 +92,7 @@ impl BitfileError {
         Some(match self {
             Self::NoMark => Advice::GiveBitFile,
             Self::Damaged { .. } => Advice::GetFileAgain,
+            Self::Multiboot { .. } => Advice::GiveStandardBitfile,
             Self::NoSync { .. } | Self::OtherBoard { .. } | Self::TooLarge { .. } => {
                 Advice::GetFileForBoard
             }
@@ -89,15 +103,18 @@ impl BitfileError {
 const MARK: [u8; 13] = [
     0x00, 0x09, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
 ];
-const SYNC: [u8; 4] = [0xAA, 0x99, 0x55, 0x66];
 
 impl<'a> Bitfile<'a> {
     /// Parses a whole file.
     ///
     /// # Errors
-    /// [`BitfileError::NoMark`], [`BitfileError::Damaged`] and [`BitfileError::NoSync`].
+    /// [`BitfileError::NoMark`], [`BitfileError::Damaged`] and [`BitfileError::NoSync`];
+    /// [`BitfileError::Multiboot`] for an image of a memory with several configurations.
     pub fn parse(file: &'a [u8]) -> Result<Self, BitfileError> {
-        let rest = file.strip_prefix(&MARK).ok_or(BitfileError::NoMark)?;
+        let Some(rest) = file.strip_prefix(&MARK) else {
+            no_multiboot(file)?;
+            return Err(BitfileError::NoMark);
+        };
         let mut fields = Fields { file, rest };
         let this = Self {
             design: fields.text(b'a')?,
@@ -115,7 +132,7 @@ impl<'a> Bitfile<'a> {
 
     /// True if a configuration begins in these bytes.
     pub(super) fn has_sync(head: &[u8]) -> bool {
-        head.windows(SYNC.len()).any(|window| window == SYNC)
+        sync_at(head).is_some()
     }
 
     fn check_sync(&self) -> Result<(), BitfileError> {
@@ -127,8 +144,8 @@ impl<'a> Bitfile<'a> {
         Err(BitfileError::NoSync { searched })
     }
 
-    /// Checks that the file holds a configuration, is for a board and the FPGA on it, and fits into
-    /// its place.
+    /// Checks that the file holds a standard configuration, is for a board and the FPGA on it, and
+    /// fits into its place.
     ///
     /// Several boards have the same FPGA, so the part does not distinguish them. The design name
     /// does, where it names a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface (Mesa's
@@ -136,7 +153,8 @@ impl<'a> Bitfile<'a> {
     /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another Ethernet board.
     ///
     /// # Errors
-    /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`] and [`BitfileError::TooLarge`].
+    /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`], [`BitfileError::Multiboot`] and
+    /// [`BitfileError::TooLarge`].
     pub fn check(
         &self,
         board: &'static str,
@@ -151,6 +169,7 @@ impl<'a> Bitfile<'a> {
             });
         }
         self.check_design(board)?;
+        no_multiboot(self.configuration)?;
         let bytes = self.configuration.len();
         if bytes > room {
             return Err(BitfileError::TooLarge { bytes, room });
@@ -178,6 +197,13 @@ impl<'a> Bitfile<'a> {
         };
         Err(BitfileError::OtherBoard { found, expected })
     }
+}
+
+/// Refuses data for several configurations.
+fn no_multiboot(data: &[u8]) -> Result<(), BitfileError> {
+    Multiboot::find(data).map_or(Ok(()), |Multiboot { at, what }| {
+        Err(BitfileError::Multiboot { at, what })
+    })
 }
 
 /// Mesa's boards with an FPGA whose names have four characters, in lower case.
@@ -275,7 +301,7 @@ mod tests {
 
     fn configuration(len: usize) -> Vec<u8> {
         let mut data = alloc::vec![0xFF; 16];
-        data.extend(SYNC);
+        data.extend([0xAA, 0x99, 0x55, 0x66]);
         data.resize(len, 0x20);
         data
     }

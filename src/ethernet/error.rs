@@ -80,6 +80,19 @@ pub enum EthernetError<E> {
         /// Expected address of the boot block.
         address: u32,
     },
+    /// The boot block is not the one for this memory. mesaflash refuses to write or verify then.
+    #[error(
+        "the boot block is not the one for this memory: at 0x{address:06X} is 0x{found:02X}, expected \
+         0x{expected:02X}; the FPGA may not load the configuration"
+    )]
+    OtherBootBlock {
+        /// Address of the first byte that differs.
+        address: u32,
+        /// The expected byte.
+        expected: u8,
+        /// The byte in the memory.
+        found: u8,
+    },
     /// No fallback is present, so that the user configuration is all that the FPGA can load.
     #[error(
         "there is no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
@@ -141,7 +154,7 @@ impl<E: BusError> EthernetError<E> {
             Self::NoRegister { .. } => Advice::SeeBoardManual,
             Self::Bitfile(error) => return error.advice(),
             Self::WrongBoard { .. } => Advice::UseLayoutOfBoard,
-            Self::NoBootBlock { .. } => Advice::WriteBootBlock,
+            Self::NoBootBlock { .. } | Self::OtherBootBlock { .. } => Advice::WriteBootBlock,
             Self::NoFallback { .. } => Advice::WriteFallback,
             Self::NoUserConfiguration { .. } => Advice::WriteUserConfiguration,
             Self::NotForConfigurations { .. } => Advice::ChooseConfigurationArea,

@@ -6,6 +6,7 @@ use core::ops::Range;
 use core::time::Duration;
 
 mod backup;
+mod boot_block;
 
 pub use backup::FlashDifference;
 
@@ -187,14 +188,15 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     ///
     /// The file is checked before anything is erased, including that it is for this board
     /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: writing either
-    /// is refused while there is no boot block, or the other does not [begin](Self::begins).
+    /// is refused while the boot block [is not valid](Self::check_boot_block), or the other does not
+    /// [begin](Self::begins).
     ///
     /// Manual: 7I97, "FALLBACK".
     ///
     /// # Errors
     /// [`EthernetError::Bitfile`], [`EthernetError::NotForConfigurations`],
-    /// [`EthernetError::NoBootBlock`], [`EthernetError::NoFallback`],
-    /// [`EthernetError::NoUserConfiguration`], and errors of [`write`](Self::write).
+    /// [`EthernetError::NoFallback`], [`EthernetError::NoUserConfiguration`], and errors of
+    /// [`check_boot_block`](Self::check_boot_block) and of [`write`](Self::write).
     pub fn program(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -215,19 +217,33 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         bitfile: &Bitfile<'_>,
         area: Area,
     ) -> Result<(), EthernetError<B::Error>> {
+        self.check_file(bitfile, area)?;
+        self.check_boot_block()?;
+        self.need_other(area)
+    }
+
+    /// Performs the checks of [`program`](Self::program) except that of the boot block, for a caller
+    /// that [writes it](Self::write_boot_block) first.
+    ///
+    /// # Errors
+    /// Errors of `program`, and of the bus.
+    pub fn check_configuration(
+        &mut self,
+        bitfile: &Bitfile<'_>,
+        area: Area,
+    ) -> Result<(), EthernetError<B::Error>> {
+        self.check_file(bitfile, area)?;
+        self.need_other(area)
+    }
+
+    /// Checks that a file is a configuration for this board and fits into the area.
+    fn check_file(&self, bitfile: &Bitfile<'_>, area: Area) -> Result<(), EthernetError<B::Error>> {
         if !matches!(area, Area::User | Area::Fallback) {
             return Err(EthernetError::NotForConfigurations { area });
         }
         let FlashLayout { board, part, .. } = self.layout;
         let range = self.layout.addresses(area);
-        bitfile.check(board, part, range.len())?;
-        let (address, _) = self.layout.boot_block;
-        let mut head = [0; PAGE];
-        self.read(address, &mut head)?;
-        if head == [0xFF; PAGE] {
-            return Err(EthernetError::NoBootBlock { address });
-        }
-        self.need_other(area)
+        Ok(bitfile.check(board, part, range.len())?)
     }
 
     /// Checks that the FPGA can still start when the area is erased.

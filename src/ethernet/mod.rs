@@ -15,6 +15,7 @@ mod info;
 mod memory;
 mod packets;
 mod restart;
+mod spartan6;
 
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
@@ -22,3 +23,4 @@ pub use flash::{Area, Flash, FlashDifference, FlashStep};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};
+pub use spartan6::MultibootFeature;

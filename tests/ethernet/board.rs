@@ -13,6 +13,7 @@ use mesa_hal::bus::{BusAdvice, BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
     Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashStep, LedMode, LedTime,
+    MultibootFeature,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError};
@@ -54,13 +55,11 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 /// Flash memory with a boot block and a fallback, as delivered: without them nothing is written to
 /// the user area.
 fn as_it_comes(mut flash: Flash<'_, Bus>) -> Flash<'_, Bus> {
-    let data = configuration(300);
-    for area in [Area::BootBlock, Area::Fallback] {
-        let start = flash.layout().addresses(area).start;
-        flash
-            .write(area, start, &data, |_, _| {})
-            .expect("it is written when it is named");
-    }
+    flash.write_boot_block(|_, _| {}).expect("it is written");
+    let start = flash.layout().addresses(Area::Fallback).start;
+    flash
+        .write(Area::Fallback, start, &configuration(300), |_, _| {})
+        .expect("it is written when it is named");
     flash
 }
 
@@ -329,7 +328,7 @@ fn every_error_says_what_to_do_next() {
     use mesa_hal::ethernet::BitfileError::{self, *};
     type Ethernet = EthernetError<UdpError>;
     let (address, bytes, area) = (0x10_0000, 9, Area::User);
-    let files: [BitfileError; 5] = [
+    let files: [BitfileError; 6] = [
         NoMark,
         Damaged {
             field: b'a',
@@ -341,9 +340,13 @@ fn every_error_says_what_to_do_next() {
             found: "board on PCI".into(),
             expected: "7I97",
         },
+        Multiboot {
+            at: 22,
+            what: MultibootFeature::Jump,
+        },
         TooLarge { bytes, room: 8 },
     ];
-    let ethernet: [Ethernet; 10] = [
+    let ethernet: [Ethernet; 11] = [
         Ethernet::Bitfile(NoMark),
         Ethernet::Firmware {
             needed: 16,
@@ -360,6 +363,11 @@ fn every_error_says_what_to_do_next() {
             expected: "a 7I97".into(),
         },
         Ethernet::NoBootBlock { address },
+        Ethernet::OtherBootBlock {
+            address,
+            expected: 1,
+            found: 2,
+        },
         Ethernet::NoFallback { address },
         Ethernet::NoUserConfiguration { address },
         Ethernet::NotForConfigurations { area },

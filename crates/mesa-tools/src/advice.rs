@@ -58,6 +58,11 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         Advice::StopAllFirst => "stop all its channels first",
         Advice::IdentifyPort => "reset or identify the port first",
         Advice::UseLayoutOfBoard => "use the layout of the board that answers",
+        Advice::WriteBootBlock => "`--fix-boot-block` of `mesa flash write` writes it",
+        Advice::GiveStandardBitfile => {
+            "give a standard bitfile, built without multiboot features; `mesa flash restore` writes an \
+             image of the whole memory"
+        }
         Advice::WriteFallback => {
             "write the fallback first, or, if there is no user configuration either, allow this \
              (`--without-fallback`)"

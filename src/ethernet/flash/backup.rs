@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 
 use super::{Area, Flash, PACKET, SECTOR_BYTES};
+use crate::ethernet::spartan6::BootBlock;
 use crate::ethernet::{Bitfile, EthernetError, FlashStep, Lbp16Board};
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
@@ -76,6 +77,16 @@ impl<B: Lbp16Board> Flash<'_, B> {
         Ok(())
     }
 
+    /// Checks that the boot block of a backup may be written: it is as
+    /// [`check_boot_block`](Self::check_boot_block) demands.
+    ///
+    /// # Errors
+    /// [`EthernetError::NoBootBlock`] and [`EthernetError::OtherBootBlock`].
+    pub fn check_backup_boot_block(&self, backup: &[u8]) -> Result<(), EthernetError<B::Error>> {
+        let head = self.of(Area::BootBlock, backup).get(..BootBlock::BYTES);
+        self.check_boot_head(head.unwrap_or_default())
+    }
+
     /// Differences between the chip and a backup, in the order in which they should be [written
     /// back](Self::restore): the user area first, the boot block last.
     ///
@@ -132,15 +143,19 @@ impl<B: Lbp16Board> Flash<'_, B> {
     /// Performs the checks of [`restore`](Self::restore) that precede the erasing.
     ///
     /// # Errors
-    /// Errors of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user
-    /// area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the fallback
-    /// or the boot block while it has no user configuration, and errors of the bus.
+    /// Errors of [`check_backup`](Self::check_backup), for the boot block errors of
+    /// [`check_backup_boot_block`](Self::check_backup_boot_block), [`EthernetError::NoFallback`] for
+    /// the user area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the
+    /// fallback or the boot block while it has no user configuration, and errors of the bus.
     pub fn check_restore(
         &mut self,
         backup: &[u8],
         part: &FlashDifference,
     ) -> Result<(), EthernetError<B::Error>> {
         self.check_backup(backup)?;
+        if part.area == Some(Area::BootBlock) {
+            self.check_backup_boot_block(backup)?;
+        }
         part.area.map_or(Ok(()), |area| self.need_other(area))
     }
 

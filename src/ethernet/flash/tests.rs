@@ -21,7 +21,7 @@ struct Chip {
 impl Chip {
     fn new() -> Self {
         let mut bytes = vec![0xFF; 0x20_0000];
-        bytes[..4].copy_from_slice(&[0x55, 0x99, 0xAA, 0x66]);
+        bytes[..PAGE].copy_from_slice(&FlashLayout::I7I97.boot_page());
         bytes[0x1_0000..][..4].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
         Self {
             id: 0x14,
@@ -157,7 +157,8 @@ fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
         ]
     );
     assert_eq!(chip.bytes[0x10_0000..0x10_0004], [0xAA, 0x99, 0x55, 0x66]);
-    assert_eq!((chip.bytes[0], chip.bytes[0x16_0000]), (0x55, 0x12));
+    assert_eq!(chip.bytes[..PAGE], FlashLayout::I7I97.boot_page());
+    assert_eq!(chip.bytes[0x16_0000], 0x12);
     assert!(
         chip.bytes[0x10_0000 + 340_001..0x16_0000]
             .iter()
@@ -219,6 +220,58 @@ fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
 }
 
 #[test]
+fn a_boot_block_that_mesaflash_refuses_is_refused_until_it_is_written() {
+    let data = configuration(100);
+    for (at, byte) in [(0, 0x55), (25, 0x08), (63, 0x01)] {
+        let mut chip = Chip::new();
+        let expected = chip.bytes[at];
+        chip.bytes[at] = byte;
+        let mut flash = open(&mut chip).unwrap();
+        let refused = EthernetError::OtherBootBlock {
+            address: at as u32,
+            expected,
+            found: byte,
+        };
+        let program =
+            |flash: &mut Flash<'_, Chip>| flash.program(&bitfile(&data), Area::User, |_, _| {});
+        assert_eq!(program(&mut flash), Err(refused.clone()));
+        assert_eq!(flash.check_boot_block(), Err(refused));
+        flash.write_boot_block(|_, _| {}).unwrap();
+        assert_eq!(program(&mut flash), Ok(()));
+        assert_eq!(chip.erased, [0, 0x10_0000]);
+        assert_eq!(chip.bytes[..PAGE], FlashLayout::I7I97.boot_page());
+    }
+    // mesaflash compares no more than 64 bytes.
+    let mut chip = Chip::new();
+    chip.bytes[64] = 0xFF;
+    assert_eq!(open(&mut chip).unwrap().check_boot_block(), Ok(()));
+}
+
+#[test]
+fn a_multiboot_file_is_refused_before_anything_is_erased() {
+    let mut chip = Chip::new();
+    let mut data = FlashLayout::I7I97.boot_page().to_vec();
+    data.extend(configuration(1000));
+    let mut flash = open(&mut chip).unwrap();
+    let refused = flash.program(&bitfile(&data), Area::User, |_, _| {});
+    let Err(EthernetError::Bitfile(error)) = refused else {
+        panic!("{refused:?}");
+    };
+    assert!(
+        matches!(error, BitfileError::Multiboot { at: 22, .. }),
+        "{error}"
+    );
+    assert!(chip.erased.is_empty());
+    // The same without a header, as programming tools write it.
+    let raw = Bitfile::parse(&data);
+    assert!(
+        matches!(raw, Err(BitfileError::Multiboot { .. })),
+        "{raw:?}"
+    );
+    assert_eq!(Bitfile::parse(&data[256..]), Err(BitfileError::NoMark));
+}
+
+#[test]
 fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
     let data = configuration(100);
     for area in [Area::BootBlock, Area::Application, Area::Whole] {
@@ -258,11 +311,13 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
         );
     }
     assert_eq!(program(&mut chip, Area::User), Ok(()));
-    let boot_block = chip.bytes[0];
     chip.bytes[..PAGE].fill(0xFF);
     let no_boot_block = EthernetError::NoBootBlock { address: 0 };
     assert_eq!(program(&mut chip, Area::Fallback), Err(no_boot_block));
-    chip.bytes[0] = boot_block;
+    open(&mut chip)
+        .unwrap()
+        .write_boot_block(|_, _| {})
+        .unwrap();
     chip.erased.clear();
     assert_eq!(program(&mut chip, Area::Fallback), Ok(()));
     assert_eq!(chip.erased, [0x1_0000]);
@@ -294,9 +349,14 @@ fn the_user_configuration_is_written_only_beside_a_fallback_unless_that_is_allow
         Ok(())
     );
     // A chip that has neither, as after loading over JTAG.
-    chip.bytes[PAGE..].fill(0xFF);
+    chip.bytes.fill(0xFF);
     let mut flash = open(&mut chip).unwrap();
     flash.without_fallback();
+    assert_eq!(
+        flash.check_configuration(&bitfile(&data), Area::User),
+        Ok(())
+    );
+    flash.write_boot_block(|_, _| {}).unwrap();
     let programmed = flash.program(&bitfile(&data), Area::User, |_, _| {});
     assert_eq!(programmed, Ok(()));
 }

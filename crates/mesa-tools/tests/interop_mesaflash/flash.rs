@@ -18,7 +18,7 @@ fn made_up(len: u32) -> Vec<u8> {
 
 /// The whole flash memory, from a backup by mesaflash.
 fn backed_up(board: &Board) -> Vec<u8> {
-    let backup = Scratch::new("backup.bin");
+    let backup = Scratch::new(&format!("backup-{}.bin", board.address()));
     let text = board.mesaflash(&["--backup-flash", backup.path()]);
     says(&text, "created successfully");
     let flash = fs::read(&backup.0).unwrap();
@@ -85,6 +85,60 @@ fn a_bitfile_is_written_verified_and_backed_up() {
     fs::write(&file.0, other).unwrap();
     let (good, text) = board.its_mesaflash().attempt(&["--write", file.path()]);
     assert!(!good && text.contains("wrong"), "{text}");
+}
+
+#[test]
+fn mesaflash_and_mesa_write_the_same_boot_block_and_refuse_the_same_others() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let address = board.address().to_string();
+    let file = Scratch::new("boot-block.bit");
+    fs::write(&file.0, made_up(508 * 256)).unwrap();
+    let put = |first: &[u8]| {
+        let mut bus = UdpBus::connect(board.board.address, UdpConfig::default()).unwrap();
+        let mut flash = ethernet::EthernetBoard::new(&mut bus)
+            .into_flash(FlashLayout::I7I97)
+            .unwrap();
+        flash.write(Area::BootBlock, 0, first, |_, _| {}).unwrap();
+    };
+    let write = ["flash", "write", file.path(), "--addr", &address, "--yes"];
+    let ours = |more: &[&str]| {
+        let mut command = Command::new(mesa());
+        let output = command.args([&write[..], more].concat()).output().unwrap();
+        output.status.success()
+    };
+    let theirs = |more: &[&str]| {
+        let arguments = [more, &["--write", file.path()]].concat();
+        let (good, text) = board.its_mesaflash().attempt(&arguments);
+        (good, text.contains("BootSector is invalid"))
+    };
+    let good = FlashLayout::I7I97.boot_page();
+    let with = |at: usize, byte: u8| {
+        let mut page = good;
+        page[at] = byte;
+        page
+    };
+    // Erased, leading elsewhere, and a difference at the last byte that is compared.
+    for bad in [[0xFF; 256], with(25, 0x08), with(63, 0x01)] {
+        put(&bad);
+        assert!(!ours(&[]), "mesa refuses it");
+        // mesaflash may give up before it asks for the boot block.
+        let refused = (0..20)
+            .map(|_| theirs(&[]))
+            .any(|(good, said)| !good && said);
+        assert!(refused, "mesaflash refuses it");
+        assert_eq!(backed_up(&board)[..256], bad, "neither has written");
+        assert!(ours(&["--fix-boot-block"]));
+        let by_us = backed_up(&board);
+        put(&bad);
+        board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+        assert!(backed_up(&board) == by_us, "the same memory");
+    }
+    // Behind the 64 bytes neither looks.
+    put(&with(64, 0xFF));
+    assert!(ours(&[]) && theirs(&[]).0);
 }
 
 #[test]

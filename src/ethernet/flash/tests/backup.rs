@@ -101,6 +101,18 @@ fn a_file_that_a_board_would_not_start_from_is_no_backup() {
     one[USER..USER + PAGE].fill(0xFF);
     assert_eq!(flash.check_backup(&one), Ok(()), "the fallback is enough");
     one[FALLBACK..FALLBACK + PAGE].fill(0xFF);
+    let mut other_boot = backup.clone();
+    other_boot[30] ^= 1;
+    assert_eq!(
+        flash.check_backup(&other_boot),
+        Ok(()),
+        "the chip may be so"
+    );
+    let error = flash.check_backup_boot_block(&other_boot);
+    assert!(matches!(
+        error,
+        Err(EthernetError::OtherBootBlock { address: 30, .. })
+    ));
     let address = USER as u32;
     let error = flash.check_backup(&one);
     assert_eq!(error, Err(EthernetError::NoUserConfiguration { address }));

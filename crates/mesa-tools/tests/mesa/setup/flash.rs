@@ -12,26 +12,26 @@ use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch, board::Board, wait_until};
 use crate::run::{Run, command, done, json, patient, run};
 
-const USER: usize = 0x10_0000;
-const FALLBACK: usize = 0x1_0000;
-const PART: &str = "6slx9tqg144";
+pub const USER: usize = 0x10_0000;
+pub const FALLBACK: usize = 0x1_0000;
+pub const PART: &str = "6slx9tqg144";
 
 /// A 7I97 at an address and port that mesaflash can reach.
-fn board() -> (Board, String) {
+pub fn board() -> (Board, String) {
     let address = free_address();
     let board = Board::start(address, &["--board", "7i97"]);
     erase(&board);
     (board, address.to_string())
 }
 
-fn file(name: &str, bytes: &[u8]) -> Scratch {
+pub fn file(name: &str, bytes: &[u8]) -> Scratch {
     let file = Scratch::new(name);
     fs::write(&file.0, bytes).expect("a scratch file");
     file
 }
 
 /// Writes an area as a JTAG programmer does.
-fn put(board: &Board, area: Area, data: &[u8]) {
+pub fn put(board: &Board, area: Area, data: &[u8]) {
     put_at(board, area, 0, data);
 }
 
@@ -53,12 +53,11 @@ fn erase(board: &Board) {
 
 /// Writes a boot block and a fallback, as in new boards: without them nothing is written.
 fn give_boot_block_and_fallback(board: &Board) {
-    for area in [Area::BootBlock, Area::Fallback] {
-        put(board, area, &configuration(300));
-    }
+    put(board, Area::BootBlock, &FlashLayout::I7I97.boot_page());
+    put(board, Area::Fallback, &configuration(300));
 }
 
-fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
+pub fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
     let file = Scratch::new(name);
     done(&["flash", "backup", file.path(), "--addr", address]);
     let bytes = fs::read(&file.0).expect("a backup");
@@ -147,14 +146,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
         again.err.contains("already exists; --yes replaces it"),
         "{again:?}"
     );
-    json(&[
-        "flash",
-        "backup",
-        kept.path(),
-        "--addr",
-        &address,
-        "--yes",
-    ]);
+    json(&["flash", "backup", kept.path(), "--addr", &address, "--yes"]);
 }
 
 #[test]
@@ -232,6 +224,7 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
     let (mut no_start, mut empty) = (before.clone(), before.clone());
     no_start[..256].fill(0xFF);
     empty[256..].fill(0xFF);
+    let multiboot = [&FlashLayout::I7I97.boot_page()[..], &data].concat();
     for (action, bytes, said) in [
         (
             "write",
@@ -255,6 +248,17 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
         ),
         ("write", whole[..2000].to_vec(), "is cut off"),
         ("write", b"#!/bin/sh\n".to_vec(), "not a bitfile"),
+        (
+            "write",
+            bitfile("7i97.ncd", PART, &multiboot),
+            "a multiboot file, not a standard one",
+        ),
+        ("write", multiboot, "a multiboot file, not a standard one"),
+        (
+            "write",
+            before.clone(),
+            "`mesa flash restore` writes it back",
+        ),
         ("restore", whole.clone(), "all of its 2097152 bytes"),
         ("restore", no_start, "the boot block at 0x000000 is erased"),
         ("restore", empty, "there is no user configuration"),
@@ -304,7 +308,7 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
 #[test]
 fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
     let (board, address) = board();
-    put(&board, Area::BootBlock, &configuration(300));
+    put(&board, Area::BootBlock, &FlashLayout::I7I97.boot_page());
     let good = file(
         "flash-alone.bit",
         &bitfile("7i97.ncd", PART, &configuration(3_000)),

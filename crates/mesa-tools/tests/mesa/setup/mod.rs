@@ -1,6 +1,7 @@
 //! Commands that set up a board or its remotes.
 
 mod flash;
+mod flash_boot_block;
 mod hal;
 mod ip;
 mod led;

@@ -10,6 +10,7 @@ use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetE
 use mesa_hal::transport::udp::UdpError;
 use serde::Serialize;
 
+use super::flash::layout_of_board;
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
 use crate::output::complain;
@@ -59,7 +60,7 @@ impl Reset {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let what = "restarts the network side of the board: it is silent for up to half a second, \
                     and comes back with the address that its jumpers select";
-        self.restart.run(context, "reset", what, |bus, _| {
+        self.restart.run(context, "reset", what, |bus| {
             Ok(EthernetBoard::new(bus).reset()?)
         })
     }
@@ -69,8 +70,8 @@ impl Reload {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let what = "makes the FPGA load its configuration again: all outputs go off, and every \
                     register is lost";
-        self.restart.run(context, "reload", what, |bus, identity| {
-            let layout = layout_of(identity)?;
+        self.restart.run(context, "reload", what, |bus| {
+            let layout = layout_of(bus)?;
             let (user, fallback) = (layout.user.0, layout.fallback.0);
             Ok(EthernetBoard::new(bus).reload(user, fallback)?)
         })
@@ -83,7 +84,7 @@ impl Restart {
         context: &Context,
         action: &'static str,
         what: &str,
-        restart: impl FnOnce(&mut Bus, &Identity) -> Result<(), Failure>,
+        restart: impl FnOnce(&mut Bus) -> Result<(), Failure>,
     ) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         let mut bus = found.open()?;
@@ -91,14 +92,14 @@ impl Restart {
         let identity = board.identity()?;
         let before = board.counters()?;
         let loads = match action {
-            "reload" => what_it_loads(&mut bus, &identity)?,
+            "reload" => what_it_loads(&mut bus)?,
             _ => "",
         };
         if !context.agrees(&self.target, &found, &format!("{what}{loads}"))? {
             return Ok(context.ending());
         }
         let begun = bus.now();
-        restart(&mut bus, &identity)?;
+        restart(&mut bus)?;
         complain(format_args!(
             "mesa: the {action} is sent; {}",
             outputs(action)
@@ -162,20 +163,16 @@ fn silent(found: &Found, identity: &Identity, waited: Duration, error: &UdpError
     ))
 }
 
-fn layout_of(identity: &Identity) -> Result<&'static FlashLayout, Failure> {
-    let card = &identity.card;
-    FlashLayout::for_card(card).ok_or_else(|| {
-        Failure::refused(format_args!(
-            "this is a {card}, whose flash memory has no known layout: switch the board off and on \
-             instead"
-        ))
+fn layout_of(bus: &mut Bus) -> Result<&'static FlashLayout, Failure> {
+    layout_of_board(bus).map_err(|why| {
+        Failure::refused(format_args!("{why}: switch the board off and on instead"))
     })
 }
 
 /// Warning about the configuration that the FPGA will load; empty for the user configuration. Fails
 /// if there is no configuration, because the board would not answer any more.
-fn what_it_loads(bus: &mut Bus, identity: &Identity) -> Result<&'static str, Failure> {
-    let layout = layout_of(identity)?;
+fn what_it_loads(bus: &mut Bus) -> Result<&'static str, Failure> {
+    let layout = layout_of(bus)?;
     let mut flash = EthernetBoard::new(bus).into_flash(*layout)?;
     if flash.begins(Area::User)? {
         return Ok("");

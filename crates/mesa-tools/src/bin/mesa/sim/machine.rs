@@ -10,7 +10,7 @@ use mesa_hal_sim::{
     remote::Cable,
 };
 
-use super::configuration::{boot_block, configuration};
+use super::configuration::configuration;
 pub use super::options::MachineOptions;
 use super::options::{Board, RemoteOption};
 use super::plan::Plan;
@@ -95,7 +95,7 @@ impl Machine {
             return;
         };
         for (area, bytes) in [
-            (Area::BootBlock, boot_block(layout)),
+            (Area::BootBlock, layout.boot_page().to_vec()),
             (Area::Fallback, configuration(1)),
             (Area::User, configuration(2)),
         ] {

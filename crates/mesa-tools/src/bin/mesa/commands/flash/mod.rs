@@ -1,14 +1,16 @@
 //! `mesa flash`: flash memory with the FPGA's configurations.
 
+mod layout;
 mod progress;
 mod report;
 mod restore;
+mod write;
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip};
+use mesa_hal::ethernet::{Area, Bitfile, BitfileError, EthernetBoard, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
 use crate::consent::Asks;
@@ -17,9 +19,12 @@ use crate::files;
 use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found, Target};
-use progress::{Bar, Progress};
+use progress::Bar;
 use report::{About, Name, Report, Written};
 use restore::Restore;
+use write::Write;
+
+pub use layout::of_board as layout_of_board;
 
 const AFTER_HELP: &str = "\
 The FPGA keeps running the configuration that it has loaded; `mesa reload` makes it load the one in
@@ -70,24 +75,6 @@ struct Backup {
     file: PathBuf,
     #[command(flatten)]
     asks: Asks,
-}
-
-/// Write a configuration and verify it
-///
-/// Refused before anything is erased: a file for another board or FPGA, as far as its header shows,
-/// a damaged file, a memory without a boot block, the user area if there is no fallback to start
-/// from, and the fallback if there is no user configuration. Ctrl-C does not interrupt the write.
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  mesa flash write 7i97_7i77.bit --addr 10.10.10.10 --dry-run")]
-struct Write {
-    #[command(flatten)]
-    change: Change,
-    /// Bitfile (.bit) of the board's firmware
-    file: PathBuf,
-    /// Write the fallback, which the FPGA loads if the user configuration is damaged, instead of
-    /// the user configuration
-    #[arg(long)]
-    fallback: bool,
 }
 
 /// Compare the memory with a bitfile, or with a backup of the whole
@@ -141,45 +128,6 @@ impl Backup {
     }
 }
 
-impl Write {
-    fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let bytes = files::read(&self.file, LONGEST)?;
-        let bitfile = parse(&self.file, &bytes)?;
-        let found = self.change.target.find()?;
-        let mut bus = found.open()?;
-        let mut flash = self.change.open(&mut bus, &found)?;
-        let layout = *flash.layout();
-        let dry_run = self.change.target.dry_run;
-        let area = area(self.fallback);
-        flash.check_program(&bitfile, area)?;
-        let written = written(&layout, area, &bitfile);
-        let report = Report {
-            bitfile: Some(About::of(&bitfile)),
-            areas: vec![written],
-            dry_run,
-            ..Report::new("write", &layout, &self.file)
-        };
-        if !dry_run {
-            let is_alone = is_alone(&mut flash, &report.areas)?;
-            let what = format!(
-                "{}: erases and writes {written} of the flash memory: {}{}",
-                found.address,
-                About::of(&bitfile),
-                risk(is_alone)
-            );
-            self.change
-                .target
-                .asks
-                .consent(context, &what, Some(&found))?;
-            let mut progress = Progress::of_write(context, written, is_alone);
-            let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
-            progress.ended(done)?;
-        }
-        context.print(&report)?;
-        Ok(context.ending())
-    }
-}
-
 impl Verify {
     fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let bytes = files::read(&self.file, LONGEST)?;
@@ -216,6 +164,8 @@ impl Verify {
         } else {
             let bitfile = parse(&self.file, &bytes)?;
             let area = area(self.fallback);
+            // As by mesaflash: without a valid boot block the FPGA loads neither configuration.
+            flash.check_boot_block()?;
             let progress = Bar::new("verify", bitfile.configuration.len() as u64);
             flash.verify(&bitfile, area, |_, done| progress.at(done as u64))?;
             progress.end();
@@ -257,21 +207,31 @@ fn risk(is_alone: bool) -> &'static str {
 
 /// Opens the flash memory of a board; fails if its layout is not known.
 fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
-    let mut board = EthernetBoard::new(bus);
-    let card = board.identity()?.card;
-    let layout = FlashLayout::for_card(&card).ok_or_else(|| {
+    let layout = layout::of_board(bus).map_err(|why| {
         Failure::refused(format_args!(
-            "{}: this is a {card}, whose flash memory has no known layout, so nothing is read or \
-             written: use mesaflash",
+            "{}: {why}, so nothing is read or written: use mesaflash",
             found.address
         ))
     })?;
-    Ok(board.into_flash(*layout)?)
+    Ok(EthernetBoard::new(bus).into_flash(*layout)?)
 }
 
+/// Parses a bitfile. A backup of a whole memory is named as such.
 fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Bitfile<'a>, Failure> {
-    Bitfile::parse(bytes)
-        .map_err(|error| Failure::refused(format_args!("{}: {}", path.display(), told(&error))))
+    Bitfile::parse(bytes).map_err(|error| {
+        let (path, len) = (path.display(), bytes.len());
+        let is_image = matches!(
+            error,
+            BitfileError::NoMark | BitfileError::Multiboot { .. }
+        );
+        if is_image && layout::is_whole(len) {
+            return Failure::refused(format_args!(
+                "{path}: not a bitfile: its {len} bytes are a backup of a whole memory; `mesa flash \
+                 restore` writes it back, `mesa flash verify` without --fallback compares it"
+            ));
+        }
+        Failure::refused(format_args!("{path}: {}", told(&error)))
+    })
 }
 
 fn area(fallback: bool) -> Area {

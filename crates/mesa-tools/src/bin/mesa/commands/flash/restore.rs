@@ -57,6 +57,12 @@ impl Restore {
         };
         let areas: Vec<Written> = differences.iter().map(Written::of).collect();
         self.check_flags(&areas)?;
+        if areas
+            .iter()
+            .any(|written| written.area == Some(Name::BootBlock))
+        {
+            flash.check_backup_boot_block(&backup)?;
+        }
         if let Some(first) = differences.first() {
             flash.check_restore(&backup, first)?;
         }

@@ -1,0 +1,40 @@
+//! Layout of a board's flash memory, if it is known.
+
+use mesa_hal::boards::{BoardTable, FlashLayout};
+use mesa_hal::ethernet::{EthernetBoard, Identity};
+use mesa_hal::hostmot2::HostMot2;
+
+use crate::context::told;
+use crate::link::Bus;
+
+/// Size of an Efinix T20 in an IDROM, in kgates. The boards with a known layout have an XC6SLX9: 9.
+const EFINIX_T20: u32 = 20;
+
+/// The layout of a board's memory; else the reason why there is none. Changes nothing on the board.
+pub fn of_board(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
+    let identity = EthernetBoard::new(bus).identity();
+    let Identity { card, .. } = identity.map_err(|error| told(&error))?;
+    // A T board can have the name of the board that it replaces.
+    let size = HostMot2::identify(bus).map(|firmware| firmware.idrom.fpga_size);
+    if is_t_board(&card) || size.is_ok_and(|size| size == EFINIX_T20) {
+        return Err(format!(
+            "this is a {card}, a T board: its FPGA is an Efinix, which loads .bin files, and the layout \
+             of its flash memory is not known"
+        ));
+    }
+    FlashLayout::for_card(&card)
+        .ok_or_else(|| format!("this is a {card}, whose flash memory has no known layout"))
+}
+
+/// True if a file of this length can be a backup of a whole memory.
+pub fn is_whole(len: usize) -> bool {
+    let mut layouts = BoardTable::KNOWN
+        .into_iter()
+        .filter_map(|board| board.flash);
+    layouts.any(|layout| layout.size as usize == len)
+}
+
+/// True for the name of a board with an Efinix FPGA: 7I92T, 7I95T, 7I97T, 7I80HDT, and the 7I96S.
+fn is_t_board(card: &str) -> bool {
+    card == "7I96S" || card.len() > 4 && card.ends_with('T')
+}
