@@ -109,6 +109,16 @@ impl Found {
         self
     }
 
+    /// The same board at another IP address; `None` for an embedded simulated one, which has none.
+    pub fn moved_to(&self, ip: Ipv4Addr) -> Option<Self> {
+        let is_real = self.simulated.is_none();
+        is_real.then(|| Self {
+            address: SocketAddrV4::new(ip, self.address.port()),
+            who: self.who.clone(),
+            simulated: None,
+        })
+    }
+
     /// A link to the board. Nothing is sent.
     pub fn link(&self) -> io::Result<BoardLink> {
         match &self.simulated {

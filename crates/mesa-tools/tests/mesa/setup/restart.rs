@@ -1,13 +1,16 @@
 //! `mesa reset` and `mesa reload`.
 
 use std::net::{Ipv4Addr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, EthernetBoard};
 use mesa_hal::transport::udp::UdpBus;
 
+use crate::interop::mesaflash::free_address;
 use crate::interop::{PATIENCE, Process, board::Board};
 use crate::run::{Run, command, done, json, patient, run};
 
@@ -172,4 +175,76 @@ fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
     assert!(ended.err.contains("outputs stay as they are"), "{ended:?}");
     let run = run(&["reset", "--addr", &address, "--wait", "61"]);
     assert!(run.code == Some(2) && run.err.contains("1..=60"), "{run:?}");
+}
+
+/// A board that has its old address until it is reset, and another one from then on.
+fn moving(board: &Board, next: Ipv4Addr) -> String {
+    let old = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    let address = old.local_addr().expect("an address");
+    let new = UdpSocket::bind((next, address.port())).expect("the same port");
+    let behind = board.address;
+    let is_moved = Arc::new(AtomicBool::new(false));
+    for (face, is_new) in [(old, false), (new, true)] {
+        let is_moved = Arc::clone(&is_moved);
+        std::thread::spawn(move || {
+            let mut buffer = [0; 2048];
+            let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+            board.connect(behind).expect("the board");
+            let patience = Some(Duration::from_millis(200));
+            board.set_read_timeout(patience).expect("a timeout");
+            while let Ok((len, from)) = face.recv_from(&mut buffer) {
+                if is_moved.load(Ordering::SeqCst) != is_new {
+                    continue;
+                }
+                let packet = &buffer[..len];
+                let is_reset = packet.starts_with(RESET);
+                let _ = board.send(packet);
+                if is_reset {
+                    is_moved.store(true, Ordering::SeqCst);
+                } else if let Ok(len) = board.recv(&mut buffer) {
+                    let _ = face.send_to(&buffer[..len], from);
+                }
+            }
+        });
+    }
+    address.to_string()
+}
+
+#[test]
+fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
+    let (board, _) = board();
+    let next = free_address();
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
+    let mut ethernet = EthernetBoard::new(&mut bus);
+    ethernet.set_eeprom_ip(next).expect("it is written");
+    drop(bus);
+    let address = moving(&board, next);
+    let said = format!("It will be at {next}: from EEPROM (W16 down, W17 up)");
+    let asked = run(&["reset", "--addr", &address]);
+    assert!(asked.err.contains(&said), "{asked:?}");
+    let reset = run(&["--json", "reset", "--addr", &address, "--yes"]);
+    assert_eq!(reset.code, Some(0), "{reset:?}");
+    assert!(reset.err.contains(&said), "{reset:?}");
+    let port = address.rsplit_once(':').expect("a port").1;
+    assert!(
+        reset.out.contains(&format!("\"{next}:{port}\"")),
+        "{reset:?}"
+    );
+    assert_eq!(board.stop("TERM")["board.resets"], "1");
+}
+
+#[test]
+fn a_board_that_is_at_neither_address_is_missed_at_both() {
+    let (board, _) = board();
+    let next = free_address();
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
+    let mut ethernet = EthernetBoard::new(&mut bus);
+    ethernet.set_eeprom_ip(next).expect("it is written");
+    drop(bus);
+    let Between { address, .. } = between(&board, RESET, true);
+    let gone = run(&["reset", "--addr", &address, "--yes", "--wait", "1"]);
+    assert_eq!(gone.code, Some(1), "{gone:?}");
+    for said in ["does not answer again", &format!("nor at {next}")] {
+        assert!(gone.err.contains(said), "{said}: {gone:?}");
+    }
 }

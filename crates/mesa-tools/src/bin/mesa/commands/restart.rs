@@ -1,11 +1,13 @@
 //! `mesa reset` and `mesa reload`: restart of a board.
 
 use std::fmt::{self, Display};
+use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::Clock;
 use mesa_hal::boards::FlashLayout;
+use mesa_hal::bus::Instant;
 use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetError, Identity};
 use mesa_hal::transport::udp::UdpError;
 use serde::Serialize;
@@ -18,8 +20,8 @@ use crate::target::{ChangedTarget, Found};
 
 /// Restart the network side of a board
 ///
-/// The board comes back with the address that its jumpers select. The FPGA keeps its registers; a
-/// program that drives the board loses it for up to half a second.
+/// The board comes back with the address that its jumpers select, which is waited for there. The
+/// FPGA keeps its registers; a program that drives the board loses it for up to half a second.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa reset --addr 10.10.10.10")]
 pub struct Reset {
@@ -52,8 +54,22 @@ struct Restart {
 struct Restarted {
     board: String,
     action: &'static str,
+    /// Address at which it answers.
+    address: SocketAddrV4,
     /// Time from the command to the first answer.
     answered_after_s: f64,
+}
+
+/// A board that restarts.
+struct Restarting<'a> {
+    action: &'static str,
+    found: &'a Found,
+    /// The board before the restart.
+    identity: &'a Identity,
+    /// The board at the address that its jumpers select, if that is another one.
+    moved: Option<Found>,
+    before: Counters,
+    limit: Duration,
 }
 
 impl Reset {
@@ -95,36 +111,117 @@ impl Restart {
             "reload" => what_it_loads(&mut bus)?,
             _ => "",
         };
-        if !context.agrees(&self.target, &found, &format!("{what}{loads}"))? {
+        let moved = next_address(&identity).filter(|ip| ip != found.address.ip());
+        let restarting = Restarting {
+            action,
+            found: &found,
+            identity: &identity,
+            moved: moved.and_then(|ip| found.moved_to(ip)),
+            before,
+            limit: Duration::from_secs(self.wait),
+        };
+        let place = restarting.place();
+        if !context.agrees(&self.target, &found, &format!("{what}{loads}{place}"))? {
             return Ok(context.ending());
         }
         let begun = bus.now();
         restart(&mut bus)?;
         complain(format_args!(
-            "mesa: the {action} is sent; {}",
+            "mesa: the {action} is sent; {}{place}",
             outputs(action)
         ));
-        let limit = Duration::from_secs(self.wait);
-        while let Some(error) = not_back(&mut bus, &before)? {
+        if let Some(address) = restarting.wait(context, &mut bus, begun)? {
+            context.print(&Restarted {
+                board: identity.card.clone(),
+                action,
+                address,
+                answered_after_s: bus.now().since(begun).as_secs_f64(),
+            })?;
+        }
+        Ok(context.ending())
+    }
+}
+
+impl Restarting<'_> {
+    /// The address that the board will have, as a sentence, if that is another one.
+    fn place(&self) -> String {
+        let Some(moved) = &self.moved else {
+            return String::new();
+        };
+        let from = self.identity.address_from.of_card(&self.identity.card);
+        format!(". It will be at {}: {from}", moved.address.ip())
+    }
+
+    /// Waits until the board answers; returns its address, or `None` after a signal.
+    fn wait(
+        &self,
+        context: &Context,
+        bus: &mut Bus,
+        begun: Instant,
+    ) -> Result<Option<SocketAddrV4>, Failure> {
+        loop {
+            let error = match self.answers(bus)? {
+                Ok(address) => return Ok(Some(address)),
+                Err(error) => error,
+            };
             let waited = bus.now().since(begun);
-            if waited > limit {
-                return Err(silent(&found, &identity, waited, &error));
+            if waited > self.limit {
+                return Err(self.silent(waited, &error));
             }
             if let Some(signal) = context.stop.signal() {
+                let action = self.action;
                 complain(format_args!(
                     "mesa: ended by {signal} before the board has answered; the {action} is sent and \
                      cannot be taken back; {}. `mesa info` shows whether the board is back",
                     outputs(action)
                 ));
-                return Ok(context.ending());
+                return Ok(None);
             }
         }
-        context.print(&Restarted {
-            board: identity.card,
-            action,
-            answered_after_s: bus.now().since(begun).as_secs_f64(),
-        })?;
-        Ok(context.ending())
+    }
+
+    /// The address at which the board answers again; else the reason why it does not.
+    fn answers(&self, bus: &mut Bus) -> Result<Result<SocketAddrV4, String>, Failure> {
+        let Some(error) = not_back(bus, &self.before)? else {
+            return Ok(Ok(self.found.address));
+        };
+        let Some(moved) = &self.moved else {
+            return Ok(Err(told(&error)));
+        };
+        let mut bus = match moved.open() {
+            Ok(bus) => bus,
+            Err(error) => return Ok(Err(error.to_string())),
+        };
+        Ok(match not_back(&mut bus, &self.before)? {
+            Some(error) => Err(told(&error)),
+            None => Ok(moved.address),
+        })
+    }
+
+    /// Error for a board that does not answer again, with its possible addresses.
+    fn silent(&self, waited: Duration, error: &str) -> Failure {
+        let fixed = AddressSource::FIXED;
+        let also = self
+            .moved
+            .as_ref()
+            .map_or_else(String::new, |moved| format!(", nor at {}", moved.address));
+        Failure::refused(format_args!(
+            "{}: does not answer again within {:.1} s{also}: {error}. By its jumpers it may be at {} (from \
+             the EEPROM) or {fixed} (fixed) now; this computer needs an address in the same network",
+            self.found.address,
+            waited.as_secs_f64(),
+            self.identity.eeprom_ip
+        ))
+    }
+}
+
+/// The address of a board after its restart, as its jumpers select it; `None` if a server gives it
+/// one.
+fn next_address(identity: &Identity) -> Option<Ipv4Addr> {
+    match identity.address_from {
+        AddressSource::Eeprom => Some(identity.eeprom_ip),
+        AddressSource::Fixed | AddressSource::Fallback => Some(AddressSource::FIXED),
+        _ => None,
     }
 }
 
@@ -150,23 +247,9 @@ fn outputs(action: &str) -> &'static str {
     }
 }
 
-/// Error for a board that does not answer again, with its possible addresses.
-fn silent(found: &Found, identity: &Identity, waited: Duration, error: &UdpError) -> Failure {
-    let fixed = AddressSource::FIXED;
-    Failure::refused(format_args!(
-        "{}: does not answer again within {:.1} s: {}. By its jumpers it may be at {} (from the \
-         EEPROM) or {fixed} (fixed) now",
-        found.address,
-        waited.as_secs_f64(),
-        told(error),
-        identity.eeprom_ip
-    ))
-}
-
 fn layout_of(bus: &mut Bus) -> Result<&'static FlashLayout, Failure> {
-    layout_of_board(bus).map_err(|why| {
-        Failure::refused(format_args!("{why}: switch the board off and on instead"))
-    })
+    layout_of_board(bus)
+        .map_err(|why| Failure::refused(format_args!("{why}: switch the board off and on instead")))
 }
 
 /// Warning about the configuration that the FPGA will load; empty for the user configuration. Fails
@@ -194,8 +277,8 @@ impl Display for Restarted {
         let after = self.answered_after_s;
         writeln!(
             f,
-            "{}: {} done, it answers again after {after:.1} s",
-            self.board, self.action
+            "{}: {} done, it answers again after {after:.1} s at {}",
+            self.board, self.action, self.address
         )
     }
 }
