@@ -13,6 +13,9 @@
 )]
 
 pub mod advice;
+mod counted;
 pub mod diagnosis;
 pub mod inventory;
 pub mod setup;
+
+pub use counted::Counted;

@@ -167,6 +167,7 @@ pub struct SimFlash {
     busy_until: Nanos,
     changes: u64,
     is_hidden: bool,
+    repeats: bool,
     stuck: Option<usize>,
 }
 
@@ -189,6 +190,7 @@ impl SimFlash {
             busy_until: 0,
             changes: 0,
             is_hidden: false,
+            repeats: false,
             stuck: None,
         }
     }
@@ -196,6 +198,22 @@ impl SimFlash {
     /// Hides the flash from reads of the line: the behaviour of real remotes is unknown.
     pub const fn hide(&mut self, hidden: bool) {
         self.is_hidden = hidden;
+    }
+
+    /// Makes the cells appear again behind their end, as where high address bits are not decoded.
+    /// Otherwise an access behind the end has an invalid address: the behaviour of real remotes is
+    /// unknown.
+    pub const fn repeat(&mut self, repeats: bool) {
+        self.repeats = repeats;
+    }
+
+    /// The cell at an offset.
+    const fn at(&self, offset: usize) -> usize {
+        if self.repeats {
+            offset % self.cells.len()
+        } else {
+            offset
+        }
     }
 
     /// Makes the cell at `offset` worn out from now on: it keeps its value.
@@ -242,7 +260,7 @@ impl SimFlash {
                 if self.is_hidden {
                     return Ok(0);
                 }
-                let at = self.offset as usize + usize::from(address);
+                let at = self.at(self.offset as usize + usize::from(address));
                 self.cells.get(at).copied().ok_or(error)
             }
             _ => {
@@ -277,7 +295,7 @@ impl SimFlash {
             flash::COMMIT_WRITE => (self.log2_write, PROGRAM_TIME),
             _ => return None,
         };
-        let start = (self.offset as usize >> log2) << log2;
+        let start = (self.at(self.offset as usize) >> log2) << log2;
         let range = start..start + (1 << log2);
         let block = self.cells.get_mut(range.clone())?;
         for (before, cell) in self.before.iter_mut().zip(block.iter()) {

@@ -158,10 +158,30 @@ impl<P: Read + Write> SerialHost<P> {
         }
     }
 
+    /// Sends any request once, and returns the data of its reply. It is not repeated, because some
+    /// have another effect the second time, as an access with
+    /// [`auto_increment`](mesa_hal::lbp::MemoryAddress::auto_increment).
+    ///
+    /// # Errors
+    /// [`SerialError`].
+    pub fn request(&mut self, request: &Request) -> Result<Vec<u8>, SerialError> {
+        let command = request.as_bytes().first().copied().unwrap_or(0);
+        self.ask_times(1, SerialRequest::Command(command), request)
+    }
+
     /// Sends a request until a valid reply arrives, at most `ATTEMPTS` times.
     fn ask(&mut self, asked: SerialRequest, request: &Request) -> Result<Vec<u8>, SerialError> {
+        self.ask_times(ATTEMPTS, asked, request)
+    }
+
+    fn ask_times(
+        &mut self,
+        attempts: u8,
+        asked: SerialRequest,
+        request: &Request,
+    ) -> Result<Vec<u8>, SerialError> {
         let mut wrong = None;
-        for _ in 0..ATTEMPTS {
+        for _ in 0..attempts {
             self.port.write_all(request.as_bytes())?;
             self.port.flush()?;
             let reply = self.reply(request.reply_len())?;
@@ -172,7 +192,6 @@ impl<P: Read + Write> SerialHost<P> {
             }
             self.become_quiet()?;
         }
-        let attempts = ATTEMPTS;
         Err(match wrong {
             None => SerialError::NoReply { asked, attempts },
             Some(source) => SerialError::Damaged {

@@ -3,6 +3,7 @@
 use core::fmt;
 use std::io;
 
+use crate::counted::Counted;
 use mesa_hal::lbp::{LbpError, RemoteAccess};
 
 /// Error of an operation over a serial port.
@@ -17,10 +18,11 @@ pub enum SerialError {
     Port(#[from] io::Error),
     /// No character arrived.
     #[error(
-        "{asked}: no answer, asked {attempts} times; check in this order: the card has power; it is in \
+        "{asked}: no answer, asked {}; check in this order: the card has power; it is in \
          setup mode (7I77: W12 for field I/O, W4 for analog, to the right; 7I72: W6 down), and was \
          switched off and on since; this port has the card's baud rate (115200 in setup mode); RX and \
-         TX are not swapped, and the adapter is RS-422"
+         TX are not swapped, and the adapter is RS-422",
+        Counted(u64::from(*attempts), "time")
     )]
     NoReply {
         /// The request.
@@ -30,8 +32,9 @@ pub enum SerialError {
     },
     /// Characters arrived, but no valid reply.
     #[error(
-        "{asked}: what answers is damaged, asked {attempts} times ({source}); the baud rate is another \
-         one than the card's (115200 in setup mode, whatever NVBaudRate says), or the cable is bad"
+        "{asked}: what answers is damaged, asked {} ({source}); the baud rate is another \
+         one than the card's (115200 in setup mode, whatever NVBaudRate says), or the cable is bad",
+        Counted(u64::from(*attempts), "time")
     )]
     Damaged {
         /// The request.
@@ -84,6 +87,8 @@ pub enum SerialRequest {
     Access(RemoteAccess),
     /// A remote procedure call, by its command byte.
     Rpc(u8),
+    /// Another request, by its command byte.
+    Command(u8),
 }
 
 impl fmt::Display for SerialRequest {
@@ -91,6 +96,7 @@ impl fmt::Display for SerialRequest {
         match self {
             Self::Access(access) => access.fmt(f),
             Self::Rpc(command) => write!(f, "remote procedure call {command:02X}"),
+            Self::Command(command) => write!(f, "command {command:02X}"),
         }
     }
 }

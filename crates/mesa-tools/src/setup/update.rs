@@ -10,9 +10,12 @@
 //!
 //! FACTS 1.6, including the points that are not confirmed on hardware.
 
+mod extent;
+
 use core::error::Error;
 
 use super::{FirmwareFile, SerialError};
+use crate::counted::Counted;
 use mesa_hal::Advice;
 use mesa_hal::bus::BusError;
 use mesa_hal::lbp::flash;
@@ -54,14 +57,26 @@ pub enum UpdateError<E: Error + 'static> {
     },
     /// The file contains nothing to write.
     #[error(
-        "the file has {file} bytes, and the first {erase} of the flash memory are the bootloader's, \
-         which is not written: it is no firmware for this card"
+        "the file has {}, and the first {erase} of the flash memory are the bootloader's, which is not \
+         written: it is no firmware for this card",
+        Counted::of(*file, "byte")
     )]
     TooShort {
         /// Length of the file.
         file: usize,
         /// Size of a block.
         erase: u32,
+    },
+    /// The file is longer than the flash memory.
+    #[error(
+        "the file has {file} bytes, and the flash memory of this card ends after {flash}: it is for \
+         another card, or for a later version of it; nothing was erased"
+    )]
+    TooLong {
+        /// Length of the file.
+        file: usize,
+        /// Offset of the first block that the memory does not have.
+        flash: u32,
     },
     /// The contents of the flash memory are not visible.
     #[error(
@@ -219,6 +234,7 @@ impl UpdatePlan {
             return Err(UpdateError::TooShort { file, erase });
         }
         plan.is_readable = plan.shows_flash(link)?;
+        plan.check_fits(link, file)?;
         let offsets = (1..).map(|block| block * erase);
         for offset in offsets.take_while(|&offset| (offset as usize) < file) {
             // All-zero blocks are skipped, as by setsserial; erased or written memory does not
@@ -395,47 +411,6 @@ impl UpdatePlan {
     /// Offsets of the pages in a block.
     fn pages(&self) -> impl Iterator<Item = u32> + use<> {
         (0..self.erase_size).step_by(self.write_size as usize)
-    }
-
-    /// True if reads show the flash memory: the data then differ between pages. The bootloader's
-    /// block, which is never empty, is read first.
-    fn shows_flash<L: RemoteLink>(&self, link: &mut L) -> Result<bool, L::Error> {
-        let mut first = None;
-        for block in [0, self.erase_size] {
-            for page in self.pages().take(SAMPLES as usize) {
-                set_offset(link, block + page)?;
-                let read = read_double(link, 0)?;
-                if *first.get_or_insert(read) != read {
-                    return Ok(true);
-                }
-            }
-        }
-        Ok(false)
-    }
-}
-
-/// Contents of erased memory.
-const ERASED: u64 = u64::MAX;
-
-impl UpdatePlan {
-    /// Offset of the first data behind the end of a file of `file` bytes.
-    fn behind_end<L: RemoteLink>(&self, link: &mut L, file: u32) -> Result<Option<u32>, L::Error> {
-        let begin = file.next_multiple_of(self.write_size);
-        let end = file.next_multiple_of(self.erase_size) + self.erase_size;
-        set_offset(link, 0)?;
-        let first = read_double(link, 0)?;
-        for offset in (begin..end).step_by(self.write_size as usize) {
-            set_offset(link, offset)?;
-            let read = read_double(link, 0)?;
-            // Behind its end the memory may wrap around to its beginning.
-            if offset % self.erase_size == 0 && read == first {
-                break;
-            }
-            if read != ERASED {
-                return Ok(Some(offset));
-            }
-        }
-        Ok(None)
     }
 }
 

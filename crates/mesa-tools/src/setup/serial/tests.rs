@@ -6,16 +6,17 @@ use std::io;
 use super::*;
 use crate::setup::FirmwareFile;
 use crate::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
-use mesa_hal_sim::devices::{FieldIo, SimDevice};
-use mesa_hal_sim::remote::firmware_file;
+use mesa_hal::lbp::{AccessSize, MemoryAddress};
+use mesa_hal_sim::devices::{Device, FieldIo, Outputs48, SimDevice, World};
+use mesa_hal_sim::remote::{SimRemote, firmware_file};
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 /// Bits of 115200 baud.
 const BIT: Nanos = 8_681;
 
 /// A serial line with a remote behind it.
-struct Line {
-    remote: mesa_hal_sim::remote::SimRemote<mesa_hal_sim::devices::Device<FieldIo>>,
+struct Line<W: World = FieldIo> {
+    remote: SimRemote<Device<W>>,
     now: Nanos,
     /// Characters that have arrived and were not read.
     waiting: VecDeque<u8>,
@@ -25,7 +26,12 @@ struct Line {
 
 impl Line {
     fn new() -> Self {
-        let mut remote = FieldIo::i7i77().unwrap();
+        Self::to(FieldIo::i7i77().unwrap())
+    }
+}
+
+impl<W: World> Line<W> {
+    fn to(mut remote: SimRemote<Device<W>>) -> Self {
         SimDevice::set_setup_jumper(&mut remote, 0, true);
         Self {
             remote,
@@ -42,7 +48,7 @@ impl Line {
     }
 }
 
-impl Write for Line {
+impl<W: World> Write for Line<W> {
     fn write(&mut self, data: &[u8]) -> io::Result<usize> {
         match &mut self.cut {
             Some(0) => self.remote.set_power(self.now, false),
@@ -67,7 +73,7 @@ impl Write for Line {
     }
 }
 
-impl Read for Line {
+impl<W: World> Read for Line<W> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.waiting.is_empty() {
             return Err(ErrorKind::TimedOut.into());
@@ -77,7 +83,7 @@ impl Read for Line {
 }
 
 /// A host with short timeouts: the simulated remote replies at once or never.
-fn host_on(line: Line) -> SerialHost<Line> {
+fn host_on<W: World>(line: Line<W>) -> SerialHost<Line<W>> {
     SerialHost {
         reply: Duration::from_millis(5),
         quiet: Duration::from_millis(2),
@@ -260,6 +266,60 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
     line.remote.take_flash();
     let refused = UpdatePlan::make(&mut host_on(line), &firmware, &mut never);
     assert!(matches!(refused, Err(UpdateError::Sizes { .. })));
+}
+
+/// The simulated card has 0x8000 bytes of flash memory.
+#[test]
+fn a_file_that_is_longer_than_the_flash_memory_is_refused_before_anything_is_erased() {
+    for repeats in [false, true] {
+        let mut host = host_on(Line::new());
+        host.port.remote.flash_mut().unwrap().repeat(repeats);
+        let before = host.port.remote.flash().unwrap().cells().to_vec();
+        for body in [0x7000 - 19, 0x8000, 0x1_2345] {
+            let firmware = file(26, body);
+            let refused = UpdatePlan::make(&mut host, &firmware, &mut never);
+            let Err(UpdateError::TooLong { file, flash }) = refused else {
+                panic!("{body:#X}, repeats {repeats}: {refused:?}");
+            };
+            assert_eq!((file, flash), (firmware.bytes().len(), 0x8000));
+        }
+        let flash = host.port.remote.flash().unwrap();
+        assert!(flash.changes() == 0 && flash.cells() == before);
+        // One that fills it to the last byte.
+        let firmware = file(27, 0x7000 - 20);
+        let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
+        assert_eq!(plan.behind_end, None);
+        plan.carry_out(&mut host, &firmware, true, &mut never)
+            .unwrap();
+        host.port.power_cycle();
+        assert_eq!(host.port.remote.revision(), 27);
+    }
+}
+
+/// Manual: 7I77, "EXAMPLE LBP COMMANDS". The six bytes at 0x10 are the outputs of a 7I72.
+#[test]
+fn the_remote_follows_the_examples_of_the_manual() {
+    let mut host = host_on(Line::to(Outputs48::i7i72().unwrap()));
+    let at = MemoryAddress::at(0x10);
+    let write = Request::write(at.auto_increment(), AccessSize::Long, 0xDDCC_BBAA);
+    assert!(host.request(&write).unwrap().is_empty());
+    let write = Request::write(MemoryAddress::CURRENT, AccessSize::Word, 0xFFEE);
+    assert!(host.request(&write).unwrap().is_empty());
+    let read = host
+        .request(&Request::read(at, AccessSize::Double))
+        .unwrap();
+    assert_eq!(read[..6], [0xAA, 0xBB, 0xCC, 0xDD, 0xEE, 0xFF]);
+    // The current address was not moved by the last write, nor by this read.
+    let next = Request::read(MemoryAddress::CURRENT.auto_increment(), AccessSize::Byte);
+    assert_eq!(host.request(&next).unwrap(), [0xAA]);
+    assert_eq!(host.request(&next).unwrap(), [0xBB]);
+    // A request whose repetition would read the next address is not repeated.
+    host.port.remote.inject().drop = 1;
+    let lost = host.request(&next).unwrap_err();
+    assert!(
+        matches!(lost, SerialError::NoReply { attempts: 1, .. }),
+        "{lost}"
+    );
 }
 
 #[test]

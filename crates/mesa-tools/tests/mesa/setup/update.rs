@@ -194,12 +194,18 @@ fn what_is_not_for_this_card_is_refused_before_anything_is_erased() {
     let other = file("7I72-other.BIN", *b"7I72", 40, 3000);
     let short = file("7I77-short.BIN", *b"7I77", 40, 3000);
     fs::write(short.path(), [1; 100]).unwrap();
+    let long = file("7I77-long.BIN", *b"7I77", 40, 0x8000);
     let at = ["--serial", &card.path, "--yes"];
     for (arguments, code, said) in [
         (["7i77", other.path()], 1, "for a 7I72"),
         (["7i72", own.path()], 1, "for a 7I77"),
         (["7i72", other.path()], 1, "this is a 7I77"),
         (["7i77", short.path()], 1, "no firmware for this card"),
+        (
+            ["7i77", long.path()],
+            1,
+            "the file has 36884 bytes, and the flash memory of this card ends after 32768",
+        ),
         (["7i77", "/nowhere/7I77.BIN"], 2, "/nowhere/7I77.BIN"),
         (["7i77x", own.path()], 2, "four characters"),
     ] {

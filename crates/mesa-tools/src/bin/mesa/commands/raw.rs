@@ -7,6 +7,7 @@ use clap::Args;
 use mesa_hal::Rounded;
 use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
 use mesa_hal::transport::udp::PacketLink;
+use mesa_tools::Counted;
 use serde::Serialize;
 
 use crate::consent::Asks;
@@ -124,8 +125,9 @@ impl Raw {
         let ending = self.print(context, &request, Some(reply), lines(reply)?)?;
         if len != expected {
             return Err(Failure::refused(format_args!(
-                "the reply has {len} bytes, expected {expected}; `mesa info` shows the errors that \
-                 the board has counted"
+                "the reply has {}, expected {expected}; `mesa info` shows the errors that the board \
+                 has counted",
+                Counted::of(len, "byte")
             )));
         }
         Ok(ending)

@@ -10,6 +10,7 @@ use mesa_hal::boards::i7i77;
 use mesa_hal::driver::{RemoteConfig, SerialConfig};
 use mesa_hal::sslbp::{RemoteName, StartedRemote};
 use mesa_hal::{Board, DriverError, Settings};
+use mesa_tools::Counted;
 use mesa_tools::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
 use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
@@ -330,11 +331,11 @@ impl Report {
             format!("a {kind}, unit number {:#010X}:", self.unit_number)
         };
         format!(
-            "{}: {what} erases and writes {} of {} blocks of {} bytes ({}){}. Until this is done, the \
-             card has no program; keep its power on",
+            "{}: {what} erases and writes {} of {} of {} bytes ({}){}. Until this is done, the card has \
+             no program; keep its power on",
             self.place,
             self.different,
-            self.blocks,
+            Counted::of(self.blocks, "block"),
             self.block_size,
             self.file.display(),
             self.said_doubts()
@@ -362,6 +363,7 @@ impl Display for Report {
             "{place}  {card}, unit number {:#010X}: ",
             self.unit_number
         )?;
+        let blocks = Counted::of(*blocks, "block");
         let verified = if self.verified {
             ", verified"
         } else {
@@ -370,7 +372,7 @@ impl Display for Report {
         if self.dry_run {
             writeln!(
                 f,
-                "{different} of {blocks} blocks of {block_size} bytes differ; nothing was written"
+                "{different} of {blocks} of {block_size} bytes differ; nothing was written"
             )?;
             for doubt in &self.doubts {
                 writeln!(f, "NOTE: {doubt}")?;
@@ -378,12 +380,12 @@ impl Display for Report {
         } else if *different == 0 {
             writeln!(
                 f,
-                "has this firmware already ({blocks} blocks of {block_size} bytes)"
+                "has this firmware already ({blocks} of {block_size} bytes)"
             )?;
         } else {
             writeln!(
                 f,
-                "{} of {blocks} blocks of {block_size} bytes written{verified}",
+                "{} of {blocks} of {block_size} bytes written{verified}",
                 self.written
             )?;
             writeln!(
