@@ -124,7 +124,7 @@ kinds! {
     CheckFieldPower: "check the field power of the remote",
     CheckLoads: "check the loads and the supply of the remote, then re-arm it",
 
-    CheckRemotePower: "check that a remote is connected to this channel and has power (field power too, where it is powered from there)",
+    CheckRemotePower: "check that a remote is connected to this channel and has power (field power too, where it is powered from there), and that its jumper is in the operate position",
     CheckCardPower: "check the card's cable and its power (field power too, where it is powered from there)",
     CheckCableAndPower: "check the cable and the power of the remote",
     CheckBaudRate: "check the baud rate and the connected device",

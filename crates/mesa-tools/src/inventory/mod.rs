@@ -4,6 +4,7 @@
 //! With the feature `serde` all types here implement `Serialize`; `mesa info --json` prints them.
 
 mod error;
+mod setup_position;
 mod take;
 mod terminals;
 
@@ -184,6 +185,8 @@ pub struct InventoryRemote {
     pub known_as: Option<&'static str>,
     /// Unit number, which is on the card's label.
     pub unit_number: u32,
+    /// True if its jumper is in the setup position: it answers at 115200 baud only.
+    pub in_setup_position: bool,
     /// Software mode that the remote was started in.
     pub software_mode: u8,
     /// Bytes that the remote receives in a cycle.

@@ -3,6 +3,7 @@
 use core::time::Duration;
 use std::collections::BTreeMap;
 
+use super::setup_position::{self, take_silent};
 use super::{
     ChannelContent, Inventory, InventoryChannel, InventoryData, InventoryElement, InventoryError,
     InventoryEthernet, InventoryFirmware, InventoryMode, InventoryModule, InventoryParameter,
@@ -31,7 +32,7 @@ use mesa_hal::{Advice, RemoteId};
 /// wiring.
 const AT_MOST: Duration = Duration::from_secs(40);
 
-type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
+pub(super) type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 
 /// Takes the inventory of a board.
 ///
@@ -259,21 +260,25 @@ fn take_remotes<B: RegisterBus + Clock>(
         ..DiscoveryOptions::default()
     };
     let outcomes = discover_port(port, bus, &starts, &options)?;
-    let findings = starts
-        .iter()
-        .zip(&outcomes)
-        .filter_map(|(&(line, _), outcome)| {
-            let failure = outcome.as_ref().err()?;
-            let odd = not_started(&starts, &outcomes, line, failure.reason)?;
-            Some(format!("port {number}, channel {}: {odd}", line.index()))
-        });
+    let failures = starts.iter().zip(&outcomes).filter_map(|(start, outcome)| {
+        let failure = outcome.as_ref().err()?;
+        Some((*start, failure.reason))
+    });
+    let silent: Vec<_> = failures
+        .clone()
+        .filter_map(|(start, reason)| (reason == StartFailureReason::NoReply).then_some(start))
+        .collect();
+    let odd = failures.filter_map(|((line, _), reason)| {
+        let odd = not_started(&starts, &outcomes, line, reason)?;
+        Some((line, odd))
+    });
+    let mut odd: Vec<_> = odd.collect();
     let old = parameters.is_old().then(|| {
         let (major, minor) = (parameters.major, parameters.minor);
         let why = PortParameters::OLD_VERSION;
         let facts = format_args!("port {number} has SSLBP {major}.{minor}: {why}");
         with_advice(facts, Some(Advice::LoadNewerFirmware))
     });
-    let findings = old.into_iter().chain(findings).collect();
     let mut channels = Vec::new();
     for (&(line, _), outcome) in starts.iter().zip(outcomes) {
         channels.push(InventoryChannel {
@@ -284,6 +289,18 @@ fn take_remotes<B: RegisterBus + Clock>(
             },
         });
     }
+    for (line, remote) in take_silent(bus, port, &silent, &options)? {
+        odd.retain(|(other, _)| *other != line);
+        odd.push((line, setup_position::finding(&remote)));
+        let mut channels = channels.iter_mut();
+        if let Some(channel) = channels.find(|channel| channel.channel == line.index()) {
+            channel.found = ChannelContent::Remote(Box::new(remote));
+        }
+    }
+    let odd = odd
+        .into_iter()
+        .map(|(line, odd)| format!("port {number}, channel {}: {odd}", line.index()));
+    let findings = old.into_iter().chain(odd).collect();
     let port = InventoryPort {
         port: number,
         sslbp: format!("{}.{}", parameters.major, parameters.minor),
@@ -316,7 +333,7 @@ fn not_started(
 }
 
 /// Reads the parameters and faults of a discovered remote.
-fn take_remote<B: RegisterBus + Clock>(
+pub(super) fn take_remote<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     found: Discovery,
@@ -348,6 +365,7 @@ fn take_remote<B: RegisterBus + Clock>(
         name: descriptor.name.to_string(),
         known_as: table.map(|table| table.title),
         unit_number: descriptor.unit_number,
+        in_setup_position: false,
         software_mode: descriptor.software_mode,
         rx_size: found.started.sizes.rx,
         tx_size: found.started.sizes.tx,

@@ -1,6 +1,7 @@
 //! Parameters of all remotes together: reading, saving, comparing and restoring.
 
 mod serial;
+mod value;
 
 use core::convert::Infallible;
 use core::error::Error;
@@ -12,10 +13,12 @@ use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::RemoteDescriptor;
 use mesa_hal::driver::{Configured, DriverError};
-use mesa_hal::hal::{AnyValue, HalType};
+use mesa_hal::hal::AnyValue;
+use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::remote::ParameterError;
 
 pub use serial::{SerialCabinet, SerialCabinetError};
+pub use value::{SavedValue, parse_value};
 
 /// Remotes in setup mode with readable and writable parameters: those of a
 /// [`Configured`] board, or the one on a serial port
@@ -39,6 +42,12 @@ pub trait Cabinet {
     /// The remote does not have the parameter, cannot take the value, or an access failed.
     fn write(&mut self, place: RemotePlace, name: &str, value: AnyValue)
     -> Result<(), Self::Error>;
+
+    /// Accesses the memory of a remote, or one of its local locations.
+    ///
+    /// # Errors
+    /// The access failed.
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error>;
 }
 
 /// A remote in setup mode.
@@ -99,6 +108,10 @@ impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     ) -> Result<(), Self::Error> {
         self.write_remote_parameter(on_board(place)?, name, value)
     }
+
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error> {
+        self.access_remote(on_board(place)?, access)
+    }
 }
 
 fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<RemoteId, DriverError<E>> {
@@ -120,8 +133,26 @@ fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<RemoteId, 
 pub struct SavedCabinet {
     /// Version of this format: 1.
     pub format: u32,
+    /// Origin of the file, for people; not read. `None` in older files.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub origin: Option<SavedOrigin>,
     /// The remotes.
     pub remotes: Vec<SavedRemote>,
+}
+
+/// Origin of saved parameters.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct SavedOrigin {
+    /// Date and time in UTC, as in ISO 8601: `2026-11-26T04:30:00Z`.
+    pub date: String,
+    /// The board, or the serial port of a single card.
+    pub board: String,
+    /// Firmware of the board; empty for a single card.
+    pub firmware: String,
+    /// The remotes: place, name and unit number, as in `0.0 7I77 0x12000001`.
+    pub unit_numbers: Vec<String>,
 }
 
 /// Non-volatile parameters of a remote.
@@ -137,51 +168,6 @@ pub struct SavedRemote {
     pub unit_number: u32,
     /// Non-volatile, writable parameters, by name.
     pub parameters: BTreeMap<String, SavedValue>,
-}
-
-/// Value of a parameter as in LinuxCNC: without its scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(untagged))]
-pub enum SavedValue {
-    /// A whole number, or a Boolean as 0 or 1.
-    Whole(i64),
-    /// A whole number of 2^63 or more.
-    Wide(u64),
-    /// A real number.
-    Real(f64),
-}
-
-impl From<AnyValue> for SavedValue {
-    fn from(value: AnyValue) -> Self {
-        match value.hal_type {
-            HalType::Float => Self::Real(f64::from_bits(value.bits)),
-            HalType::S32 | HalType::S64 => Self::Whole(value.bits as i64),
-            HalType::Bit | HalType::U32 | HalType::U64 => {
-                i64::try_from(value.bits).map_or(Self::Wide(value.bits), Self::Whole)
-            }
-        }
-    }
-}
-
-impl From<SavedValue> for AnyValue {
-    fn from(value: SavedValue) -> Self {
-        match value {
-            SavedValue::Whole(value) => value.into(),
-            SavedValue::Wide(value) => value.into(),
-            SavedValue::Real(value) => value.into(),
-        }
-    }
-}
-
-impl core::fmt::Display for SavedValue {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Whole(value) => value.fmt(f),
-            Self::Wide(value) => value.fmt(f),
-            Self::Real(value) => value.fmt(f),
-        }
-    }
 }
 
 /// Assignment of a file's remotes to the present ones.
@@ -316,8 +302,26 @@ impl SavedCabinet {
                 parameters,
             });
         }
-        let format = Self::FORMAT;
-        Ok(Self { format, remotes })
+        Ok(Self {
+            format: Self::FORMAT,
+            origin: None,
+            remotes,
+        })
+    }
+
+    /// The remotes as in [`SavedOrigin::unit_numbers`].
+    pub fn unit_numbers(&self) -> Vec<String> {
+        let remotes = self.remotes.iter();
+        let number = |remote: &SavedRemote| {
+            let SavedRemote {
+                place,
+                card,
+                unit_number,
+                ..
+            } = remote;
+            format!("{place} {card} {unit_number:#010X}")
+        };
+        remotes.map(number).collect()
     }
 
     /// Compares the file with the present remotes. Writes nothing.
@@ -441,25 +445,6 @@ impl SavedRemote {
         let is_same = record.raw_of::<Infallible>(value.into()) == Ok(raw);
         Ok(if is_same { value } else { now })
     }
-}
-
-/// Parses a number: decimal, hexadecimal after `0x`, or real.
-///
-/// # Errors
-/// Returns the text if it is not a number.
-pub fn parse_value(text: &str) -> Result<AnyValue, &str> {
-    let hex = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
-    let whole = match hex {
-        Some(hex) => u64::from_str_radix(hex, 16).ok(),
-        None => text.parse().ok(),
-    };
-    let signed = || text.parse::<i64>().ok().map(AnyValue::from);
-    let real = || text.parse::<f64>().ok().filter(|real| real.is_finite());
-    whole
-        .map(AnyValue::from)
-        .or_else(signed)
-        .or_else(|| real().map(AnyValue::from))
-        .ok_or(text)
 }
 
 #[cfg(test)]

@@ -14,12 +14,15 @@ mod firmware;
 mod serial;
 mod serial_error;
 pub mod update;
+mod words;
 
 pub use cabinet::{
     Cabinet, CabinetDifference, CabinetRemote, Comparison, RemoteMatch, RemotePlace, RestoreError,
-    SavedCabinet, SavedRemote, SavedValue, SerialCabinet, SerialCabinetError, parse_value,
+    SavedCabinet, SavedOrigin, SavedRemote, SavedValue, SerialCabinet, SerialCabinetError,
+    parse_value,
 };
 pub use firmware::{FirmwareError, FirmwareFile};
 pub use mesa_hal::lbp::RemoteLink;
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
 pub use serial_error::{SerialError, SerialRequest};
+pub use words::{ManualWord, parameter_named};

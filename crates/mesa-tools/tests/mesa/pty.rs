@@ -32,7 +32,11 @@ struct Shared {
 }
 
 impl Card {
-    pub fn start(mut device: impl SimDevice) -> Self {
+    pub fn start(device: impl SimDevice) -> Self {
+        Self::start_boxed(Box::new(device))
+    }
+
+    pub fn start_boxed(mut device: Box<dyn SimDevice>) -> Self {
         device.set_setup_jumper(0, true);
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudoterminal");
         grantpt(&master).unwrap();
@@ -46,7 +50,7 @@ impl Card {
         settings.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &settings).unwrap();
         let shared = Arc::new(Shared {
-            device: Mutex::new((Box::new(device), 0)),
+            device: Mutex::new((device, 0)),
             stop: AtomicBool::new(false),
         });
         let thread = std::thread::spawn({

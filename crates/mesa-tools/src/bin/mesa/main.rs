@@ -5,6 +5,7 @@
 mod commands;
 mod consent;
 mod context;
+mod date;
 mod files;
 mod full_screen;
 mod link;

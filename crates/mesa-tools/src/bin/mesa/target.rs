@@ -8,7 +8,7 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Settings;
 use mesa_hal::bus::{BusError, BusErrorKind};
-use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
+use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16;
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
@@ -74,8 +74,8 @@ impl ChangedTarget {
 pub struct Found {
     /// Address of the board.
     pub address: SocketAddrV4,
-    /// Card and MAC address of the first board that answered at the address.
-    who: OnceCell<(String, MacAddress)>,
+    /// The first board that answered at the address.
+    who: OnceCell<Identity>,
     /// Simulated machine in place of a board.
     simulated: Option<Simulated>,
 }
@@ -107,6 +107,11 @@ impl Found {
             simulated.set_passage(passage);
         }
         self
+    }
+
+    /// The board as it was when it was opened first.
+    pub fn identity(&self) -> Option<&Identity> {
+        self.who.get()
     }
 
     /// The same board at another IP address; `None` for an embedded simulated one, which has none.
@@ -171,12 +176,12 @@ impl Found {
     /// Fails if another board answers than before. Boards share factory addresses, and an action
     /// must reach the board that was inspected.
     fn check_same(&self, is: Identity) -> Result<(), Failure> {
-        let is = (is.card, is.mac);
         let was = self.who.get_or_init(|| is.clone());
-        if *was == is {
+        if (&was.card, was.mac) == (&is.card, is.mac) {
             return Ok(());
         }
-        let ((card, mac), (other, its)) = (was, is);
+        let Identity { card, mac, .. } = was;
+        let (other, its) = (is.card, is.mac);
         Err(Failure::refused(format_args!(
             "{}: another board answers here by now: a {other} with the MAC address {its}; it was a {card} \
              with {mac}. Nothing was done to it",

@@ -7,6 +7,7 @@ use crate::setup::{SerialError, SerialHost, SerialRemote};
 use mesa_hal::Advice;
 use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
+use mesa_hal::lbp::{RemoteAccess, RemoteLink};
 use mesa_hal::remote::ParameterError;
 
 /// The remote on a serial port, with its description.
@@ -21,9 +22,9 @@ pub struct SerialCabinet<P> {
 
 /// Error of an access to a parameter of the remote on a serial port.
 #[derive(Debug, thiserror::Error)]
-#[error("parameter {name}: {source}")]
+#[error("{name}: {source}")]
 pub struct SerialCabinetError {
-    /// Name of the parameter.
+    /// Name of the parameter, or the access.
     pub name: Box<str>,
     /// The cause.
     pub source: ParameterError<SerialError>,
@@ -86,6 +87,14 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         let written = record.and_then(|record| record.write_parameter(&mut self.host, value));
         written.map_err(|source| {
             let name = name.into();
+            SerialCabinetError { name, source }
+        })
+    }
+
+    fn exchange(&mut self, _place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error> {
+        self.host.exchange(access).map_err(|error| {
+            let name = access.to_string().into();
+            let source = ParameterError::Memory(error);
             SerialCabinetError { name, source }
         })
     }

@@ -6,5 +6,6 @@ mod hal;
 mod ip;
 mod led;
 mod param;
+mod param_words;
 pub mod restart;
 mod update;

@@ -130,6 +130,39 @@ fn a_cabinet_is_saved_and_restored() {
         assert!(saved["parameters"].as_u64() > Some(6), "{saved}");
         let again = run(&[&["param", "save", file], &at[..]].concat());
         assert_eq!(again.code, Some(2), "it would be replaced: {again:?}");
+        assert!(
+            again.err.contains("already exists; --yes replaces it"),
+            "{again:?}"
+        );
+        let text = fs::read_to_string(file).unwrap();
+        let head = &text[..text.find("NVBaudRate").expect("a parameter")];
+        let year = head.find('T').and_then(|at| head.get(at - 10..at + 10));
+        let year = year.expect("a date in UTC");
+        assert!(year.starts_with("20") && year.ends_with('Z'), "{head}");
+        for said in [
+            "7I97, 00:60:1b:",
+            &address,
+            "MESA7I97, version 16",
+            "0.0 7I77 0x12",
+            "0.1 7I72 0x",
+        ] {
+            assert!(head.contains(said), "{said}: {head}");
+        }
+        // A file without it, as written before.
+        let mut old: serde_json::Value = if name.ends_with("toml") {
+            let table: toml::Value = toml::from_str(&text).unwrap();
+            serde_json::to_value(table).unwrap()
+        } else {
+            serde_json::from_str(&text).unwrap()
+        };
+        old.as_object_mut().unwrap().remove("origin");
+        let older = Scratch::new("older-cabinet.json");
+        fs::write(&older.0, old.to_string()).unwrap();
+        let restore = ["param", "restore", older.path(), "--dry-run"];
+        assert_eq!(
+            json(&[&restore[..], &at].concat())["differences"],
+            serde_json::json!([])
+        );
 
         let restore = [&["param", "restore", file], &at[..]].concat();
         assert_eq!(json(&restore)["differences"], serde_json::json!([]));

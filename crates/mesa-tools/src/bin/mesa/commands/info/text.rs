@@ -168,6 +168,9 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
         "\n  Channel {channel}: {}{title}, unit number 0x{:08X}, software mode {}, RX {} TX {} bytes",
         remote.name, remote.unit_number, remote.software_mode, remote.rx_size, remote.tx_size,
     )?;
+    if remote.in_setup_position {
+        writeln!(f, "    in the setup position: answers at 115200 baud only")?;
+    }
     if remote.built_in_table {
         writeln!(
             f,

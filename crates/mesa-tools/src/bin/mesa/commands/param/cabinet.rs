@@ -3,17 +3,18 @@
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::DriverError;
 use mesa_hal::hal::AnyValue;
+use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::transport::udp::UdpError;
-use mesa_hal::{Board, Configured, DriverError, Settings};
 use mesa_tools::setup::{
     Cabinet, CabinetRemote, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError,
     SerialHost,
 };
 use serialport::SerialPort;
 
+use super::board::BoardCabinet;
 use crate::context::{Failure, told};
-use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{Found, Target};
 
@@ -36,24 +37,32 @@ pub struct SerialLine {
     /// board
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["addr", "sim"])]
     pub serial: Option<String>,
-    /// Baud rate of the serial port, 9600 to 10000000. A card in setup mode uses 115200
+    /// Baud rate of the card, 9600 to 10000000, if neither its jumper is in the setup position
+    /// (115200) nor its NVBaudRate is 9 (2500000, on a board)
     #[arg(
-        long, value_name = "BAUD", default_value_t = SETUP_BAUD_RATE, requires = "serial",
+        long, value_name = "BAUD",
         value_parser = clap::value_parser!(u32).range(9_600..=10_000_000)
     )]
-    baud: u32,
+    baud: Option<u32>,
 }
 
 /// An open serial port.
 pub type OpenLine = SerialHost<Box<dyn SerialPort>>;
 
 impl SerialLine {
+    /// Baud rates at which silent channels of a board are asked.
+    fn rates(&self) -> Vec<u32> {
+        [SETUP_BAUD_RATE].into_iter().chain(self.baud).collect()
+    }
+
     /// Opens the serial port, if one was given, for exclusive use.
     pub fn open(&self) -> Result<Option<OpenLine>, Failure> {
         let Some(device) = &self.serial else {
             return Ok(None);
         };
-        let port = serialport::new(device, self.baud).timeout(READ).open();
+        let port = serialport::new(device, self.baud.unwrap_or(SETUP_BAUD_RATE))
+            .timeout(READ)
+            .open();
         let port = port.map_err(|error| {
             let hint = match error.kind() {
                 serialport::ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
@@ -73,10 +82,7 @@ impl SerialLine {
 /// Remotes in setup mode.
 pub enum OpenCabinet {
     /// Remotes of a board.
-    Board {
-        board: Box<Configured<Bus>>,
-        found: Found,
-    },
+    Board(Box<BoardCabinet>),
     /// The remote on a serial port.
     Serial(Box<SerialCabinet<Box<dyn SerialPort>>>),
 }
@@ -111,26 +117,9 @@ impl CabinetTarget {
             }
             return Ok(OpenCabinet::Serial(Box::new(open)));
         }
-        let found = self.target.find()?;
-        let board = Board::identify(found.open()?, Settings::default())?.discover()?;
-        for missing in board.missing().iter().filter(|remark| !remark.is_silent()) {
-            complain(format_args!("MISSING: {}", told(missing)));
-        }
-        for remark in board.remarks() {
-            complain(format_args!("Note: {}", told(remark)));
-        }
-        if Cabinet::remotes(&board).is_empty() {
-            let why: Vec<_> = board.missing().iter().map(|remark| told(remark)).collect();
-            return Err(Failure::refused(format_args!(
-                "{}: no remote answers. {}",
-                found.address,
-                why.join("\n")
-            )));
-        }
-        Ok(OpenCabinet::Board {
-            board: Box::new(board),
-            found,
-        })
+        let rates = self.line.rates();
+        let cabinet = BoardCabinet::open(self.target.find()?, &rates)?;
+        Ok(OpenCabinet::Board(Box::new(cabinet)))
     }
 }
 
@@ -138,7 +127,7 @@ impl OpenCabinet {
     /// The board, which another program may drive; `None` for a serial port.
     pub fn found(&self) -> Option<&Found> {
         match self {
-            Self::Board { found, .. } => Some(found),
+            Self::Board(board) => Some(&board.found),
             Self::Serial(_) => None,
         }
     }
@@ -149,14 +138,14 @@ impl Cabinet for OpenCabinet {
 
     fn remotes(&self) -> Vec<CabinetRemote> {
         match self {
-            Self::Board { board, .. } => Cabinet::remotes(&**board),
+            Self::Board(board) => board.remotes(),
             Self::Serial(card) => card.remotes(),
         }
     }
 
     fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, CabinetError> {
         Ok(match self {
-            Self::Board { board, .. } => board.read(place, name)?,
+            Self::Board(board) => board.read(place, name)?,
             Self::Serial(card) => card.read(place, name)?,
         })
     }
@@ -168,9 +157,16 @@ impl Cabinet for OpenCabinet {
         value: AnyValue,
     ) -> Result<(), CabinetError> {
         match self {
-            Self::Board { board, .. } => board.write(place, name, value)?,
+            Self::Board(board) => board.write(place, name, value)?,
             Self::Serial(card) => card.write(place, name, value)?,
         }
         Ok(())
+    }
+
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError> {
+        Ok(match self {
+            Self::Board(board) => board.exchange(place, access)?,
+            Self::Serial(card) => card.exchange(place, access)?,
+        })
     }
 }

@@ -2,18 +2,24 @@
 
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use clap::Args;
+use mesa_hal::ethernet::Identity;
 use mesa_hal::hal::AnyValue;
-use mesa_tools::setup::{CabinetDifference, Comparison, RemoteMatch, RemotePlace, SavedCabinet};
+use mesa_tools::Counted;
+use mesa_tools::setup::{
+    CabinetDifference, Comparison, RemoteMatch, RemotePlace, SavedCabinet, SavedOrigin,
+};
 use serde::Serialize;
 
 use super::cabinet::OpenCabinet;
 use super::{Where, warning};
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
-use crate::files;
 use crate::output::complain;
+use crate::target::Found;
+use crate::{date, files};
 
 /// Limit for the size of a file: more than any cabinet needs.
 const MAX_BYTES: u64 = 4 << 20;
@@ -73,7 +79,8 @@ impl Save {
         let path = &self.file;
         self.asks.replaces(context, path)?;
         let mut cabinet = self.at.cabinet.open()?;
-        let saved = SavedCabinet::take(&mut cabinet)?;
+        let mut saved = SavedCabinet::take(&mut cabinet)?;
+        saved.origin = Some(self.origin(&cabinet, &saved));
         let text = if is_toml(path) {
             toml::to_string_pretty(&saved)?
         } else {
@@ -88,6 +95,45 @@ impl Save {
         })?;
         Ok(context.ending())
     }
+}
+
+impl Save {
+    /// Head of the file: date, board, firmware and unit numbers.
+    fn origin(&self, cabinet: &OpenCabinet, saved: &SavedCabinet) -> SavedOrigin {
+        let (board, firmware) = match cabinet {
+            OpenCabinet::Board(board) => of_board(&board.found, &board.firmware().idrom.board_name),
+            OpenCabinet::Serial(_) => {
+                let device = self.at.cabinet.line.serial.clone();
+                (device.unwrap_or_default(), String::new())
+            }
+        };
+        SavedOrigin {
+            date: date::utc(SystemTime::now()),
+            board,
+            firmware,
+            unit_numbers: saved.unit_numbers(),
+        }
+    }
+}
+
+/// A board and its firmware in words; `name` is the board's name in the IDROM.
+fn of_board(found: &Found, name: &str) -> (String, String) {
+    let address = found.address;
+    found.identity().map_or_else(
+        || (address.to_string(), name.to_owned()),
+        |identity| {
+            let Identity {
+                card,
+                mac,
+                firmware_version,
+                ..
+            } = identity;
+            (
+                format!("{card}, {mac}, at {address}"),
+                format!("{name}, version {firmware_version}"),
+            )
+        },
+    )
 }
 
 fn is_toml(path: &Path) -> bool {
@@ -160,9 +206,9 @@ impl Restore {
             }
         });
         let warnings: String = warnings.collect();
-        let count = differences.len();
+        let count = Counted::of(differences.len(), "parameter");
         let what = format!(
-            "writes {count} parameters in the non-volatile memory of remotes; they are used from \
+            "writes {count} in the non-volatile memory of remotes; they are used from \
              the next power-up on{warnings}"
         );
         self.asks.consent(context, &what, cabinet.found())
@@ -211,7 +257,9 @@ impl Display for Saved {
             parameters,
         } = self;
         let file = file.display();
-        writeln!(f, "{file}: {parameters} parameters of {remotes} remotes")
+        let parameters = Counted::of(*parameters, "parameter");
+        let remotes = Counted::of(*remotes, "remote");
+        writeln!(f, "{file}: {parameters} of {remotes}")
     }
 }
 

@@ -4,8 +4,9 @@ use std::fmt::{self, Display};
 
 use clap::Args;
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType};
+use mesa_hal::hal::AnyValue;
 use mesa_hal::remote::Scaling;
-use mesa_tools::setup::{Cabinet, CabinetRemote, SavedValue};
+use mesa_tools::setup::{Cabinet, CabinetRemote, ManualWord, SavedValue};
 use serde::Serialize;
 
 use super::{Where, go_on};
@@ -74,6 +75,24 @@ impl Shown {
             writable: record.direction != DataDirection::Input,
         }
     }
+
+    /// Converts a value that the manuals name.
+    pub fn of_word(word: &ManualWord, raw: u64) -> Self {
+        let bits = word.bits();
+        let digits = usize::from(bits.div_ceil(4)) + 2;
+        Self {
+            name: word.name().to_owned(),
+            value: AnyValue::from(raw).into(),
+            hex: format!("{raw:#0digits$X}"),
+            bits,
+            scaled: None,
+            unit: String::new(),
+            min: Some(0.0),
+            max: Some(word.highest() as f64),
+            nonvolatile: false,
+            writable: true,
+        }
+    }
 }
 
 impl List {
@@ -86,6 +105,10 @@ impl List {
             for record in records.filter(|record| record.is_readable()) {
                 go_on(context)?;
                 parameters.push(Shown::new(record, cabinet.read(place, &record.name)?));
+            }
+            for word in ManualWord::of(&descriptor) {
+                go_on(context)?;
+                parameters.push(Shown::of_word(&word, word.read(&mut cabinet, place)?));
             }
             remotes.push(OneRemote {
                 place: place.to_string(),
@@ -138,6 +161,7 @@ impl Display for Shown {
         let space = if self.unit.is_empty() { "" } else { " " };
         let unit = format!("{space}{}", self.unit);
         match (self.min, self.max) {
+            (Some(min), Some(max)) if min == max => write!(f, " {min} clears it")?,
             (Some(min), Some(max)) => write!(f, " {min} to {max}{unit}")?,
             _ if self.unit.is_empty() => write!(f, " any value")?,
             _ => write!(f, " in{unit}")?,

@@ -1,5 +1,6 @@
 //! `mesa param`: parameters of remotes, read and written by name, and saved for a whole cabinet.
 
+mod board;
 pub mod cabinet;
 mod file;
 mod list;
@@ -9,10 +10,14 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use mesa_hal::RemoteId;
-use mesa_hal::discovery::DataRecord;
+use mesa_hal::discovery::{DataRecord, RemoteDescriptor};
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::modules::serial::WATCHDOG_PARAMETER;
-use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
+use mesa_hal::remote::{BAUD_RATE_PARAMETER, operate_baud_rate};
+use mesa_hal::sslbp::DEFAULT_BAUD_RATE;
+use mesa_tools::setup::{
+    Cabinet, CabinetRemote, ManualWord, RemotePlace, SETUP_BAUD_RATE, parameter_named,
+};
 
 use crate::context::{Context, Ending, Failure};
 use cabinet::{CabinetTarget, OpenCabinet};
@@ -21,11 +26,13 @@ const AFTER_HELP: &str = "\
 A board stops its serial ports and turns all pins into inputs: do not use this on a running machine.
 A board that another program drives is left alone. With --serial the remote is the one card on that
 port, with its jumper in the setup position (7I77: W12 for field I/O, W4 for analog, to the right;
-7I72: W6 down), at 115200 baud.
+7I72: W6 down), at 115200 baud. On a board such cards are found too, and with --baud one whose
+NVBaudRate was changed.
 
-NAME is spelled as by the remote, or in lower case; with PORT.CHANNEL in front if several remotes
-have a parameter of that name. Values are those of LinuxCNC: whole numbers without the scale of the
-record.
+NAME is spelled as by the remote, in any case, or as in the manuals for RPD and WPD: also FAULT,
+STATUS and OUTPUT, and NVWATCHDOGTIME for NVWatchDogTimeout; with PORT.CHANNEL in front if several
+remotes have a parameter of that name. Values are those of LinuxCNC: whole numbers without the scale
+of the record.
 
 Examples:
   mesa param list --sim 7i92-7i77
@@ -65,8 +72,8 @@ impl Param {
 
 /// Warning about an unexpected effect of a parameter's value; empty if it has no such effect.
 fn warning(name: &str, value: u64) -> String {
-    if name.eq_ignore_ascii_case("nvbaudrate") {
-        ". At another baud rate an FPGA reaches it only in setup mode, or not at all".to_owned()
+    if name.eq_ignore_ascii_case(BAUD_RATE_PARAMETER) {
+        operate_baud_rate(value).map_or_else(String::new, baud_rate_warning)
     } else if name.eq_ignore_ascii_case("nvunitnumber") {
         ". The unit number identifies the remote: a backup with the old number does not match it any \
          more, and another first byte makes it another part of the card, without terminals and safe \
@@ -84,6 +91,18 @@ fn warning(name: &str, value: u64) -> String {
     }
 }
 
+/// Effect of a baud rate in operate mode.
+fn baud_rate_warning(baud: u32) -> String {
+    let operates = format!(". In operate mode it then has {baud} baud");
+    if baud == DEFAULT_BAUD_RATE {
+        return format!("{operates}, as FPGAs have");
+    }
+    format!(
+        "{operates}: a board, whose serial ports start at {DEFAULT_BAUD_RATE}, does not find it any more. \
+         With its jumper in the setup position it has {SETUP_BAUD_RATE} baud whatever this value is"
+    )
+}
+
 /// Fails if a signal came.
 fn go_on(context: &Context) -> Result<(), Failure> {
     match context.stop.signal() {
@@ -92,22 +111,54 @@ fn go_on(context: &Context) -> Result<(), Failure> {
     }
 }
 
-/// A parameter of a remote.
+/// A value of a remote.
 struct Named {
     remote: CabinetRemote,
-    record: DataRecord,
+    value: NamedValue,
 }
 
-/// Finds the only parameter that matches `[PORT.CHANNEL.]NAME`.
+/// Where a value is.
+enum NamedValue {
+    /// A parameter with a record.
+    Parameter(DataRecord),
+    /// A value that only the manuals name.
+    Word(ManualWord),
+}
+
+impl NamedValue {
+    fn find(descriptor: &RemoteDescriptor, name: &str) -> Option<Self> {
+        let record = parameter_named(descriptor, name).cloned();
+        let record = record.filter(DataRecord::is_readable);
+        let word = || ManualWord::find(descriptor, name).map(Self::Word);
+        record.map(Self::Parameter).or_else(word)
+    }
+
+    fn name(&self) -> &str {
+        match self {
+            Self::Parameter(record) => &record.name,
+            Self::Word(word) => word.name(),
+        }
+    }
+}
+
+impl Named {
+    fn read(&self, cabinet: &mut OpenCabinet) -> Result<u64, Failure> {
+        let place = self.remote.place;
+        Ok(match &self.value {
+            NamedValue::Parameter(record) => cabinet.read(place, &record.name)?,
+            NamedValue::Word(word) => word.read(cabinet, place)?,
+        })
+    }
+}
+
+/// Finds the only value that matches `[PORT.CHANNEL.]NAME`.
 fn named(cabinet: &OpenCabinet, text: &str) -> Result<Named, Failure> {
     let (place, name) = split(text);
     let mut found = Vec::new();
     for remote in cabinet.remotes() {
-        let record = remote.descriptor.parameter(name).cloned();
         let is_here = place.is_none_or(|place| place == remote.place);
-        if let Some(record) = record.filter(|record| is_here && record.is_readable()) {
-            found.push(Named { remote, record });
-        }
+        let value = NamedValue::find(&remote.descriptor, name).filter(|_| is_here);
+        found.extend(value.map(|value| Named { remote, value }));
     }
     if found.len() > 1 {
         let places: Vec<_> = found
@@ -125,8 +176,13 @@ fn named(cabinet: &OpenCabinet, text: &str) -> Result<Named, Failure> {
             || "no remote has".to_owned(),
             |place| format!("no remote on {place} has"),
         );
+        let kept = if name.eq_ignore_ascii_case("watchdogtime") {
+            ": the working copy of NVWatchDogTimeout is not in its tables"
+        } else {
+            ""
+        };
         Failure::refused(format_args!(
-            "{place} a parameter {name}; `mesa param list` shows those that there are"
+            "{place} a parameter {name}{kept}; `mesa param list` shows those that there are"
         ))
     })
 }

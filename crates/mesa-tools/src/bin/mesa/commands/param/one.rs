@@ -3,13 +3,14 @@
 use std::fmt::{self, Display};
 
 use clap::Args;
-use mesa_hal::hal::AnyValue;
+use mesa_hal::hal::{AnyValue, HalType};
 use mesa_hal::remote::ParameterError;
-use mesa_tools::setup::{Cabinet, SavedValue, parse_value};
+use mesa_tools::setup::{Cabinet, ManualWord, SavedValue, parse_value};
 use serde::Serialize;
 
+use super::cabinet::OpenCabinet;
 use super::list::Shown;
-use super::{Named, Where, go_on, named, warning};
+use super::{Named, NamedValue, Where, go_on, named, warning};
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 
@@ -62,7 +63,10 @@ impl One {
             place: named.remote.place.to_string(),
             card: named.remote.descriptor.name.to_string(),
             unit_number: named.remote.descriptor.unit_number,
-            parameter: Shown::new(&named.record, raw),
+            parameter: match &named.value {
+                NamedValue::Parameter(record) => Shown::new(record, raw),
+                NamedValue::Word(word) => Shown::of_word(word, raw),
+            },
             before,
         }
     }
@@ -72,7 +76,7 @@ impl Get {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let mut cabinet = self.at.cabinet.open()?;
         let named = named(&cabinet, &self.name)?;
-        let raw = cabinet.read(named.remote.place, &named.record.name)?;
+        let raw = named.read(&mut cabinet)?;
         context.print(&One::new(&named, raw, None))?;
         Ok(context.ending())
     }
@@ -82,40 +86,110 @@ impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let mut cabinet = self.at.cabinet.open()?;
         let named = named(&cabinet, &self.name)?;
-        let (place, record) = (named.remote.place, &named.record);
-        let name = &record.name;
-        let wanted: Result<u64, ParameterError> = record.raw_of(self.value);
-        let wanted = wanted.map_err(|error| {
-            let why = format!("{place}.{name}: {}", told(&error));
-            match error {
-                ParameterError::DoesNotFit { .. } | ParameterError::OutOfRange { .. } => {
-                    Failure::usage(why)
-                }
-                _ => Failure::refused(why),
-            }
-        })?;
-        let raw = cabinet.read(place, name)?;
-        let before = SavedValue::from(record.typed(raw));
+        let wanted = self.wanted(&named)?;
+        let raw = named.read(&mut cabinet)?;
+        let (before, after) = (named.shown(raw), named.shown(wanted));
         if raw != wanted {
-            let after = SavedValue::from(record.typed(wanted));
-            let kept = if record.data_type.is_nonvolatile() {
-                "in non-volatile memory; it is used from the next power-up on"
-            } else {
-                "until it is switched off"
-            };
-            let warning = warning(name, wanted);
+            let place = named.remote.place;
+            let (name, card) = (named.value.name(), named.remote.descriptor.name);
             let what = format!(
-                "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
-                named.remote.descriptor.name
+                "{place}, {card}: writes {name} = {after} (now {before}), {}",
+                named.effect(wanted)
             );
             self.asks.consent(context, &what, cabinet.found())?;
             go_on(context)?;
-            cabinet.write(place, name, self.value)?;
+            match &named.value {
+                NamedValue::Parameter(record) => cabinet.write(place, &record.name, self.value)?,
+                NamedValue::Word(word) => {
+                    word.write(&mut cabinet, place, wanted)?;
+                    check_taken(&named, word, wanted, &mut cabinet)?;
+                }
+            }
         }
-        let raw = cabinet.read(place, name)?;
+        let raw = named.read(&mut cabinet)?;
         context.print(&One::new(&named, raw, Some(before)))?;
         Ok(context.ending())
     }
+
+    /// The bits of the value, if the parameter can have it.
+    fn wanted(&self, named: &Named) -> Result<u64, Failure> {
+        let (place, name) = (named.remote.place, named.value.name());
+        let wanted: Result<u64, ParameterError> = match &named.value {
+            NamedValue::Parameter(record) => record.raw_of(self.value),
+            NamedValue::Word(word) => {
+                let AnyValue { hal_type, bits } = self.value;
+                let is_whole = matches!(hal_type, HalType::U32 | HalType::U64);
+                if is_whole && bits <= word.highest() {
+                    return Ok(bits);
+                }
+                let (value, most) = (SavedValue::from(self.value), word.highest());
+                return Err(Failure::usage(format_args!(
+                    "{place}.{name}: {value} does not fit: allowed is 0 to {most}"
+                )));
+            }
+        };
+        wanted.map_err(|error| {
+            let why = format!("{place}.{name}: {}", told(&error));
+            match error {
+                ParameterError::DoesNotFit { .. }
+                | ParameterError::OutOfRange { .. }
+                | ParameterError::NoBaudRate { .. } => Failure::usage(why),
+                _ => Failure::refused(why),
+            }
+        })
+    }
+}
+
+impl Named {
+    /// A raw value as in LinuxCNC.
+    fn shown(&self, raw: u64) -> SavedValue {
+        match &self.value {
+            NamedValue::Parameter(record) => record.typed(raw).into(),
+            NamedValue::Word(_) => AnyValue::from(raw).into(),
+        }
+    }
+
+    /// Duration and effect of a value.
+    fn effect(&self, wanted: u64) -> String {
+        match &self.value {
+            NamedValue::Parameter(record) if record.data_type.is_nonvolatile() => {
+                let warning = warning(&record.name, wanted);
+                format!("in non-volatile memory; it is used from the next power-up on{warning}")
+            }
+            NamedValue::Parameter(record) => {
+                format!("until it is switched off{}", warning(&record.name, wanted))
+            }
+            NamedValue::Word(ManualWord::Output(_)) => {
+                "which DRIVES ITS OUTPUTS AT ONCE, until its watchdog bites or it is switched off"
+                    .to_owned()
+            }
+            NamedValue::Word(ManualWord::Fault) => {
+                "which clears its faults, so that its outputs can be driven".to_owned()
+            }
+            NamedValue::Word(ManualWord::Status) => "which clears it".to_owned(),
+        }
+    }
+}
+
+/// Fails if outputs are not as written: a card with a fault does not drive them.
+fn check_taken(
+    named: &Named,
+    word: &ManualWord,
+    wanted: u64,
+    cabinet: &mut OpenCabinet,
+) -> Result<(), Failure> {
+    let place = named.remote.place;
+    let ManualWord::Output(_) = word else {
+        return Ok(());
+    };
+    let faults = ManualWord::Fault.read(cabinet, place)?;
+    if faults == 0 && word.read(cabinet, place)? == wanted {
+        return Ok(());
+    }
+    Err(Failure::refused(format_args!(
+        "{place}: its outputs are not driven: FAULT is {faults:#04X}. `mesa param set {place}.FAULT 0` clears \
+         it; its watchdog sets it again unless its time is 0"
+    )))
 }
 
 impl Display for One {
