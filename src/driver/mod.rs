@@ -45,6 +45,7 @@ mod connection;
 mod cycle;
 mod error;
 mod exchange;
+mod found;
 #[doc = include_str!("../../docs/neighbours.md")]
 pub mod neighbours {}
 
@@ -60,6 +61,7 @@ pub mod homing {}
 pub mod several_boards {}
 #[cfg(feature = "log")]
 mod messages;
+mod own_pins;
 mod pace;
 mod parameters;
 mod recovery;

@@ -131,6 +131,14 @@ impl OfflineReason {
         }
     }
 
+    /// True if another device answers than expected, which cancels a re-arming.
+    pub(super) const fn is_about_identity(&self) -> bool {
+        matches!(
+            self,
+            Self::AnotherDevice { .. } | Self::OtherTables { .. } | Self::OtherSizes { .. }
+        )
+    }
+
     /// The present reason of a remote that was offline for the reason `before`, and has not run
     /// since, when this one is found: a restart that fails or is only requested keeps a reason that
     /// it does not contradict.

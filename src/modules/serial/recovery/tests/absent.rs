@@ -111,7 +111,7 @@ fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
         let RemoteState::Offline { reason, .. } = state else {
             panic!("{state:?}");
         };
-        assert!(is_about_identity(reason), "{reason}");
+        assert!(reason.is_about_identity(), "{reason}");
         rig.read();
         assert_eq!(rig.write(), 0x1003, "it gets no transfer");
     }

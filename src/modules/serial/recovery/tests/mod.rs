@@ -39,16 +39,6 @@ fn started(channel: Channel) -> StartedRemote {
     }
 }
 
-/// True if another device answers than expected.
-fn is_about_identity(reason: OfflineReason) -> bool {
-    matches!(
-        reason,
-        OfflineReason::AnotherDevice { .. }
-            | OfflineReason::OtherTables { .. }
-            | OfflineReason::OtherSizes { .. }
-    )
-}
-
 /// The registers that a machine reads.
 #[derive(Default)]
 struct Registers {
@@ -333,7 +323,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
         let RemoteState::Offline { reason, .. } = state else {
             panic!("{state:?}");
         };
-        assert!(is_about_identity(reason), "{reason}");
+        assert!(reason.is_about_identity(), "{reason}");
         assert_eq!(rig.write(), 0x1001);
     }
 }
