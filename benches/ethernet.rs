@@ -7,7 +7,6 @@
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
 use core::ops::Range;
-use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
@@ -16,7 +15,7 @@ use mesa_hal::bus::AccessList;
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -124,14 +123,16 @@ struct Direct {
 }
 
 impl PacketLink for Direct {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         let reply = self.responder.answer(packet);
         self.waiting.clear();
         self.waiting.extend_from_slice(reply);
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> io::Result<Option<usize>> {
+    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> Result<Option<usize>, SocketError> {
         let len = self.waiting.len();
         buffer[..len].copy_from_slice(&self.waiting);
         Ok((len > 0).then_some(len))

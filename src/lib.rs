@@ -132,8 +132,8 @@
 //!   outputs are older than the newest. The next reply shows it, and the next write overrides it.
 //!
 //! # Features
-//! - `std` (default): [`transport`] and [`runner`]. Without `std` the core needs `alloc`, at set-up
-//!   only.
+//! - `std` (default): the UDP socket, and [`runner`]. Without `std` the driver needs `alloc`, at
+//!   set-up only, and on Ethernet a [network stack](transport::microcontroller).
 //! - `log` (default): messages at set-up and when a driver is dropped, never in the cycle; and
 //!   events on request ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A
 //!   program that uses `tracing` receives them through its bridge (crate `tracing-log`, which
@@ -188,7 +188,6 @@ pub mod runner;
 mod serial_form;
 pub mod sslbp;
 mod tally;
-#[cfg(feature = "std")]
 pub mod transport;
 
 pub use advice::{Advice, WithAdvice};
@@ -203,7 +202,6 @@ pub use hostmot2::RemoteId;
 pub use mesa_wire::{lbp, lbp16};
 pub use parse_error::ParseError;
 pub use rounded::Rounded;
-#[cfg(feature = "std")]
 pub use transport::udp::{UdpBus, UdpConfig};
 
 #[doc = include_str!("../docs/gateware.md")]

@@ -1,5 +1,6 @@
 //! A bus wrapper that injects faults.
 
+use alloc::vec::Vec;
 use core::time::Duration;
 
 use thiserror::Error;

@@ -1,14 +1,18 @@
-//! Buses: LBP16 over UDP, and wrappers that record accesses or inject faults. Also the search for
-//! boards and the route to an address.
+//! Buses: LBP16 over UDP, and wrappers that record accesses or inject faults. With the feature `std`
+//! also the socket, the search for boards and the route to an address.
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod faulty;
+#[doc = include_str!("../../docs/microcontroller.md")]
+pub mod microcontroller {}
+#[cfg(feature = "std")]
 pub mod network;
 mod recording;
+#[cfg(feature = "std")]
 pub mod search;
-#[cfg(test)]
+#[cfg(all(test, feature = "std"))]
 mod tests;
 pub mod udp;
 

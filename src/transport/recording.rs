@@ -1,9 +1,8 @@
 //! A bus wrapper that logs accesses.
 
+use alloc::collections::VecDeque;
 use core::fmt;
 use core::time::Duration;
-use std::collections::VecDeque;
-use std::io;
 
 use crate::bus::{
     Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
@@ -96,7 +95,8 @@ impl<B> Recording<B> {
     }
 
     /// Writes the log as text, oldest entry first.
-    pub fn write_to(&self, mut out: impl io::Write) -> io::Result<()> {
+    #[cfg(feature = "std")]
+    pub fn write_to(&self, mut out: impl std::io::Write) -> std::io::Result<()> {
         let (kept, dropped) = (self.entries.len(), self.dropped);
         writeln!(
             out,

@@ -2,12 +2,12 @@
 //! abandoned by a process that was killed.
 
 use std::cell::{Cell, RefCell};
-use std::io;
+use std::io::ErrorKind;
 use std::rc::Rc;
 use std::time::Duration;
 
 use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
-use mesa_hal::transport::udp::{PacketLink, UdpBus};
+use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 
@@ -310,9 +310,11 @@ pub struct ChaosLink {
 }
 
 impl PacketLink for ChaosLink {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         if self.life.is_over() {
-            return Err(io::ErrorKind::HostUnreachable.into());
+            return Err(SocketError(ErrorKind::HostUnreachable));
         }
         let link = &mut self.network.borrow_mut().link;
         let until = link.time() + self.life.take_pause(true);
@@ -326,7 +328,11 @@ impl PacketLink for ChaosLink {
         done
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
         if self.life.is_over() {
             self.life.ghost_until(deadline.as_nanos());
             return Ok(None);

@@ -1,10 +1,10 @@
 //! A simulated Ethernet board behind a network on virtual time.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io;
+use std::io::ErrorKind;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find;
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga};
 
@@ -221,9 +221,11 @@ impl std::fmt::Debug for SimLink {
 }
 
 impl PacketLink for SimLink {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         if self.is_unreachable {
-            return Err(io::ErrorKind::HostUnreachable.into());
+            return Err(SocketError(ErrorKind::HostUnreachable));
         }
         let number = self.journal.len();
         self.journal.push(Sent {
@@ -241,7 +243,11 @@ impl PacketLink for SimLink {
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
         self.run(deadline.as_nanos() + self.missed, true);
         let Some(packet) = self.waiting.pop_front() else {
             return Ok(None);

@@ -6,5 +6,6 @@ mod board;
 mod bursts;
 #[path = "../common/mod.rs"]
 mod common;
+mod network_stack;
 mod other_board;
 mod registers;

@@ -1,9 +1,10 @@
 //! An access list as an LBP16 packet: encoded once, then only patched.
 
+use alloc::vec::Vec;
 use core::ops::Range;
 use core::time::Duration;
 
-use super::UdpError;
+use super::ListError;
 use super::ledger::{Account, Details, SLOTS, WriteEvidence, WriteNumber};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
@@ -103,9 +104,9 @@ impl UdpList {
     /// The packet of a list.
     ///
     /// # Errors
-    /// [`UdpError::OtherBus`]: a bus of another type prepared the list.
-    pub fn of(list: &AccessList) -> Result<&Self, UdpError> {
-        list.form().ok_or(UdpError::OtherBus)
+    /// [`ListError::OtherBus`]: a bus of another type prepared the list.
+    pub fn of(list: &AccessList) -> Result<&Self, ListError> {
+        list.form().ok_or(ListError::OtherBus)
     }
 
     /// Bytes of the packet that is sent, without the headers of lower layers.
@@ -140,7 +141,7 @@ impl UdpList {
         accesses: &[Access],
         is_acknowledged: bool,
         hold: Option<Hold>,
-    ) -> Result<Self, UdpError> {
+    ) -> Result<Self, ListError> {
         let mut this = Self::default();
         this.encode(accesses, is_acknowledged, hold)?;
         Ok(this)
@@ -152,14 +153,14 @@ impl UdpList {
         accesses: &[Access],
         is_acknowledged: bool,
         hold: Option<Hold>,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), ListError> {
         if let Some(&access) = accesses.iter().find(|access| !is_sound(**access)) {
             let words = usize::from(u16::MAX);
-            return Err(UdpError::BadAccess { access, words });
+            return Err(ListError::BadAccess { access, words });
         }
         let limit = hold.map_or(Duration::ZERO, |hold| hold.limit);
         let Ok(limit_us) = u16::try_from(limit.as_micros()) else {
-            return Err(UdpError::LongHold { limit });
+            return Err(ListError::LongHold { limit });
         };
         self.held = Duration::from_micros(limit_us.into());
         let has = |direction| accesses.iter().any(|access| access.direction == direction);
@@ -188,12 +189,12 @@ impl UdpList {
     }
 
     /// The packet that only asks for the board's account.
-    pub(super) fn question() -> Result<Self, UdpError> {
+    pub(super) fn question() -> Result<Self, ListError> {
         Self::answered(None, &[], 0)
     }
 
     /// The packet that asks for the identity of the [board](Self::board).
-    pub(super) fn identity() -> Result<Self, UdpError> {
+    pub(super) fn identity() -> Result<Self, ListError> {
         let mut request = RequestBuilder::default();
         request.push(Command::read(Space::Eeprom, 3), eeprom::MAC, &[]);
         let name = Command::read(Space::ReadOnly, 8);
@@ -214,7 +215,7 @@ impl UdpList {
     }
 
     /// The packet that clears the numbers of all writes. Executing it more than once is harmless.
-    pub(super) fn clearing() -> Result<Self, UdpError> {
+    pub(super) fn clearing() -> Result<Self, ListError> {
         const REGISTERS: usize = SLOTS + 1;
         let mut request = RequestBuilder::default();
         let clear = Command::write(Space::Timer, REGISTERS as u8);
@@ -227,7 +228,7 @@ impl UdpList {
         kind: Option<WriteEvidence>,
         commands: &[u8],
         reply_len: usize,
-    ) -> Result<Self, UdpError> {
+    ) -> Result<Self, ListError> {
         let mut this = Self::default();
         this.make(true, kind, |this| {
             this.request.bytes.extend_from_slice(commands);
@@ -242,7 +243,7 @@ impl UdpList {
         is_answered: bool,
         kind: Option<WriteEvidence>,
         body: impl FnOnce(&mut Self),
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), ListError> {
         self.request.bytes.clear();
         self.writes.clear();
         self.reads.clear();
@@ -267,7 +268,7 @@ impl UdpList {
         for (what, bytes) in [("request", request), ("reply", reply)] {
             let limit = MAX_PACKET;
             if bytes > limit {
-                return Err(UdpError::TooLong { what, bytes, limit });
+                return Err(ListError::TooLong { what, bytes, limit });
             }
         }
         Ok(())
@@ -439,13 +440,15 @@ impl UdpList {
     }
 
     /// Checks that every access has its words in a buffer of this size.
-    pub(super) fn check_words(&self, words: usize) -> Result<(), UdpError> {
+    pub(super) fn check_words(&self, words: usize) -> Result<(), ListError> {
         if self.words <= words {
             return Ok(());
         }
         let mut accesses = self.accesses.iter();
         let missing = accesses.find(|access| access.words().end > words);
-        missing.map_or(Ok(()), |&access| Err(UdpError::BadAccess { access, words }))
+        missing.map_or(Ok(()), |&access| {
+            Err(ListError::BadAccess { access, words })
+        })
     }
 }
 

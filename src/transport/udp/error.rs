@@ -1,16 +1,18 @@
 //! Errors between the host and an Ethernet board.
 
 use core::time::Duration;
-use std::io::{self, ErrorKind};
 
+#[cfg(feature = "std")]
+use super::SocketError;
 use crate::Rounded;
 use crate::advice::Advice;
 use crate::bus::{Access, BusAdvice, BusError, BusErrorKind};
 
-/// An exchange with an Ethernet board failed.
+/// An exchange with an Ethernet board failed. `E` is the error of its
+/// [link](super::PacketLink::Error).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum UdpError {
+pub enum UdpError<#[cfg(feature = "std")] E = SocketError, #[cfg(not(feature = "std"))] E> {
     /// No reply at all within the deadline.
     #[error(
         "request {request}: no reply within {}",
@@ -109,13 +111,25 @@ pub enum UdpError {
         within: Duration,
     },
     /// The packet could not be sent or received.
-    #[error("{} ({} after the request)", reason(*kind), Rounded(.waited))]
+    #[error("{error} ({} after the request)", Rounded(.waited))]
     Link {
-        /// Error of the operating system.
-        kind: ErrorKind,
+        /// Error of the link.
+        error: E,
         /// Time since the request.
         waited: Duration,
     },
+    /// The list cannot be a packet, or does not fit its buffer.
+    #[error(transparent)]
+    List(#[from] ListError),
+    /// The reply was requested of a list that was not started, or another list was run since.
+    #[error("there is no reply to this list")]
+    NotStarted,
+}
+
+/// A list of accesses cannot be a packet, or does not fit its buffer. Nothing was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ListError {
     /// The list needs more than one packet.
     #[error(
         "the list needs a {what} of {bytes} bytes, more than the {limit} that fit into a packet"
@@ -140,9 +154,6 @@ pub enum UdpError {
         /// Size of the buffer.
         words: usize,
     },
-    /// The reply was requested of a list that was not started, or another list was run since.
-    #[error("there is no reply to this list")]
-    NotStarted,
     /// A bus of another type prepared the list.
     #[error("the list was prepared by a bus of another type")]
     OtherBus,
@@ -158,20 +169,23 @@ pub enum UdpError {
     },
 }
 
-impl From<io::Error> for UdpError {
-    /// The error of a failed send.
-    fn from(error: io::Error) -> Self {
-        Self::Link {
-            kind: error.kind(),
-            waited: Duration::ZERO,
-        }
-    }
-}
-
-impl UdpError {
+impl<E: BusError> UdpError<E> {
     /// The next step, if there is one: the [advice of the bus](BusError::advice).
     pub fn advice(&self) -> Option<Advice> {
         BusError::advice(self).map(Advice::Bus)
+    }
+
+    /// The error of a packet that could not be sent.
+    pub(super) fn of_sending(error: E) -> Self {
+        let waited = Duration::ZERO;
+        Self::Link { error, waited }
+    }
+
+    /// True if a further try cannot succeed: another host drives the board, the list is at fault,
+    /// or a firewall of this computer keeps the packet.
+    pub(super) fn is_lasting(&self) -> bool {
+        matches!(self.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid)
+            || BusError::advice(self) == Some(BusAdvice::OpenFirewall)
     }
 
     /// The error of an exchange whose last of several tries failed with this one.
@@ -194,7 +208,7 @@ impl UdpError {
     }
 }
 
-impl BusError for UdpError {
+impl<E: BusError> BusError for UdpError<E> {
     fn kind(&self) -> BusErrorKind {
         match self {
             Self::Lost { .. } | Self::Foreign { .. } => BusErrorKind::Lost,
@@ -202,13 +216,9 @@ impl BusError for UdpError {
             Self::Late { .. } => BusErrorKind::Late,
             Self::Stale { .. } => BusErrorKind::Stale,
             Self::Short { .. } => BusErrorKind::Short,
-            Self::Link { kind, .. } => link_kind(*kind),
+            Self::Link { error, .. } => error.kind(),
             Self::OtherHost { .. } => BusErrorKind::Occupied,
-            Self::TooLong { .. }
-            | Self::BadAccess { .. }
-            | Self::NotStarted
-            | Self::OtherBus
-            | Self::LongHold { .. } => BusErrorKind::Invalid,
+            Self::List(_) | Self::NotStarted => BusErrorKind::Invalid,
         }
     }
 
@@ -219,47 +229,12 @@ impl BusError for UdpError {
             Self::Foreign { .. } => BusAdvice::CheckAddress,
             Self::Short { .. } => BusAdvice::FindOtherProgram,
             Self::OtherHost { .. } => BusAdvice::EndOtherProgram,
-            Self::Link { kind, .. } => link_advice(*kind),
-            Self::TooLong { .. } => BusAdvice::ShortenList,
-            Self::BadAccess { .. } => return None,
+            Self::Link { error, .. } => return error.advice(),
             Self::NotStarted => BusAdvice::StartList,
-            Self::OtherBus => BusAdvice::PrepareList,
-            Self::LongHold { .. } => BusAdvice::ShortenPeriod,
+            Self::List(ListError::TooLong { .. }) => BusAdvice::ShortenList,
+            Self::List(ListError::BadAccess { .. }) => return None,
+            Self::List(ListError::OtherBus) => BusAdvice::PrepareList,
+            Self::List(ListError::LongHold { .. }) => BusAdvice::ShortenPeriod,
         })
     }
-}
-
-fn link_kind(kind: ErrorKind) -> BusErrorKind {
-    match kind {
-        ErrorKind::ConnectionRefused => BusErrorKind::Refused,
-        ErrorKind::HostUnreachable
-        | ErrorKind::NetworkUnreachable
-        | ErrorKind::NetworkDown
-        | ErrorKind::AddrNotAvailable => BusErrorKind::Unreachable,
-        _ => BusErrorKind::Other,
-    }
-}
-
-fn reason(kind: ErrorKind) -> String {
-    match link_kind(kind) {
-        BusErrorKind::Refused => {
-            "no program listens at this address and port (a board listens at 27181)".into()
-        }
-        BusErrorKind::Unreachable => "no way to this address".into(),
-        _ if is_blocked(kind) => "this computer lets no packets out to this address".into(),
-        _ => format!("the operating system reports: {kind}"),
-    }
-}
-
-fn link_advice(kind: ErrorKind) -> BusAdvice {
-    match link_kind(kind) {
-        BusErrorKind::Unreachable => BusAdvice::CheckInterface,
-        _ if is_blocked(kind) => BusAdvice::OpenFirewall,
-        _ => BusAdvice::CheckAddressAndCable,
-    }
-}
-
-/// True if the firewall of this computer refuses to send: a retry does not help.
-pub(super) fn is_blocked(kind: ErrorKind) -> bool {
-    kind == ErrorKind::PermissionDenied
 }

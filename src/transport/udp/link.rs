@@ -1,34 +1,45 @@
-//! Transport of the packets: a UDP socket, or the simulated network of a test.
+//! Transport of the packets: a socket, the network stack of a microcontroller, or the simulated
+//! network of a test.
 
 use core::time::Duration;
-use std::{
-    io::{self, ErrorKind},
-    net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket},
-};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
-use socket2::{Domain, Protocol, Socket, Type};
-
-use crate::bus::{Clock, HostClock, Instant, SPIN};
+use crate::bus::{BusError, Instant};
 
 /// Carries datagrams to one board and back, and provides the time.
 ///
-/// [`UdpBus`](super::UdpBus) is generic over it, so that losses, delays and duplicates are tested
-/// on virtual time.
+/// [`UdpBus`](super::UdpBus) is generic over it: the bus runs on any network stack, and losses,
+/// delays and duplicates are tested on virtual time.
+///
+/// # Real time
+/// The cycle calls all methods but the two sleeps. They must not allocate, and only
+/// [`receive`](Self::receive) may wait.
 pub trait PacketLink {
-    /// Sends one datagram to the board.
-    fn send(&mut self, packet: &[u8]) -> io::Result<()>;
+    /// Error of sending and receiving, with the kind and the advice that the bus passes on;
+    /// [`Infallible`](core::convert::Infallible) if neither can fail.
+    type Error: BusError;
 
-    /// The next datagram from the board, or `None` if none arrives until `deadline`.
+    /// Sends one datagram to the board. Returns without waiting: the network or the stack may
+    /// still lose it.
+    fn send(&mut self, packet: &[u8]) -> Result<(), Self::Error>;
+
+    /// The next datagram from the board, or `None` if none arrives until `deadline`. If the
+    /// deadline has passed, it returns a datagram that has already arrived, without waiting.
     ///
     /// A datagram longer than `buffer` is truncated; provide room for more than any reply.
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>>;
+    /// Datagrams of other senders should be left out; those that are not are counted as
+    /// [foreign](crate::bus::BusStatistics::foreign), unless they look like a reply.
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, Self::Error>;
 
-    /// The time. Never goes back.
+    /// The time. Never goes back. The replies of a cycle are measured with it: a resolution of
+    /// 10 us or better is needed.
     fn now(&mut self) -> Instant;
 
-    /// Waits until `deadline`.
+    /// Waits until `deadline`. Datagrams that arrive meanwhile are kept for
+    /// [`receive`](Self::receive).
     fn sleep_until(&mut self, deadline: Instant);
 
     /// Waits for at least `duration` without using the CPU: [`Clock::sleep`](crate::Clock::sleep).
@@ -38,167 +49,26 @@ pub trait PacketLink {
     }
 }
 
-/// A UDP socket for a single board.
-///
-/// The socket is connected, so the kernel drops datagrams of other senders and reports a refusal.
-#[derive(Debug)]
-pub struct UdpLink {
-    socket: UdpSocket,
-    /// Socket options that shorten or steady the round trip and that this host did not allow, by
-    /// the names that system administrators know.
-    pub refused: Vec<&'static str>,
-    clock: HostClock,
-}
+impl<L: PacketLink + ?Sized> PacketLink for &mut L {
+    type Error = L::Error;
 
-/// Time that the kernel may poll the device, in microseconds.
-const BUSY_POLL: u32 = 50;
-/// The highest priority that an ordinary user may set.
-const PRIORITY: u32 = 6;
-
-impl UdpLink {
-    /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
-    ///
-    /// Nothing is sent: a missing board shows in the first exchange.
-    pub fn connect(address: SocketAddrV4) -> io::Result<Self> {
-        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
-        let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
-        socket.bind(&any.into())?;
-        socket.connect(&SocketAddr::from(address).into())?;
-        socket.set_nonblocking(true)?;
-        // None of the options needs root; a host that does not know or allow one works without it.
-        let is_whole = set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok();
-        let options = [
-            // Polls the network device instead of waiting for its interrupt.
-            SocketOption {
-                name: "SO_BUSY_POLL",
-                is_set: socket.set_busy_poll(BUSY_POLL).is_ok(),
-            },
-            // In the queue of the network device.
-            SocketOption {
-                name: "SO_PRIORITY",
-                is_set: socket.set_priority(PRIORITY).is_ok(),
-            },
-            // Datagrams are never fragmented; boards do not reassemble.
-            SocketOption {
-                name: "IP_MTU_DISCOVER",
-                is_set: is_whole,
-            },
-        ];
-        Ok(Self {
-            refused: refused(options),
-            socket: socket.into(),
-            clock: HostClock::new(),
-        })
+    fn send(&mut self, packet: &[u8]) -> Result<(), L::Error> {
+        (**self).send(packet)
     }
 
-    /// Blocks until a datagram arrives or `left` is nearly over; has the nanosecond resolution of
-    /// the kernel, unlike a socket's own timeout, which is rounded up to kernel ticks.
-    fn wait_readable(&self, left: Duration) -> io::Result<()> {
-        if left < SPIN {
-            core::hint::spin_loop();
-            return Ok(());
-        }
-        let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
-        poll_for(&mut fds, left.saturating_sub(SPIN))
-    }
-}
-
-/// Blocks until one of `fds` is ready, `time` has elapsed, or a signal arrives.
-pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> io::Result<()> {
-    let timeout = Timespec {
-        tv_sec: time.as_secs() as _,
-        tv_nsec: time.subsec_nanos() as _,
-    };
-    match poll(fds, Some(&timeout)) {
-        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
-        Err(errno) => Err(errno.into()),
-    }
-}
-
-/// A socket option that the link asks for.
-#[derive(Clone, Copy, Debug)]
-struct SocketOption {
-    name: &'static str,
-    /// The host allowed it.
-    is_set: bool,
-}
-
-/// The names of the options that were not set.
-fn refused(options: [SocketOption; 3]) -> Vec<&'static str> {
-    let refused = options.iter().filter(|option| !option.is_set);
-    refused.map(|option| option.name).collect()
-}
-
-impl PacketLink for UdpLink {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
-        self.socket.send(packet)?;
-        Ok(())
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
-        loop {
-            // The time is read before the last check of the socket, so that no datagram that
-            // arrived in time is missed.
-            let left = deadline.since(self.clock.read());
-            if !left.is_zero() {
-                self.wait_readable(left)?;
-            }
-            match self.socket.recv(buffer) {
-                Ok(length) => return Ok(Some(length)),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-            if left.is_zero() {
-                return Ok(None);
-            }
-        }
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> Result<Option<usize>, L::Error> {
+        (**self).receive(buffer, deadline)
     }
 
     fn now(&mut self) -> Instant {
-        self.clock.read()
+        (**self).now()
     }
 
     fn sleep_until(&mut self, deadline: Instant) {
-        self.clock.sleep_until(deadline);
+        (**self).sleep_until(deadline);
     }
 
     fn sleep(&mut self, duration: Duration) {
-        Clock::sleep(&mut self.clock, duration);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_option_that_the_host_does_not_allow_is_named_and_no_other() {
-        let options = [("ONE", false), ("TWO", true), ("THREE", false)];
-        let options = options.map(|(name, is_set)| SocketOption { name, is_set });
-        assert_eq!(refused(options), ["ONE", "THREE"]);
-        let allowed = options.map(|option| SocketOption {
-            is_set: true,
-            ..option
-        });
-        assert!(refused(allowed).is_empty());
-    }
-
-    #[test]
-    fn a_receive_ends_at_its_deadline_or_with_a_datagram() {
-        let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-        let SocketAddr::V4(address) = board.local_addr().unwrap() else {
-            panic!("an IPv4 socket");
-        };
-        let mut link = UdpLink::connect(address).unwrap();
-        let deadline = link.now().after(Duration::from_micros(300));
-        assert_eq!(link.receive(&mut [0; 8], deadline).unwrap(), None);
-        assert!(link.now() >= deadline);
-        link.send(b"ping").unwrap();
-        let mut buffer = [0; 8];
-        let (length, from) = board.recv_from(&mut buffer).unwrap();
-        board.send_to(&buffer[..length], from).unwrap();
-        let deadline = link.now().after(Duration::from_secs(5));
-        assert_eq!(link.receive(&mut buffer, deadline).unwrap(), Some(4));
+        (**self).sleep(duration);
     }
 }

@@ -1,5 +1,9 @@
 //! LBP16 over UDP: the bus of the Ethernet boards.
 //!
+//! [`UdpBus`] needs a [`PacketLink`], which carries datagrams and has a clock: `UdpLink` is a
+//! socket of an operating system (feature `std`); on a microcontroller it is made from a network
+//! stack ([how](crate::transport::microcontroller)).
+//!
 //! One exchange is one packet out and at most one packet back. Neighbouring registers share a
 //! command; lists that run every cycle are encoded once ([`RegisterBus::prepare`]).
 //!
@@ -15,18 +19,25 @@ mod link;
 mod matching;
 mod others;
 mod receiving;
+#[cfg(feature = "std")]
+mod socket;
 
 pub use encoding::UdpList;
-pub use error::UdpError;
-pub(super) use link::poll_for;
-pub use link::{PacketLink, UdpLink};
+pub use error::{ListError, UdpError};
+pub use link::PacketLink;
+#[cfg(feature = "std")]
+pub(super) use socket::poll_for;
+#[cfg(feature = "std")]
+pub use socket::{SocketError, UdpLink};
 
+use alloc::boxed::Box;
 use core::time::Duration;
+#[cfg(feature = "std")]
 use std::net::SocketAddrV4;
 
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
-    Effort, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusStatistics, Clock, Direction, Effort, Hold, Instant,
+    RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
@@ -94,7 +105,10 @@ impl Default for UdpConfig {
 /// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by
 /// that plus its own limit. Neither allocates.
 #[derive(Debug)]
-pub struct UdpBus<L: PacketLink = UdpLink> {
+pub struct UdpBus<
+    #[cfg(feature = "std")] L: PacketLink = UdpLink,
+    #[cfg(not(feature = "std"))] L: PacketLink,
+> {
     link: L,
     config: UdpConfig,
     requests: Requests,
@@ -117,6 +131,7 @@ pub struct UdpBus<L: PacketLink = UdpLink> {
     reply: Box<[u8; RECEIVE_BUFFER]>,
 }
 
+#[cfg(feature = "std")]
 impl UdpBus<UdpLink> {
     /// Opens the board at `address`; its port is 27181 unless configured otherwise.
     ///
@@ -142,7 +157,7 @@ impl<L: PacketLink> UdpBus<L> {
     /// written if another host drives it ([`check_alone`](Self::check_alone)). A sender that starts
     /// later is detected in the cycle: [`BusStatistics::others`]. [`UdpConfig::beside_others`]
     /// disables both checks.
-    pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError> {
+    pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError<L::Error>> {
         let mut bus = Self::unasked(link, config);
         bus.check_alone()?;
         // Without this, numbers left by an earlier program would look like executed writes, or like
@@ -158,7 +173,7 @@ impl<L: PacketLink> UdpBus<L> {
     /// Fails if another host drives the board behind `link`. Writes nothing but the number of a
     /// request. With a bus of the board that has been idle for a while, call
     /// [`check_alone`](Self::check_alone) instead.
-    pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError> {
+    pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError<L::Error>> {
         Self::unasked(link, config).check_alone()
     }
 
@@ -193,7 +208,7 @@ impl<L: PacketLink> UdpBus<L> {
     ///
     /// # Real time
     /// Not for the cycle: it waits.
-    pub fn check_alone(&mut self) -> Result<(), UdpError> {
+    pub fn check_alone(&mut self) -> Result<(), UdpError<L::Error>> {
         if self.config.beside_others {
             return Ok(());
         }
@@ -218,7 +233,7 @@ impl<L: PacketLink> UdpBus<L> {
     }
 
     /// An exchange of set-up, repeated until it succeeds or the tries are used up.
-    fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
+    fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError<L::Error>> {
         self.repeated(list, words, self.config.setup_deadline)
     }
 
@@ -228,7 +243,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &mut [u32],
         deadline: Duration,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         let start = self.link.now();
         let mut left = self.config.setup_tries;
         let done = self.with_retries(list, words, deadline, &mut left);
@@ -246,12 +261,9 @@ impl<L: PacketLink> UdpBus<L> {
         words: &mut [u32],
         deadline: Duration,
         tries: &mut u32,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         while let Err(error) = self.transact(list, words, deadline) {
-            let kind = error.kind();
-            let lasts = matches!(kind, BusErrorKind::Occupied | BusErrorKind::Invalid)
-                || matches!(error, UdpError::Link { kind, .. } if error::is_blocked(kind));
-            if lasts || *tries <= 1 {
+            if error.is_lasting() || *tries <= 1 {
                 return Err(error);
             }
             *tries = tries.saturating_sub(1);
@@ -277,7 +289,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &mut [u32],
         deadline: Duration,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         match self.send(list, words, deadline)? {
             Some(wait) => self.receive(list, wait, words),
             None => Ok(()),
@@ -290,7 +302,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &[u32],
         deadline: Duration,
-    ) -> Result<Option<Wait>, UdpError> {
+    ) -> Result<Option<Wait>, UdpError<L::Error>> {
         let write = list.kind.map(|kind| self.ledger.open_write(kind));
         let started = self.link.now();
         let wait = list.is_answered.then(|| {
@@ -308,20 +320,20 @@ impl<L: PacketLink> UdpBus<L> {
         let packet = list.packet(self.packet.as_mut_slice(), words, wait, write);
         self.statistics.exchanges.tally(1);
         self.statistics.bytes_sent.tally(packet.len() as u64);
-        self.link.send(packet)?;
+        self.link.send(packet).map_err(UdpError::of_sending)?;
         Ok(wait)
     }
 }
 
 impl<L: PacketLink> Lbp16Board for UdpBus<L> {
-    type Error = UdpError;
+    type Error = UdpError<L::Error>;
 
     fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         let list = UdpList::answered(None, commands, reply.len())?;
         self.repeated(&list, &mut [], deadline)?;
         for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
@@ -330,9 +342,9 @@ impl<L: PacketLink> Lbp16Board for UdpBus<L> {
         Ok(())
     }
 
-    fn send(&mut self, commands: &[u8]) -> Result<(), UdpError> {
+    fn send(&mut self, commands: &[u8]) -> Result<(), UdpError<L::Error>> {
         self.ledger.lose_count();
-        Ok(self.link.send(commands)?)
+        self.link.send(commands).map_err(UdpError::of_sending)
     }
 }
 
@@ -352,14 +364,18 @@ impl<L: PacketLink> Clock for UdpBus<L> {
 }
 
 impl<L: PacketLink> RegisterBus for UdpBus<L> {
-    type Error = UdpError;
+    type Error = UdpError<L::Error>;
 
     /// The board's timer holds lists back.
     fn can_hold(&self) -> bool {
         true
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
+    fn exchange(
+        &mut self,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), UdpError<L::Error>> {
         let list = UdpList::new(accesses, true, None)?;
         list.check_words(words.len())?;
         self.set_up(&list, words)
@@ -367,14 +383,18 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
 
     /// The board can wait for up to 65.535 ms. Time that the board waited does not count for the
     /// deadline of the reply: its words are as new as those of other lists, however long it waited.
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, UdpError> {
+    fn prepare(
+        &mut self,
+        accesses: &[Access],
+        hold: Option<Hold>,
+    ) -> Result<AccessList, UdpError<L::Error>> {
         self.prepared = self.prepared.wrapping_add(1);
         let mut list = UdpList::new(accesses, false, hold)?;
         list.number = self.prepared;
         Ok(AccessList::encoded(list))
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), UdpError> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), UdpError<L::Error>> {
         let list = UdpList::of(list)?;
         list.check_words(words.len())?;
         self.is_cyclic = true;
@@ -385,7 +405,11 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         Ok(())
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, UdpError> {
+    fn finish(
+        &mut self,
+        list: &AccessList,
+        words: &mut [u32],
+    ) -> Result<Reply, UdpError<L::Error>> {
         let list = UdpList::of(list)?;
         if !list.is_answered {
             return Ok(Reply::UNKNOWN);
@@ -401,15 +425,21 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         Ok(replies.with_slack(waited.map(Duration::from_micros)))
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
+    fn write_all(
+        &mut self,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), UdpError<L::Error>> {
         self.is_cyclic = true;
         let mut once = core::mem::take(&mut self.once);
-        let sent = once.encode(accesses, false, None).and_then(|()| {
-            once.check_words(words.len())?;
-            self.send(&once, words, Duration::ZERO)
-        });
+        let encoded = once.encode(accesses, false, None);
+        let encoded = encoded.and_then(|()| once.check_words(words.len()));
+        let sent = match encoded {
+            Ok(()) => self.send(&once, words, Duration::ZERO).map(drop),
+            Err(error) => Err(error.into()),
+        };
         self.once = once;
-        sent.map(drop)
+        sent
     }
 
     /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.
@@ -423,7 +453,7 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
 
     /// MAC address and card name of the board (manual: 7I97, "ETHERNET EEPROM LAYOUT" and "SPACE 7:
     /// LBP READ ONLY AREA").
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, UdpError> {
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, UdpError<L::Error>> {
         let list = core::mem::take(&mut self.identity);
         let result = match effort {
             Effort::Once => self.transact(&list, &mut [], self.config.cycle_deadline),
@@ -438,5 +468,5 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "std"))]
 mod tests;

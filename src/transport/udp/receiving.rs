@@ -35,7 +35,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         wait: Wait,
         words: &mut [u32],
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         let request = wait.request;
         let deadline = wait.deadline.saturating_add(list.held);
         let until = wait.started.after(deadline);
@@ -63,8 +63,7 @@ impl<L: PacketLink> UdpBus<L> {
                 Err(error) => {
                     // If a reply arrives after all, it is late.
                     self.statistics.lost.tally(1);
-                    let kind = error.kind();
-                    return Err(UdpError::Link { kind, waited });
+                    return Err(UdpError::Link { error, waited });
                 }
             }
             // A datagram that arrived in time may still be in the socket; the search for it is
@@ -85,7 +84,7 @@ impl<L: PacketLink> UdpBus<L> {
         length: usize,
         wait: Wait,
         waited: Duration,
-    ) -> Result<Option<u32>, UdpError> {
+    ) -> Result<Option<u32>, UdpError<L::Error>> {
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends such a packet, and it is cut off: its last bytes here may be from its
@@ -125,7 +124,7 @@ impl<L: PacketLink> UdpBus<L> {
         length: usize,
         wait: Wait,
         waited: Duration,
-    ) -> Result<(), UdpError> {
+    ) -> Result<(), UdpError<L::Error>> {
         let (request, expected) = (wait.request, list.reply_len(wait.detailed));
         let counted = &mut self.statistics;
         let reply = self.reply.get(..length).unwrap_or(&[]);
@@ -190,7 +189,7 @@ impl<L: PacketLink> UdpBus<L> {
     }
 }
 
-fn without_reply(request: u32, datagrams: u64, waited: Duration) -> UdpError {
+fn without_reply<E>(request: u32, datagrams: u64, waited: Duration) -> UdpError<E> {
     if datagrams == 0 {
         return UdpError::Lost { request, waited };
     }

@@ -65,11 +65,11 @@ fn lists_that_fit_no_packet_or_no_buffer_are_refused_when_they_are_prepared_or_r
     assert!(
         matches!(
             error,
-            UdpError::TooLong {
+            UdpError::List(ListError::TooLong {
                 what: "reply",
                 bytes: 1624,
                 ..
-            }
+            })
         ),
         "{error}"
     );
@@ -89,7 +89,10 @@ fn the_last_word_of_all_buffers_has_a_place_and_the_one_behind_it_is_refused() {
         bus.exchange(&[access(0, 0xFFFE, 1)], &mut words).unwrap();
         for (first, count) in [(0xFFFF, 1), (0xFFFE, 2), (1, 0xFFFF)] {
             let error = bus.prepare(&[access(0, first, count)], None).unwrap_err();
-            assert!(matches!(error, UdpError::BadAccess { .. }), "{error}");
+            assert!(
+                matches!(error, UdpError::List(ListError::BadAccess { .. })),
+                "{error}"
+            );
         }
         assert!(bus.prepare(&[access(0, 0xFFFF, 0)], None).is_ok());
     }

@@ -1,7 +1,7 @@
 //! A simulated network and board, on virtual time.
 
 use super::*;
-use std::io;
+use std::io::ErrorKind;
 
 /// The fate of one packet on its way.
 #[derive(Clone, Copy, Debug)]
@@ -242,7 +242,9 @@ impl Fate {
 }
 
 impl PacketLink for Network {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         let numbers = numbers(packet);
         let before = self.newest.write;
         self.newest.write = numbers.write.or(before);
@@ -251,14 +253,18 @@ impl PacketLink for Network {
             self.asked.insert(request, self.newest.write);
         }
         if self.refuses || self.refusals.pop().unwrap_or(false) {
-            return Err(io::ErrorKind::ConnectionRefused.into());
+            return Err(SocketError(ErrorKind::ConnectionRefused));
         }
         let fate = self.requests.pop().unwrap_or(GOOD);
         self.carry(|n| &mut n.to_board, fate, 0, packet);
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
         if let Some(length) = self.flooded {
             self.now += 1_000;
             buffer[..length].fill(0xEE);
@@ -287,24 +293,5 @@ impl PacketLink for Network {
         for (execution, packet) in waiting {
             self.carry(|n| &mut n.to_host, GOOD_AT_ONCE, execution, &packet);
         }
-    }
-}
-
-/// Lets a test inspect the network when the bus could not be made.
-impl PacketLink for &mut Network {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
-        (**self).send(packet)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], until: Instant) -> io::Result<Option<usize>> {
-        (**self).receive(buffer, until)
-    }
-
-    fn now(&mut self) -> Instant {
-        (**self).now()
-    }
-
-    fn sleep_until(&mut self, deadline: Instant) {
-        (**self).sleep_until(deadline);
     }
 }

@@ -91,7 +91,7 @@ fn the_board_is_not_asked_to_wait_longer_than_it_can() {
     assert!(bus.prepare(&[READ], Some(hold(longest))).is_ok());
     let longer = longest + MS / 1000;
     let error = bus.prepare(&[READ], Some(hold(longer))).unwrap_err();
-    assert!(matches!(error, UdpError::LongHold { limit } if limit == longer));
+    assert!(matches!(error, UdpError::List(ListError::LongHold { limit }) if limit == longer));
 }
 
 #[test]

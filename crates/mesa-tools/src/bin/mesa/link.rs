@@ -1,10 +1,9 @@
 //! The link to the board of a command: a UDP socket, or a simulated machine in this program.
 
-use std::io;
 use std::time::Duration;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpLink};
+use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpLink};
 
 use crate::simulated::SimulatedLink;
 
@@ -29,14 +28,20 @@ impl BoardLink {
 }
 
 impl PacketLink for BoardLink {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         match self {
             Self::Socket(link) => link.send(packet),
             Self::Simulated(link) => link.send(packet),
         }
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
         match self {
             Self::Socket(link) => link.receive(buffer, deadline),
             Self::Simulated(link) => link.receive(buffer, deadline),

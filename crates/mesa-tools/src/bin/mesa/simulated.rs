@@ -1,12 +1,11 @@
 //! A simulated machine in this program: no socket, no thread, and a clock of its own.
 
 use std::collections::VecDeque;
-use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use mesa_hal::bus::{Clock, HostClock, Instant};
-use mesa_hal::transport::udp::PacketLink;
+use mesa_hal::transport::udp::{PacketLink, SocketError};
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{SimBoard, SimFpga};
 
@@ -138,7 +137,9 @@ pub struct SimulatedLink {
 }
 
 impl PacketLink for SimulatedLink {
-    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
         let mut world = lock(&self.world);
         let arrives = world.now() - world.paused + WIRE;
         let mut reply = Vec::new();
@@ -149,7 +150,11 @@ impl PacketLink for SimulatedLink {
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
         let mut world = lock(&self.world);
         let deadline = deadline.as_nanos();
         let next = self.replies.front();

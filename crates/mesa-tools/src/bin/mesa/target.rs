@@ -1,7 +1,6 @@
 //! Target board of a command.
 
 use std::cell::OnceCell;
-use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
@@ -11,7 +10,7 @@ use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16;
 use mesa_hal::transport::search::{self, AddressResult};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
+use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink};
 
 use crate::consent::Asks;
 use crate::context::{Failure, told};
@@ -126,7 +125,7 @@ impl Found {
     }
 
     /// A link to the board. Nothing is sent.
-    pub fn link(&self) -> io::Result<BoardLink> {
+    pub fn link(&self) -> Result<BoardLink, SocketError> {
         match &self.simulated {
             Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
             None => UdpLink::connect(self.address).map(BoardLink::Socket),

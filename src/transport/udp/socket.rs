@@ -1,0 +1,238 @@
+//! A UDP socket of the operating system.
+
+use core::time::Duration;
+use std::{
+    io::{self, ErrorKind},
+    net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket},
+};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
+use socket2::{Domain, Protocol, Socket, Type};
+
+use super::{PacketLink, UdpError};
+use crate::bus::{BusAdvice, BusError, BusErrorKind, Clock, HostClock, Instant, SPIN};
+
+/// A UDP socket for a single board.
+///
+/// The socket is connected, so the kernel drops datagrams of other senders and reports a refusal.
+#[derive(Debug)]
+pub struct UdpLink {
+    socket: UdpSocket,
+    /// Socket options that shorten or steady the round trip and that this host did not allow, by
+    /// the names that system administrators know.
+    pub refused: Vec<&'static str>,
+    clock: HostClock,
+}
+
+/// Time that the kernel may poll the device, in microseconds.
+const BUSY_POLL: u32 = 50;
+/// The highest priority that an ordinary user may set.
+const PRIORITY: u32 = 6;
+
+impl UdpLink {
+    /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
+    ///
+    /// Nothing is sent: a missing board shows in the first exchange.
+    pub fn connect(address: SocketAddrV4) -> Result<Self, SocketError> {
+        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+        let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
+        socket.bind(&any.into())?;
+        socket.connect(&SocketAddr::from(address).into())?;
+        socket.set_nonblocking(true)?;
+        // None of the options needs root; a host that does not know or allow one works without it.
+        let is_whole = set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok();
+        let options = [
+            // Polls the network device instead of waiting for its interrupt.
+            SocketOption {
+                name: "SO_BUSY_POLL",
+                is_set: socket.set_busy_poll(BUSY_POLL).is_ok(),
+            },
+            // In the queue of the network device.
+            SocketOption {
+                name: "SO_PRIORITY",
+                is_set: socket.set_priority(PRIORITY).is_ok(),
+            },
+            // Datagrams are never fragmented; boards do not reassemble.
+            SocketOption {
+                name: "IP_MTU_DISCOVER",
+                is_set: is_whole,
+            },
+        ];
+        Ok(Self {
+            refused: refused(options),
+            socket: socket.into(),
+            clock: HostClock::new(),
+        })
+    }
+
+    /// Blocks until a datagram arrives or `left` is nearly over; has the nanosecond resolution of
+    /// the kernel, unlike a socket's own timeout, which is rounded up to kernel ticks.
+    fn wait_readable(&self, left: Duration) -> io::Result<()> {
+        if left < SPIN {
+            core::hint::spin_loop();
+            return Ok(());
+        }
+        let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
+        poll_for(&mut fds, left.saturating_sub(SPIN))
+    }
+}
+
+/// Blocks until one of `fds` is ready, `time` has elapsed, or a signal arrives.
+pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> io::Result<()> {
+    let timeout = Timespec {
+        tv_sec: time.as_secs() as _,
+        tv_nsec: time.subsec_nanos() as _,
+    };
+    match poll(fds, Some(&timeout)) {
+        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+        Err(errno) => Err(errno.into()),
+    }
+}
+
+/// A socket option that the link asks for.
+#[derive(Clone, Copy, Debug)]
+struct SocketOption {
+    name: &'static str,
+    /// The host allowed it.
+    is_set: bool,
+}
+
+/// The names of the options that were not set.
+fn refused(options: [SocketOption; 3]) -> Vec<&'static str> {
+    let refused = options.iter().filter(|option| !option.is_set);
+    refused.map(|option| option.name).collect()
+}
+
+/// An error of the operating system, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}", reason(*.0))]
+pub struct SocketError(pub ErrorKind);
+
+impl From<io::Error> for SocketError {
+    fn from(error: io::Error) -> Self {
+        Self(error.kind())
+    }
+}
+
+impl BusError for SocketError {
+    fn kind(&self) -> BusErrorKind {
+        match self.0 {
+            ErrorKind::ConnectionRefused => BusErrorKind::Refused,
+            ErrorKind::HostUnreachable
+            | ErrorKind::NetworkUnreachable
+            | ErrorKind::NetworkDown
+            | ErrorKind::AddrNotAvailable => BusErrorKind::Unreachable,
+            _ => BusErrorKind::Other,
+        }
+    }
+
+    fn advice(&self) -> Option<BusAdvice> {
+        Some(match self.kind() {
+            BusErrorKind::Unreachable => BusAdvice::CheckInterface,
+            // The firewall of this computer refuses to send.
+            _ if self.0 == ErrorKind::PermissionDenied => BusAdvice::OpenFirewall,
+            _ => BusAdvice::CheckAddressAndCable,
+        })
+    }
+}
+
+impl From<SocketError> for UdpError {
+    /// The error of a socket that could not be opened.
+    fn from(error: SocketError) -> Self {
+        Self::of_sending(error)
+    }
+}
+
+fn reason(kind: ErrorKind) -> String {
+    match SocketError(kind).kind() {
+        BusErrorKind::Refused => {
+            "no program listens at this address and port (a board listens at 27181)".into()
+        }
+        BusErrorKind::Unreachable => "no way to this address".into(),
+        _ if kind == ErrorKind::PermissionDenied => {
+            "this computer lets no packets out to this address".into()
+        }
+        _ => format!("the operating system reports: {kind}"),
+    }
+}
+
+impl PacketLink for UdpLink {
+    type Error = SocketError;
+
+    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+        self.socket.send(packet)?;
+        Ok(())
+    }
+
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, SocketError> {
+        loop {
+            // The time is read before the last check of the socket, so that no datagram that
+            // arrived in time is missed.
+            let left = deadline.since(self.clock.read());
+            if !left.is_zero() {
+                self.wait_readable(left)?;
+            }
+            match self.socket.recv(buffer) {
+                Ok(length) => return Ok(Some(length)),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error.into()),
+            }
+            if left.is_zero() {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn now(&mut self) -> Instant {
+        self.clock.read()
+    }
+
+    fn sleep_until(&mut self, deadline: Instant) {
+        self.clock.sleep_until(deadline);
+    }
+
+    fn sleep(&mut self, duration: Duration) {
+        Clock::sleep(&mut self.clock, duration);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_option_that_the_host_does_not_allow_is_named_and_no_other() {
+        let options = [("ONE", false), ("TWO", true), ("THREE", false)];
+        let options = options.map(|(name, is_set)| SocketOption { name, is_set });
+        assert_eq!(refused(options), ["ONE", "THREE"]);
+        let allowed = options.map(|option| SocketOption {
+            is_set: true,
+            ..option
+        });
+        assert!(refused(allowed).is_empty());
+    }
+
+    #[test]
+    fn a_receive_ends_at_its_deadline_or_with_a_datagram() {
+        let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let SocketAddr::V4(address) = board.local_addr().unwrap() else {
+            panic!("an IPv4 socket");
+        };
+        let mut link = UdpLink::connect(address).unwrap();
+        let deadline = link.now().after(Duration::from_micros(300));
+        assert_eq!(link.receive(&mut [0; 8], deadline).unwrap(), None);
+        assert!(link.now() >= deadline);
+        link.send(b"ping").unwrap();
+        let mut buffer = [0; 8];
+        let (length, from) = board.recv_from(&mut buffer).unwrap();
+        board.send_to(&buffer[..length], from).unwrap();
+        let deadline = link.now().after(Duration::from_secs(5));
+        assert_eq!(link.receive(&mut buffer, deadline).unwrap(), Some(4));
+    }
+}
