@@ -41,8 +41,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// its arming is cancelled:
     /// - by any fault of the board that is found after this call: a bite, a reset, a bus that is
     ///   down, another firmware ([`RearmCancelled`](super::EventKind::RearmCancelled));
-    /// - for a remote, if it goes offline again, if it does not come up with the board because of a
-    ///   fault of its own, or if an attempt to start it finds another device, or a fault that it had
+    /// - for a remote, if it goes offline again, if it does not come up with the board, or after its
+    ///   port was switched on, because of a fault of its own, or if an attempt to start it finds another device, or a fault that it had
     ///   not reported before ([`RemoteRearmCancelled`](super::EventKind::RemoteRearmCancelled)). An
     ///   attempt that fails as before is no new fault: a remote that was offline at the call and is
     ///   plugged in an hour later is armed;

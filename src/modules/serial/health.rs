@@ -51,7 +51,8 @@ pub(crate) struct Arming {
     /// The board got its set-up back, and the remote has not transferred since: it comes up because
     /// of that, unless it has a fault of its own.
     pub comes_with_board: bool,
-    /// An attempt has found another device, or a fault that was not reported before.
+    /// An attempt has found another device, a fault that was not reported before, or the first fault
+    /// of a remote that was stopped or restarted on request.
     pub has_new_fault: bool,
 }
 
@@ -212,6 +213,7 @@ impl Health {
             let kind = EventKind::RemoteStaysOffline { remote, reason };
             self.tell(now, kind);
         }
+<<<<<<< ours
         self.first_fault.get_or_insert(reason);
         self.arming.has_new_fault |=
             !was_running && before != Some(reason) && reason.is_about_identity();
@@ -219,6 +221,18 @@ impl Health {
             RemoteState::Running => reason,
             RemoteState::Offline { reason: before, .. }
             | RemoteState::Restarting { reason: before } => reason.after(before),
+=======
+        let is_first_fault = !reason.is_asked_for()
+            && self.first_fault.is_some_and(|first| first.is_asked_for())
+            && before.is_some_and(|before| before.is_asked_for());
+        let first = *self.first_fault.get_or_insert(reason);
+        let is_another = before != Some(reason) && reason.is_about_identity();
+        self.arming.has_new_fault |= !was_running && (is_another || is_first_fault);
+        let reason = if reason.is_about_identity() {
+            reason
+        } else {
+            first
+>>>>>>> theirs
         };
         self.state = RemoteState::Offline {
             reason,

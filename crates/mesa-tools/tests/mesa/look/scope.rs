@@ -14,6 +14,19 @@ fn board() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &card)
 }
 
+/// Switches an input on and off until the driver runs, the cycles before the trigger are recorded,
+/// and the trigger is detected: a value that was not valid in the cycle before crosses nothing.
+fn switch_until_it_ends(board: &mut Board, scope: &mut Process) {
+    let begun = Instant::now();
+    let mut state = "on";
+    while !scope.has_ended() {
+        assert!(begun.elapsed() < PATIENCE, "no trigger");
+        board.console.run(&format!("input 0 2 {state}"));
+        state = if state == "on" { "off" } else { "on" };
+        std::thread::sleep(Duration::from_millis(700));
+    }
+}
+
 #[test]
 fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
     let mut board = board();
@@ -41,16 +54,7 @@ fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
     ];
     board.console.run("turn 0 1");
     let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
-    // The input goes on and off until the driver runs, the cycles before the trigger are recorded,
-    // and the trigger is detected.
-    let begun = Instant::now();
-    let mut state = "on";
-    while scope.child().try_wait().expect("a child").is_none() {
-        assert!(begun.elapsed() < PATIENCE, "no trigger");
-        board.console.run(&format!("input 0 2 {state}"));
-        state = if state == "on" { "off" } else { "on" };
-        std::thread::sleep(Duration::from_millis(700));
-    }
+    switch_until_it_ends(&mut board, &mut scope);
     let run: Run = scope.output().into();
     assert_eq!(run.code, Some(0), "{run:?}");
     let told = serde_json::from_str(&run.out).expect("JSON");
@@ -145,16 +149,14 @@ fn lost_packets_are_named_with_the_number_that_the_board_has() {
     let mut lines = BufReader::new(said).lines().map_while(Result::ok);
     let armed = lines.find(|line| line.contains("armed: "));
     let armed = armed.expect("it is armed");
-    assert!(
-        armed.ends_with("crosses 0.5 rising; it is 0 now"),
-        "{armed}"
-    );
+    // A busy host may have missed a transfer just then.
+    let is_known = ["it is 0 now", "it is not valid now"];
+    let is_known = is_known.iter().any(|known| armed.ends_with(known));
+    assert!(is_known, "{armed}");
     board.console.run("loss 0.1");
     board.wait_for_packets(60);
     board.console.run("loss 0");
-    // A value that was not valid before crosses nothing.
-    board.wait_for_packets(40);
-    board.console.run("input 0 2 on");
+    switch_until_it_ends(&mut board, &mut scope);
     let run: Run = scope.output().into();
     assert_eq!(run.code, Some(0), "{run:?}");
     let told: serde_json::Value = serde_json::from_str(&run.out).expect("JSON");
