@@ -1,34 +1,48 @@
 //! `mesa scope`: recording of cycles around a trigger.
 
 mod plot;
+mod table;
 
-use std::fmt::{self, Display, Write};
+use std::fmt::{self, Display};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use clap::{Args, ValueEnum};
+use mesa_hal::bus::Instant;
+use mesa_hal::driver::Pace;
 use mesa_hal::hal::{HalType, PinId, PinInfo};
-use mesa_hal::runner::{Edge, Ended, Runner, Scope as Recorder, ScopeRange, ScopeState, Trigger};
+use mesa_hal::runner::{
+    Cycle, Edge, Ended, MAX_SCOPE_PINS, RunStatistics, Runner, Scope as Recorder, ScopeRange,
+    ScopeState, Signal, Trigger,
+};
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Driver, Settings};
+use mesa_tools::Counted;
+use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
 use super::named;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
+use crate::modes::Modes;
+use crate::output::complain;
 use crate::target::Target;
-use crate::{files, running};
+use crate::{files, running, stamp};
 
 /// Timeout of a reply: a late cycle is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);
 
 const AFTER_HELP: &str = "\
 Drives nothing: all outputs are off. A board that another program drives is left alone. PIN is a
-name, or its end if no other name has that end. The CSV file has a line for each cycle: seconds and
-cycles since the trigger, then the values; a value that was not valid is empty. Files are written as
-a whole or not at all.
+name, or its end if no other name has that end. The pin of the trigger is recorded too, if there are
+less than 16 others. Says when it waits for the trigger, and the present value of its pin.
+
+The CSV file has a line for each cycle: seconds and cycles since the trigger, the values, and 1 in
+the cycle of the trigger, whose pin, level and time are the name of that column; a value that was
+not valid is empty. The picture has a panel for each number, and one line for each bit. Files are
+written as a whole or not at all.
 
 Example:
   mesa scope encoder.00.position encoder.00.velocity --trigger 7i77.0.0.input-02 \\
@@ -40,6 +54,8 @@ Example:
 pub struct Scope {
     #[command(flatten)]
     target: Target,
+    #[command(flatten)]
+    modes: Modes,
     /// Pins or parameters to record, 1 to 16
     #[arg(value_name = "PIN", required = true, num_args = 1..=16)]
     pins: Vec<String>,
@@ -88,12 +104,42 @@ enum Direction {
 struct Report {
     pins: Vec<String>,
     trigger: String,
+    /// Number of the trigger's cycle since the start of the machine.
+    trigger_cycle: u64,
     cycles: usize,
     before: u32,
     failed_reads: u64,
     skipped_periods: u64,
+    packets: Packets,
     csv: PathBuf,
     plot: Option<PathBuf>,
+}
+
+/// A complete recording.
+struct Recording {
+    /// Board, from its name in LinuxCNC: `hm2_7i92.0`.
+    board: String,
+    infos: Vec<PinInfo>,
+    scope: Recorder,
+    trigger: TriggerMark,
+}
+
+/// The trigger, as files show it.
+struct TriggerMark {
+    pin: String,
+    level: f64,
+    edge: Direction,
+    /// Date and time.
+    at: String,
+    /// Number of its cycle.
+    cycle: u64,
+}
+
+/// End of a run.
+struct Run {
+    signal: Option<Signal>,
+    statistics: RunStatistics,
+    packets: Packets,
 }
 
 impl Scope {
@@ -102,50 +148,95 @@ impl Scope {
         let driver = self.start()?;
         let pins = driver.pins();
         let find = |name: &String| named::find(pins, driver.missing(), name);
-        let recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        let mut recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         let pin = find(&self.trigger)?;
+        if !recorded.contains(&pin) && recorded.len() < MAX_SCOPE_PINS {
+            recorded.push(pin);
+        }
         let info = |pin| pins.info_of(pin).cloned().ok_or("the pin is gone");
         let infos = recorded.iter().map(|&pin| info(pin));
         let infos = infos.collect::<Result<Vec<_>, _>>()?;
-        self.check_level(&info(pin)?)?;
-        let trigger = self.trigger_at(pin);
+        let watched = info(pin)?;
+        self.check_level(&watched)?;
         let range = ScopeRange {
             before: self.before as usize,
             cycles: self.cycles as usize,
         };
-        let mut scope = Recorder::new(pins, &recorded, trigger, range)
+        let mut scope = Recorder::new(pins, &recorded, self.trigger_at(pin), range)
             .map_err(|error| Failure::usage(told(&error)))?;
-        let trigger = info(pin)?.name;
-        let ended = self.record(context, driver, &mut scope)?;
-        if let Some(signal) = ended.signal {
-            crate::output::complain(format_args!(
+        let board = driver.name().to_owned();
+        let run = self.record(context, driver, &watched, &mut scope)?;
+        if let Some(signal) = run.signal {
+            complain(format_args!(
                 "mesa: ended by {signal}; nothing was written, and the ports are stopped"
             ));
             return Ok(Ending::Stopped(signal));
         }
         if scope.state() != ScopeState::Done {
-            return Err(Failure::refused(format_args!(
-                "{trigger} has not crossed {} {} in {} s; nothing was written",
-                self.level,
-                self.edge.word(),
-                self.timeout
-            )));
+            return Err(self.never(&watched.name, &run.packets));
         }
-        files::write(&self.csv, table(&infos, &scope).as_bytes())?;
+        let trigger = self.mark(watched.name, &scope);
+        let recording = Recording {
+            board,
+            infos,
+            scope,
+            trigger,
+        };
+        self.write(context, recording, &run)?;
+        Ok(Ending::Done)
+    }
+
+    /// The trigger has not come.
+    fn never(&self, pin: &str, packets: &Packets) -> Failure {
+        let trouble = packets.trouble();
+        let trouble = trouble.map_or_else(String::new, |trouble| format!(" ({trouble})"));
+        Failure::refused(format_args!(
+            "{pin} has not crossed {} {} in {} s{trouble}; nothing was written",
+            self.level,
+            self.edge.word(),
+            self.timeout
+        ))
+    }
+
+    /// Writes the files, and prints the summary.
+    fn write(&self, context: &Context, recording: Recording, run: &Run) -> Result<(), Failure> {
+        files::write(&self.csv, table::of(&recording).as_bytes())?;
         if let Some(plot) = &self.plot {
-            files::write(plot, plot::draw(&infos, &scope)?.as_bytes())?;
+            files::write(plot, plot::draw(&recording)?.as_bytes())?;
         }
+        let Recording {
+            infos,
+            scope,
+            trigger,
+            ..
+        } = recording;
         context.print(&Report {
             pins: infos.into_iter().map(|info| info.name).collect(),
-            trigger,
+            trigger: trigger.pin,
+            trigger_cycle: trigger.cycle,
             cycles: scope.rows().count(),
             before: self.before,
-            failed_reads: ended.statistics.failed_reads,
-            skipped_periods: ended.statistics.skipped_periods,
+            failed_reads: run.statistics.failed_reads,
+            skipped_periods: run.statistics.skipped_periods,
+            packets: run.packets,
             csv: self.csv.clone(),
             plot: self.plot.clone(),
-        })?;
-        Ok(Ending::Done)
+        })
+    }
+
+    /// The trigger of a complete recording, whose last cycle was just now.
+    fn mark(&self, pin: String, scope: &Recorder) -> TriggerMark {
+        let trigger = scope.rows().find(|row| row.offset == 0);
+        let last = scope.rows().last();
+        let ago = trigger.zip(last);
+        let ago = ago.map_or(Duration::ZERO, |(row, last)| last.time.since(row.time));
+        TriggerMark {
+            pin,
+            level: self.level,
+            edge: self.edge,
+            at: stamp::date(SystemTime::now() - ago),
+            cycle: trigger.map_or(0, |row| row.cycle),
+        }
     }
 
     fn trigger_at(&self, pin: PinId) -> Trigger {
@@ -162,7 +253,7 @@ impl Scope {
 
     fn start(&self) -> Result<Driver<Bus>, Failure> {
         let found = self.target.find()?;
-        let settings = Settings {
+        let mut settings = Settings {
             period: Duration::from_micros(self.period.into()),
             watchdog: Some(running::WATCHDOG),
             ..Settings::default()
@@ -171,6 +262,7 @@ impl Scope {
             cycle_deadline: DEADLINE,
             ..UdpConfig::default()
         })?;
+        self.modes.put(&mut settings);
         running::start(bus, found.with_patience(settings))
     }
 
@@ -178,29 +270,76 @@ impl Scope {
     fn record(
         &self,
         context: &Context,
-        driver: Driver<Bus>,
+        mut driver: Driver<Bus>,
+        watched: &PinInfo,
         scope: &mut Recorder,
-    ) -> Result<Ended<Bus>, Failure> {
+    ) -> Result<Run, Failure> {
+        let packets = PacketMark::take(driver.bus_mut());
         let begun = driver.pins().now();
-        let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());
         let mut checked = Ok(());
+        let mut is_armed = false;
         let ended = runner.run(|cycle| {
             checked = running::check(cycle.driver);
             if checked.is_err() {
                 return ControlFlow::Break(());
             }
             let state = scope.sample(cycle.pins());
-            let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
-            let is_late = is_waiting && cycle.pins().now().since(begun) > patience;
-            if is_late || state == ScopeState::Done {
+            if state == ScopeState::Waiting && !is_armed {
+                is_armed = true;
+                self.say_armed(cycle, watched);
+            }
+            if state == ScopeState::Done || self.is_over(cycle.pins().now(), begun, state) {
                 return ControlFlow::Break(());
             }
             ControlFlow::Continue(())
         });
         checked.map_err(|why| Failure::refused(format_args!("{why}; nothing was written")))?;
-        ended.stopped.clone()?;
-        Ok(ended)
+        let Ended {
+            driver,
+            stopped,
+            statistics,
+            signal,
+            ..
+        } = ended;
+        stopped?;
+        Ok(Run {
+            signal,
+            statistics,
+            packets: packets.packets_since(&mut driver.into_bus(), Pace::Host),
+        })
+    }
+
+    /// True if the trigger has not come in its time.
+    fn is_over(&self, now: Instant, begun: Instant, state: ScopeState) -> bool {
+        let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
+        is_waiting && now.since(begun) > Duration::from_secs(self.timeout.into())
+    }
+
+    /// Tells what is awaited, once the cycles before the trigger are recorded.
+    fn say_armed(&self, cycle: &Cycle<'_, Bus>, watched: &PinInfo) {
+        let pins = cycle.pins();
+        let now = pins.id(&watched.name).ok();
+        let now = now.and_then(|pin| pins.read_any(pin).ok());
+        let edge = self.edge.word();
+        let level = self.level;
+        let state = match now {
+            None => "is not valid now".to_owned(),
+            Some(value) => {
+                let first = if self.edge.is_beyond(value.as_f64(), level) {
+                    ", so that it must go back first"
+                } else {
+                    ""
+                };
+                let unit = &watched.unit;
+                let text = format!("is {} {unit}", named::text(value));
+                format!("{} now{first}", text.trim_end())
+            }
+        };
+        complain(format_args!(
+            "mesa: armed: waits up to {} s until {} crosses {level} {edge}; it {state}",
+            self.timeout, watched.name
+        ));
     }
 }
 
@@ -244,51 +383,52 @@ impl Direction {
             Self::Falling => "falling",
         }
     }
-}
 
-/// Seconds and cycles since the trigger, and the values, as CSV.
-fn table(infos: &[PinInfo], scope: &Recorder) -> String {
-    let names: Vec<&str> = infos.iter().map(|info| &*info.name).collect();
-    // A name may contain a comma, but cannot contain a quote.
-    let names = names.iter().map(|name| format!("\"{name}\""));
-    let mut text = format!("time_s,cycle,{}\n", names.collect::<Vec<_>>().join(","));
-    for (seconds, row) in times(scope).zip(scope.rows()) {
-        let _ = write!(text, "{seconds:.9},{}", row.offset);
-        for value in row.values() {
-            text.push(',');
-            if let Some(value) = value {
-                let _ = write!(text, "{}", value.as_f64());
-            }
+    /// True if a value has crossed the level already.
+    fn is_beyond(self, value: f64, level: f64) -> bool {
+        match self {
+            Self::Rising => value >= level,
+            Self::Falling => value <= level,
         }
-        text.push('\n');
     }
-    text
 }
 
-/// Seconds since the trigger, for each cycle.
-fn times(scope: &Recorder) -> impl Iterator<Item = f64> + '_ {
-    let trigger = scope.rows().find(|row| row.offset == 0);
-    let trigger = trigger.map_or(0, |row| row.time.as_nanos() as i64);
-    let rows = scope.rows();
-    rows.map(move |row| (row.time.as_nanos() as i64 - trigger) as f64 / 1e9)
+/// The trigger on one line: pin, level, time and cycle.
+impl Display for TriggerMark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            pin,
+            level,
+            edge,
+            at,
+            cycle,
+        } = self;
+        let edge = edge.word();
+        write!(f, "{pin} crosses {level} {edge}, {at}, cycle {cycle}")
+    }
 }
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} cycles of {} pins around {}, {} of them before",
-            self.cycles,
-            self.pins.len(),
+            "{} of {} around {} in cycle {}, {} of them before",
+            Counted::of(self.cycles, "cycle"),
+            Counted::of(self.pins.len(), "pin"),
             self.trigger,
+            self.trigger_cycle,
             self.before
         )?;
         if self.failed_reads + self.skipped_periods > 0 {
             writeln!(
                 f,
-                "{} reads failed, {} periods had no cycle: the time of each line is the true one",
-                self.failed_reads, self.skipped_periods
+                "{} failed, {} had no cycle: the time of each line is the true one",
+                Counted(self.failed_reads, "read"),
+                Counted(self.skipped_periods, "period")
             )?;
+        }
+        if let Some(trouble) = self.packets.trouble() {
+            writeln!(f, "{trouble}")?;
         }
         let files = std::iter::once(&self.csv).chain(&self.plot);
         files
