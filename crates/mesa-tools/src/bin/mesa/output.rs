@@ -5,6 +5,8 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use crate::full_screen::Palette;
+
 /// Messages held back while a screen uses the terminal; `MAX_HELD` lines at most.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
 const MAX_HELD: usize = 1000;
@@ -22,6 +24,35 @@ pub fn say(text: impl Display) {
         None => write!(out, "{text}"),
     };
     printed(done.and_then(|()| out.flush()));
+}
+
+/// Colour of a text on a terminal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    Good,
+    Doubt,
+    Bad,
+}
+
+impl Tone {
+    /// The text in this colour on standard output; without a colour if that is no terminal, or if
+    /// `NO_COLOR` disables colours.
+    pub fn of(self, text: &str) -> impl Display {
+        let colour = match self {
+            Self::Good => 32,
+            Self::Doubt => 33,
+            Self::Bad => 31,
+        };
+        if is_coloured() {
+            format!("\x1b[{colour}m{text}\x1b[0m")
+        } else {
+            text.to_owned()
+        }
+    }
+}
+
+fn is_coloured() -> bool {
+    io::stdout().is_terminal() && !Palette::from_environment().is_plain()
 }
 
 /// Columns of the terminal, if standard output is one and has at least 40.
@@ -58,13 +89,23 @@ fn wrapped(text: &str, width: usize) -> String {
 fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
     let line = line.trim_end();
     // The character behind the last column may be the space to break at.
-    let (end, next) = line.char_indices().nth(width)?;
+    let (end, next) = shown(line).nth(width)?;
     let fits = line.get(..end + next.len_utf8())?;
     let begin = fits.len() - fits.trim_start_matches(' ').len();
     let begin = if is_first { begin } else { 0 };
     let gap = fits.rfind("  ").filter(|&gap| gap >= width / 2);
     let at = gap.or_else(|| fits.rfind(' '));
     at.filter(|&at| at > begin)
+}
+
+/// Characters that a terminal shows, with their places: all but those that set a colour.
+fn shown(line: &str) -> impl Iterator<Item = (usize, char)> + '_ {
+    let mut is_colour = false;
+    line.char_indices().filter(move |(_, letter)| {
+        let was_colour = is_colour;
+        is_colour = *letter == '\x1b' || is_colour && *letter != 'm';
+        !was_colour && !is_colour
+    })
 }
 
 /// Takes the result of printing. The first error is reported and kept, as in [`say`].
@@ -142,5 +183,13 @@ mod tests {
             wrapped("  ab  cdefghijkl mnopqrstuv wxyz ABCDEFGHIJK\n", 40),
             "  ab  cdefghijkl mnopqrstuv wxyz\n      ABCDEFGHIJK\n"
         );
+    }
+
+    #[test]
+    fn colours_take_no_columns() {
+        let plain = "look     kernel: not PREEMPT_RT, and more words that do not fit\n";
+        let coloured = plain.replace("look    ", "\x1b[33mlook    \x1b[0m");
+        let expected = wrapped(plain, 44).replace("look    ", "\x1b[33mlook    \x1b[0m");
+        assert_eq!(wrapped(&coloured, 44), expected);
     }
 }

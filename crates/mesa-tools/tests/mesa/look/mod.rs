@@ -1,5 +1,6 @@
 //! Commands that show a board: inventory, pins, values, registers.
 
+mod colours;
 mod firmwares;
 mod info;
 mod list;

@@ -123,6 +123,11 @@ impl Palette {
         }
     }
 
+    /// True if `NO_COLOR` disables colours.
+    pub fn is_plain(self) -> bool {
+        !self.is_coloured
+    }
+
     pub fn style(self, color: Color) -> Style {
         if self.is_coloured {
             Style::new().fg(color)

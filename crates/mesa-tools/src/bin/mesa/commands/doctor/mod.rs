@@ -28,7 +28,7 @@ use crate::context::{Context, Ending, Failure, told};
 use crate::files;
 use crate::link::Bus;
 use crate::modes::Modes;
-use crate::output::complain;
+use crate::output::{Tone, complain};
 use crate::running;
 use crate::target::{Found, Target};
 
@@ -330,7 +330,8 @@ fn bite(bus: &mut Bus, firmware: &HostMot2) -> Result<Finding, Failure> {
 
 impl Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {}", self.address, word(self.verdict))?;
+        let verdict = word(self.verdict);
+        writeln!(f, "{}: {}", self.address, tone(self.verdict).of(verdict))?;
         for finding in &self.findings {
             let Finding {
                 check,
@@ -338,12 +339,21 @@ impl Display for Diagnosis {
                 verdict,
                 advice,
             } = finding;
-            writeln!(f, "{:<8} {check}: {figure}", word(*verdict))?;
+            let word = format!("{:<8}", word(*verdict));
+            writeln!(f, "{} {check}: {figure}", tone(*verdict).of(&word))?;
             if let Some(advice) = advice {
                 writeln!(f, "         -> {advice}")?;
             }
         }
         Ok(())
+    }
+}
+
+fn tone(verdict: FigureVerdict) -> Tone {
+    match verdict {
+        FigureVerdict::Ok => Tone::Good,
+        FigureVerdict::Unknown | FigureVerdict::Look => Tone::Doubt,
+        FigureVerdict::Bad => Tone::Bad,
     }
 }
 

@@ -11,13 +11,19 @@ use mesa_tools::inventory::{
 };
 
 use super::Found;
+use crate::output::Tone;
 
 impl Display for Found {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let inventory = &self.0;
-        writeln!(f, "{}", inventory.judgement())?;
+        let tone = if inventory.findings.is_empty() {
+            Tone::Good
+        } else {
+            Tone::Doubt
+        };
+        writeln!(f, "{}", tone.of(&inventory.judgement().to_string()))?;
         for finding in &inventory.findings {
-            writeln!(f, "  {finding}")?;
+            writeln!(f, "  {}", tone.of(finding))?;
         }
         writeln!(f)?;
         if let Some(ethernet) = &inventory.ethernet {
