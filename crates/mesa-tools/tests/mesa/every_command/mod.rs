@@ -4,3 +4,4 @@ mod files;
 mod firewall;
 mod manual;
 mod second_master;
+mod troubles;
