@@ -1,6 +1,8 @@
 //! Ability of a computer to keep a period.
 
-use super::{FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt, NetworkCard};
+use super::{
+    FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors,
+};
 
 /// Priority that a cycle needs to run before the interrupt threads of other devices.
 const PRIORITY: u64 = 50;
@@ -20,6 +22,7 @@ pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
     if let Some(interface) = interface {
         let cpus = host.cpus().map_or(0, |cpus| cpus.len());
         findings.push(card(interface, host.network_card(interface).as_ref()));
+        findings.push(errors(interface, host.network_errors(interface)));
         findings.push(interrupts(interface, &host.interrupts(interface), cpus));
         findings.push(coalescing(interface, host.held_back_ns(interface)));
     }
@@ -187,6 +190,23 @@ pub fn card(interface: &str, card: Option<&NetworkCard>) -> Finding {
         ),
     };
     Finding::new(verdict, check, figure, advice)
+}
+
+/// Judges the packets that the network card has lost.
+pub fn errors(interface: &str, errors: Option<NetworkErrors>) -> Finding {
+    let check = "NIC errors";
+    let Some(NetworkErrors { damaged, dropped }) = errors else {
+        return unknown(check, &format!("ip -s link show {interface}"));
+    };
+    let figure = format!("{interface}: {damaged} received damaged, {dropped} dropped");
+    let advice = match (damaged, dropped) {
+        (0, 0) => return Finding::good(check, figure),
+        (0, _) => {
+            "the computer did not fetch packets in time: see kernel, priority, CPUs and interrupts"
+        }
+        _ => "check the cable, its plugs and its shield, and where it runs beside motor cables",
+    };
+    Finding::new(FigureVerdict::Look, check, figure, advice)
 }
 
 /// Judges the CPUs of the network card's interrupts.
@@ -358,5 +378,20 @@ mod tests {
             assert!(finding.advice.unwrap_or_default().contains(advice));
         }
         assert_eq!(card("eth0", None).verdict, Unknown);
+    }
+
+    #[test]
+    fn damaged_packets_are_the_cables_and_dropped_ones_the_computers() {
+        let of = |damaged, dropped| errors("eth0", Some(NetworkErrors { damaged, dropped }));
+        assert_eq!(of(0, 0).verdict, Ok);
+        for (finding, advice) in [
+            (of(3, 0), "cable"),
+            (of(3, 1), "cable"),
+            (of(0, 1), "in time"),
+        ] {
+            assert_eq!(finding.verdict, Look, "{finding:?}");
+            assert!(finding.advice.is_some_and(|told| told.contains(advice)));
+        }
+        assert_eq!(errors("eth0", None).verdict, Unknown);
     }
 }

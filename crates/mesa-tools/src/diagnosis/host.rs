@@ -51,6 +51,15 @@ pub struct NetworkCard {
     pub is_usb: bool,
 }
 
+/// Packets that a network interface has lost. Source: `statistics` of `/sys/class/net`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NetworkErrors {
+    /// Received damaged: the cable.
+    pub damaged: u64,
+    /// Dropped for lack of room: the computer did not fetch them in time.
+    pub dropped: u64,
+}
+
 /// Settings of a thread that decide when it runs. Source: `/proc/thread-self`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ThreadSettings {
@@ -222,6 +231,19 @@ impl Host {
         })
     }
 
+    /// Packets that a network card has received damaged, or that this computer has dropped, since
+    /// the interface exists.
+    pub fn network_errors(&self, interface: &str) -> Option<NetworkErrors> {
+        let count = |name: &str| -> Option<u64> {
+            self.text(&format!("sys/class/net/{interface}/statistics/{name}"))?
+                .parse()
+                .ok()
+        };
+        let damaged = count("rx_crc_errors")?.saturating_add(count("rx_frame_errors")?);
+        let dropped = count("rx_missed_errors")?.saturating_add(count("rx_fifo_errors")?);
+        Some(NetworkErrors { damaged, dropped })
+    }
+
     /// Time for which the kernel itself holds packets back, in nanoseconds: `gro_flush_timeout`,
     /// which applies only while `napi_defer_hard_irqs` is not 0.
     pub fn held_back_ns(&self, interface: &str) -> Option<u64> {
@@ -281,5 +303,6 @@ mod tests {
         assert!(nothing.interrupts("eth0").is_empty());
         assert_eq!(nothing.held_back_ns("eth0"), None);
         assert_eq!(nothing.network_card("eth0"), None);
+        assert_eq!(nothing.network_errors("eth0"), None);
     }
 }

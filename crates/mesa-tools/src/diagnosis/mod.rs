@@ -12,7 +12,9 @@ mod packets;
 mod round_trips;
 pub mod wiring;
 
-pub use host::{Host, HostLimits, IdleState, Interrupt, NetworkCard, ThreadSettings};
+pub use host::{
+    Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors, ThreadSettings,
+};
 pub use packets::{BoardCounts, PacketMark, Packets};
 pub use round_trips::RoundTrips;
 
