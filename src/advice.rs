@@ -61,6 +61,7 @@ kinds! {
     SetOpposite: "set the opposite instead",
     AskThisDriver: "ask this driver for the handle, by name",
     RearmLater: "arm the group when its inputs are valid again",
+    SwitchPortOn: "switch the port on by its pin run, then arm the group",
     WriteRemoteParameter: "write it before with `Configured::write_remote_parameter` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port",
     CheckCycle: "check that the cycle runs",
 

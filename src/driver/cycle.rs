@@ -3,6 +3,7 @@
 //! [`Driver`](super::Driver) does the exchanges that an [`Order`] asks for, and returns their
 //! outcome.
 
+mod rearm;
 mod write;
 
 pub(super) use write::{CycleWrite, Order};
@@ -11,7 +12,7 @@ use core::time::Duration;
 
 use super::arrival::ArrivalClock;
 use super::rows::EventRows;
-use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, Rearmed, SerialPort};
+use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, SerialPort};
 use crate::bus::{BusErrorKind, Instant, Reply, Words};
 use crate::hal::{GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
@@ -320,6 +321,7 @@ impl BoardCycle {
             part.restored(&mut self.pins, now);
         }
         self.state = BoardState::Running;
+        self.pins.await_after_set_up();
         self.events.tell(now, EventKind::BoardSetUp);
         self.parts.connection.level = 0;
         self.old_read_errors = self.statistics.read_errors;
@@ -333,37 +335,10 @@ impl BoardCycle {
         if core::mem::replace(&mut self.state, state) != state {
             self.events.tell(now, EventKind::OtherFirmware);
         }
+        self.cancel_rearm(now, true);
         // Sets the flag again, even if it was published before.
         self.shown = None;
         self.publish();
-    }
-
-    /// Lets all outputs follow the application again.
-    pub fn rearm(&mut self, now: Instant) -> Rearmed {
-        let (mut armed, mut is_news) = (0, false);
-        if self.is_running() {
-            armed = self.pins.rearm_all();
-            is_news = self.pins.arm_when_good(self.group);
-            for port in &self.parts.ports {
-                is_news |= port.arm_what_comes(&mut self.pins);
-            }
-        }
-        let (mut waiting, mut coming) = (0_usize, 0_usize);
-        for group in self.pins.groups() {
-            let state = self.pins.group_state(group);
-            waiting.tally(usize::from(state.is_some_and(|state| !state.armed)));
-            coming.tally(usize::from(self.pins.is_awaited(group)));
-        }
-        if armed > 0 || is_news {
-            let [armed, waiting] =
-                [armed, waiting].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
-            self.events.tell(now, EventKind::Rearmed { armed, waiting });
-        }
-        Rearmed {
-            armed,
-            waiting,
-            coming,
-        }
     }
 
     /// Makes everything safe if the board is not set up any more.
@@ -406,10 +381,12 @@ impl BoardCycle {
         };
         count.tally(1);
         self.events.tell(now, kind);
+        self.cancel_rearm(now, true);
     }
 
     /// Makes all inputs invalid, and all outputs safe until re-armed.
     pub fn make_safe(&mut self) {
+        self.cancel_rearm(self.pins.now(), false);
         self.pins.fault(self.group);
         for part in self.parts.each() {
             part.make_safe(&mut self.pins);

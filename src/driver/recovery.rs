@@ -2,6 +2,7 @@
 
 use super::{CycleError, Driver, Rearmed};
 use crate::bus::{Clock, RegisterBus};
+use crate::hal::{GroupId, PinError};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::Channel;
 
@@ -30,6 +31,91 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         let now = self.bus.now();
         Ok(self.cycle.rearm(now))
+    }
+
+    /// Lets all outputs follow the application: groups that run at once, and every other group as
+    /// soon as it runs, unless a new fault comes before. Values set until then are discarded.
+    ///
+    /// A board that has lost its set-up gets it back with one of the next writes, and again with each
+    /// write until it succeeds. A group is counted as [coming](Rearmed::coming) until it is armed or
+    /// its arming is cancelled:
+    /// - by any fault of the board that is found after this call: a bite, a reset, a bus that is
+    ///   down, another firmware ([`RearmCancelled`](super::EventKind::RearmCancelled));
+    /// - for a remote, if it goes offline again, if it does not come up with the board, or after its
+    ///   port was switched on, because of a fault of its own, or if an attempt to start it finds another device, or a fault that it had
+    ///   not reported before ([`RemoteRearmCancelled`](super::EventKind::RemoteRearmCancelled)). An
+    ///   attempt that fails as before is no new fault: a remote that was offline at the call and is
+    ///   plugged in an hour later is armed;
+    /// - by [`restart`](Self::restart) of the remote, by switching its port off, and by
+    ///   [`cancel_rearm`](Self::cancel_rearm).
+    ///
+    /// A remote that fails alone after it was armed needs another call, and so does a remote of a
+    /// port that is switched off, which counts as waiting only.
+    ///
+    /// ```
+    /// # use mesa_hal::{Clock, Driver, Settings};
+    /// # use mesa_hal_sim::{devices, machines};
+    /// # let mut driver = Driver::start(machines::i7i92_with_cards(), Settings::default())?;
+    /// # let cycles = |driver: &mut Driver<mesa_hal_sim::SimFpga>, count| {
+    /// #     for _ in 0..count {
+    /// #         let _ = driver.read();
+    /// #         let _ = driver.write();
+    /// #         let period = driver.period();
+    /// #         driver.bus_mut().wait(period);
+    /// #     }
+    /// # };
+    /// # let cable = |driver: &mut Driver<mesa_hal_sim::SimFpga>, is_in: bool| {
+    /// #     let remote = driver.bus_mut().remote_mut(0, 2).expect("a remote");
+    /// #     let cable = devices::find_cable(remote).expect("a cable");
+    /// #     if is_in { cable.replug() } else { cable.unplug() }
+    /// # };
+    /// # cycles(&mut driver, 10);
+    /// # cable(&mut driver, false);
+    /// # cycles(&mut driver, 100);
+    /// // A card is unplugged, and the operator asks for everything already.
+    /// let rearmed = driver.rearm_when_running();
+    /// assert_eq!((rearmed.waiting, rearmed.coming), (1, 1));
+    /// # cable(&mut driver, true);
+    /// # cycles(&mut driver, 6_000);
+    /// // It is plugged in, and is armed without another call.
+    /// assert_eq!(driver.rearm_when_running().waiting, 0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Real time
+    /// No exchange; a few steps for each group. No allocation. The set-up of a board that has lost it
+    /// takes eight more exchanges in the write that does it.
+    pub fn rearm_when_running(&mut self) -> Rearmed {
+        let now = self.bus.now();
+        self.cycle.rearm_when_running(now)
+    }
+
+    /// Lets the outputs of one group follow the application: at once if it runs, and otherwise as
+    /// soon as it does, as [`rearm_when_running`](Self::rearm_when_running). Returns true if the
+    /// group is armed; [`GroupState::coming`](crate::hal::GroupState::coming) indicates later if it
+    /// is still awaited.
+    ///
+    /// On a board that has lost its set-up the group is armed when the board has the set-up back,
+    /// which another call asks for.
+    ///
+    /// # Errors
+    /// [`PinError::PortOff`] for a remote of a port that is switched off;
+    /// [`PinError::ForeignHandle`].
+    ///
+    /// # Real time
+    /// A few steps for each remote. No allocation.
+    pub fn rearm_group_when_running(&mut self, group: GroupId) -> Result<bool, PinError> {
+        self.cycle.rearm_group_when_running(group)
+    }
+
+    /// Lets no group be armed without another call: withdraws
+    /// [`rearm_when_running`](Self::rearm_when_running) and what is [coming](Rearmed::coming).
+    /// Returns the number of groups that were to be armed.
+    ///
+    /// # Real time
+    /// Constant time for each group. No allocation.
+    pub fn cancel_rearm(&mut self) -> u32 {
+        self.cycle.pins.none_awaited(true)
     }
 
     /// Restarts a remote in the next cycles, which clears the faults that it reports: a running remote

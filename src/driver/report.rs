@@ -30,7 +30,8 @@ pub struct DriverStatistics {
     pub others: u64,
 }
 
-/// Result of [`Driver::rearm`](super::Driver::rearm).
+/// Result of [`Driver::rearm`](super::Driver::rearm) and
+/// [`Driver::rearm_when_running`](super::Driver::rearm_when_running).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[must_use = "some outputs may still be safe"]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -39,8 +40,9 @@ pub struct Rearmed {
     pub armed: usize,
     /// Groups with outputs that are still safe, because they do not run yet.
     pub waiting: usize,
-    /// Part of `waiting`: groups that come up because the board got its set-up back. This call arms
-    /// each of them as soon as it runs, unless a fault comes first. For the other groups call it
-    /// again in a later cycle.
+    /// Part of `waiting`: groups that come up because the board got its set-up back, and all that
+    /// [`rearm_when_running`](super::Driver::rearm_when_running) waits for. Each of them is armed as
+    /// soon as it runs, unless a fault comes first. The other groups need another call in a later
+    /// cycle.
     pub coming: usize,
 }

@@ -1,10 +1,10 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
-#[cfg(feature = "std")]
-use super::GroupId;
 use super::handle::Key;
 use super::rule::is_scale;
-use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value};
+use super::{
+    AnyValue, GroupId, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value,
+};
 
 /// A pin or parameter of any kind and type. The default belongs to no store.
 ///
@@ -198,6 +198,23 @@ impl Pins {
     pub fn follows(&self, output: PinId) -> bool {
         self.slot(output.0)
             .is_some_and(|(slot, group)| group.armed || slot.exempt)
+    }
+
+    /// Number of groups.
+    pub(crate) fn group_count(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// The group with this number, in the order of [`groups`](Self::groups).
+    pub(crate) fn group_of(&self, number: usize) -> GroupId {
+        let part = self.groups.get(number).map(|group| self.key(group.part));
+        GroupId(part.unwrap_or_default())
+    }
+
+    /// Number of faults of groups that were armed, or ran.
+    #[cfg(feature = "std")]
+    pub(crate) const fn losses(&self) -> u64 {
+        self.losses
     }
 
     /// Number of faults that have made an output safe; `None` for an output that faults do not

@@ -136,6 +136,12 @@ pub enum PinError {
         /// The first pin of the group.
         pin: ShortName,
     },
+    /// The port of the group is switched off, so that its remotes do not run.
+    #[error("the port of the group of `{pin}` is switched off")]
+    PortOff {
+        /// The first pin of the group.
+        pin: ShortName,
+    },
 }
 
 impl PinError {
@@ -151,6 +157,7 @@ impl PinError {
             Self::ForeignHandle => Some(Advice::AskThisDriver),
             Self::InRemote { .. } => Some(Advice::WriteRemoteParameter),
             Self::NotRunning { .. } => Some(Advice::RearmLater),
+            Self::PortOff { .. } => Some(Advice::SwitchPortOn),
             Self::NotFound { .. }
             | Self::WrongType { .. }
             | Self::NotSettable { .. }

@@ -52,6 +52,7 @@ pub use handle::{GroupId, Handle, InOut, Input, Output, Param};
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role};
 pub use io::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use maker::{PinMaker, Spec};
+pub(crate) use pins::Awaited;
 pub use pins::Pins;
 use reading::Rejection;
 pub use reading::{Age, GroupState, Reading, Rejections};

@@ -67,12 +67,28 @@ pub struct Pins<End: ?Sized = [()]> {
     /// Age in cycles from which on inputs are not valid; 0 for never.
     pub(super) stale_after: u32,
     pub(super) now: Instant,
+    /// Number of faults of groups that were armed, or ran.
+    pub(super) losses: u64,
     pub(super) totals: Rejections,
     pub(super) foreign: AtomicU32,
     /// Empty. Behind a reference its length is not known, so that a driver's pins cannot be
     /// replaced by others.
     #[expect(dead_code, reason = "only what it is made of counts")]
     pub(super) end: End,
+}
+
+/// Condition under which a group that is not armed is armed without a further call.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Awaited {
+    /// Not before the application re-arms it.
+    #[default]
+    No,
+    /// When the board has its set-up again, as [`WhenRunning`](Self::WhenRunning) from then on.
+    AfterSetUp,
+    /// With its next good transfer, if it comes up because of the board.
+    WithBoard,
+    /// With its next good transfer, however many attempts a remote needs.
+    WhenRunning,
 }
 
 #[expect(
@@ -87,8 +103,8 @@ pub(super) struct Group {
     /// The group does not become stale: its values come from the driver itself.
     pub is_own: bool,
     pub armed: bool,
-    /// The group is armed with its next good transfer, unless a fault comes before.
-    pub is_awaited: bool,
+    /// Cancelled by a fault.
+    pub awaited: Awaited,
     pub last_good: Option<(u64, Instant)>,
     pub faults: u64,
     /// Its outputs, to set them to their safe values.
@@ -214,6 +230,7 @@ impl Pins {
             armed: group.armed,
             age: self.age(group),
             faults: group.faults,
+            coming: group.awaited != Awaited::No,
         })
     }
 
@@ -225,6 +242,8 @@ impl Pins {
     ///
     /// # Errors
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
+    /// [`Driver::rearm_group_when_running`](crate::Driver::rearm_group_when_running) waits for a
+    /// group that does not run.
     pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
         let index = self.group_index(group).ok_or(PinError::ForeignHandle)?;
         if !self
@@ -423,7 +442,7 @@ impl Pins {
         let is_due = self.groups.get(index).is_some_and(waits);
         if is_due && let Some(group) = self.forget_commands(index, true) {
             group.armed = true;
-            group.is_awaited = false;
+            group.awaited = Awaited::No;
         }
         is_due
     }

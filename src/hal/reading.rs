@@ -106,4 +106,7 @@ pub struct GroupState {
     pub age: Age,
     /// Number of times that a fault has disarmed the group.
     pub faults: u64,
+    /// The group is armed as soon as it runs, unless a fault comes before:
+    /// [`Driver::rearm_when_running`](crate::Driver::rearm_when_running).
+    pub coming: bool,
 }

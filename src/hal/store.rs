@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::handle::kind::{Publishable, Settable};
-use super::pins::{Group, GroupPart};
+use super::pins::{Awaited, Group, GroupPart};
 use super::rule::NONE;
 use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
 use crate::bus::Instant;
@@ -66,7 +66,7 @@ impl PinStore {
             is_good: false,
             is_own: false,
             armed: true,
-            is_awaited: false,
+            awaited: Awaited::No,
             last_good: None,
             faults: 0,
             outputs: Vec::new(),
@@ -191,7 +191,7 @@ impl PinStore {
         };
         group.is_good = true;
         group.last_good = Some(good);
-        if group.is_awaited {
+        if matches!(group.awaited, Awaited::WithBoard | Awaited::WhenRunning) {
             self.arm(index);
         }
     }
@@ -200,18 +200,72 @@ impl PinStore {
     /// before. Everything set up to then is forgotten. Returns true if the group was neither armed
     /// nor awaited.
     pub fn arm_when_good(&mut self, group: GroupId) -> bool {
-        let Some(group) = self.group_mut(group) else {
-            return false;
-        };
-        let is_news = !group.armed && !group.is_awaited;
-        group.is_awaited |= is_news;
-        is_news
+        self.is_awaited_anew(group, Awaited::WithBoard)
     }
 
     /// True if a group will be armed [with its next good transfer](Self::arm_when_good).
     pub fn is_awaited(&self, group: GroupId) -> bool {
+        self.awaited(group) != Awaited::No
+    }
+
+    /// The condition on which a group will be armed.
+    pub(crate) fn awaited(&self, group: GroupId) -> Awaited {
         let group = self.group_index(group).and_then(|n| self.groups.get(n));
-        group.is_some_and(|group| group.is_awaited)
+        group.map_or(Awaited::No, |group| group.awaited)
+    }
+
+    /// Arms a group that is not armed on a condition, unless a weaker one is asked for than before.
+    /// Returns true if the group was neither armed nor awaited.
+    pub(crate) fn is_awaited_anew(&mut self, group: GroupId, when: Awaited) -> bool {
+        let Some(group) = self.group_mut(group) else {
+            return false;
+        };
+        if group.armed {
+            return false;
+        }
+        let before = group.awaited;
+        let is_weaker = before != Awaited::No && when == Awaited::WithBoard;
+        group.awaited = if is_weaker { before } else { when };
+        before == Awaited::No
+    }
+
+    /// Cancels the arming of a group that is not armed; returns true if it was awaited.
+    pub(crate) fn not_awaited(&mut self, group: GroupId) -> bool {
+        let group = self.group_mut(group);
+        let before = group.map(|group| core::mem::take(&mut group.awaited));
+        before.is_some_and(|before| before != Awaited::No)
+    }
+
+    /// Cancels the arming of all groups, except of those that wait for the board's set-up unless
+    /// they are `included`; returns their number.
+    pub(crate) fn none_awaited(&mut self, included: bool) -> u32 {
+        let kept = if included {
+            Awaited::No
+        } else {
+            Awaited::AfterSetUp
+        };
+        let mut count = 0_u32;
+        for group in &mut self.pins.groups {
+            if group.awaited != Awaited::No && group.awaited != kept {
+                group.awaited = Awaited::No;
+                count = count.saturating_add(1);
+            }
+        }
+        count
+    }
+
+    /// Counts a fault of a group that is not armed, but ran.
+    pub(crate) fn count_loss(&mut self) {
+        self.losses = self.losses.saturating_add(1);
+    }
+
+    /// Lets all groups that wait for the board's set-up wait for their next good transfer.
+    pub(crate) fn await_after_set_up(&mut self) {
+        for group in &mut self.pins.groups {
+            if group.awaited == Awaited::AfterSetUp {
+                group.awaited = Awaited::WhenRunning;
+            }
+        }
     }
 
     /// Makes the inputs of a group not valid after a failed transfer; outputs are not affected.
@@ -235,11 +289,15 @@ impl PinStore {
         let Some(index) = self.group_index(group) else {
             return self.count_foreign();
         };
-        if let Some(group) = self.forget_commands(index, false) {
-            group.is_awaited = false;
-            if core::mem::replace(&mut group.armed, false) {
-                group.faults = group.faults.saturating_add(1);
-            }
+        let Some(group) = self.forget_commands(index, false) else {
+            return;
+        };
+        if group.awaited != Awaited::AfterSetUp {
+            group.awaited = Awaited::No;
+        }
+        if core::mem::replace(&mut group.armed, false) {
+            group.faults = group.faults.saturating_add(1);
+            self.count_loss();
         }
     }
 

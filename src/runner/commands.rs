@@ -1,5 +1,10 @@
 //! Commands of other threads to the thread of a cycle.
 
+mod outcome;
+mod queued;
+
+pub use outcome::CommandOutcome;
+
 use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
@@ -11,10 +16,10 @@ use std::sync::{Mutex, PoisonError};
 use crate::bus::{Clock, RegisterBus};
 use crate::driver::Driver;
 use crate::hal::Settable;
-use crate::hal::{
-    AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value,
-};
+use crate::hal::{AnyValue, GroupId, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value};
 use crate::tally::Tally;
+use outcome::Outcomes;
+use queued::{QueuedCommand, WORDS};
 
 /// Largest number of commands that one cycle takes.
 pub const COMMANDS_IN_A_CYCLE: u32 = 16;
@@ -63,6 +68,9 @@ pub struct CommandQueue {
 }
 
 /// Sends commands from any other thread to the thread of the cycle.
+///
+/// Each function that sends a command returns its number, by which [`outcome`](Self::outcome) knows
+/// later whether it was executed, and why not.
 ///
 /// # Errors
 /// Each function: [`CommandError`]. No command is sent then.
@@ -128,24 +136,11 @@ pub struct CommandStatistics {
     pub refused: u64,
 }
 
-/// Words of a command.
-const WORDS: usize = 4;
-
-/// Commands to the cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum QueuedCommand {
-    /// The pin, its value, and the fault count of its group when the command was sent.
-    Set(PinId, AnyValue, u64),
-    /// The epoch when the command was sent.
-    Rearm(u64),
-    RearmGroup(GroupId, u64),
-    Restart(RemoteId),
-}
-
 /// A ring buffer: senders write behind a lock of their own, the cycle reads without one.
 #[derive(Debug)]
 struct CommandBuffer {
     slots: Box<[[AtomicU64; WORDS]]>,
+    outcomes: Outcomes,
     /// Number of commands sent, and number of those taken.
     sent: AtomicU64,
     taken: AtomicU64,
@@ -167,7 +162,8 @@ impl CommandQueue {
     /// A queue for a driver, with a `capacity` of 1 to 65,536 commands; other values are limited to
     /// this range.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>, capacity: usize) -> Self {
-        let slots = (0..capacity.clamp(1, LARGEST)).map(|_| <[AtomicU64; WORDS]>::default());
+        let capacity = capacity.clamp(1, LARGEST);
+        let slots = (0..capacity).map(|_| <[AtomicU64; WORDS]>::default());
         let pins = driver.pins();
         let remotes = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
@@ -181,6 +177,7 @@ impl CommandQueue {
         Self {
             shared: Arc::new(CommandBuffer {
                 slots: slots.collect(),
+                outcomes: Outcomes::new(capacity),
                 faults: groups.collect(),
                 sent: AtomicU64::new(0),
                 taken: AtomicU64::new(0),
@@ -208,7 +205,8 @@ impl CommandQueue {
     /// after one that re-arms everything. Returns their number.
     ///
     /// A re-arm command that was sent before a fault is void after it, and counted as refused: it
-    /// was meant for an earlier fault. The same holds for a command that sets an output whose group
+    /// was meant for an earlier fault. A fault of a group that was not armed, but ran, counts as
+    /// well. The same holds for a command that sets an output whose group
     /// is not armed, which would have no effect, or an output that a fault has made safe since,
     /// even if the group has been re-armed meanwhile; and for commands sent for another driver. All
     /// other commands are executed regardless of faults: a command that switches an output off
@@ -226,35 +224,61 @@ impl CommandQueue {
         self.look(driver);
         let mut count = 0;
         while count < COMMANDS_IN_A_CYCLE
-            && let Some(command) = self.shared.next()
+            && let Some((number, command)) = self.shared.next()
         {
             count.tally(1);
-            let is_done = match command {
-                QueuedCommand::Set(pin, value, faults) => {
-                    set(driver.pins_mut(), pin, value, faults)
-                }
-                QueuedCommand::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
-                QueuedCommand::RearmGroup(group, epoch) => {
-                    epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
-                }
-                QueuedCommand::Restart(remote) => {
-                    // The groups that this disarms were disarmed on request, not by a fault.
-                    let before = faults(driver);
-                    driver.restart(remote);
-                    let more = faults(driver).wrapping_sub(before);
-                    self.faults = self.faults.wrapping_add(more);
-                    true
-                }
-            };
-            if !is_done {
+            let outcome = self.execute(driver, command);
+            if outcome.is_refused() {
                 self.shared.refused.fetch_add(1, Ordering::Relaxed);
             }
+            self.shared.outcomes.store(number, outcome);
             if matches!(command, QueuedCommand::Rearm(_)) {
                 break;
             }
         }
         self.look(driver);
         count
+    }
+
+    fn execute<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &mut Driver<B>,
+        command: QueuedCommand,
+    ) -> CommandOutcome {
+        if command.epoch().is_some_and(|epoch| epoch != self.epoch) {
+            return CommandOutcome::AfterFault;
+        }
+        match command {
+            QueuedCommand::Set(pin, value, faults) => {
+                return set(driver.pins_mut(), pin, value, faults);
+            }
+            QueuedCommand::Rearm(_) => {
+                if driver.rearm().is_err() {
+                    return CommandOutcome::NoSetUp;
+                }
+            }
+            QueuedCommand::RearmGroup(group, _) => {
+                if driver.pins_mut().rearm(group).is_err() {
+                    return CommandOutcome::NotRunning;
+                }
+            }
+            QueuedCommand::RearmWhenRunning(_) => {
+                let _ = driver.rearm_when_running();
+            }
+            QueuedCommand::RearmGroupWhenRunning(group, _) => {
+                if driver.rearm_group_when_running(group).is_err() {
+                    return CommandOutcome::PortOff;
+                }
+            }
+            QueuedCommand::Restart(remote) => {
+                // The groups that this disarms were disarmed on request, not by a fault.
+                let before = faults(driver);
+                driver.restart(remote);
+                let more = faults(driver).wrapping_sub(before);
+                self.faults = self.faults.wrapping_add(more);
+            }
+        }
+        CommandOutcome::Done
     }
 
     /// Checks for faults since the last look: if there were any, earlier re-arm commands are void.
@@ -276,22 +300,33 @@ impl CommandQueue {
 
 /// Sets a pin or a setting, if that has an effect. `faults` is the fault count of the pin's group
 /// when the command was sent.
-fn set(pins: &mut Pins, pin: PinId, value: AnyValue, faults: u64) -> bool {
+fn set(pins: &mut Pins, pin: PinId, value: AnyValue, faults: u64) -> CommandOutcome {
     let is_output = pins
         .info_of(pin)
         .is_some_and(|info| info.role == Role::Output);
-    let is_meant = match pins.faults_against(pin, value) {
-        Some(now) => now == faults && (!is_output || pins.follows(pin)),
-        None => true,
-    };
-    is_meant && pins.set_any(pin, value).is_ok()
+    let faults_now = pins.faults_against(pin, value);
+    if faults_now.is_some() && is_output && !pins.follows(pin) {
+        CommandOutcome::NotArmed
+    } else if faults_now.is_some_and(|now| now != faults) {
+        CommandOutcome::AfterFault
+    } else if pins.set_any(pin, value).is_err() {
+        // It was checked when it was sent, for the pins of the queue's driver.
+        CommandOutcome::OtherDriver
+    } else {
+        CommandOutcome::Done
+    }
 }
 
-/// Number of times that faults have disarmed groups of pins.
+/// Number of faults so far: of groups that were armed or ran, and of the board.
 fn faults<B: RegisterBus + Clock>(driver: &Driver<B>) -> u64 {
-    let pins = driver.pins();
-    let states = pins.groups().filter_map(|group| pins.group_state(group));
-    states.fold(0, |sum, state| sum.wrapping_add(state.faults))
+    let statistics = driver.statistics();
+    let of_board = [
+        statistics.watchdog_bites,
+        statistics.resets,
+        statistics.bus_down,
+    ];
+    let losses = driver.pins().losses();
+    of_board.into_iter().fold(losses, u64::wrapping_add)
 }
 
 /// Notifies senders that commands are no longer taken.
@@ -309,17 +344,17 @@ impl CommandSender {
         &self,
         pin: Handle<K, T>,
         value: T,
-    ) -> Result<(), CommandError> {
+    ) -> Result<u64, CommandError> {
         self.set_any(pin.into(), value.into())
     }
 
     /// Changes a setting.
-    pub fn set_param<T: Value>(&self, param: Param<T>, value: T) -> Result<(), CommandError> {
+    pub fn set_param<T: Value>(&self, param: Param<T>, value: T) -> Result<u64, CommandError> {
         self.set_any(param.into(), value.into())
     }
 
     /// Sets a pin or a setting of any type.
-    pub fn set_any(&self, pin: PinId, value: AnyValue) -> Result<(), CommandError> {
+    pub fn set_any(&self, pin: PinId, value: AnyValue) -> Result<u64, CommandError> {
         let shared = &*self.shared;
         let info = shared.infos.get(pin.index());
         let info = info.filter(|_| pin.is_beside(shared.pin));
@@ -332,20 +367,34 @@ impl CommandSender {
     }
 
     /// Re-arms everything: [`Driver::rearm`].
-    pub fn rearm(&self) -> Result<(), CommandError> {
+    pub fn rearm(&self) -> Result<u64, CommandError> {
         self.send(QueuedCommand::Rearm(self.epoch()))
     }
 
+    /// Re-arms everything as soon as it runs: [`Driver::rearm_when_running`].
+    pub fn rearm_when_running(&self) -> Result<u64, CommandError> {
+        self.send(QueuedCommand::RearmWhenRunning(self.epoch()))
+    }
+
+    /// Re-arms one group as soon as it runs: [`Driver::rearm_group_when_running`].
+    pub fn rearm_group_when_running(&self, group: GroupId) -> Result<u64, CommandError> {
+        self.check(group)?;
+        self.send(QueuedCommand::RearmGroupWhenRunning(group, self.epoch()))
+    }
+
     /// Re-arms one group: [`Pins::rearm`](crate::hal::Pins::rearm).
-    pub fn rearm_group(&self, group: GroupId) -> Result<(), CommandError> {
-        if !PinId::from_word(group.to_word()).is_beside(self.shared.pin) {
-            return Err(PinError::ForeignHandle.into());
-        }
+    pub fn rearm_group(&self, group: GroupId) -> Result<u64, CommandError> {
+        self.check(group)?;
         self.send(QueuedCommand::RearmGroup(group, self.epoch()))
     }
 
+    fn check(&self, group: GroupId) -> Result<(), CommandError> {
+        let is_own = PinId::from_word(group.to_word()).is_beside(self.shared.pin);
+        is_own.then_some(()).ok_or(PinError::ForeignHandle.into())
+    }
+
     /// Restarts a remote: [`Driver::restart`].
-    pub fn restart(&self, remote: impl Into<RemoteId>) -> Result<(), CommandError> {
+    pub fn restart(&self, remote: impl Into<RemoteId>) -> Result<u64, CommandError> {
         let remote = remote.into();
         if !self.shared.remotes.contains(&remote) {
             return Err(CommandError::NoRemote { remote });
@@ -370,7 +419,8 @@ impl CommandSender {
         self.shared.epoch.load(Ordering::Acquire)
     }
 
-    fn send(&self, command: QueuedCommand) -> Result<(), CommandError> {
+    /// Sends a command; returns its number.
+    fn send(&self, command: QueuedCommand) -> Result<u64, CommandError> {
         let shared = &*self.shared;
         // The guarded state is consistent at every point, so that a poisoned lock can be used.
         let _one_at_a_time = shared
@@ -392,13 +442,13 @@ impl CommandSender {
         }
         // Hands the words over to the cycle.
         shared.sent.store(sent.wrapping_add(1), Ordering::Release);
-        Ok(())
+        Ok(sent)
     }
 }
 
 impl CommandBuffer {
-    /// Takes a command. Called in one thread only.
-    fn next(&self) -> Option<QueuedCommand> {
+    /// Takes a command, with its number. Called in one thread only.
+    fn next(&self) -> Option<(u64, QueuedCommand)> {
         let taken = self.taken.load(Ordering::Relaxed);
         if taken == self.sent.load(Ordering::Acquire) {
             return None;
@@ -407,13 +457,17 @@ impl CommandBuffer {
         let words = words.map(|word| word.load(Ordering::Relaxed));
         // Returns the words to the senders.
         self.taken.store(taken.wrapping_add(1), Ordering::Release);
-        Some(QueuedCommand::from_words(words))
+        Some((taken, QueuedCommand::from_words(words)))
     }
 
     /// Takes all waiting commands without executing any. Called in the thread that takes.
     fn refuse_all(&self) {
         let sent = self.sent.load(Ordering::Acquire);
-        let waiting = sent.saturating_sub(self.taken.load(Ordering::Relaxed));
+        let taken = self.taken.load(Ordering::Relaxed);
+        for number in taken..sent {
+            self.outcomes.store(number, CommandOutcome::OtherDriver);
+        }
+        let waiting = sent.saturating_sub(taken);
         self.refused.fetch_add(waiting, Ordering::Relaxed);
         self.taken.store(sent, Ordering::Release);
     }
@@ -421,46 +475,6 @@ impl CommandBuffer {
     fn slot(&self, number: u64) -> Option<&[AtomicU64; WORDS]> {
         let index = number.checked_rem(self.slots.len() as u64)?;
         self.slots.get(index as usize)
-    }
-}
-
-const TYPES: [HalType; 6] = [
-    HalType::Bit,
-    HalType::Float,
-    HalType::S32,
-    HalType::U32,
-    HalType::S64,
-    HalType::U64,
-];
-
-impl QueuedCommand {
-    fn to_words(self) -> [u64; WORDS] {
-        match self {
-            Self::Rearm(epoch) => [0, 0, epoch, 0],
-            Self::RearmGroup(group, epoch) => [1, group.to_word(), epoch, 0],
-            Self::Restart(RemoteId { port, channel }) => [2, port.into(), channel.into(), 0],
-            Self::Set(pin, value, faults) => {
-                let number = TYPES.iter().position(|&other| other == value.hal_type);
-                let number = number.unwrap_or_default() as u64;
-                [number.wrapping_add(3), pin.to_word(), value.bits, faults]
-            }
-        }
-    }
-
-    fn from_words([kind, one, other, faults]: [u64; WORDS]) -> Self {
-        match kind {
-            0 => Self::Rearm(other),
-            1 => Self::RearmGroup(GroupId::from_word(one), other),
-            2 => Self::Restart(RemoteId::new(one as u8, other as u8)),
-            _ => {
-                let hal_type = TYPES.get(kind.wrapping_sub(3) as usize);
-                let value = AnyValue {
-                    hal_type: hal_type.copied().unwrap_or(HalType::Bit),
-                    bits: other,
-                };
-                Self::Set(PinId::from_word(one), value, faults)
-            }
-        }
     }
 }
 

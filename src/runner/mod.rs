@@ -81,7 +81,8 @@ mod stop;
 mod tests;
 
 pub use commands::{
-    COMMANDS_IN_A_CYCLE, CommandError, CommandQueue, CommandSender, CommandStatistics,
+    COMMANDS_IN_A_CYCLE, CommandError, CommandOutcome, CommandQueue, CommandSender,
+    CommandStatistics,
 };
 pub use histogram::{Distribution, Histogram};
 pub use latency::{Latency, RateJudgement, RateVerdict};

@@ -58,12 +58,13 @@ packed!(Age {
     time: Duration,
 });
 
-/// The two flags share a word.
+/// The flags share a word.
 impl Packed for GroupState {
     const WORDS: usize = 2 + Age::WORDS;
 
     fn pack(&self, to: &mut impl WordSink) {
-        to.put(u64::from(self.valid) | u64::from(self.armed) << 1);
+        let [valid, armed, coming] = [self.valid, self.armed, self.coming].map(u64::from);
+        to.put(valid | armed << 1 | coming << 2);
         self.age.pack(to);
         to.put(self.faults);
     }
@@ -73,6 +74,7 @@ impl Packed for GroupState {
         Some(Self {
             valid: flags & 1 != 0,
             armed: flags & 2 != 0,
+            coming: flags & 4 != 0,
             age: Age::unpack(from)?,
             faults: from.next()?,
         })
@@ -111,6 +113,7 @@ mod tests {
             let state = GroupState {
                 valid,
                 armed,
+                coming: !armed,
                 age,
                 faults: 3,
             };

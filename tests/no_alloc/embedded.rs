@@ -128,6 +128,8 @@ fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
         0 => commands.rearm(),
         1 => commands.restart((0, ANALOG as u8)),
         2..10 => commands.rearm_group(machine.driver.group()),
+        500..520 => commands.rearm_when_running(),
+        520..530 => commands.rearm_group_when_running(machine.driver.group()),
         // Refused by the sender.
         10..20 => return assert!(commands.set_param(limit, f64::NAN).is_err()),
         20..500 => commands.set_param(limit, 9.0),

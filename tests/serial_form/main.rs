@@ -95,6 +95,8 @@ fn events_are_as_they_are_written_and_come_back() {
             armed: 3,
             waiting: 1,
         },
+        EventKind::RearmCancelled { groups: 2 },
+        EventKind::RemoteRearmCancelled { remote },
         EventKind::ReadFailed { why },
         EventKind::NotThere { found: 0xFFFF_FFFF },
         EventKind::Repeated {

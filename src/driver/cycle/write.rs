@@ -59,6 +59,7 @@ impl BoardCycle {
         if missed == self.pins.stale_after() {
             let writes = self.writes_since_read;
             self.events.tell(now, EventKind::NotRead { writes });
+            self.cancel_rearm(now, true);
             self.make_safe();
         }
     }

@@ -186,6 +186,23 @@ pub enum EventKind {
         /// Groups that do not run yet.
         waiting: u32,
     },
+    /// Groups that were to be armed as soon as they run
+    /// ([`Driver::rearm_when_running`](crate::Driver::rearm_when_running),
+    /// [`Rearmed::coming`](crate::driver::Rearmed::coming)) will not be, because of a fault of the
+    /// board. Re-arm them again.
+    [REARM_CANCELLED = 21, fault; "not armed when they run, because of a fault of the board since: {groups} groups; re-arm again"]
+    RearmCancelled {
+        /// Number of these groups.
+        groups: u32,
+    },
+    /// A remote that was to be armed as soon as it runs will not be, because of a new fault of it,
+    /// or because its port was switched off. Re-arm it again.
+    [REMOTE_REARM_CANCELLED = 22, fault; of Some(*remote); "not armed when it runs, because of a fault since; re-arm again"]
+    RemoteRearmCancelled {
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
+    },
     /// A read failed; the first of a row with this reason.
     [READ_FAILED = 11, fault; "a read failed: {why}"]
     ReadFailed {

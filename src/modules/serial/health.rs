@@ -44,6 +44,17 @@ pub enum RemoteState {
 }
 }
 
+/// What counts for the arming of a remote that has not transferred yet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Arming {
+    /// The board got its set-up back, and the remote has not transferred since: it comes up because
+    /// of that, unless it has a fault of its own.
+    pub comes_with_board: bool,
+    /// An attempt has found another device, a fault that was not reported before, or the first fault
+    /// of a remote that was stopped or restarted on request.
+    pub has_new_fault: bool,
+}
+
 /// A remote of a port.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Debug)]
@@ -64,12 +75,13 @@ pub(crate) struct Health {
     pub fault_count: u32,
     /// The faults that it reported last.
     pub faults: RemoteFaults,
+    /// All faults that it has reported since it ran.
+    known_faults: RemoteFaults,
     /// The remote has run before, so that its sizes are known to be right, and it can have been
     /// stopped.
     pub has_run: bool,
-    /// The board got its set-up back, and the remote has not transferred since: it comes up because
-    /// of that, unless it has a fault of its own.
-    pub comes_with_board: bool,
+    /// Reasons to arm it when it comes up, and against that.
+    pub arming: Arming,
     /// The remote is left out of transfers until this time. After a failed transfer the line needs
     /// an idle interval, in which a late reply or extra characters become visible: an immediate
     /// transfer could receive the reply to the one before (FACTS 5.4).
@@ -103,8 +115,9 @@ impl Health {
             restarts: 0,
             fault_count: 0,
             faults: RemoteFaults::empty(),
+            known_faults: RemoteFaults::empty(),
             has_run: true,
-            comes_with_board: false,
+            arming: Arming::default(),
             rest_until: Instant::default(),
             has_just_failed: false,
             failures: EventRow::default(),
@@ -191,6 +204,7 @@ impl Health {
             && matches!(reason, OfflineReason::DidNotStart(_));
         let remote = self.remote_id();
         if was_running {
+            self.known_faults = self.faults;
             self.end_row(now);
             let kind = EventKind::RemoteOffline { remote, reason };
             self.tell(now, kind);
@@ -198,7 +212,12 @@ impl Health {
             let kind = EventKind::RemoteStaysOffline { remote, reason };
             self.tell(now, kind);
         }
+        let is_first_fault = !reason.is_asked_for()
+            && self.first_fault.is_some_and(|first| first.is_asked_for())
+            && before.is_some_and(|before| before.is_asked_for());
         let first = *self.first_fault.get_or_insert(reason);
+        let is_another = before != Some(reason) && reason.is_about_identity();
+        self.arming.has_new_fault |= !was_running && (is_another || is_first_fault);
         let reason = if reason.is_about_identity() {
             reason
         } else {
@@ -266,6 +285,21 @@ impl Health {
             EventKind::RemoteUp { remote }
         };
         self.tell(now, kind);
+    }
+
+    /// Takes the faults that a remote reports at a START that failed. A watchdog that bites
+    /// meanwhile is none of them.
+    pub fn reports(&mut self, faults: RemoteFaults) {
+        let known = self.known_faults.union(RemoteFaults::WATCHDOG);
+        self.arming.has_new_fault |= !known.contains(faults);
+        self.known_faults = known.union(faults);
+        self.faults = faults;
+    }
+
+    /// Reports that the remote will not be armed when it runs, because of the fault before.
+    pub fn not_awaited(&self, now: Instant) {
+        let remote = self.remote_id();
+        self.tell(now, EventKind::RemoteRearmCancelled { remote });
     }
 
     /// Clears the first fault, because the outputs follow the application (again).

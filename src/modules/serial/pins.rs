@@ -102,6 +102,11 @@ impl PortPins {
         pins.publish(self.too_short, too_short);
     }
 
+    /// True if the application has the port switched on.
+    pub fn is_on(&self, pins: &PinStore) -> bool {
+        pins.commanded(self.run)
+    }
+
     pub fn fetch(&mut self, pins: &mut PinStore, recovery: &mut Recovery) {
         let version = pins.output_version(self.part);
         if version.is_some() && version == self.fetched {

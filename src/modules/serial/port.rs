@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::mem;
 use core::time::Duration;
 
-use super::health::Health;
+use super::health::{Arming, Health};
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, RemoteSlot};
@@ -12,7 +12,7 @@ use super::watchdog::OutputsState;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
-use crate::hal::PinStore;
+use crate::hal::{GroupId, PinStore};
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, DoitTime, MAX_CHANNELS, PerChannel,
@@ -237,10 +237,26 @@ impl SerialPort {
     /// transfer. True if that is new for one of them.
     pub(crate) fn arm_what_comes(&self, pins: &mut PinStore) -> bool {
         let remotes = self.remotes.iter().zip(&self.recovery.remotes);
-        let coming = remotes.filter(|(_, health)| health.comes_with_board);
+        let coming = remotes.filter(|(_, health)| health.arming.comes_with_board);
         coming.fold(false, |is_news, (served, _)| {
             pins.arm_when_good(served.pins.group) | is_news
         })
+    }
+
+    /// True if the group is that of a remote of this port, and the port is switched off.
+    pub(crate) fn is_off(&self, pins: &PinStore, group: GroupId) -> bool {
+        let mut groups = self.remotes.iter().map(|served| served.pins.group);
+        groups.any(|own| own == group) && !self.pins.is_on(pins)
+    }
+
+    /// Keeps all remotes of a port that is switched off safe: none is armed when it runs again.
+    fn switched_off(&mut self, cycle: &mut WriteCycle<'_>) {
+        for (remote, health) in self.remotes.iter().zip(&self.recovery.remotes) {
+            if cycle.pins.not_awaited(remote.pins.group) {
+                health.not_awaited(cycle.now);
+            }
+        }
+        self.make_safe(cycle.pins);
     }
 
     /// Ends the rows of failed transfers, and reports their numbers.
@@ -285,13 +301,9 @@ impl Module for SerialPort {
                 let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
                 let cycles = cycle.pins.cycle().saturating_sub(due);
                 cycle.pins.group_good_since(group, cycles, started);
-                health.comes_with_board = false;
+                health.arming = Arming::default();
             } else if outcome.offline.contains(channel) {
-                let is_awaited = health.is_of_board() && cycle.pins.is_awaited(group);
-                served.lost(cycle.pins);
-                if is_awaited {
-                    cycle.pins.arm_when_good(group);
-                }
+                served.went_offline(health, cycle);
             } else if outcome.failed.contains(channel) {
                 cycle.pins.invalidate(group);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
@@ -299,10 +311,8 @@ impl Module for SerialPort {
             } else if outcome.started_anew.contains(channel) {
                 served.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
             }
-            if health.comes_with_board && !health.is_of_board() {
-                // A fault of its own cancels the arming with the board.
-                health.comes_with_board = false;
-                cycle.pins.disarm(group);
+            if health.arming != Arming::default() {
+                served.attempted(health, cycle);
             }
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
@@ -326,7 +336,7 @@ impl Module for SerialPort {
         self.pins.fetch(cycle.pins, &mut self.recovery);
         self.note_armed(cycle.pins, cycle.now);
         if !self.recovery.run {
-            self.make_safe(cycle.pins);
+            self.switched_off(cycle);
         }
         let machine = &mut self.port.machine;
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
@@ -366,7 +376,7 @@ impl Module for SerialPort {
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.doubt();
         for health in &mut self.recovery.remotes {
-            health.comes_with_board = health.is_of_board();
+            health.arming.comes_with_board = health.is_of_board();
         }
         for remote in &mut self.remotes {
             remote.pins.restarted();

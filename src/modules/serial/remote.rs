@@ -3,10 +3,11 @@
 use alloc::vec::Vec;
 
 use super::RemoteWatchdog;
+use super::health::Health;
 use super::pins::RemoteFaultPins;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
-use crate::hal::PinStore;
+use crate::hal::{Awaited, PinStore};
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
 use crate::sslbp::{
@@ -113,6 +114,48 @@ impl RemoteSlot {
         pins.fault(self.pins.group);
         self.unanswered = None;
         self.pins.restarted();
+    }
+
+    /// Handles a running remote that went offline: it will not be armed when it runs again, unless it
+    /// comes up because of the board.
+    pub fn went_offline(&mut self, health: &Health, cycle: &mut ReadCycle<'_>) {
+        let group = self.pins.group;
+        let is_of_board = health.arming.comes_with_board && health.is_of_board();
+        let awaited = cycle.pins.awaited(group);
+        let state = cycle.pins.group_state(group);
+        if state.is_some_and(|state| !state.armed) {
+            cycle.pins.count_loss();
+        }
+        self.lost(cycle.pins);
+        if awaited == Awaited::No || awaited == Awaited::AfterSetUp {
+            return;
+        }
+        if is_of_board {
+            cycle.pins.is_awaited_anew(group, awaited);
+        } else {
+            health.not_awaited(cycle.now);
+        }
+    }
+
+    /// Handles the attempts to start a remote that is to be armed. A new fault cancels that: also a
+    /// fault of its own that is found when it comes up because of the board. An attempt that fails
+    /// again is none.
+    #[cold]
+    pub fn attempted(&self, health: &mut Health, cycle: &mut ReadCycle<'_>) {
+        let group = self.pins.group;
+        let awaited = cycle.pins.awaited(group);
+        let is_new = core::mem::take(&mut health.arming.has_new_fault);
+        let comes_alone = health.arming.comes_with_board && !health.is_of_board();
+        health.arming.comes_with_board &= !comes_alone;
+        if comes_alone {
+            // Commands that were set meanwhile are forgotten.
+            cycle.pins.disarm(group);
+        }
+        let is_awaited = matches!(awaited, Awaited::WithBoard | Awaited::WhenRunning);
+        if is_awaited && (comes_alone || is_new) {
+            cycle.pins.not_awaited(group);
+            health.not_awaited(cycle.now);
+        }
     }
 
     /// Puts the outputs into the image, unless they are unchanged.

@@ -309,3 +309,92 @@ fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
     cycle(&mut driver, &mut queue);
     assert_eq!(driver.board_state(), BoardState::Running);
 }
+
+/// Every refused command has its reason, and every other one its outcome.
+#[test]
+fn a_command_that_is_refused_says_why() {
+    use super::CommandOutcome::{AfterFault, Done, Ended, NotArmed, NotRunning, PortOff};
+    use super::CommandOutcome::{OtherDriver, Unknown, Waiting};
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 4);
+    let sender = queue.sender();
+    let lamp = driver
+        .pins()
+        .output::<bool>("hm2_7i92.0.7i77.0.0.output-00");
+    let lamp = lamp.expect("there");
+    let run = driver
+        .pins()
+        .output::<bool>("hm2_7i92.0.sserial.port-0.run");
+    let run = run.expect("there");
+    let group = driver.pins().info(lamp).expect("there").group;
+    assert_eq!(sender.outcome(0), Unknown, "never sent");
+    let on = sender.set(lamp, true).expect("sent");
+    assert_eq!(sender.outcome(on), Waiting);
+    cycle(&mut driver, &mut queue);
+    assert_eq!(sender.outcome(on), Done);
+
+    // Sent before a fault, and executed after it.
+    let late = sender.rearm_when_running().expect("sent");
+    driver.restart((0, 0));
+    let unarmed = sender.set(lamp, true).expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert_eq!(sender.outcome(late), AfterFault);
+    assert_eq!(sender.outcome(unarmed), NotArmed);
+    let early = sender.rearm_group(group).expect("sent");
+    let wanted = sender.rearm_group_when_running(group).expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert_eq!(
+        (sender.outcome(early), sender.outcome(wanted)),
+        (NotRunning, Done)
+    );
+    for _ in 0..200 {
+        cycle(&mut driver, &mut queue);
+    }
+    assert!(driver.pins().group_state(group).expect("there").armed);
+
+    driver.pins_mut().set(run, false);
+    cycle(&mut driver, &mut queue);
+    cycle(&mut driver, &mut queue);
+    let off = sender.rearm_group_when_running(group).expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert_eq!(sender.outcome(off), PortOff);
+    assert_eq!(sender.outcome(late), Unknown, "the queue holds four");
+    let refused = sender.statistics().refused;
+    assert_eq!(refused, 4);
+
+    let foreign = sender.set(lamp, false).expect("sent");
+    cycle(&mut self::driver(), &mut queue);
+    assert_eq!(sender.outcome(foreign), OtherDriver);
+    let last = sender.set(lamp, false).expect("sent");
+    drop(queue);
+    assert_eq!(sender.outcome(last), Ended);
+    assert!(Ended.is_refused() && !Waiting.is_refused());
+}
+
+/// The watchdog has bitten: the set-up is written again, and the card is armed when it runs.
+#[test]
+fn everything_is_armed_as_soon_as_it_runs() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 8);
+    let sender = queue.sender();
+    cycle(&mut driver, &mut queue);
+    driver.bus_mut().wait(core::time::Duration::from_secs(1));
+    for _ in 0..3 {
+        cycle(&mut driver, &mut queue);
+    }
+    assert_eq!(driver.board_state(), BoardState::WatchdogBitten);
+    let sent = sender.rearm_when_running().expect("sent");
+    for _ in 0..200 {
+        cycle(&mut driver, &mut queue);
+    }
+    assert_eq!(sender.outcome(sent), CommandOutcome::Done);
+    assert_eq!(driver.board_state(), BoardState::Running);
+    let mut groups = driver.pins().groups();
+    let is_armed = |group| {
+        driver
+            .pins()
+            .group_state(group)
+            .is_some_and(|state| state.armed)
+    };
+    assert!(groups.all(is_armed));
+}

@@ -217,10 +217,12 @@ impl Snapshot {
             armed: false,
             age: Age::NEVER,
             faults: 0,
+            coming: false,
         });
         let is_fresh = self.is_fresh();
         state.valid &= is_fresh;
         state.armed &= is_fresh;
+        state.coming &= is_fresh;
         state.age.time = state.age.time.saturating_add(self.age);
         state
     }

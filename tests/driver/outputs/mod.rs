@@ -4,4 +4,5 @@ mod axis_enables;
 mod limits;
 mod not_armed;
 mod rearm;
+mod rearm_when_running;
 mod second_fault;

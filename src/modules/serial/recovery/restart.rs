@@ -138,7 +138,7 @@ impl Recovery {
                 remote.has_failed = true;
                 // CS contains the remote's faults, as read by the last step of START (FACTS 4.1).
                 if link.cs.state() == ComState::CheckFaults {
-                    remote.faults = link.cs.remote_faults();
+                    remote.reports(link.cs.remote_faults());
                 }
                 Some(OfflineReason::DidNotStart(link.cs))
             } else if complete.good.contains(channel) {
