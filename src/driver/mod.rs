@@ -45,6 +45,7 @@ mod connection;
 mod cycle;
 mod error;
 mod exchange;
+mod found;
 #[doc = include_str!("../../docs/neighbours.md")]
 pub mod neighbours {}
 

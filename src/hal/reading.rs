@@ -1,5 +1,6 @@
 //! Results of reading a store: readings, ages, counts and states.
 
+use core::fmt;
 use core::time::Duration;
 
 /// Counts of values that were replaced instead of used.
@@ -49,6 +50,26 @@ impl Age {
         cycles: u64::MAX,
         time: Duration::MAX,
     };
+}
+
+/// `3 cycles, 3.012 ms`, or `never`.
+///
+/// ```
+/// use core::time::Duration;
+/// use mesa_hal::hal::Age;
+/// let age = Age { cycles: 3, time: Duration::from_micros(3_012) };
+/// assert_eq!(age.to_string(), "3 cycles, 3.012 ms");
+/// assert_eq!(Age::NEVER.to_string(), "never");
+/// ```
+impl fmt::Display for Age {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.cycles == Self::NEVER.cycles {
+            return f.write_str("never");
+        }
+        let plural = if self.cycles == 1 { "" } else { "s" };
+        let millis = self.time.as_secs_f64() * 1e3;
+        write!(f, "{} cycle{plural}, {millis:.3} ms", self.cycles)
+    }
 }
 
 /// Result of reading a pin.

@@ -27,7 +27,9 @@ use crate::tally::Tally;
 /// });
 /// ended.stopped?;
 /// assert_eq!(latency.used().count(), 1000);
-/// assert_eq!(latency.verdict(1000).judgement, RateJudgement::Yes);
+/// let verdict = latency.verdict(1000);
+/// assert!(verdict.is_kept() && verdict.judgement == RateJudgement::Yes);
+/// assert!(format!("{verdict:#}").starts_with("1000 Hz: yes; no cycle needs more than"));
 /// # Ok(())
 /// # }
 /// ```
@@ -65,7 +67,9 @@ pub enum RateJudgement {
     No,
 }
 
-/// Judgement of a rate, with the reason. `Display` is one line, without the rate.
+/// Judgement of a rate, with the reason. `Display` is one line with the reason alone, and the
+/// alternate form `{:#}` begins with the rate and the judgement:
+/// `1000 Hz: yes; no cycle needs more than 312 us of 1000`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RateVerdict {
@@ -234,8 +238,18 @@ fn period_of(rate: u32) -> Duration {
     second.checked_div(rate).unwrap_or(second)
 }
 
+impl RateVerdict {
+    /// True if all measured cycles would have ended in time: [`RateJudgement::Yes`].
+    pub fn is_kept(&self) -> bool {
+        self.judgement == RateJudgement::Yes
+    }
+}
+
 impl Display for RateVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if f.alternate() {
+            write!(f, "{} Hz: {}; ", self.rate, self.judgement)?;
+        }
         let micros = |time: Duration| time.as_nanos().div_ceil(1000);
         let period = period_of(self.rate);
         let (period_us, needs) = (micros(period), micros(self.needs));

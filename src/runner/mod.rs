@@ -70,6 +70,7 @@ mod latency;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 #[doc = include_str!("../../docs/realtime.md")]
 pub mod linux {}
+mod pacer;
 mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 mod realtime;
@@ -86,6 +87,7 @@ pub use commands::{
 };
 pub use histogram::{Distribution, Histogram};
 pub use latency::{Latency, RateJudgement, RateVerdict};
+pub use pacer::Pacer;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
 pub use scope::{
@@ -100,9 +102,10 @@ use core::ops::ControlFlow;
 use core::time::Duration;
 
 use crate::bus::{Clock, Instant, RegisterBus};
-use crate::driver::{CycleError, CycleReport, Driver, Pace, StopError, Stopped};
+#[cfg(doc)]
+use crate::driver::Pace;
+use crate::driver::{CycleError, CycleReport, Driver, StopError, Stopped};
 use crate::hal::Pins;
-use crate::tally::Tally;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
@@ -117,13 +120,9 @@ use crate::tally::Tally;
 #[derive(Debug)]
 pub struct Runner<B: RegisterBus + Clock> {
     driver: Driver<B>,
-    statistics: RunStatistics,
-    /// [`DriverStatistics::read_errors`](crate::driver::DriverStatistics::read_errors) before the
-    /// run.
-    old_read_errors: u64,
+    pacer: Pacer,
     snapshot: Option<SnapshotWriter>,
     commands: Option<CommandQueue>,
-    is_sleeping: bool,
     /// Limit of the wait for transfers.
     transfers: Option<Duration>,
     #[cfg(feature = "realtime")]
@@ -148,6 +147,8 @@ pub struct Cycle<'a, B: RegisterBus + Clock> {
     /// the first. Where the [board paces](Pace::Board), it includes the wait for the board's clock:
     /// the unused part of the period is in [`CycleReport::slack`].
     pub took: Duration,
+    /// Time since the previous cycle, in whole periods: [`Pacer::dt`].
+    pub dt: Duration,
     /// Statistics of the previous cycles.
     pub statistics: RunStatistics,
     /// The driver, to re-arm or to inspect it. Reading, writing and stopping it is left to the
@@ -156,6 +157,11 @@ pub struct Cycle<'a, B: RegisterBus + Clock> {
 }
 
 impl<B: RegisterBus + Clock> Cycle<'_, B> {
+    /// The report of this cycle's read; `None` if it failed.
+    pub fn report(&self) -> Option<CycleReport> {
+        self.read.as_ref().ok().copied()
+    }
+
     /// All pins and parameters.
     pub fn pins(&self) -> &Pins {
         self.driver.pins()
@@ -220,12 +226,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
     /// A runner of a started driver, whose settings contain the period and the pace.
     pub fn new(driver: Driver<B>) -> Self {
         Self {
-            old_read_errors: driver.statistics().read_errors,
+            pacer: Pacer::new(&driver),
             driver,
-            statistics: RunStatistics::default(),
             snapshot: None,
             commands: None,
-            is_sleeping: false,
             transfers: None,
             #[cfg(feature = "realtime")]
             stop: None,
@@ -263,7 +267,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
     /// each cycle for it; a thread without is woken later than that, and spends none.
     #[must_use]
     pub fn sleeping(mut self) -> Self {
-        self.is_sleeping = true;
+        self.pacer = self.pacer.sleeping();
         self
     }
 
@@ -286,19 +290,13 @@ impl<B: RegisterBus + Clock> Runner<B> {
     }
 
     /// Runs cycles in the calling thread: read, `work`, write, and the wait for the next period,
-    /// until `work` breaks or a signal arrives; then stops the driver.
-    ///
-    /// The first cycle starts immediately. At the host's pace each further cycle starts a whole
-    /// number of periods after it, however long the earlier ones took: a late cycle does not delay
-    /// the next, and a period that is over is skipped and counted.
+    /// until `work` breaks or a signal arrives; then stops the driver. The first cycle starts
+    /// immediately; a [`Pacer`] times the others.
     ///
     /// A failed read or write does not end the run: the driver makes all outputs safe after too
     /// many failures, and `work` decides.
     pub fn run(mut self, mut work: impl FnMut(&mut Cycle<'_, B>) -> ControlFlow<()>) -> Ended<B> {
-        let period = self.driver.period();
-        let mut planned = self.driver.bus_mut().now();
         let mut write = Ok(());
-        let mut took = Duration::ZERO;
         #[cfg(feature = "realtime")]
         let mut signal = None;
         loop {
@@ -307,36 +305,27 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 signal = Some(came);
                 break;
             }
-            let begun = self.wait_until(planned);
-            let late = match self.driver.pace() {
-                Pace::Host => begun.since(planned),
-                Pace::Board => Duration::ZERO,
-            };
             let read = self.read();
+            let statistics = self.pacer.statistics();
             let flow = work(&mut Cycle {
-                number: self.statistics.cycles,
+                number: statistics.cycles,
                 read,
                 write: core::mem::replace(&mut write, Ok(())),
-                begun,
-                late,
-                took,
-                statistics: self.statistics,
+                begun: self.pacer.begun(),
+                late: self.pacer.late(),
+                took: statistics.last_took,
+                dt: self.pacer.dt(),
+                statistics,
                 driver: &mut self.driver,
             });
             if flow.is_break() {
                 break;
             }
-            write = self.driver.write();
-            self.statistics.failed_writes.tally(write.is_err().into());
-            let mut ended = self.driver.bus_mut().now();
-            took = ended.since(begun);
-            self.count(late, took);
+            write = self.pacer.write(&mut self.driver);
             if let Some(limit) = self.transfers {
                 let _ = self.driver.wait_transfers(limit);
-                ended = self.driver.bus_mut().now();
             }
             self.publish();
-            planned = self.next(planned, ended, period);
         }
         Ended {
             #[cfg(feature = "realtime")]
@@ -345,11 +334,9 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
     }
 
-    /// Reads the board, and executes the commands of other threads.
+    /// Reads the board in the next period, and executes the commands of other threads.
     fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
-        let read = self.driver.read();
-        let errors = self.driver.statistics().read_errors;
-        self.statistics.failed_reads = errors.saturating_sub(self.old_read_errors);
+        let read = self.pacer.read(&mut self.driver);
         if let Some(commands) = &mut self.commands {
             commands.take(&mut self.driver);
         }
@@ -364,7 +351,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
         if let Some(snapshot) = &mut self.snapshot {
             // The writer was made for this driver, so that it cannot refuse it.
-            let _ = snapshot.publish_run(&self.driver, &self.statistics);
+            let _ = snapshot.publish_run(&self.driver, &self.pacer.statistics());
         }
     }
 
@@ -372,56 +359,19 @@ impl<B: RegisterBus + Clock> Runner<B> {
     fn end(mut self) -> Ended<B> {
         // Senders get an error from here on.
         drop(self.commands.take());
+        let statistics = self.pacer.statistics();
         let (driver, stopped) = self.driver.stop();
         if let Some(mut snapshot) = self.snapshot.take() {
             // The last snapshot shows the state after the stop; then readers are notified of the
             // end.
-            let _ = snapshot.publish_run(&driver, &self.statistics);
+            let _ = snapshot.publish_run(&driver, &statistics);
         }
         Ended {
             driver,
             stopped,
-            statistics: self.statistics,
+            statistics,
             #[cfg(feature = "realtime")]
             signal: None,
         }
-    }
-
-    /// Waits until the planned time if it is in the future; returns the current time. The board's
-    /// own clock is not waited for here.
-    fn wait_until(&mut self, planned: Instant) -> Instant {
-        let bus = self.driver.bus_mut();
-        let now = bus.now();
-        let rest = planned.since(now);
-        if rest.is_zero() {
-            return now;
-        }
-        if self.is_sleeping {
-            bus.sleep(rest);
-        } else {
-            bus.wait(rest);
-        }
-        bus.now()
-    }
-
-    fn count(&mut self, late: Duration, took: Duration) {
-        let statistics = &mut self.statistics;
-        statistics.cycles.tally(1);
-        statistics.latest = statistics.latest.max(late);
-        statistics.longest = statistics.longest.max(took);
-        (statistics.last_late, statistics.last_took) = (late, took);
-    }
-
-    /// The planned start of the next cycle.
-    fn next(&mut self, planned: Instant, now: Instant, period: Duration) -> Instant {
-        if self.driver.pace() == Pace::Board {
-            return now;
-        }
-        let behind = now.since(planned).as_nanos();
-        let behind = behind.checked_div(period.as_nanos()).unwrap_or(0);
-        let skipped = u64::try_from(behind).unwrap_or(u64::MAX);
-        self.statistics.skipped_periods.tally(skipped);
-        let periods = u32::try_from(skipped.saturating_add(1)).unwrap_or(u32::MAX);
-        planned.after(period.saturating_mul(periods))
     }
 }

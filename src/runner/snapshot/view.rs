@@ -3,6 +3,7 @@
 use crate::hostmot2::RemoteId;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
+use core::fmt;
 use core::time::Duration;
 
 use super::SnapshotBuffer;
@@ -61,6 +62,31 @@ pub struct RemoteSnapshot {
     pub failures: u64,
     /// Number of restarts.
     pub restarts: u64,
+}
+
+/// The state of the machine in a line: `cycle 5021: the board runs, groups armed: 3 of 5, coming: 1`.
+impl fmt::Display for Snapshot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = self.cycle();
+        let Some((board, groups)) = self.state() else {
+            let millis = self.age.as_millis();
+            let end = if self.has_ended { "has ended" } else { "hangs" };
+            return write!(
+                f,
+                "the cycle {end}: the last, {number}, was {millis} ms ago"
+            );
+        };
+        write!(f, "cycle {number}: {board}, groups armed: ")?;
+        let count = |is: fn(&GroupState) -> bool| {
+            let groups = groups.clone();
+            groups.filter(|(_, state)| is(state)).count()
+        };
+        write!(f, "{} of {}", count(|state| state.armed), count(|_| true))?;
+        match count(|state| state.coming) {
+            0 => Ok(()),
+            coming => write!(f, ", coming: {coming}"),
+        }
+    }
 }
 
 /// The next value. The words of a snapshot are those of values, so there is always one.
@@ -172,9 +198,44 @@ impl Snapshot {
         Some(self.group(number))
     }
 
+    /// The state of the machine for an operator, in one call: that of the board and of all groups;
+    /// `None` if the snapshot is not [fresh](Self::is_fresh), so that nothing is known. `Display`
+    /// writes it in a line.
+    ///
+    /// ```
+    /// # use mesa_hal::{BoardState, Driver, Settings, runner::SnapshotWriter};
+    /// # use mesa_hal_sim::machines;
+    /// # let board = machines::six_axes_7i92(Default::default());
+    /// # let mut driver = Driver::start(board, Settings::default())?;
+    /// # let mut writer = SnapshotWriter::new(&driver);
+    /// # let snapshots = writer.reader();
+    /// # for _ in 0..3 {
+    /// #     let _ = driver.read()?;
+    /// #     driver.write()?;
+    /// #     writer.publish(&driver)?;
+    /// # }
+    /// let snapshot = snapshots.read()?;
+    /// let (board, mut groups) = snapshot.state().ok_or("the cycle hangs, or has ended")?;
+    /// let may_start = board == BoardState::Running && groups.all(|(_, state)| state.armed);
+    /// # assert!(may_start);
+    /// println!("{snapshot}"); // cycle 3: the board runs, groups armed: 5 of 5
+    /// # assert!(snapshot.to_string().starts_with("cycle 3: the board runs, groups armed: "));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn state(
+        &self,
+    ) -> Option<(
+        BoardState,
+        impl Iterator<Item = (GroupId, GroupState)> + Clone + '_,
+    )> {
+        let groups = self.shared.layout.groups.iter().enumerate();
+        let groups = groups.map(|(number, &group)| (group, self.group(number)));
+        self.is_fresh().then(|| (self.board().0, groups))
+    }
+
     /// The remotes, by port and channel.
     pub fn remotes(&self) -> impl Iterator<Item = RemoteSnapshot> + '_ {
-        let mut words = self.from(self.shared.layout.remotes_at);
+        let mut words = self.words_from(self.shared.layout.remotes_at);
         let places = self.shared.layout.places.iter();
         places.map(move |&(id, name, group)| RemoteSnapshot {
             id,
@@ -190,12 +251,12 @@ impl Snapshot {
         })
     }
 
-    fn from(&self, at: usize) -> impl Iterator<Item = u64> + '_ {
+    fn words_from(&self, at: usize) -> impl Iterator<Item = u64> + '_ {
         self.words.iter().skip(at).copied()
     }
 
     fn head(&self) -> Head {
-        let mut words = self.from(0);
+        let mut words = self.words_from(0);
         let words = &mut words;
         Head {
             cycle: next(words),
@@ -212,7 +273,7 @@ impl Snapshot {
         let words = layout.remotes_at.saturating_sub(layout.groups_at);
         let each = words.checked_div(layout.groups.len()).unwrap_or(0);
         let at = number.saturating_mul(each).saturating_add(layout.groups_at);
-        let mut state = GroupState::unpack(&mut self.from(at)).unwrap_or(GroupState {
+        let mut state = GroupState::unpack(&mut self.words_from(at)).unwrap_or(GroupState {
             valid: false,
             armed: false,
             age: Age::NEVER,

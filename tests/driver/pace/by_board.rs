@@ -1,6 +1,7 @@
 //! The board paces the cycle: it holds the reads back until its own clock begins the next period.
 
 mod disturbed;
+mod dt;
 
 use crate::boards::board_7i97::follow;
 use crate::common::machine::{self, start};

@@ -2,3 +2,4 @@
 
 mod by_board;
 mod dpll_lock;
+mod pacer;

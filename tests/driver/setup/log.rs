@@ -63,3 +63,23 @@ fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
     let expected = format!("hm2_7i92.0: {remark}");
     assert!(warnings.contains(&expected), "{warnings:?}");
 }
+
+#[test]
+fn a_driver_is_a_line_with_its_board_its_remotes_and_what_it_drives() {
+    let driver: Driver<SimFpga> = start(machines::i7i92_with_cards(), |_| {}).expect("it starts");
+    let line = driver.to_string();
+    let expected = "hm2_7i92.0 (MESA7I92): 3 remotes (7i77.0.0, 7i77.0.1, 7i72.0.2), 6 encoders";
+    assert!(line.starts_with(expected), "{line}");
+    assert!(
+        !line.contains("missing") && line.lines().count() == 1,
+        "{line}"
+    );
+    let driver: Driver<SimFpga> = start(machines::i7i97(1), |_| {}).expect("it starts");
+    let line = driver.to_string();
+    for part in [
+        "hm2_7i97.0 (MESA7I97): 0 remotes, ",
+        "6 encoders, 6 PWM generators, 16 isolated inputs, 6 isolated outputs",
+    ] {
+        assert!(line.contains(part), "{line}");
+    }
+}
