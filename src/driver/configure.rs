@@ -35,7 +35,7 @@ use crate::modules::{Module, RegisterError, Registrar, undriven};
 ///
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
-pub struct Board<B: RegisterBus + Clock>(Assembly<B>);
+pub struct Board<B: RegisterBus + Clock>(pub(super) Assembly<B>);
 
 /// A board that is set up, with all outputs off, and whose remotes are known.
 ///
@@ -69,6 +69,8 @@ pub struct Plan {
     pub(super) group: GroupId,
     /// The group of the driver's own pins.
     pub(super) status: GroupId,
+    /// The group of the application's own pins, if it has any.
+    pub(super) own: Option<GroupId>,
     pub(super) io: IoPorts,
     pub(super) image: ImagePlan,
     pub(super) missing: Vec<Remark>,
@@ -416,6 +418,7 @@ impl Plan {
         Self {
             table: BoardTable::for_firmware(&firmware, &settings.boards),
             status,
+            own: None,
             group,
             pins,
             io,

@@ -61,6 +61,7 @@ pub mod homing {}
 pub mod several_boards {}
 #[cfg(feature = "log")]
 mod messages;
+mod own_pins;
 mod pace;
 mod parameters;
 mod recovery;

@@ -221,12 +221,14 @@ impl PinStore {
         if self.infos.len() >= MAX_PINS {
             return Err(PinError::TooMany);
         }
-        let (slot, rule) = make_slot(self, part, role, &spec, initial)?;
+        let (mut slot, rule) = make_slot(self, part, role, &spec, initial)?;
         let index = self.infos.len() as u32;
         let group = self.group_mut(part).ok_or(PinError::ForeignHandle)?;
         if matches!(role, Role::Output | Role::InOut) {
             group.outputs.push(index);
         }
+        // A value of the application is valid when it is shown.
+        slot.bad = group.is_of_application && role == Role::Input;
         let group = group.part;
         let group = GroupId(self.key(group));
         self.by_name.insert(name, index);

@@ -38,6 +38,7 @@ mod info;
 mod io;
 mod maker;
 mod nearest;
+mod own;
 mod pins;
 mod reading;
 mod rule;

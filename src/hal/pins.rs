@@ -102,6 +102,8 @@ pub(super) struct Group {
     pub is_good: bool,
     /// The group does not become stale: its values come from the driver itself.
     pub is_own: bool,
+    /// Its pins are those of the application, which shows their values.
+    pub is_of_application: bool,
     pub armed: bool,
     /// Cancelled by a fault.
     pub awaited: Awaited,

@@ -65,6 +65,7 @@ impl PinStore {
         self.groups.push(Group {
             is_good: false,
             is_own: false,
+            is_of_application: false,
             armed: true,
             awaited: Awaited::No,
             last_good: None,

@@ -1,11 +1,12 @@
 //! Nothing in the cycle allocates: a counting allocator watches 100,000 cycles with faults.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use allocation_counter::{AllocationInfo, measure};
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{EventKind, EventMask, RemoteState, TraceSettings};
 use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotWriter};
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal::{Board, Settings};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::remote::{Toward, WireFault};
 
@@ -41,8 +42,16 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
         after: 10,
         freeze_on: EventMask::all(),
     };
-    let driver = start(bus, |s| (s.trace, s.event_room) = (Some(trace), 16));
-    let driver = driver.expect("the machine is complete");
+    let settings = Settings {
+        trace: Some(trace),
+        event_room: 16,
+        ..Settings::default()
+    };
+    let mut board = Board::identify(bus, settings).expect("a board");
+    let mut own = board.own_pins("mill").expect("a prefix");
+    let shown = own.input::<f64>("error").expect("a pin");
+    let commanded = own.inout::<u32>("step").expect("a pin");
+    let driver = board.start().expect("the machine is complete");
     let mut machine = Machine::with(driver);
     let mut count = Count::default();
     let mut snapshot = SnapshotWriter::new(&machine.driver);
@@ -72,6 +81,11 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
                 let _ = std::hint::black_box(machine.driver.rearm());
             });
         }
+        count.of(|| {
+            let pins = machine.driver.pins_mut();
+            pins.show(shown, value(n));
+            std::hint::black_box(pins.take(commanded));
+        });
         count.of(|| {
             let _ = std::hint::black_box(machine.driver.write());
         });

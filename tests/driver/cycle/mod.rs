@@ -2,5 +2,6 @@
 
 pub mod arbitrary_values;
 mod changed_pins;
+mod own_pins;
 mod trace;
 mod values;
