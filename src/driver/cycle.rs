@@ -272,6 +272,7 @@ impl BoardCycle {
             certain,
             is_running,
             report,
+            events: &self.events,
         };
         for port in &mut self.parts.ports {
             port.read(&mut cycle);

@@ -98,7 +98,7 @@ const RAW_SCANS: u32 = 3;
 impl InMux {
     /// All instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
-        for module in r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)? {
+        for module in r.each_driven(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)? {
             r.add(module);
         }
         Ok(())

@@ -34,8 +34,11 @@ pub(crate) use settings::{Pace, Settings};
 use core::any::Any;
 use core::fmt;
 
+use events::{EventKind, EventSink};
+
 use crate::bus::{Instant, Words};
 use crate::hal::{Output, PinStore};
+use crate::hostmot2::Gtag;
 
 /// A part of the board in the cycle.
 ///
@@ -92,6 +95,51 @@ pub struct ReadCycle<'a> {
     pub is_running: bool,
     /// The report to the application.
     pub report: &'a mut CycleReport,
+    pub(crate) events: &'a EventSink,
+}
+
+impl ReadCycle<'_> {
+    /// Periods without a good read since the last one, where the [board
+    /// paces](crate::driver::Pace::Board); 0 at the host's pace, where
+    /// [`now`](Self::now) minus that of the previous call is the time that has passed.
+    /// The length of a period is that of the [`Registrar::settings`].
+    ///
+    /// ```
+    /// # use core::time::Duration;
+    /// # use mesa_hal::modules::ReadCycle;
+    /// # fn rate(cycle: &ReadCycle<'_>, counts: i32, period: Duration) -> f64 {
+    /// let periods = 1 + cycle.missed_periods();
+    /// f64::from(counts) / (period.as_secs_f64() * periods as f64)
+    /// # }
+    /// ```
+    pub fn missed_periods(&self) -> u64 {
+        self.report.missed_periods
+    }
+
+    /// Reports an [event](crate::driver::EventKind::OfModule) of the module to the application. Not
+    /// in every cycle: the queue holds [`event_room`](crate::Settings::event_room) events.
+    ///
+    /// ```
+    /// # use mesa_hal::hostmot2::Gtag;
+    /// # use mesa_hal::modules::ReadCycle;
+    /// # const GTAG: Gtag = Gtag(0x99);
+    /// # fn overflow(cycle: &ReadCycle<'_>, instance: u8) {
+    /// const OVERFLOW: u32 = 1;
+    /// cycle.tell(GTAG, OVERFLOW, instance.into());
+    /// # }
+    /// ```
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn tell(&self, module: Gtag, code: u32, value: u32) {
+        let module = u32::from(module.0);
+        let kind = EventKind::OfModule {
+            module,
+            code,
+            value,
+        };
+        self.events.tell(self.now, kind);
+    }
 }
 
 /// Input of [`Module::write`].

@@ -46,7 +46,7 @@ impl Outputs {
 
     /// Registers all instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
-        for module in r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)? {
+        for module in r.each_driven(&[Gtag::SSR, Gtag::OUT_M], Self::new)? {
             r.add(module);
         }
         Ok(())

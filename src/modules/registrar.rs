@@ -12,7 +12,7 @@ use super::{Module, RegisterError, Settings};
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::board_table::BoardTable;
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, ModuleInstance};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, ModuleInstance, PinDescriptor};
 
 /// A module of the firmware that is driven.
 #[derive(Clone, Copy, Debug)]
@@ -94,8 +94,67 @@ impl Registrar<'_> {
             .collect()
     }
 
+    /// Makes one item for each instance of a kind of module, in the order of the descriptors: `make`
+    /// gets the descriptor, the number of the instance within it, for
+    /// [`register`](ModuleDescriptor::register), and its number among all instances of the kind, for
+    /// names and [pins](Self::use_io). Empty if the firmware has none. The kind counts as driven, as
+    /// after [`module`](Self::module).
+    ///
+    /// ```
+    /// use mesa_hal::bus::{Phase, ReadSlot};
+    /// use mesa_hal::hostmot2::Gtag;
+    /// use mesa_hal::modules::{RegisterError, Registrar};
+    ///
+    /// /// The counts of all scaler counters.
+    /// fn counts(r: &mut Registrar<'_>) -> Result<Vec<ReadSlot>, RegisterError> {
+    ///     r.each_instance(Gtag::SCALER, |r, module, instance, number| {
+    ///         r.use_io(Gtag::SCALER, number)?;
+    ///         Ok(r.image.read(Phase::Data, module.register(0, instance)?))
+    ///     })
+    /// }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn each_instance<T>(
+        &mut self,
+        gtag: Gtag,
+        mut make: impl FnMut(&mut Self, ModuleDescriptor, u8, u8) -> Result<T, RegisterError>,
+    ) -> Result<Vec<T>, RegisterError> {
+        self.claimed.push(gtag);
+        let modules: Vec<_> = self.firmware.modules_of(gtag).collect();
+        let mut all = Vec::new();
+        for (first, &module) in modules {
+            for instance in 0..module.instances {
+                let number = first.saturating_add(instance);
+                all.push(make(self, module, instance, number)?);
+            }
+        }
+        Ok(all)
+    }
+
+    /// True if the driver runs the firmware's phase-locked loop: a module whose registers can be
+    /// latched by one of the loop's timers (1 to 4) may select it, in a setting of its own. The times
+    /// of the timers are the pins `dpll.NN.timer-us`.
+    ///
+    /// ```
+    /// # use mesa_hal::bus::Stage;
+    /// # use mesa_hal::hostmot2::ModuleDescriptor;
+    /// # use mesa_hal::modules::{RegisterError, Registrar};
+    /// # fn latch(r: &mut Registrar<'_>, module: ModuleDescriptor) -> Result<(), RegisterError> {
+    /// if r.has_dpll() {
+    ///     let latched_by = module.register(3, 0)?;
+    ///     r.image.setting(Stage::Configure, latched_by, 2); // timer 2
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn has_dpll(&self) -> bool {
+        !self.settings.no_dpll && !self.driven(&[Gtag::HM2DPLL]).is_empty()
+    }
+
     /// Makes one item for each instance of these modules, as far as they are driven.
-    pub(crate) fn each_instance<T>(
+    pub(crate) fn each_driven<T>(
         &mut self,
         kinds: &[Gtag],
         make: impl Fn(&mut Self, &DrivenModule, u8) -> Result<T, RegisterError>,
@@ -142,8 +201,31 @@ impl Registrar<'_> {
     /// # Errors
     /// [`RegisterError::Firmware`]: the pins are in use.
     pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
-        self.io
-            .use_module(self.firmware, gtag, instance, |_| true)?;
+        self.use_io_if(gtag, instance, |_| true)
+    }
+
+    /// As [`use_io`](Self::use_io), for those pins of the instance that are `wanted`; the others stay
+    /// plain I/O.
+    ///
+    /// ```
+    /// # use mesa_hal::hostmot2::{Gtag, PinDescriptor};
+    /// # use mesa_hal::modules::{RegisterError, Registrar};
+    /// # fn pins(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
+    /// // The step output alone, number 1, which the module drives: bit 7.
+    /// r.use_io_if(Gtag(0x99), 0, |pin: PinDescriptor| pin.secondary_pin == 0x81)?;
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`use_io`](Self::use_io).
+    pub fn use_io_if(
+        &mut self,
+        gtag: Gtag,
+        instance: u8,
+        wanted: impl Fn(PinDescriptor) -> bool,
+    ) -> Result<(), RegisterError> {
+        self.io.use_module(self.firmware, gtag, instance, wanted)?;
         Ok(())
     }
 }

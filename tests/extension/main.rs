@@ -9,6 +9,7 @@ mod drive;
 mod gateware;
 #[path = "../../examples/own_module/pulser.rs"]
 mod pulser;
+mod services;
 
 use std::time::Duration;
 

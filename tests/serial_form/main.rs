@@ -115,6 +115,11 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::Dropped { count: 9 },
         EventKind::OtherMaster { packets: 5 },
         EventKind::NotRead { writes: 6 },
+        EventKind::OfModule {
+            module: 0x9A,
+            code: 7,
+            value: 1,
+        },
     ];
     let all = kinds
         .iter()

@@ -268,6 +268,17 @@ pub enum EventKind {
         /// Number of writes since the last read.
         writes: u32,
     },
+    /// An event of a module outside of this crate, by
+    /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
+    [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]
+    OfModule {
+        /// The GTAG of the module.
+        module: u32,
+        /// The kind of the event, by the module's own numbers.
+        code: u32,
+        /// A value of the module.
+        value: u32,
+    },
 }
 }
 
