@@ -240,7 +240,7 @@ impl Wiring {
         }
         let at = Place {
             signal: String::new(),
-            ..outputs.map(|item| item.info.place.clone()).collect()
+            ..outputs.map(|item| Place::clone(&item.info.place)).collect()
         };
         let what = format!(
             "{}: drives {} digital outputs one after the other, each for {} with all others off, \
