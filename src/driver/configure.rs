@@ -338,7 +338,8 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     }
 
     fn into_driver(self, exchanges: Exchanges, words: Words) -> Driver<B> {
-        let plan = self.plan;
+        let mut plan = self.plan;
+        plan.pins.shrink_to_fit();
         let Settings { pace, period, .. } = plan.settings;
         let trace = plan.settings.trace.map(|settings| {
             let (name, firmware, events) = (&plan.name, &plan.firmware, &plan.events);

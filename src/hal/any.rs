@@ -94,9 +94,8 @@ impl Pins {
     /// # Real time
     /// Set-up only: an error allocates.
     pub fn id(&self, name: &str) -> Result<PinId, PinError> {
-        let index = self.by_name.get(name);
-        let index = index.ok_or_else(|| self.not_found(name))?;
-        Ok(PinId(self.key(*index)))
+        let (index, _) = self.named(name).ok_or_else(|| self.not_found(name))?;
+        Ok(PinId(self.key(index)))
     }
 
     /// All pins and parameters, in the order of [`infos`](Self::infos).

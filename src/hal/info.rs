@@ -1,6 +1,7 @@
 //! Description of a pin or parameter apart from its value.
 
 use alloc::string::String;
+use alloc::sync::Arc;
 
 use super::{GroupId, HalType, PinId, Place};
 
@@ -73,8 +74,8 @@ pub struct PinInfo {
     pub hal_type: HalType,
     /// Direction of the pin, or kind of parameter.
     pub role: Role,
-    /// Terminal of the pin; empty if it has none.
-    pub place: Place,
+    /// Terminal of the pin; empty if it has none. Pins at the same terminal share it.
+    pub place: Arc<Place>,
     /// Its unit, for example `V`; empty for a plain number or truth value.
     pub unit: String,
     /// The smallest and the largest value, if the pin has limits.

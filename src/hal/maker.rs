@@ -1,12 +1,19 @@
 //! Construction of pins and parameters.
 
 use alloc::string::String;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use super::rule::{is_scale, make_slot};
 use super::{
     AnyValue, FullScale, GroupId, HalType, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS,
     Output, Param, PinError, PinInfo, PinStore, Place, Role, ShortName, Value,
 };
+
+/// Number of the newest pins whose places are compared with that of a new one.
+const NEIGHBOURS: usize = 32;
+/// Smallest number of pins for which room is made.
+const LEAST_ROOM: usize = 16;
 
 /// Properties of a new pin or parameter apart from its type. A name alone makes a pin at the
 /// maker's terminal, without unit or limits:
@@ -193,7 +200,7 @@ impl<'a> PinMaker<'a> {
         initial: T,
     ) -> Result<Handle<K, T>, PinError> {
         let mut spec = spec.into();
-        spec.name.insert_str(0, &self.stem);
+        spec.name = [&*self.stem, &*spec.name].concat();
         if role.is_param() {
             spec.place = Place::default();
         } else if spec.place.terminal.is_empty() {
@@ -211,13 +218,12 @@ impl PinStore {
         spec: Spec,
         initial: T,
     ) -> Result<Handle<K, T>, PinError> {
-        let name = spec.name.clone();
-        if !is_name(&name) {
-            return Err(PinError::BadName { name });
+        if !is_name(&spec.name) {
+            return Err(PinError::BadName { name: spec.name });
         }
-        if self.by_name.contains_key(&name) {
-            return Err(PinError::NameTaken { name });
-        }
+        let Err(rank) = self.rank_of(&spec.name) else {
+            return Err(PinError::NameTaken { name: spec.name });
+        };
         if self.infos.len() >= MAX_PINS {
             return Err(PinError::TooMany);
         }
@@ -231,14 +237,16 @@ impl PinStore {
         slot.bad = group.is_of_application && role == Role::Input;
         let group = group.part;
         let group = GroupId(self.key(group));
-        self.by_name.insert(name, index);
-        self.slots.push(slot);
-        self.rules.push(rule);
-        self.infos.push(PinInfo {
+        let place = self.shared(spec.place);
+        let pins = &mut **self;
+        for_one_more(&mut pins.by_name).insert(rank, index);
+        for_one_more(&mut pins.slots).push(slot);
+        for_one_more(&mut pins.rules).push(rule);
+        for_one_more(&mut pins.infos).push(PinInfo {
             name: spec.name,
             hal_type: T::TYPE,
             role,
-            place: spec.place,
+            place,
             unit: spec.unit,
             limits: spec.limits.or(spec.range),
             is_scale: false,
@@ -248,12 +256,45 @@ impl PinStore {
         Ok(Handle::new(self.key(index)))
     }
 
+    /// The place of a pin: that of one of the newest pins, if it is the same.
+    fn shared(&self, place: Place) -> Arc<Place> {
+        if place.terminal.is_empty() && place.signal.is_empty() {
+            return Arc::clone(&self.nowhere);
+        }
+        let newest = self.infos.iter().rev().take(NEIGHBOURS);
+        let same = newest.map(|info| &info.place).find(|at| ***at == place);
+        same.map_or_else(|| Arc::new(place), Arc::clone)
+    }
+
+    /// Releases the memory that was kept for further pins.
+    pub(crate) fn shrink_to_fit(&mut self) {
+        let pins = &mut **self;
+        pins.by_name.shrink_to_fit();
+        pins.slots.shrink_to_fit();
+        pins.rules.shrink_to_fit();
+        pins.infos.shrink_to_fit();
+        pins.parts.shrink_to_fit();
+        pins.groups.shrink_to_fit();
+        for group in &mut pins.groups {
+            group.outputs.shrink_to_fit();
+        }
+    }
+
     /// Exempts the pin from faults.
     fn exempt<K, T>(&mut self, pin: Handle<K, T>) -> Result<Handle<K, T>, PinError> {
         let slot = self.slot_mut(pin.key);
         slot.ok_or(PinError::ForeignHandle)?.exempt = true;
         Ok(pin)
     }
+}
+
+/// Makes room for one more element: an eighth more than there are, where a vector would double. A
+/// machine has hundreds of pins, and a controller little memory.
+pub(super) fn for_one_more<T>(all: &mut Vec<T>) -> &mut Vec<T> {
+    if all.len() == all.capacity() {
+        all.reserve_exact((all.len() / 8).max(LEAST_ROOM));
+    }
+    all
 }
 
 /// True if LinuxCNC accepts the name: length within its limit, and no space, quote or other

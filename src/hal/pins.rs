@@ -1,7 +1,6 @@
 //! The application's side: descriptions and values of the pins.
 
-use alloc::collections::BTreeMap;
-use alloc::string::String;
+use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -9,7 +8,7 @@ use super::handle::Key;
 use super::rule::{PinSlot, Rule};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
-    Readable, Reading, Rejections, Role, Settable, ShortName, Value,
+    Place, Readable, Reading, Rejections, Role, Settable, ShortName, Value,
 };
 use crate::bus::Instant;
 
@@ -54,8 +53,10 @@ pub struct Pins<End: ?Sized = [()]> {
     /// One for each slot.
     pub(super) rules: Vec<Rule>,
     pub(super) infos: Vec<PinInfo>,
-    /// Indices into `infos`.
-    pub(super) by_name: BTreeMap<String, u32>,
+    /// Indices into `infos`, in the order of the names there.
+    pub(super) by_name: Vec<u32>,
+    /// The place of a pin without a terminal.
+    pub(super) nowhere: Arc<Place>,
     pub(super) groups: Vec<Group>,
     /// Parts of groups; a [`GroupId`] is an index into these.
     pub(super) parts: Vec<GroupPart>,
@@ -337,9 +338,7 @@ impl Pins {
     }
 
     fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
-        let found = self.by_name.get(name);
-        let found = found.and_then(|&index| Some((index, self.infos.get(index as usize)?)));
-        let (index, info) = found.ok_or_else(|| self.not_found(name))?;
+        let (index, info) = self.named(name).ok_or_else(|| self.not_found(name))?;
         let wrong = |expected, actual| {
             let name = name.into();
             Err(PinError::WrongKind {
@@ -355,6 +354,19 @@ impl Pins {
             return wrong(T::TYPE.as_str(), info.hal_type.as_str());
         }
         Ok(Handle::new(self.key(index)))
+    }
+
+    /// The pin or parameter with the given name, and its index.
+    pub(super) fn named(&self, name: &str) -> Option<(u32, &PinInfo)> {
+        let index = *self.by_name.get(self.rank_of(name).ok()?)?;
+        Some((index, self.infos.get(index as usize)?))
+    }
+
+    /// Rank of a name among all names; as an error the rank that it would have.
+    pub(super) fn rank_of(&self, name: &str) -> Result<usize, usize> {
+        let at = |index: u32| self.infos.get(index as usize).map(|info| &*info.name);
+        self.by_name
+            .binary_search_by(|&index| at(index).cmp(&Some(name)))
     }
 
     /// Error for an unknown name, with the nearest name. Allocates.

@@ -3,4 +3,5 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod embedded;
+mod memory;
 mod udp;

@@ -12,25 +12,19 @@ use allocation_counter::measure;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::Pace;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, UdpFace, machines};
+use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, SimFpga, UdpFace, machines};
 
 const CYCLES: u32 = 1000;
 
-/// A simulated 7I97 with three remotes, served until it is dropped.
-struct Board {
-    address: SocketAddrV4,
+/// A simulated board, served by a thread until it is dropped.
+pub struct Board {
+    pub address: SocketAddrV4,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Board {
-    fn start() -> Self {
-        let mishaps = Mishaps {
-            loss: 0.01,
-            late: 0.01,
-            dup: 0.01,
-            seed: 5,
-        };
+    pub fn start(card: &'static str, machine: fn() -> SimFpga, mishaps: Mishaps) -> Self {
         let any = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0);
         let mut face = UdpFace::bind(any, mishaps).expect("loopback is there");
         let Ok(SocketAddr::V4(address)) = face.local_addr() else {
@@ -39,8 +33,7 @@ impl Board {
         let stop = Arc::new(AtomicBool::new(false));
         let is_over = Arc::clone(&stop);
         let thread = spawn(move || {
-            let fpga = machines::six_axes_7i97(Motor::default());
-            let mut board = SimBoard::new(BoardConfig::new("7I97"), fpga);
+            let mut board = SimBoard::new(BoardConfig::new(card), machine());
             while !is_over.load(Ordering::Relaxed) {
                 face.step(&mut board, Duration::from_millis(1))
                     .expect("loopback is there");
@@ -66,7 +59,14 @@ impl Drop for Board {
 #[test]
 fn a_thousand_cycles_over_ethernet_allocate_nothing() {
     for pace in [Pace::Host, Pace::Board] {
-        let board = Board::start();
+        let mishaps = Mishaps {
+            loss: 0.01,
+            late: 0.01,
+            dup: 0.01,
+            seed: 5,
+        };
+        let machine = || machines::six_axes_7i97(Motor::default());
+        let board = Board::start("7I97", machine, mishaps);
         let config = UdpConfig {
             cycle_deadline: Duration::from_millis(2),
             ..UdpConfig::default()

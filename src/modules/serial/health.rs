@@ -213,26 +213,16 @@ impl Health {
             let kind = EventKind::RemoteStaysOffline { remote, reason };
             self.tell(now, kind);
         }
-<<<<<<< ours
+        let is_first_fault = !reason.is_asked_for()
+            && self.first_fault.is_some_and(|first| first.is_asked_for())
+            && before.is_some_and(|before| before.is_asked_for());
         self.first_fault.get_or_insert(reason);
-        self.arming.has_new_fault |=
-            !was_running && before != Some(reason) && reason.is_about_identity();
+        let is_another = before != Some(reason) && reason.is_about_identity();
+        self.arming.has_new_fault |= !was_running && (is_another || is_first_fault);
         let reason = match self.state {
             RemoteState::Running => reason,
             RemoteState::Offline { reason: before, .. }
             | RemoteState::Restarting { reason: before } => reason.after(before),
-=======
-        let is_first_fault = !reason.is_asked_for()
-            && self.first_fault.is_some_and(|first| first.is_asked_for())
-            && before.is_some_and(|before| before.is_asked_for());
-        let first = *self.first_fault.get_or_insert(reason);
-        let is_another = before != Some(reason) && reason.is_about_identity();
-        self.arming.has_new_fault |= !was_running && (is_another || is_first_fault);
-        let reason = if reason.is_about_identity() {
-            reason
-        } else {
-            first
->>>>>>> theirs
         };
         self.state = RemoteState::Offline {
             reason,

@@ -33,7 +33,7 @@ pub fn on_cards<'a>(infos: impl Iterator<Item = &'a PinInfo>) -> String {
     let mut cards: Vec<(String, Vec<Place>)> = Vec::new();
     for info in infos {
         let card = card(&info.name);
-        let place = info.place.clone();
+        let place = Place::clone(&info.place);
         match cards.iter_mut().find(|(known, _)| *known == card) {
             Some((_, places)) => places.push(place),
             None => cards.push((card, vec![place])),
@@ -97,7 +97,7 @@ impl Typed {
     /// True if a pin is at this terminal, or has this signal.
     pub fn fits(&self, info: &PinInfo) -> bool {
         let is_here = |card: &String| self::card(&info.name).to_lowercase().ends_with(card);
-        let Place { terminal, signal } = &info.place;
+        let Place { terminal, signal } = &*info.place;
         let mut signals = signal.split(", ");
         let mut terminals = terminal.split(", ");
         let fits = signals.any(|signal| signal.to_lowercase() == self.place)

@@ -61,7 +61,7 @@ impl Card {
     fn add(&mut self, pin: &PinInfo) {
         let terminal = place::short(&Place {
             signal: String::new(),
-            ..pin.place.clone()
+            ..Place::clone(&pin.place)
         });
         let direction = match pin.role {
             Role::Input => "in",
