@@ -79,6 +79,7 @@ pub struct Pins<End: ?Sized = [()]> {
 }
 
 /// Condition under which a group that is not armed is armed without a further call.
+/// In ascending order of what is met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Awaited {
     /// Not before the application re-arms it.
@@ -90,6 +91,13 @@ pub(crate) enum Awaited {
     WithBoard,
     /// With its next good transfer, however many attempts a remote needs.
     WhenRunning,
+}
+
+impl Awaited {
+    /// True if the next good transfer arms the group.
+    pub const fn is_with_transfer(self) -> bool {
+        self as u8 >= Self::WithBoard as u8
+    }
 }
 
 #[expect(

@@ -192,7 +192,7 @@ impl PinStore {
         };
         group.is_good = true;
         group.last_good = Some(good);
-        if matches!(group.awaited, Awaited::WithBoard | Awaited::WhenRunning) {
+        if group.awaited.is_with_transfer() {
             self.arm(index);
         }
     }

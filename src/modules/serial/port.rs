@@ -291,9 +291,8 @@ impl Module for SerialPort {
         let last_read = mem::replace(&mut self.read_at, cycle.now);
         for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
-            let is_good = outcome.good.contains(channel);
-            served.has_confirmed_safe = is_good && served.is_safe;
-            if is_good {
+            served.is_confirmed = outcome.good.contains(channel);
+            if served.is_confirmed {
                 if !served.drives {
                     health.outputs = OutputsState::Off;
                 }
@@ -303,17 +302,8 @@ impl Module for SerialPort {
                 let cycles = cycle.pins.cycle().saturating_sub(due);
                 cycle.pins.group_good_since(group, cycles, started);
                 health.arming = Arming::default();
-            } else if outcome.offline.contains(channel) {
-                served.went_offline(health, cycle);
-            } else if outcome.failed.contains(channel) {
-                cycle.pins.invalidate(group);
-                let due = cycle.pins.cycle().saturating_sub(reads_before);
-                served.unanswered = Some((due, outcome.started));
-            } else if outcome.started_anew.contains(channel) {
-                served.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
-            }
-            if health.arming != Arming::default() {
-                served.attempted(health, cycle);
+            } else {
+                served.not_confirmed(health, cycle, &outcome, last_read);
             }
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
@@ -329,7 +319,7 @@ impl Module for SerialPort {
     fn not_read(&mut self, _: &mut PinStore) {
         self.port.machine.not_observed();
         for served in &mut self.remotes {
-            served.has_confirmed_safe = false;
+            served.is_confirmed = false;
         }
     }
 
@@ -426,7 +416,7 @@ impl SerialPort {
     pub(crate) fn not_reached(&self, now: Instant) -> impl Iterator<Item = RemoteStatus<'_>> {
         let pairs = self.remotes.iter().zip(&self.recovery.remotes);
         let not = pairs.map(move |(served, health)| {
-            !served.has_confirmed_safe && !health.outputs.are_off(now)
+            !served.has_confirmed_safe() && !health.outputs.are_off(now)
         });
         let not = self.remotes().zip(not);
         not.filter_map(|(status, is_not)| is_not.then_some(status))

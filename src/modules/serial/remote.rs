@@ -3,8 +3,9 @@
 use alloc::vec::Vec;
 
 use super::RemoteWatchdog;
-use super::health::Health;
+use super::health::{Arming, Health};
 use super::pins::RemoteFaultPins;
+use super::recovery::ReadOutcome;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::hal::{Awaited, PinStore};
@@ -54,8 +55,8 @@ pub(super) struct RemoteSlot {
     outputs: Vec<WriteSlot>,
     mode: Setting,
     mode_word: u32,
-    /// The last read delivered a good transfer of safe values.
-    pub has_confirmed_safe: bool,
+    /// The last read delivered a good transfer of the outputs in the image.
+    pub is_confirmed: bool,
     /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
     /// since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was due,
     /// and its time. The last transfer, if it failed; or, before the first transfer after a START,
@@ -66,7 +67,7 @@ pub(super) struct RemoteSlot {
     /// The outputs in the image are not all 0, which they are after START.
     pub drives: bool,
     /// The outputs in the image are the safe values.
-    pub is_safe: bool,
+    is_safe: bool,
 }
 
 impl RemoteSlot {
@@ -95,7 +96,7 @@ impl RemoteSlot {
                 .collect(),
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
-            has_confirmed_safe: false,
+            is_confirmed: false,
             unanswered: Some((0, started_at)),
             put: None,
             drives: false,
@@ -119,9 +120,36 @@ impl RemoteSlot {
         self.pins.restarted();
     }
 
+    /// Handles a read that delivered no good transfer, after the one at `last_read`.
+    #[cold]
+    pub fn not_confirmed(
+        &mut self,
+        health: &mut Health,
+        cycle: &mut ReadCycle<'_>,
+        outcome: &ReadOutcome,
+        last_read: Instant,
+    ) {
+        let channel = self.channel;
+        if outcome.offline.contains(channel) {
+            self.went_offline(health, cycle);
+        } else if outcome.failed.contains(channel) {
+            cycle.pins.invalidate(self.pins.group);
+            let due = cycle
+                .pins
+                .cycle()
+                .saturating_sub(outcome.reads_before.into());
+            self.unanswered = Some((due, outcome.started));
+        } else if outcome.started_anew.contains(channel) {
+            self.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
+        }
+        if health.arming != Arming::default() {
+            self.attempted(health, cycle);
+        }
+    }
+
     /// Handles a running remote that went offline: it will not be armed when it runs again, unless it
     /// comes up because of the board.
-    pub fn went_offline(&mut self, health: &Health, cycle: &mut ReadCycle<'_>) {
+    fn went_offline(&mut self, health: &Health, cycle: &mut ReadCycle<'_>) {
         let group = self.pins.group;
         let is_of_board = health.arming.comes_with_board && health.is_of_board();
         let awaited = cycle.pins.awaited(group);
@@ -143,8 +171,7 @@ impl RemoteSlot {
     /// Handles the attempts to start a remote that is to be armed. A new fault cancels that: also a
     /// fault of its own that is found when it comes up because of the board. An attempt that fails
     /// again is none.
-    #[cold]
-    pub fn attempted(&self, health: &mut Health, cycle: &mut ReadCycle<'_>) {
+    fn attempted(&self, health: &mut Health, cycle: &mut ReadCycle<'_>) {
         let group = self.pins.group;
         let awaited = cycle.pins.awaited(group);
         let is_new = core::mem::take(&mut health.arming.has_new_fault);
@@ -154,7 +181,7 @@ impl RemoteSlot {
             // Commands that were set meanwhile are forgotten.
             cycle.pins.disarm(group);
         }
-        let is_awaited = matches!(awaited, Awaited::WithBoard | Awaited::WhenRunning);
+        let is_awaited = awaited.is_with_transfer();
         if is_awaited && (comes_alone || is_new) {
             cycle.pins.not_awaited(group);
             health.not_awaited(cycle.now);
@@ -171,11 +198,18 @@ impl RemoteSlot {
         let mut words = [0; REGISTERS];
         self.pins.put_outputs(cycle.pins, &mut words);
         self.drives = words != [0; REGISTERS];
+        // What was read before is no evidence for them.
+        self.is_confirmed = false;
         let state = cycle.pins.group_state(self.pins.group);
         self.is_safe = state.is_some_and(|group| !group.armed);
         for (word, &slot) in words.into_iter().zip(&self.outputs) {
             cycle.words.put(slot, word);
         }
+    }
+
+    /// True if the last read delivered a good transfer of safe values.
+    pub fn has_confirmed_safe(&self) -> bool {
+        self.is_confirmed && self.is_safe
     }
 
     /// Sets the software mode, which is written with START.
