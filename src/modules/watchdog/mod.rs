@@ -44,8 +44,9 @@ pub struct Watchdog {
     is_fed: bool,
     /// Start of the last write that restarted it.
     fed: Option<Instant>,
-    /// That write ended before the watchdog could bite, if it arrived.
-    is_fed_in_time: bool,
+    /// End of that write, and the start of the last one that was known to have restarted it then.
+    fed_by: Instant,
+    confirmed_before: Option<Instant>,
     /// Start of the last write that is known to have restarted it, by evidence read after it.
     confirmed: Option<Instant>,
     /// Start of the current write: the host may be suspended between that and its end.
@@ -126,7 +127,8 @@ impl Watchdog {
             longest_time: Duration::ZERO,
             is_fed: false,
             fed: None,
-            is_fed_in_time: false,
+            fed_by: Instant::default(),
+            confirmed_before: None,
             confirmed: None,
             sent_from: None,
             status: r.image.read(Phase::Evidence, status),
@@ -208,7 +210,10 @@ impl Watchdog {
     /// without a time of its own; a bite of a board that was set up needs a silence longer than its
     /// time since a write that has arrived before it could bite.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
-        let fed = if is_certain && self.is_fed_in_time {
+        let before = self.confirmed_before;
+        // The last write ended before the watchdog could bite, if it arrived.
+        let is_in_time = before.is_none_or(|before| self.cannot_bite(before, self.fed_by));
+        let fed = if is_certain && is_in_time {
             self.fed
         } else {
             self.confirmed
@@ -268,9 +273,8 @@ impl Module for Watchdog {
     fn written(&mut self, now: Instant, _: bool) {
         let sent_from = self.sent_from.take().unwrap_or(now);
         if self.is_fed {
-            let before = self.confirmed;
-            self.is_fed_in_time = before.is_none_or(|before| self.cannot_bite(before, now));
-            self.fed = Some(sent_from);
+            (self.fed, self.fed_by) = (Some(sent_from), now);
+            self.confirmed_before = self.confirmed;
         }
     }
 }
