@@ -178,11 +178,18 @@ impl<B: RegisterBus> Faulty<B> {
         FaultyError::Injected { kind, exchange }
     }
 
-    /// Adds the silently dropped writes to a reply of the inner bus.
-    fn tell(&mut self, reply: Reply) -> Reply {
+    /// Counts the silently dropped writes, which an exchange that reads has found, and returns their
+    /// number.
+    fn count_lost(&mut self) -> u32 {
         let lost = core::mem::take(&mut self.unnoticed);
         self.counted.lost_writes.tally(lost.into());
         self.counted.doubts.tally((lost > 0).into());
+        lost
+    }
+
+    /// Adds the silently dropped writes to a reply of the inner bus.
+    fn tell(&mut self, reply: Reply) -> Reply {
+        let lost = self.count_lost();
         reply
             .with_certain(reply.certain && lost == 0)
             .with_lost_writes(reply.lost_writes.saturating_add(lost))
@@ -200,7 +207,11 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         let drawn = self.draw();
         self.execute(drawn, accesses, words, (), |bus, words| {
             bus.exchange(accesses, words)
-        })
+        })?;
+        if reads(accesses) {
+            self.count_lost();
+        }
+        Ok(())
     }
 
     fn prepare(

@@ -45,6 +45,21 @@ fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
     assert_eq!((reply.certain, reply.lost_writes), (true, 0));
 }
 
+/// The set-up reads a value again while `doubts` grows, so plain exchanges have to count them too.
+#[test]
+fn a_write_that_is_lost_silently_is_a_doubt_of_the_next_plain_read() {
+    let mut bus = Faulty::new(Memory::default(), 1);
+    bus.fail_at(0, Fault::SilentWrite);
+    bus.write(0x1000, 5).unwrap();
+    bus.write(0x1004, 6).unwrap();
+    assert_eq!(bus.statistics().doubts, 0);
+    assert_eq!(bus.read(0x1000), Ok(0));
+    assert_eq!(bus.statistics().doubts, 1);
+    assert_eq!(bus.statistics().lost_writes, 1);
+    assert_eq!(bus.read(0x1004), Ok(6));
+    assert_eq!(bus.statistics().doubts, 1);
+}
+
 #[test]
 fn a_list_is_held_by_the_bus_inside_and_fails_as_a_whole() {
     let mut bus = Faulty::new(Memory::default(), 1);

@@ -5,11 +5,13 @@ use std::time::Duration;
 
 use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{EventKind, StopError};
+use mesa_hal::driver::{EventKind, Pace, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
+use mesa_tools::Counted;
 use mesa_tools::advice::with_advice;
+use mesa_tools::diagnosis::{PacketMark, Packets};
 
 use crate::context::{Failure, told};
 use crate::link::Bus;
@@ -45,9 +47,25 @@ pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
     }
 }
 
+/// Reports the packets that were lost since the board was opened, if there are any.
+pub fn say_losses(bus: &Bus) {
+    let now = PacketMark {
+        bus: bus.statistics(),
+        board: None,
+    };
+    let packets = Packets::between(&PacketMark::default(), &now, Pace::Host);
+    if packets.lost > 0 {
+        let (lost, sent) = (packets.lost, Counted(packets.sent, "packet"));
+        complain(format_args!(
+            "mesa: {lost} of {sent} lost; `mesa doctor` shows on which way"
+        ));
+    }
+}
+
 /// Result of a run. Another program that drives the board is returned as the reason; outputs that
-/// could not be stopped because of it are reported first.
+/// could not be stopped because of it are reported first, and lost packets before them.
 pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
+    say_losses(ended.driver.bus());
     let alone = check_alone(ended.driver.bus());
     match (alone, ended.stopped.clone()) {
         (Err(other), Err(error)) => {

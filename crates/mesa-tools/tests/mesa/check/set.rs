@@ -232,3 +232,25 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
     assert_eq!(run.code, Some(2), "not a terminal: {run:?}");
     assert!(run.err.contains("--yes"), "{run:?}");
 }
+
+#[test]
+fn lost_packets_are_named() {
+    let mut board = board();
+    let mut jog = begin(&board, &[OUTPUT, "on", "--for", "2s"]);
+    wait_until(&mut board, "0", "remote.0.output-03", "1");
+    board.console.run("loss 0.02");
+    board.wait_for_packets(100);
+    board.console.run("loss 0");
+    let ended = Run::from(jog.output());
+    let network = board.console.show("network");
+    let lost = ["received", "sent"].map(|way| {
+        let lost = network[&format!("network.{way}.lost")].parse::<u64>();
+        lost.expect("a count")
+    });
+    let [to_board, back] = lost;
+    assert!(to_board + back > 0, "{network:?}");
+    let said = ended.err.lines().find(|line| line.contains("packets lost"));
+    let said = said.unwrap_or_else(|| panic!("{ended:?}"));
+    let count = format!("mesa: {} of ", to_board + back);
+    assert!(said.starts_with(&count), "{said}, of {lost:?}");
+}

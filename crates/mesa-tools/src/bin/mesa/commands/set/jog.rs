@@ -169,6 +169,7 @@ impl Jog {
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
+        running::say_losses(ended.driver.bus());
         let not_reached = running::not_reached(ended.stopped)?;
         for remote in &not_reached {
             complain(format_args!("mesa: NOT REACHED: {remote}"));
