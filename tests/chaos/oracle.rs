@@ -393,6 +393,13 @@ impl Oracle {
         }
     }
 
+    /// The board was set up at this time: faults before it are irrelevant.
+    pub fn forget_before(&mut self, set_up: u64) {
+        for track in self.remotes.iter_mut().chain(&mut self.board) {
+            track.fault = track.fault.filter(|(at, ..)| *at >= set_up);
+        }
+    }
+
     /// Processes an event. `alone`: at most one fault has occurred.
     pub fn event(&mut self, event: &Event, alone: bool) -> Checked {
         let at = event.at;

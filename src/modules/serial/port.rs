@@ -331,6 +331,7 @@ impl Module for SerialPort {
         }
         let machine = &mut self.port.machine;
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
+        let is_idle = operation.is_none() && machine.is_idle();
         for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             match operation {
                 Some(PortOperation::Transfer(mask)) => {
@@ -339,10 +340,17 @@ impl Module for SerialPort {
                         health.outputs = OutputsState::Driven;
                     }
                 }
-                Some(PortOperation::Start(_, mask)) if mask.contains(remote.channel) => {
-                    remote.put_mode(cycle);
+                _ => {
+                    // No packet that is on its way when the remote runs again has outputs of before.
+                    if is_idle || !health.is_running() {
+                        remote.put(cycle);
+                    }
+                    if let Some(PortOperation::Start(_, mask)) = operation
+                        && mask.contains(remote.channel)
+                    {
+                        remote.put_mode(cycle);
+                    }
                 }
-                _ => {}
             }
         }
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());

@@ -2,10 +2,15 @@
 
 use std::time::Duration;
 
+use mesa_hal::bus::{Access, Direction, RegisterBus};
+use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{PinId, Pins, Role};
 use mesa_hal::runner::SnapshotWriter;
 use mesa_hal::{Clock, Driver, I7i77Field, Settings};
-use mesa_hal_sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
+
+use crate::common::bus::{Around, Between};
+use crate::common::machine;
 
 fn cycles(driver: &mut Driver<SimFpga>, field: &I7i77Field, count: usize) {
     for _ in 0..count {
@@ -75,4 +80,58 @@ fn an_output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
     let _ = driver.rearm().expect("the bus does not fail");
     cycles(&mut driver, &field, 10);
     check(&mut driver, &field, &mut writer, true);
+}
+
+/// The word last written to interface register 0 of channel 0.
+#[derive(Debug, Default)]
+struct LastOutputs(u32);
+
+impl Between for LastOutputs {
+    fn exchange(
+        &mut self,
+        fpga: &mut SimFpga,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), SimError> {
+        for access in accesses {
+            if access.direction == Direction::Write && access.address == 0x5E00 {
+                self.0 = words[access.words().start];
+            }
+        }
+        fpga.exchange(accesses, words)
+    }
+}
+
+/// A network can deliver a packet again after newer ones: none from the time before a restart may
+/// contain outputs that were on.
+#[test]
+fn the_outputs_of_a_remote_that_is_offline_are_written_as_off() {
+    let mut board = machine::fpga();
+    let cards = [machine::ANALOG, machine::OUTPUTS].map(|channel| board.plug(0, channel, None));
+    assert!(cards.iter().all(Option::is_some));
+    let bus = Around {
+        fpga: board,
+        between: LastOutputs::default(),
+    };
+    let mut driver = Driver::start(bus, Settings::default()).expect("a 7I92");
+    let field: I7i77Field = driver.attach((0, 0)).expect("a 7I77");
+    let cycle = |driver: &mut Driver<Around<LastOutputs>>| {
+        let _ = driver.read().expect("the bus does not fail");
+        field.outputs[3].set(driver.pins_mut(), true);
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(Duration::from_millis(1));
+    };
+    (0..10).for_each(|_| cycle(&mut driver));
+    assert_eq!(driver.bus().between.0, 1 << 3);
+    let card = driver.bus_mut().fpga.plug(0, 0, None);
+    (0..60).for_each(|_| cycle(&mut driver));
+    let remote = driver.remote((0, 0)).expect("a 7I77");
+    assert!(matches!(remote.state, RemoteState::Offline { .. }));
+    assert_eq!(driver.bus().between.0, 0);
+    driver.bus_mut().fpga.plug(0, 0, card);
+    (0..500).for_each(|_| cycle(&mut driver));
+    assert_eq!(driver.bus().between.0, 0, "not re-armed");
+    let _ = driver.rearm().expect("the bus does not fail");
+    (0..10).for_each(|_| cycle(&mut driver));
+    assert_eq!(driver.bus().between.0, 1 << 3);
 }
