@@ -307,7 +307,9 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
         (AnyValue::from(10.5), None),
         (AnyValue::from(f64::NAN), None),
         (AnyValue::from(-1_i32), None),
-        (AnyValue::from(255_u64), Some(255)),
+        (AnyValue::from(11_u64), Some(11)),
+        // The table of baud rates ends at 11.
+        (AnyValue::from(12_u64), None),
         (AnyValue::from(256_u64), None),
     ] {
         let found: Result<u64, ParameterError> = record.raw_of(value);

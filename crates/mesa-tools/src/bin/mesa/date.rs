@@ -7,3 +7,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub fn utc(time: SystemTime) -> String {
     humantime::format_rfc3339_seconds(time.max(UNIX_EPOCH)).to_string()
 }
+
+/// The same for a printed page: `2026-11-26 04:02:26 UTC`.
+pub fn on_paper(time: SystemTime) -> String {
+    utc(time).replace('T', " ").replace('Z', " UTC")
+}

@@ -84,7 +84,7 @@ const ASKING: [(&[&str], &str); 13] = [
             "--sim",
             "7i92-7i77",
         ],
-        "drive 1 digital output one after the other",
+        "drive 1 digital output for",
     ),
     (
         &[

@@ -113,7 +113,7 @@ fn the_page_has_what_the_simulated_cabinet_has() {
         .iter()
         .find(|text| text.ends_with(" UTC"))
         .expect("a date");
-    assert!(year.starts_with("20") && year.len() == "2026-01-01 00:00 UTC".len());
+    assert!(year.starts_with("20") && year.len() == "2026-01-01 00:00:00 UTC".len());
     let host = fs::read_to_string("/proc/sys/kernel/hostname").expect("a name");
     assert!(
         texts.iter().any(|text| text.starts_with(host.trim())),

@@ -52,7 +52,11 @@ pub fn svg(report: &Report, all: &[Measured]) -> Result<String, Failure> {
         let (area, below) = rest.split_vertically(CHART);
         let title = format!("{}: cycles at {} Hz", report.board, report.rate_hz);
         picture::write(&header, &title, (14, 10), text(20, BLACK))?;
-        let made = format!("{}, {}", computer::computer(), date::utc(SystemTime::now()));
+        let made = format!(
+            "{}, {}",
+            computer::computer(),
+            date::on_paper(SystemTime::now())
+        );
         picture::write(&header, &made, (14, 38), text(SMALL, GREY))?;
         chart(&area, report.rate_hz, all)?;
         Line::write(&lines, &below)?;

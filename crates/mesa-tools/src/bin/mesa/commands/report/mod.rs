@@ -103,7 +103,7 @@ impl Report {
             return Err(Failure::stopped(signal, what));
         }
         let page = Page {
-            date: date::utc(SystemTime::now()),
+            date: date::on_paper(SystemTime::now()),
             address: address.to_string(),
             host: &computer::computer(),
             inventory: &inventory,
@@ -149,7 +149,7 @@ fn read_picture(path: &Path) -> Result<Picture, Failure> {
 /// Name of a file, and when it was written.
 fn written_at(path: &Path) -> String {
     let modified = fs::metadata(path).and_then(|found| found.modified()).ok();
-    let modified = modified.map(|time| format!(", written {}", date::utc(time)));
+    let modified = modified.map(|time| format!(", written {}", date::on_paper(time)));
     format!("{}{}", path.display(), modified.unwrap_or_default())
 }
 
