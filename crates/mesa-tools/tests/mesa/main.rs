@@ -7,6 +7,9 @@ mod common;
 mod every_command;
 #[path = "../interop/mod.rs"]
 mod interop;
+mod interop_linuxcnc;
+mod interop_mesaflash;
+mod interop_servo_loop;
 mod look;
 mod pty;
 mod run;

@@ -236,7 +236,7 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
 #[test]
 fn lost_packets_are_named() {
     let mut board = board();
-    let mut jog = begin(&board, &[OUTPUT, "on", "--for", "2s"]);
+    let jog = begin(&board, &[OUTPUT, "on", "--for", "2s"]);
     wait_until(&mut board, "0", "remote.0.output-03", "1");
     board.console.run("loss 0.02");
     board.wait_for_packets(100);

@@ -1,5 +1,5 @@
 //! `mesa hal`: content of the files, conditions for writing them, and a run of the generated
-//! program. `tests/interop_linuxcnc` loads them in LinuxCNC.
+//! program. `tests/mesa/interop_linuxcnc` loads them in LinuxCNC.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read};

@@ -5,9 +5,9 @@ use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::{FirmwareImage, SimFpga, machines};
 
-use crate::expected::Expected;
-use crate::linuxcnc::{Machine, alone, skipped};
-use crate::names;
+use super::expected::Expected;
+use super::linuxcnc::{Machine, alone, skipped};
+use super::names;
 
 /// Image, and the prefix of LinuxCNC's names.
 const FIRMWARES: [(&str, &str); 6] = [

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use mesa_hal::hal::{PinInfo, Pins};
 
-use crate::expected::List;
+use super::expected::List;
 
 /// Reasons for names on one side only. `*` stands for any characters.
 type Reasons = &'static [(&'static str, &'static str)];

@@ -7,10 +7,10 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::expected::Expected;
+use super::expected::Expected;
+use super::linuxcnc::{Machine, alone, skipped};
 use crate::interop::board::Board;
 use crate::interop::{Scratch, mesa};
-use crate::linuxcnc::{Machine, alone, skipped};
 
 /// Only the required name is looked for.
 const I7I72: &str = "param u32 RW 7i72.0.0.nvwatchdogtimeout";

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::linuxcnc::{Machine, SETTLE, alone, skipped};
+use super::linuxcnc::{Machine, SETTLE, alone, skipped};
 
 /// Values of the board that stay off whatever LinuxCNC does.
 type Drives = &'static [(&'static str, &'static str)];

@@ -4,14 +4,12 @@
 //! mesaflash always talks to port 27181.
 
 mod flash;
-#[path = "../interop/mod.rs"]
-mod interop;
 
 use std::{net::Ipv4Addr, process::Command};
 
-use interop::mesaflash::{Mesaflash, free_address};
-use interop::tools::{has_program, skip};
-use interop::{Scratch, console::Values, mesa};
+use crate::interop::mesaflash::{Mesaflash, free_address};
+use crate::interop::tools::{has_program, skip};
+use crate::interop::{self, Scratch, console::Values, mesa};
 
 /// A simulated board for mesaflash.
 struct Board {

@@ -9,8 +9,6 @@
 mod cost;
 mod expected;
 mod firmwares;
-#[path = "../interop/mod.rs"]
-mod interop;
 mod linuxcnc;
 mod names;
 mod setsserial;
@@ -391,7 +389,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
     }
     let _alone = alone();
     let script = "examples/linuxcnc.sh";
-    assert!(include_str!("../../../../README.md").contains(script));
+    assert!(include_str!("../../../../../README.md").contains(script));
     for (options, name) in [
         (&[][..], "hm2_7i97.0"),
         (&["--board", "7i92-7i77"], "hm2_7i92.0"),
@@ -399,7 +397,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         let mut child =
             std::process::Command::new(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
                 .args(options)
-                .env("MESA", interop::mesa())
+                .env("MESA", crate::interop::mesa())
                 .stdin(std::process::Stdio::piped())
                 .stdout(std::process::Stdio::piped())
                 .stderr(std::process::Stdio::piped())

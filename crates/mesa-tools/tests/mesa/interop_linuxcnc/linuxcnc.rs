@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::expected::{Expected, List};
+use super::expected::{Expected, List};
 use crate::interop::{
     console::{Console, Values, values},
     mesa, realtime,
@@ -158,7 +158,7 @@ impl Machine {
         .arg("--")
         .arg(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/tests/interop_linuxcnc/session.sh"
+            "/tests/mesa/interop_linuxcnc/session.sh"
         ))
         .args(session)
         .env("MESA", mesa())
