@@ -223,7 +223,7 @@ impl Pins {
         let info = self.info_of(pin)?;
         let (slot, group) = self.slot(pin.0)?;
         let is_output = matches!(info.role, Role::Output | Role::InOut);
-        let bits = self.rules.get(self.index(pin.0)?)?.safe;
+        let bits = self.rules.get(slot.rule as usize)?.safe;
         // Compared as numbers: 0.0 and -0.0 are the same output.
         let safe = AnyValue { bits, ..value };
         let is_safe = value.bits == bits || value.as_f64() == safe.as_f64();

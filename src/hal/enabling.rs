@@ -62,7 +62,7 @@ impl Pins {
                 });
             }
             let own = |pins: &mut Self, since| {
-                if let Some(rule) = pins.rules.get_mut(output) {
+                if let Some(rule) = pins.rule_mut(output) {
                     (rule.enabling.by, rule.enabling.since) = (by as u32, since);
                 }
             };
@@ -99,7 +99,7 @@ impl Pins {
     fn each_enable(&mut self, first: usize, change: impl Fn(&mut Enabling)) {
         let mut next = Some(first);
         for _ in 0..MAX_ENABLES {
-            let Some(rule) = next.and_then(|pin| self.rules.get_mut(pin)) else {
+            let Some(rule) = next.and_then(|pin| self.rule_mut(pin)) else {
                 return;
             };
             change(&mut rule.enabling);
@@ -114,6 +114,6 @@ impl Pins {
     }
 
     fn enabling(&self, pin: usize) -> Option<Enabling> {
-        Some(self.rules.get(pin)?.enabling)
+        Some(self.rule(pin)?.enabling)
     }
 }

@@ -29,7 +29,10 @@ pub enum PinError {
         name: String,
     },
     /// The store cannot number any more pins.
-    #[error("more than {} pins and parameters", super::MAX_PINS)]
+    #[error(
+        "more than {} pins and parameters, or 65,535 parts of groups",
+        super::MAX_PINS
+    )]
     TooMany,
     /// No pin or parameter has that name.
     #[error("no pin or parameter `{name}`{}", Nearest(.nearest.as_deref()))]

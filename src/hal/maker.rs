@@ -241,7 +241,9 @@ impl PinStore {
         let pins = &mut **self;
         for_one_more(&mut pins.by_name).insert(rank, index);
         for_one_more(&mut pins.slots).push(slot);
-        for_one_more(&mut pins.rules).push(rule);
+        if let Some(rule) = rule {
+            for_one_more(&mut pins.rules).push(rule);
+        }
         for_one_more(&mut pins.infos).push(PinInfo {
             name: spec.name,
             hal_type: T::TYPE,

@@ -87,7 +87,8 @@ impl Pins {
             return T::default();
         };
         let set = self.commanded(pin);
-        let Some(rule) = self.rules.get_mut(index) else {
+        let rule = self.slots.get(index).map(|slot| slot.rule as usize);
+        let Some(rule) = rule.and_then(|rule| self.rules.get_mut(rule)) else {
             return T::default();
         };
         if rule.settings != self.settings {
@@ -124,7 +125,7 @@ impl Pins {
 
     fn count_rejection(&mut self, index: usize, rejection: Rejection) {
         self.totals.count(rejection);
-        if let Some(rule) = self.rules.get_mut(index) {
+        if let Some(rule) = self.rule_mut(index) {
             rule.rejections.count(rejection);
         }
     }

@@ -50,7 +50,7 @@ use crate::bus::Instant;
 pub struct Pins<End: ?Sized = [()]> {
     pub(super) id: u32,
     pub(super) slots: Vec<PinSlot>,
-    /// One for each slot.
+    /// Those of the slots that have one.
     pub(super) rules: Vec<Rule>,
     pub(super) infos: Vec<PinInfo>,
     /// Indices into `infos`, in the order of the names there.
@@ -300,7 +300,7 @@ impl Pins {
 
     /// Values of this pin that were replaced instead of used.
     pub fn rejections<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Rejections {
-        let rule = self.index(pin.key).and_then(|index| self.rules.get(index));
+        let rule = self.index(pin.key).and_then(|index| self.rule(index));
         rule.map_or_else(Rejections::default, |rule| rule.rejections)
     }
 
@@ -418,6 +418,16 @@ impl Pins {
         self.slots.get_mut(index?)
     }
 
+    /// The rule of a pin that has one.
+    pub(super) fn rule(&self, index: usize) -> Option<&Rule> {
+        self.rules.get(self.slots.get(index)?.rule as usize)
+    }
+
+    /// The rule of a pin that has one, mutable.
+    pub(super) fn rule_mut(&mut self, index: usize) -> Option<&mut Rule> {
+        self.rules.get_mut(self.slots.get(index)?.rule as usize)
+    }
+
     pub(super) fn group_index(&self, group: GroupId) -> Option<usize> {
         Some(self.part(group)?.group as usize)
     }
@@ -445,7 +455,7 @@ impl Pins {
         if !slot.is_free
             && slot.role == Role::Output
             && self.is_held(index)
-            && let Some(rule) = self.rules.get(index)
+            && let Some(rule) = self.rules.get(slot.rule as usize)
         {
             return rule.safe;
         }
@@ -477,7 +487,7 @@ impl Pins {
         self.switches = self.switches.wrapping_add(1);
         for &output in &group.outputs {
             if let Some(slot) = self.slots.get_mut(output as usize)
-                && let Some(rule) = self.rules.get_mut(output as usize)
+                && let Some(rule) = self.rules.get_mut(slot.rule as usize)
                 && !slot.exempt
             {
                 slot.bits = rule.safe;

@@ -45,9 +45,11 @@ pub struct FullScale {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PinSlot {
     pub bits: u64,
-    pub group: u32,
+    pub group: u16,
     /// Index of the part within the store.
-    pub part: u32,
+    pub part: u16,
+    /// Index of its [`Rule`]; `NONE` without one.
+    pub rule: u32,
     /// The parameter that inverts it; `NONE` without one.
     pub invert: u32,
     /// The last value published for an input was not finite, or is withheld; or the pin is an
@@ -60,7 +62,8 @@ pub(super) struct PinSlot {
     pub role: Role,
 }
 
-/// Permitted values of a pin, and counts of the values that were not permitted.
+/// Permitted values of a pin, and counts of the values that were not permitted. Inputs and
+/// properties whose values are all permitted have none.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
     pub safe: u64,
@@ -164,8 +167,9 @@ pub(super) fn make_slot<T: Value>(
     role: Role,
     spec: &Spec,
     initial: T,
-) -> Result<(PinSlot, Rule), PinError> {
+) -> Result<(PinSlot, Option<Rule>), PinError> {
     let group = pins.part(part).ok_or(PinError::ForeignHandle)?.group;
+    let short = |index: u32| u16::try_from(index).map_err(|_| PinError::TooMany);
     let parameter = |key| parameter_index(pins, key);
     let invert = parameter(spec.invert.map(Invert::key))?;
     let max_limit = parameter(spec.max_limit.map(|param| param.key))?;
@@ -177,10 +181,14 @@ pub(super) fn make_slot<T: Value>(
     let (min, max) = bounds(role, spec, initial)?;
     let is_real = T::TYPE == HalType::Float;
     let safe = initial.to_bits();
+    // A float can be NaN, which is counted for the pin.
+    let has_rule = is_real || matches!(role, Role::Output | Role::InOut);
+    let rule_index = pins.rules.len() as u32;
     let slot = PinSlot {
         bits: safe,
-        group,
-        part: part.0.index,
+        group: short(group)?,
+        part: short(part.0.index)?,
+        rule: if has_rule { rule_index } else { NONE },
         invert,
         bad: false,
         exempt: false,
@@ -204,7 +212,7 @@ pub(super) fn make_slot<T: Value>(
         highest: max,
         scale_now: 0.0,
     };
-    Ok((slot, rule))
+    Ok((slot, has_rule.then_some(rule)))
 }
 
 fn parameter_index(pins: &Pins, key: Option<Key>) -> Result<u32, PinError> {

@@ -114,7 +114,7 @@ impl PinStore {
             && are_own
         {
             info.enabled_by = Some(by);
-            if let Some(rule) = self.rules.get_mut(output.index()) {
+            if let Some(rule) = self.rule_mut(output.index()) {
                 rule.enabling.by = by.index() as u32;
             }
         }
@@ -351,7 +351,8 @@ impl PinStore {
         };
         let follows = follows && !self.is_held(index);
         let pins = &mut self.pins;
-        let Some(rule) = pins.rules.get_mut(index) else {
+        let rule = pins.slots.get(index).map(|slot| slot.rule as usize);
+        let Some(rule) = rule.and_then(|rule| pins.rules.get_mut(rule)) else {
             return T::default();
         };
         if rule.settings != pins.settings {
@@ -377,7 +378,7 @@ impl PinStore {
     fn reject(&mut self, key: Key, rejection: Rejection) {
         self.totals.count(rejection);
         if let Some(index) = self.index(key)
-            && let Some(rule) = self.rules.get_mut(index)
+            && let Some(rule) = self.rule_mut(index)
         {
             rule.rejections.count(rejection);
         }

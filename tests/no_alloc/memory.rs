@@ -24,14 +24,14 @@ const MACHINES: [Limits; 2] = [
     Limits {
         card: "7I97",
         machine: || machines::six_axes_7i97(Motor::default()),
-        lasting: 310_000,
-        peak: 425_000,
+        lasting: 245_000,
+        peak: 340_000,
     },
     Limits {
         card: "7I92",
         machine: || machines::six_axes_7i92(Motor::default()),
-        lasting: 255_000,
-        peak: 345_000,
+        lasting: 205_000,
+        peak: 280_000,
     },
 ];
 
