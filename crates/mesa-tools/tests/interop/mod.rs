@@ -51,6 +51,16 @@ pub fn realtime(program: impl AsRef<OsStr>) -> Command {
     command
 }
 
+/// Gives the calling thread, which plays a card or a board, the priority of [`realtime`].
+pub fn realtime_thread() {
+    let mut set = Command::new("chrt");
+    let thread = rustix::thread::gettid().as_raw_nonzero().to_string();
+    set.args(["--rr", "--pid", "1", &thread])
+        .stderr(Stdio::null());
+    // Without permission it stays as it is.
+    let _ = set.status();
+}
+
 /// The program `mesa` that was built with this test.
 pub fn mesa() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_mesa"))

@@ -1,5 +1,6 @@
 //! A simulated card on a serial port: a pseudoterminal with the card at its other end.
 
+use crate::interop::realtime_thread;
 use std::fs::{File, OpenOptions};
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -94,6 +95,7 @@ impl Shared {
 }
 
 fn serve(shared: &Shared, slave: &File, master: OwnedFd) {
+    realtime_thread();
     let mut face = SerialFace::new(File::from(master));
     while !shared.stop.load(Ordering::Relaxed) {
         // The line has the rate that the host has set, whatever the card's rate.

@@ -5,7 +5,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-use crate::interop::{Scratch, board::Board, mesa, mesaflash::free_address};
+use crate::interop::{Scratch, board::Board, mesa, mesaflash::free_address, realtime_thread};
 use crate::run::{done, hold_against_schema};
 use serde_json::Value;
 
@@ -181,6 +181,7 @@ fn who_answers_and_is_no_board_is_said_to_be_there() {
     let address = free_address();
     let service = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
     std::thread::spawn(move || {
+        realtime_thread();
         let mut buffer = [0; 2048];
         while let Ok((_, from)) = service.recv_from(&mut buffer) {
             let _ = service.send_to(b"?", from);

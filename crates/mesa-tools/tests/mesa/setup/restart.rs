@@ -11,7 +11,7 @@ use mesa_hal::ethernet::{Area, EthernetBoard};
 use mesa_hal::transport::udp::UdpBus;
 
 use crate::interop::mesaflash::free_address;
-use crate::interop::{PATIENCE, Process, board::Board};
+use crate::interop::{PATIENCE, Process, board::Board, realtime_thread};
 use crate::run::{Run, command, done, json, patient, run};
 
 fn board() -> (Board, String) {
@@ -113,6 +113,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
     let last = Arc::clone(&client);
     let (told, losses) = channel();
     std::thread::spawn(move || {
+        realtime_thread();
         let (mut buffer, mut is_over) = ([0; 2048], false);
         while let Ok((len, from)) = face.recv_from(&mut buffer) {
             let is_lost = buffer[..len].starts_with(lost);
@@ -126,6 +127,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
         }
     });
     std::thread::spawn(move || {
+        realtime_thread();
         let mut buffer = [0; 2048];
         loop {
             // After the end of a board, the error is that of an earlier packet.
@@ -187,6 +189,7 @@ fn moving(board: &Board, next: Ipv4Addr) -> String {
     for (face, is_new) in [(old, false), (new, true)] {
         let is_moved = Arc::clone(&is_moved);
         std::thread::spawn(move || {
+            realtime_thread();
             let mut buffer = [0; 2048];
             let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
             board.connect(behind).expect("the board");

@@ -103,8 +103,8 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     let Some(terminal) = Terminal::start("sim-truth", &arguments) else {
         return;
     };
-    let text = terminal.wait_for_text("watchdog off  no client");
-    for wanted in [
+    let all = [
+        "watchdog off  no client",
         " simulated boards ",
         "mill       7I97 127.0.0.1:",
         "0 7i77-io      idle",
@@ -113,9 +113,10 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
         "handwheel      mpg 0 clicks",
         "channel 0      inputs on: 1 31  outputs on: none",
         "mill>",
-    ] {
-        assert!(text.contains(wanted), "{wanted}:\n{text}");
-    }
+    ];
+    let text = terminal.wait_for(&all.join(", "), |text| {
+        all.iter().all(|wanted| text.contains(wanted))
+    });
     assert_eq!(number(&text, "x", 1), Some(25.0), "{text}");
     assert_eq!(
         words(&text, "x ")[3..=5],
