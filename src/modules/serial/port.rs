@@ -340,17 +340,13 @@ impl Module for SerialPort {
                         health.outputs = OutputsState::Driven;
                     }
                 }
-                _ => {
-                    // No packet that is on its way when the remote runs again has outputs of before.
-                    if is_idle || !health.is_running() {
-                        remote.put(cycle);
-                    }
-                    if let Some(PortOperation::Start(_, mask)) = operation
-                        && mask.contains(remote.channel)
-                    {
-                        remote.put_mode(cycle);
-                    }
+                Some(PortOperation::Start(_, mask)) if mask.contains(remote.channel) => {
+                    remote.put(cycle);
+                    remote.put_mode(cycle);
                 }
+                // No packet that is on its way when the remote runs again has outputs of before.
+                _ if is_idle || !health.is_running() => remote.put(cycle),
+                _ => {}
             }
         }
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
