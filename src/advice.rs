@@ -81,6 +81,7 @@ kinds! {
     LeaveDpll: "choose another thread period, or go on without the DPLL (`Settings::no_dpll`)",
     ChooseHostPace: "let the host pace it (`Pace::Host`)",
     ChoosePeriod: "choose a period of 1 us to 800 ms",
+    SetPeriodFirst: "start the driver with `Settings::period`, or call `Driver::set_period` before the first write",
     LengthenWatchdog: "choose a longer time for the watchdog (`Settings::watchdog` for that of the board), or a shorter period",
     LengthenPeriod: "choose a longer period, or spread the remotes over several ports",
     LeavePortOut: "leave the configuration of the port out",

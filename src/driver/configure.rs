@@ -2,12 +2,12 @@
 
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::ops::Deref;
-use core::time::Duration;
 
 use super::arrival::ArrivalClock;
 use super::connection::Connection;
 use super::cycle::BoardCycle;
 use super::pace::Pacer;
+use super::period::check_range;
 use super::remotes::PortStage;
 use super::safe_bus::SafeBus;
 use super::{
@@ -397,9 +397,7 @@ fn identify_steady<B: RegisterBus>(
 /// Refuses times that do not fit each other, and completes those that depend on the period.
 fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
     let period = settings.period;
-    if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
-        return Err(DriverError::BadPeriod { period });
-    }
+    check_range(period)?;
     let of = "the board's watchdog";
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     settings.check()?;

@@ -83,6 +83,11 @@ impl Connection {
         }
     }
 
+    /// Lets [`new_deadline`](Self::new_deadline) return any deadline but the usual one again.
+    pub fn forget_deadline(&mut self) {
+        self.read_timeout = READ_TIMEOUT;
+    }
+
     /// The deadline of a reply, if the application has changed it.
     pub fn new_deadline(&mut self, pins: &Pins, period: Duration) -> Option<Duration> {
         let timeout = pins.param(self.packet_read_timeout);

@@ -294,6 +294,15 @@ impl BoardCycle {
     }
 }
 
+/// Set-up.
+impl BoardCycle {
+    /// Takes over the clock of a period that was changed before the first write.
+    pub fn has_period(&mut self, beats: ArrivalClock) {
+        self.beats = beats;
+        self.parts.connection.forget_deadline();
+    }
+}
+
 /// Safe states and recovery.
 impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up

@@ -76,6 +76,11 @@ pub enum DriverError<E: BusError> {
         /// The period.
         period: Duration,
     },
+    /// The period cannot be changed any more.
+    #[error(
+        "the period can be changed before the first write only, and only where the host paces the cycle"
+    )]
+    PeriodInUse,
     /// The period is too long to feed a watchdog.
     #[error(
         "{of} bites after {}, and is fed once in a period of {}; a write or transfer that is lost must \
@@ -151,6 +156,7 @@ impl<E: BusError> DriverError<E> {
             },
             Self::NotPaced { .. } => Some(Advice::ChooseHostPace),
             Self::BadPeriod { .. } => Some(Advice::ChoosePeriod),
+            Self::PeriodInUse => Some(Advice::SetPeriodFirst),
             Self::WatchdogTooShort { .. } => Some(Advice::LengthenWatchdog),
             Self::PeriodTooShort { .. } => Some(Advice::LengthenPeriod),
             Self::NotConfirmed => Some(Advice::CheckLink),

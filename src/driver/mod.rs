@@ -64,6 +64,7 @@ mod messages;
 mod own_pins;
 mod pace;
 mod parameters;
+mod period;
 mod recovery;
 mod remark;
 mod remotes;

@@ -5,7 +5,7 @@ use alloc::string::ToString;
 use alloc::vec::Vec;
 
 use super::configure::{Assembly, Plan};
-use super::error::remote_watchdog;
+use super::period::check_port;
 use super::remark;
 use super::{Configured, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
 use crate::boards::{AttachError, check_identity};
@@ -389,29 +389,7 @@ impl Plan {
             at: now,
         };
         let port = self.register(bus, status, |r| SerialPort::register(r, started))?;
-        self.check(&port)?;
+        check_port(&port, self.settings.period)?;
         Ok(port)
-    }
-
-    /// Checks that the period is long enough for the transfers of a port, and short enough for the
-    /// watchdogs of its remotes.
-    fn check<E: BusError>(&self, port: &SerialPort) -> Result<(), DriverError<E>> {
-        let period = self.settings.period;
-        let number = port.layout().instance;
-        let needed = port.expected_time.usual;
-        if needed > period {
-            return Err(DriverError::PeriodTooShort {
-                port: number,
-                needed,
-                period,
-            });
-        }
-        for remote in port.remotes() {
-            if let Some(time) = remote.watchdog.time() {
-                let id = RemoteId::new(number, remote.started.channel.index());
-                DriverError::check_watchdog(&remote_watchdog(id), time, period)?;
-            }
-        }
-        Ok(())
     }
 }

@@ -3,7 +3,8 @@
 //! Source: FACTS 13.8, 9.5, 12.4.
 
 use alloc::format;
-use alloc::string::String;
+
+use core::time::Duration;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
@@ -66,13 +67,7 @@ impl Dpll {
         let config = pins.config(r.pins);
         let clock_hz = module.clock_hz;
         let words = config.words(clock_hz, dds_bits);
-        let words = words.map_err(|(prescale, base_rate)| {
-            let found = format!(
-                "{khz} kHz, which with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits needs \
-                 prescale {prescale} and base rate {base_rate}"
-            );
-            unusable_rate(found)
-        })?;
+        let words = words.map_err(|divisors| unusable_rate(khz, clock_hz, dds_bits, divisors))?;
         let [base_rate, control_0, control_1, timers_12, timers_34] = words;
         r.pins.publish(pins.ddsize, dds_bits.into());
         r.pins.publish(pins.prescale, control_0 >> 24);
@@ -106,10 +101,18 @@ impl Dpll {
     }
 }
 
-fn unusable_rate(found: String) -> RegisterError {
+fn unusable_rate(
+    khz: f64,
+    clock_hz: u32,
+    dds_bits: u8,
+    (prescale, base_rate): (f64, f64),
+) -> RegisterError {
     RegisterError::Setting {
         what: "rate that the DPLL follows",
-        found,
+        found: format!(
+            "{khz} kHz, which with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits needs prescale \
+             {prescale} and base rate {base_rate}"
+        ),
         expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1".into(),
         advice: Advice::LeaveDpll,
     }
@@ -163,6 +166,19 @@ impl Module for Dpll {
         for (setting, word) in self.settings.into_iter().zip(words) {
             cycle.words.set(setting, word);
         }
+    }
+
+    fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
+        let khz = 1e-3 / period.as_secs_f64();
+        let config = DpllConfig {
+            hz: khz * 1e3,
+            ..self.config
+        };
+        let words = config.words(self.clock_hz, self.dds_bits);
+        words.map_err(|divisors| unusable_rate(khz, self.clock_hz, self.dds_bits, divisors))?;
+        // The next write changes the registers.
+        pins.set(self.pins.base_freq_khz, khz);
+        Ok(())
     }
 
     /// Sets the phase anew, since the loop runs at another phase.

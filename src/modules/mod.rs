@@ -33,6 +33,7 @@ pub(crate) use settings::{Pace, Settings};
 
 use core::any::Any;
 use core::fmt;
+use core::time::Duration;
 
 use events::{EventKind, EventSink};
 
@@ -70,6 +71,16 @@ pub trait Module: Any + fmt::Debug + Send {
     /// already.
     fn make_safe(&mut self, pins: &mut PinStore) {
         let _ = pins;
+    }
+
+    /// Called before the first write when the application has changed the period of the cycle from
+    /// that of [`Registrar::settings`]: [`Driver::set_period`](crate::Driver::set_period).
+    ///
+    /// # Errors
+    /// The module cannot work with this period; it is then called again with the period of before.
+    fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
+        let _ = (period, pins);
+        Ok(())
     }
 
     /// Called when the board has lost its set-up and got it back: counters may contain any value.

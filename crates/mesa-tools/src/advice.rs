@@ -40,7 +40,8 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         | Advice::SetPwm
         | Advice::SetPwmFrequency
         | Advice::SetEncoderRate
-        | Advice::ChoosePhase => return None,
+        | Advice::ChoosePhase
+        | Advice::SetPeriodFirst => return None,
         Advice::ListPins => "`mesa pins` lists them",
         Advice::NumberBoards => "check whether two boards have the same number",
         Advice::WriteRemoteParameter => "`mesa param set` writes it",

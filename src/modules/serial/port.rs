@@ -356,6 +356,12 @@ impl Module for SerialPort {
         }
     }
 
+    fn set_period(&mut self, period: Duration, _: &mut PinStore) -> Result<(), RegisterError> {
+        let rest = &mut self.recovery.policy.rest;
+        *rest = (*rest).max(period.fraction(3, 4));
+        Ok(())
+    }
+
     fn written(&mut self, now: Instant, arrived: bool) {
         self.port.machine.written(now, arrived);
     }

@@ -12,7 +12,7 @@ use super::encoder::EncoderSetup;
 use super::events::EventMask;
 use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
-use super::watchdog::WatchdogRegisters;
+use super::watchdog::usual_time;
 
 use crate::ParseError;
 use crate::advice::Advice;
@@ -135,9 +135,7 @@ impl Settings {
     /// Returns the time after which the board's watchdog bites: the one that is set, or else five
     /// periods, and at least 5 ms.
     pub fn watchdog_time(&self) -> Duration {
-        let follows = self.period.saturating_mul(5);
-        let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
-        self.watchdog.unwrap_or(follows.max(usual))
+        self.watchdog.unwrap_or_else(|| usual_time(self.period))
     }
 
     /// Refuses values that are invalid for any board.

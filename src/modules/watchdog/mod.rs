@@ -36,6 +36,8 @@ pub struct Watchdog {
     /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
     /// cycle.
     shortest: Duration,
+    /// The time follows from the period.
+    is_usual: bool,
     stage: WatchdogStage,
     /// The longest time that the cycle has written, as a word and as a duration.
     longest: u32,
@@ -122,6 +124,7 @@ impl Watchdog {
             pins,
             timeout_ns,
             shortest: r.settings.period.saturating_mul(2),
+            is_usual: r.settings.watchdog.is_none(),
             stage: WatchdogStage::Disabled,
             longest: 0,
             longest_time: Duration::ZERO,
@@ -148,6 +151,15 @@ impl Watchdog {
     /// write.
     pub fn timeout(&self) -> Duration {
         Duration::from_nanos(self.timeout_ns.into())
+    }
+
+    /// The time with another period.
+    pub(crate) fn time_at(&self, period: Duration) -> Duration {
+        if self.is_usual {
+            usual_time(period)
+        } else {
+            self.timeout()
+        }
     }
 
     /// True if the evidence is that of a fresh set-up; the cycle then continues from there.
@@ -241,7 +253,23 @@ impl Watchdog {
     }
 }
 
+/// The time that follows from a period: five periods, and at least 5 ms.
+pub(super) fn usual_time(period: Duration) -> Duration {
+    let follows = period.saturating_mul(5);
+    follows.max(WatchdogRegisters::DEFAULT_TIMEOUT)
+}
+
 impl Module for Watchdog {
+    fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
+        self.shortest = period.saturating_mul(2);
+        let nanos = u32::try_from(self.time_at(period).as_nanos()).unwrap_or(u32::MAX);
+        if self.is_usual {
+            // The next write gives the watchdog this time.
+            pins.set_param(self.pins.timeout_ns, nanos)?;
+        }
+        Ok(())
+    }
+
     /// Restarts the watchdog, unless everything has to stay safe; and writes its time, if the
     /// watchdog has none yet, or the time has changed.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {

@@ -7,7 +7,9 @@ use std::{
 };
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
+use rustix::net::{self, RecvFlags, SendFlags};
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::{PacketLink, UdpError};
@@ -85,7 +87,7 @@ pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> 
         tv_nsec: time.subsec_nanos() as _,
     };
     match poll(fds, Some(&timeout)) {
-        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+        Ok(_) | Err(Errno::INTR) => Ok(()),
         Err(errno) => Err(errno.into()),
     }
 }
@@ -157,11 +159,14 @@ fn reason(kind: ErrorKind) -> String {
     }
 }
 
+/// The cycle enters the kernel directly: send and recv of the C library are cancellation points, at
+/// which LinuxCNC's realtime environment ends a thread by unwinding through this crate's frames.
 impl PacketLink for UdpLink {
     type Error = SocketError;
 
     fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
-        self.socket.send(packet)?;
+        let sent = net::send(&self.socket, packet, SendFlags::NOSIGNAL);
+        sent.map_err(io::Error::from)?;
         Ok(())
     }
 
@@ -177,11 +182,10 @@ impl PacketLink for UdpLink {
             if !left.is_zero() {
                 self.wait_readable(left)?;
             }
-            match self.socket.recv(buffer) {
-                Ok(length) => return Ok(Some(length)),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error.into()),
+            match net::recv(&self.socket, &mut *buffer, RecvFlags::empty()) {
+                Ok((_, length)) => return Ok(Some(length)),
+                Err(Errno::WOULDBLOCK | Errno::INTR) => {}
+                Err(error) => return Err(io::Error::from(error).into()),
             }
             if left.is_zero() {
                 return Ok(None);

@@ -3,3 +3,4 @@
 mod by_board;
 mod dpll_lock;
 mod pacer;
+mod set_period;

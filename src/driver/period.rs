@@ -1,0 +1,86 @@
+//! The period of the cycle, where it is known only when the cycle begins.
+
+use core::time::Duration;
+
+use super::arrival::ArrivalClock;
+use super::error::remote_watchdog;
+use super::{Driver, DriverError, Pace, Pacer};
+use crate::bus::{BusError, Clock, RegisterBus};
+use crate::hostmot2::RemoteId;
+use crate::modules::serial::SerialPort;
+
+impl<B: RegisterBus + Clock> Driver<B> {
+    /// Changes the period of the cycle before the first [`write`](Self::write), at the host's pace:
+    /// for a program that learns its period only when its cycle begins. With the period change what
+    /// follows from it: the board's watchdog, unless [`Settings::watchdog`](super::Settings::watchdog)
+    /// has set it; the frequency of the DPLL; the deadline of a reply.
+    ///
+    /// # Errors
+    /// [`DriverError::PeriodInUse`] after the first write, or where the board paces the cycle.
+    /// [`DriverError::BadPeriod`], [`DriverError::WatchdogTooShort`],
+    /// [`DriverError::PeriodTooShort`] and [`DriverError::Register`], as at the start. The period
+    /// then stays as it was.
+    pub fn set_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+        let pace = self.pacer.pace;
+        if pace != Pace::Host || self.cycle.statistics.writes > 0 {
+            return Err(DriverError::PeriodInUse);
+        }
+        check_range(period)?;
+        let parts = &self.cycle.parts;
+        let watchdog = parts.watchdog.time_at(period);
+        DriverError::check_watchdog("the board's watchdog", watchdog, period)?;
+        for port in &parts.ports {
+            check_port(port, period)?;
+        }
+        if let Err(error) = self.tell_period(period) {
+            // They have accepted this one before.
+            let _ = self.tell_period(self.pacer.period);
+            return Err(error);
+        }
+        self.pacer = Pacer::new(pace, period);
+        self.cycle.has_period(ArrivalClock::new(pace, period));
+        self.bus.set_cycle(period, None);
+        Ok(())
+    }
+
+    fn tell_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+        for part in self.cycle.parts.each() {
+            part.set_period(period, &mut self.cycle.pins)?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a period out of the range in which the cycle can be kept.
+pub(super) fn check_range<E: BusError>(period: Duration) -> Result<(), DriverError<E>> {
+    let range = Duration::from_micros(1)..=Duration::from_millis(800);
+    if range.contains(&period) {
+        Ok(())
+    } else {
+        Err(DriverError::BadPeriod { period })
+    }
+}
+
+/// Checks that the period is long enough for the transfers of a port, and short enough for the
+/// watchdogs of its remotes.
+pub(super) fn check_port<E: BusError>(
+    port: &SerialPort,
+    period: Duration,
+) -> Result<(), DriverError<E>> {
+    let number = port.layout().instance;
+    let needed = port.expected_time.usual;
+    if needed > period {
+        return Err(DriverError::PeriodTooShort {
+            port: number,
+            needed,
+            period,
+        });
+    }
+    for remote in port.remotes() {
+        if let Some(time) = remote.watchdog.time() {
+            let id = RemoteId::new(number, remote.started.channel.index());
+            DriverError::check_watchdog(&remote_watchdog(id), time, period)?;
+        }
+    }
+    Ok(())
+}

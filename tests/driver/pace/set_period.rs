@@ -1,0 +1,157 @@
+//! A period that the application knows only when its cycle begins. The truth is the simulated board:
+//! the time after which its watchdog bites, and the edges of its DPLL.
+
+use std::time::Duration;
+
+use crate::common::ethernet::bus;
+use crate::common::machine::{fpga, start};
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::{DriverError, Pace};
+use mesa_hal::modules::dpll::Dpll;
+use mesa_hal::{Driver, Settings};
+use mesa_hal_sim::{SimError, SimFpga, machines};
+
+const MICRO: u64 = 1_000;
+
+fn micros(count: u64) -> Duration {
+    Duration::from_micros(count)
+}
+
+fn cycles<B: RegisterBus + Clock>(
+    driver: &mut Driver<B>,
+    count: u64,
+    mut look: impl FnMut(&Driver<B>),
+) {
+    let (begun, period) = (driver.bus_mut().now(), driver.period());
+    for n in 1..=count {
+        let _ = driver.read().expect("the bus is well");
+        driver.write().expect("the bus is well");
+        look(driver);
+        let next = begun.after(period.saturating_mul(n as u32));
+        let left = next.since(driver.bus_mut().now());
+        driver.bus_mut().wait(left);
+    }
+}
+
+/// Time after the last write at which the board's watchdog bites.
+fn bites_after(driver: &mut Driver<SimFpga>) -> Duration {
+    let begun = driver.bus_mut().now();
+    while !driver.bus().watchdog().has_bitten() {
+        driver.bus_mut().wait(micros(10));
+    }
+    driver.bus_mut().now().since(begun)
+}
+
+#[test]
+fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
+    for (period, bites) in [(500, 5_000), (1_000, 5_000), (2_000, 10_000)] {
+        let mut driver =
+            start(machines::six_axes_7i97(Default::default()), |_| {}).expect("a 7I97");
+        driver.set_period(micros(period)).expect("not yet written");
+        assert_eq!(driver.period(), micros(period));
+        let dpll = driver
+            .modules::<Dpll>()
+            .next()
+            .expect("a DPLL")
+            .pins
+            .clone();
+        let (mut n, mut errors) = (0_u64, Vec::new());
+        cycles(&mut driver, 2_000, |driver| {
+            n += 1;
+            if n > 1_000 {
+                errors.push(driver.pins().read(dpll.phase_error_us).value);
+            }
+        });
+        let khz = driver.pins().commanded(dpll.base_freq_khz);
+        assert_eq!(khz, 1e3 / period as f64);
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let worst = errors
+            .iter()
+            .fold(0.0, |worst: f64, error| worst.max((error - mean).abs()));
+        assert!(
+            mean.abs() < 5.0 && worst < 5.0,
+            "{period} us: {mean} us, {worst} us"
+        );
+        let is = bites_after(&mut driver);
+        let late = is.saturating_sub(micros(bites - period));
+        assert!(
+            is + micros(period) >= micros(bites) && late < micros(2 * period),
+            "{period} us: {is:?}"
+        );
+    }
+}
+
+#[test]
+fn a_watchdog_that_was_set_stays_and_refuses_a_period_that_is_too_long_for_it() {
+    let bus = machines::six_axes_7i97(Default::default());
+    let mut driver =
+        start(bus, |settings| settings.watchdog = Some(micros(7_000))).expect("a 7I97");
+    let refused = driver.set_period(micros(4_000));
+    assert!(
+        matches!(refused, Err(DriverError::WatchdogTooShort { .. })),
+        "{refused:?}"
+    );
+    assert_eq!(driver.period(), micros(1_000));
+    driver.set_period(micros(2_000)).expect("fed three times");
+    cycles(&mut driver, 100, |_| {});
+    let bites = bites_after(&mut driver);
+    assert!((micros(4_900)..micros(7_100)).contains(&bites), "{bites:?}");
+}
+
+#[test]
+fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing() {
+    type Refused = Result<(), DriverError<SimError>>;
+    let mut driver = start(fpga(), |_| {}).expect("a 7I92");
+    let names: Vec<_> = driver.pins().ids().collect();
+    let values = |driver: &Driver<SimFpga>| -> Vec<_> {
+        names
+            .iter()
+            .map(|pin| driver.pins().read_any(*pin).value)
+            .collect()
+    };
+    let before = values(&driver);
+    let expect = |driver: &mut Driver<SimFpga>, micros, is: fn(&Refused) -> bool| {
+        let refused = driver.set_period(Duration::from_micros(micros));
+        assert!(is(&refused), "{micros} us: {refused:?}");
+        assert_eq!(driver.period(), Duration::from_millis(1));
+        assert_eq!(values(driver), before, "{micros} us");
+    };
+    expect(&mut driver, 0, |refused| {
+        matches!(refused, Err(DriverError::BadPeriod { .. }))
+    });
+    expect(&mut driver, 900_000, |refused| {
+        matches!(refused, Err(DriverError::BadPeriod { .. }))
+    });
+    expect(&mut driver, 20, |refused| {
+        matches!(refused, Err(DriverError::PeriodTooShort { .. }))
+    });
+    // The remotes' watchdogs bite after 50 ms.
+    expect(&mut driver, 40_000, |refused| {
+        matches!(refused, Err(DriverError::WatchdogTooShort { .. }))
+    });
+    cycles(&mut driver, 1, |_| {});
+    let late = driver.set_period(micros(2_000));
+    assert!(matches!(late, Err(DriverError::PeriodInUse)), "{late:?}");
+
+    let paced = |settings: &mut Settings| settings.pace = Pace::Board;
+    let mut driver =
+        start(bus(machines::six_axes_7i97(Default::default())), paced).expect("a 7I97");
+    let refused = driver.set_period(micros(2_000));
+    assert!(
+        matches!(refused, Err(DriverError::PeriodInUse)),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn the_deadline_of_a_reply_is_that_of_the_period() {
+    // Replies that take 1.2 ms are too late for 1 ms, and in time for 2 ms.
+    for (period, in_time) in [(1_000, false), (2_000, true)] {
+        let mut driver =
+            start(bus(machines::six_axes_7i97(Default::default())), |_| {}).expect("a 7I97");
+        driver.set_period(micros(period)).expect("not yet written");
+        driver.bus_mut().link().to_host = Box::new(|_, _| vec![1_200 * MICRO]);
+        let read = driver.read();
+        assert_eq!(read.is_ok(), in_time, "{period} us: {read:?}");
+    }
+}
