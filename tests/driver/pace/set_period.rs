@@ -9,12 +9,17 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{DriverError, Pace};
 use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::{Driver, Settings};
-use mesa_hal_sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
 
 const MICRO: u64 = 1_000;
 
 fn micros(count: u64) -> Duration {
     Duration::from_micros(count)
+}
+
+/// A 7I97, which has a DPLL.
+fn six_axes() -> SimFpga {
+    machines::six_axes_7i97(Motor::default())
 }
 
 fn cycles<B: RegisterBus + Clock>(
@@ -45,16 +50,10 @@ fn bites_after(driver: &mut Driver<SimFpga>) -> Duration {
 #[test]
 fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
     for (period, bites) in [(500, 5_000), (1_000, 5_000), (2_000, 10_000)] {
-        let mut driver =
-            start(machines::six_axes_7i97(Default::default()), |_| {}).expect("a 7I97");
+        let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
         driver.set_period(micros(period)).expect("not yet written");
         assert_eq!(driver.period(), micros(period));
-        let dpll = driver
-            .modules::<Dpll>()
-            .next()
-            .expect("a DPLL")
-            .pins
-            .clone();
+        let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
         let (mut n, mut errors) = (0_u64, Vec::new());
         cycles(&mut driver, 2_000, |driver| {
             n += 1;
@@ -83,7 +82,7 @@ fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
 
 #[test]
 fn a_watchdog_that_was_set_stays_and_refuses_a_period_that_is_too_long_for_it() {
-    let bus = machines::six_axes_7i97(Default::default());
+    let bus = six_axes();
     let mut driver =
         start(bus, |settings| settings.watchdog = Some(micros(7_000))).expect("a 7I97");
     let refused = driver.set_period(micros(4_000));
@@ -134,8 +133,7 @@ fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing
     assert!(matches!(late, Err(DriverError::PeriodInUse)), "{late:?}");
 
     let paced = |settings: &mut Settings| settings.pace = Pace::Board;
-    let mut driver =
-        start(bus(machines::six_axes_7i97(Default::default())), paced).expect("a 7I97");
+    let mut driver = start(bus(six_axes()), paced).expect("a 7I97");
     let refused = driver.set_period(micros(2_000));
     assert!(
         matches!(refused, Err(DriverError::PeriodInUse)),
@@ -147,8 +145,7 @@ fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing
 fn the_deadline_of_a_reply_is_that_of_the_period() {
     // Replies that take 1.2 ms are too late for 1 ms, and in time for 2 ms.
     for (period, in_time) in [(1_000, false), (2_000, true)] {
-        let mut driver =
-            start(bus(machines::six_axes_7i97(Default::default())), |_| {}).expect("a 7I97");
+        let mut driver = start(bus(six_axes()), |_| {}).expect("a 7I97");
         driver.set_period(micros(period)).expect("not yet written");
         driver.bus_mut().link().to_host = Box::new(|_, _| vec![1_200 * MICRO]);
         let read = driver.read();
