@@ -90,14 +90,16 @@ impl Terminal {
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// Waits until the screen fulfils a condition, and returns its content. Fails once the command
-    /// has ended without that.
+    /// Waits until the screen fulfils a condition, and returns its content a moment later, when all
+    /// of it is painted. Fails once the command has ended without that.
     pub fn wait_for(&self, what: &str, mut is: impl FnMut(&str) -> bool) -> String {
         let begun = Instant::now();
         loop {
             let text = self.text();
             if is(&text) {
-                return text;
+                std::thread::sleep(LOOK);
+                let later = self.text();
+                return if is(&later) { later } else { text };
             }
             let is_over = text.contains("exit code ") || begun.elapsed() > PATIENCE;
             assert!(!is_over, "{what} is not on the screen:\n{text}");
