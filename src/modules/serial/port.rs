@@ -266,6 +266,24 @@ impl SerialPort {
         }
     }
 
+    /// Puts what remotes get in a cycle without a transfer: with START their modes, and outputs where
+    /// no transfer can be in flight, so that no packet that is on its way when a remote runs again
+    /// has outputs of before.
+    #[cold]
+    fn put_between(&mut self, cycle: &mut WriteCycle<'_>, operation: Option<PortOperation>) {
+        let is_idle = operation.is_none() && self.port.machine.is_idle();
+        for (remote, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
+            if is_idle || !health.is_running() {
+                remote.put(cycle);
+            }
+            if let Some(PortOperation::Start(_, mask)) = operation
+                && mask.contains(remote.channel)
+            {
+                remote.put_mode(cycle);
+            }
+        }
+    }
+
     /// Restarts remotes in the next cycles, regardless of their pauses, but not before their
     /// outputs must be off; this clears their faults. Their outputs are safe from now on until they
     /// are re-armed.
@@ -331,23 +349,15 @@ impl Module for SerialPort {
         }
         let machine = &mut self.port.machine;
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
-        let is_idle = operation.is_none() && machine.is_idle();
-        for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
-            match operation {
-                Some(PortOperation::Transfer(mask)) => {
-                    remote.put(cycle);
-                    if remote.drives && mask.contains(remote.channel) {
-                        health.outputs = OutputsState::Driven;
-                    }
+        if let Some(PortOperation::Transfer(mask)) = operation {
+            for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
+                remote.put(cycle);
+                if remote.drives && mask.contains(remote.channel) {
+                    health.outputs = OutputsState::Driven;
                 }
-                Some(PortOperation::Start(_, mask)) if mask.contains(remote.channel) => {
-                    remote.put(cycle);
-                    remote.put_mode(cycle);
-                }
-                // No packet that is on its way when the remote runs again has outputs of before.
-                _ if is_idle || !health.is_running() => remote.put(cycle),
-                _ => {}
             }
+        } else {
+            self.put_between(cycle, operation);
         }
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
         cycle.words.put(self.doit, command);
