@@ -394,15 +394,15 @@ fn identify_steady<B: RegisterBus>(
     Err(DriverError::Unsteady { during })
 }
 
-/// Refuses times that do not fit each other, and completes those that depend on the period.
+/// Refuses times that do not fit each other, and a rest that is too short.
 fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
     let period = settings.period;
     check_range(period)?;
     let of = "the board's watchdog";
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     settings.check()?;
-    let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);
-    settings.fault_policy.rest = rest.max(period.fraction(3, 4));
+    let rest = &mut settings.fault_policy.rest;
+    *rest = (*rest).max(FaultPolicy::SHORTEST_REST);
     Ok(settings)
 }
 

@@ -296,8 +296,8 @@ impl BoardCycle {
 
 /// Set-up.
 impl BoardCycle {
-    /// Takes over the clock of a period that was changed before the first write.
-    pub fn has_period(&mut self, beats: ArrivalClock) {
+    /// Replaces the clock by that of another period.
+    pub fn change_clock(&mut self, beats: ArrivalClock) {
         self.beats = beats;
         self.parts.connection.forget_deadline();
     }

@@ -12,8 +12,9 @@ use crate::modules::serial::SerialPort;
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Changes the period of the cycle before the first [`write`](Self::write), at the host's pace:
     /// for a program that learns its period only when its cycle begins. With the period change what
-    /// follows from it: the board's watchdog, unless [`Settings::watchdog`](super::Settings::watchdog)
-    /// has set it; the frequency of the DPLL; the deadline of a reply.
+    /// follows from it: the time of the board's watchdog and the frequency of the DPLL, unless the
+    /// application has set them by [`Settings::watchdog`](super::Settings::watchdog) or by their
+    /// pins; and the deadline of a reply.
     ///
     /// # Errors
     /// [`DriverError::PeriodInUse`] after the first write, or where the board paces the cycle.
@@ -27,23 +28,23 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         check_range(period)?;
         let parts = &self.cycle.parts;
-        let watchdog = parts.watchdog.time_at(period);
+        let watchdog = parts.watchdog.time_at(period, &self.cycle.pins);
         DriverError::check_watchdog("the board's watchdog", watchdog, period)?;
         for port in &parts.ports {
             check_port(port, period)?;
         }
-        if let Err(error) = self.tell_period(period) {
+        if let Err(error) = self.change_parts(period) {
             // They have accepted this one before.
-            let _ = self.tell_period(self.pacer.period);
+            let _ = self.change_parts(self.pacer.period);
             return Err(error);
         }
         self.pacer = Pacer::new(pace, period);
-        self.cycle.has_period(ArrivalClock::new(pace, period));
+        self.cycle.change_clock(ArrivalClock::new(pace, period));
         self.bus.set_cycle(period, None);
         Ok(())
     }
 
-    fn tell_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+    fn change_parts(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
         for part in self.cycle.parts.each() {
             part.set_period(period, &mut self.cycle.pins)?;
         }

@@ -62,8 +62,8 @@ pub(super) struct PinSlot {
     pub role: Role,
 }
 
-/// Permitted values of a pin, and counts of the values that were not permitted. Inputs and
-/// properties whose values are all permitted have none.
+/// Permitted values of a pin, and counts of the values that were not permitted. Outputs have one, and
+/// real numbers, which can be NaN; other inputs and parameters have none.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
     pub safe: u64,

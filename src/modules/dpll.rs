@@ -3,7 +3,6 @@
 //! Source: FACTS 13.8, 9.5, 12.4.
 
 use alloc::format;
-
 use core::time::Duration;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -44,6 +43,8 @@ pub struct Dpll {
     dds_bits: u8,
     config: DpllConfig,
     words: [u32; 5],
+    /// The frequency that follows from the period, in kHz.
+    usual_khz: f64,
     /// In the order of the words.
     settings: [Setting; 5],
     /// The registers for following the host; `None` where the board paces, and the loop runs free.
@@ -93,6 +94,7 @@ impl Dpll {
             dds_bits,
             config,
             words,
+            usual_khz: khz,
             settings,
             following,
             start: PhaseStart::default(),
@@ -170,6 +172,11 @@ impl Module for Dpll {
 
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
         let khz = 1e-3 / period.as_secs_f64();
+        let set = pins.commanded(self.pins.base_freq_khz);
+        if set.to_bits() != self.usual_khz.to_bits() {
+            // By the application.
+            return Ok(());
+        }
         let config = DpllConfig {
             hz: khz * 1e3,
             ..self.config
@@ -178,6 +185,7 @@ impl Module for Dpll {
         words.map_err(|divisors| unusable_rate(khz, self.clock_hz, self.dds_bits, divisors))?;
         // The next write changes the registers.
         pins.set(self.pins.base_freq_khz, khz);
+        self.usual_khz = khz;
         Ok(())
     }
 

@@ -44,6 +44,23 @@ fn the_simulator_knows_nothing_of_the_driver() {
     assert_eq!(own, [&"mesa-hal-sim", &"mesa-wire"], "{text}");
 }
 
+/// The socket enters the kernel without the C library, whose send and recv are cancellation points.
+#[test]
+fn system_calls_do_not_go_through_the_c_library() {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--workspace", "--all-features"])
+        .args([
+            "--edges", "normal", "--prefix", "none", "--format", "{p} {f}",
+        ])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    let mut rustix = text.lines().filter(|line| line.starts_with("rustix v1"));
+    assert!(text.contains("rustix v1"), "{text}");
+    assert!(rustix.all(|line| !line.contains("use-libc")), "{text}");
+}
+
 /// All packages that a package of this workspace depends on, one on each line.
 fn tree(package: &str, edges: &str) -> String {
     let output = Command::new(env!("CARGO"))

@@ -34,6 +34,14 @@ pub struct SerialPort {
     read_at: Instant,
     /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
+    /// The rest that the application asked for; the recovery's is at least three quarters of a
+    /// period.
+    asked_rest: Duration,
+}
+
+/// The rest of a remote with failures.
+fn rest_at(period: Duration, asked: Duration) -> Duration {
+    asked.max(period.fraction(3, 4))
 }
 
 /// Positions of the registers of a port in the image. Registers of channels without a remote are
@@ -90,7 +98,9 @@ impl SerialPort {
             remotes,
             at,
         } = started;
-        let policy = r.settings.fault_policy;
+        let mut policy = r.settings.fault_policy;
+        let asked_rest = policy.rest;
+        policy.rest = rest_at(r.settings.period, asked_rest);
         let layout = *port.layout();
         let mut slots = Slots::register(r.image, layout);
         let doit = r
@@ -125,6 +135,7 @@ impl SerialPort {
             pins,
             read_at: at,
             expected_time,
+            asked_rest,
         })
     }
 
@@ -367,8 +378,7 @@ impl Module for SerialPort {
     }
 
     fn set_period(&mut self, period: Duration, _: &mut PinStore) -> Result<(), RegisterError> {
-        let rest = &mut self.recovery.policy.rest;
-        *rest = (*rest).max(period.fraction(3, 4));
+        self.recovery.policy.rest = rest_at(period, self.asked_rest);
         Ok(())
     }
 

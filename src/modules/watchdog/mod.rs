@@ -36,8 +36,8 @@ pub struct Watchdog {
     /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
     /// cycle.
     shortest: Duration,
-    /// The time follows from the period.
-    is_usual: bool,
+    /// The time of the parameter that follows from the period; `None` if the settings have it.
+    usual_ns: Option<u32>,
     stage: WatchdogStage,
     /// The longest time that the cycle has written, as a word and as a duration.
     longest: u32,
@@ -124,7 +124,7 @@ impl Watchdog {
             pins,
             timeout_ns,
             shortest: r.settings.period.saturating_mul(2),
-            is_usual: r.settings.watchdog.is_none(),
+            usual_ns: r.settings.watchdog.is_none().then_some(timeout_ns),
             stage: WatchdogStage::Disabled,
             longest: 0,
             longest_time: Duration::ZERO,
@@ -153,12 +153,13 @@ impl Watchdog {
         Duration::from_nanos(self.timeout_ns.into())
     }
 
-    /// The time with another period.
-    pub(crate) fn time_at(&self, period: Duration) -> Duration {
-        if self.is_usual {
+    /// The time with another period: that of the parameter, if the application has set it.
+    pub(crate) fn time_at(&self, period: Duration, pins: &Pins) -> Duration {
+        let set = pins.param(self.pins.timeout_ns);
+        if self.usual_ns == Some(set) {
             usual_time(period)
         } else {
-            self.timeout()
+            Duration::from_nanos(set.into())
         }
     }
 
@@ -262,12 +263,13 @@ pub(super) fn usual_time(period: Duration) -> Duration {
 impl Module for Watchdog {
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
         self.shortest = period.saturating_mul(2);
-        let nanos = u32::try_from(self.time_at(period).as_nanos()).unwrap_or(u32::MAX);
-        if self.is_usual {
-            // The next write gives the watchdog this time.
-            pins.set_param(self.pins.timeout_ns, nanos)?;
+        let time = self.time_at(period, pins);
+        let nanos = u32::try_from(time.as_nanos()).unwrap_or(u32::MAX);
+        if self.usual_ns == Some(pins.param(self.pins.timeout_ns)) {
+            self.usual_ns = Some(nanos);
         }
-        Ok(())
+        // The next write gives the watchdog this time.
+        Ok(pins.set_param(self.pins.timeout_ns, nanos)?)
     }
 
     /// Restarts the watchdog, unless everything has to stay safe; and writes its time, if the

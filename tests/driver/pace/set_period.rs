@@ -97,6 +97,30 @@ fn a_watchdog_that_was_set_stays_and_refuses_a_period_that_is_too_long_for_it() 
     assert!((micros(4_900)..micros(7_100)).contains(&bites), "{bites:?}");
 }
 
+/// As a HAL file sets them between `loadrt` and `start`.
+#[test]
+fn what_the_application_has_set_by_pins_before_stays() {
+    let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
+    let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
+    let timeout = driver.pins().parameter("hm2_7i97.0.watchdog.timeout_ns");
+    let timeout = timeout.expect("it is there");
+    driver
+        .pins_mut()
+        .set_param(timeout, 20_000_000)
+        .expect("20 ms");
+    driver.pins_mut().set(dpll.base_freq_khz, 1.5);
+    driver.set_period(micros(2_000)).expect("not yet written");
+    driver.set_period(micros(500)).expect("not yet written");
+    assert_eq!(driver.pins().param::<u32>(timeout), 20_000_000);
+    assert_eq!(driver.pins().commanded(dpll.base_freq_khz), 1.5);
+    cycles(&mut driver, 100, |_| {});
+    let bites = bites_after(&mut driver);
+    assert!(
+        (micros(19_000)..micros(20_100)).contains(&bites),
+        "{bites:?}"
+    );
+}
+
 #[test]
 fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing() {
     type Refused = Result<(), DriverError<SimError>>;

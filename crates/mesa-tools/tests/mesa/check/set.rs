@@ -239,18 +239,24 @@ fn lost_packets_are_named() {
     let jog = begin(&board, &[OUTPUT, "on", "--for", "2s"]);
     wait_until(&mut board, "0", "remote.0.output-03", "1");
     board.console.run("loss 0.02");
-    board.wait_for_packets(100);
+    interop::wait_until("a packet is lost", || losses(&mut board) > 0);
     board.console.run("loss 0");
     let ended = Run::from(jog.output());
+    let lost = losses(&mut board);
+    let said = ended.err.lines().find(|line| line.contains("packets lost"));
+    let said = said.unwrap_or_else(|| panic!("{ended:?}"));
+    assert!(
+        said.starts_with(&format!("mesa: {lost} of ")),
+        "{said}, of {lost}"
+    );
+}
+
+/// Packets that the network has lost, on both ways.
+fn losses(board: &mut Board) -> u64 {
     let network = board.console.show("network");
     let lost = ["received", "sent"].map(|way| {
         let lost = network[&format!("network.{way}.lost")].parse::<u64>();
         lost.expect("a count")
     });
-    let [to_board, back] = lost;
-    assert!(to_board + back > 0, "{network:?}");
-    let said = ended.err.lines().find(|line| line.contains("packets lost"));
-    let said = said.unwrap_or_else(|| panic!("{ended:?}"));
-    let count = format!("mesa: {} of ", to_board + back);
-    assert!(said.starts_with(&count), "{said}, of {lost:?}");
+    lost.into_iter().sum()
 }
