@@ -485,10 +485,13 @@ impl Oracle {
 
     /// Checks that nothing is on.
     pub fn check_all_off(&self, now: u64, why: &str) -> Checked {
-        self.remotes
-            .iter()
-            .try_for_each(|track| track.check_off(now, why))?;
+        (0..self.remotes.len()).try_for_each(|remote| self.check_remote_off(remote, now, why))?;
         self.check_board_off(now, why)
+    }
+
+    /// Checks that a remote drives nothing.
+    pub fn check_remote_off(&self, remote: usize, now: u64, why: &str) -> Checked {
+        self.remotes[remote].check_off(now, why)
     }
 
     /// Checks that the board drives nothing.
