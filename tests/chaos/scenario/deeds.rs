@@ -180,6 +180,7 @@ impl Scenario {
     ) -> Checked {
         let now = self.sim.now();
         application.was_read();
+        self.validity.was_read();
         self.what_is_told.recount(driver);
         // Nothing has been written for longer than the watch.
         self.watch = None;

@@ -18,6 +18,13 @@ pub(super) struct Validity {
     was_valid: Vec<bool>,
 }
 
+impl Validity {
+    /// The driver has read the board outside of the cycle: the row of failed reads is over.
+    pub(super) fn was_read(&mut self) {
+        self.missed = 0;
+    }
+}
+
 /// True if nothing fails on a wire, in a remote, or on the board: the only faults are lost packets
 /// to or from the host.
 fn is_sound(plan: &Plan) -> bool {
