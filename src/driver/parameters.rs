@@ -225,6 +225,48 @@ impl<B: RegisterBus + Clock> Driver<B> {
         result
     }
 
+    /// Requests the write of a parameter that a remote stores, for the next time that its port is
+    /// switched on: with the pin `sserial.port-N.run`, false and then true, as in LinuxCNC. `name` is
+    /// spelled as by the remote or as by LinuxCNC.
+    ///
+    /// Nothing is stopped by this call. While the port starts again, in the cycles after `run` became
+    /// true, its remotes with requests are started in setup mode, their parameters are written and
+    /// read back, an access in each cycle, and all its remotes are started for process data. The
+    /// remotes of other ports transfer meanwhile. The parameter's pin shows the new value when the
+    /// remote has it; otherwise it keeps its value, and
+    /// [`EventKind::ParameterNotWritten`](crate::driver::EventKind::ParameterNotWritten) reports
+    /// that.
+    ///
+    /// A second request for a parameter replaces the first. A non-volatile parameter is written only
+    /// if its value changes, and the remote uses it from its next power-up on.
+    ///
+    /// # Errors
+    /// [`DriverError`], if it concerns remote, name or value; nothing is requested then.
+    ///
+    /// # Real time
+    /// Bounded by the number of the remote's parameters; allocates for an error only.
+    pub fn request_remote_parameter(
+        &mut self,
+        remote: impl Into<RemoteId>,
+        name: &str,
+        value: impl Into<AnyValue>,
+    ) -> Result<(), DriverError<B::Error>> {
+        let (value, remote) = (value.into(), remote.into());
+        let parameter = KeptParameter { remote, name };
+        let Some(status) = self.remote(remote) else {
+            return Err(DriverError::no_remote(remote));
+        };
+        let record = parameter.record(status.pins)?;
+        let raw = parameter.check(record, value, self.pacer.period)?.raw;
+        let write = status.pins.write_of(status.started.channel, name, raw);
+        let write = write.ok_or_else(|| parameter.failed(ParameterError::Unknown))?;
+        let ports = &mut self.cycle.parts.ports;
+        if let Some(port) = ports.get_mut(usize::from(remote.port)) {
+            port.request_parameter(write);
+        }
+        Ok(())
+    }
+
     /// Feeds the board's watchdog, once, for this time. A bite remains visible, and so does a
     /// reset: the watchdog is restarted before it has the time.
     pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {

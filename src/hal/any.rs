@@ -189,6 +189,54 @@ impl Pins {
         }
     }
 
+    /// The bits of the last value of a pin or parameter, as [`AnyValue`] keeps them, whether it is
+    /// valid or not; for programs that copy all values in every cycle and know their types. 0 for a
+    /// pin of another store, which is counted in [`foreign_handles`](Self::foreign_handles).
+    ///
+    /// ```
+    /// use mesa_hal::hal::{PinMaker, PinStore};
+    /// # fn main() -> Result<(), mesa_hal::hal::PinError> {
+    /// let mut store = PinStore::default();
+    /// let group = store.add_group();
+    /// let speed = PinMaker::new(&mut store, group, "card.").output::<f64>("speed", 0.0)?;
+    /// store.set_bits(speed.into(), 1.5_f64.to_bits())?;
+    /// assert_eq!(f64::from_bits(store.bits_of(speed.into())), 1.5);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Real time
+    /// Constant time, no allocation; without the description of the pin, which
+    /// [`read_any`](Self::read_any) needs.
+    #[inline]
+    pub fn bits_of(&self, pin: PinId) -> u64 {
+        let index = self.index(pin.0);
+        let slot = index.and_then(|index| Some(self.shown(index, self.slots.get(index)?)));
+        slot.unwrap_or_else(|| {
+            self.count_foreign();
+            0
+        })
+    }
+
+    /// Sets a pin or parameter as [`set_any`](Self::set_any) does, to the bits of a value of its
+    /// type.
+    ///
+    /// # Errors
+    /// As of [`set_any`](Self::set_any), except [`PinError::WrongType`].
+    ///
+    /// # Real time
+    /// Constant time, no allocation; the description of an output is not needed.
+    #[inline]
+    pub fn set_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
+        let role = self.index(pin.0).and_then(|index| self.slots.get(index));
+        if let Some(Role::Output | Role::InOut) = role.map(|slot| slot.role) {
+            self.set(super::Output::<u64>::new(pin.0), bits);
+            return Ok(());
+        }
+        let hal_type = self.info_of(pin).map_or(HalType::Bit, |info| info.hal_type);
+        self.set_any(pin, AnyValue { hal_type, bits })
+    }
+
     /// True if the value to which an output is set goes out: its group is armed, or faults do not
     /// affect it.
     ///
@@ -336,6 +384,31 @@ mod tests {
         let input = pins.input::<i32>("card.in").expect("there");
         pins.publish(input, -3);
         assert_eq!(pins.read_any(input.into()).value, AnyValue::from(-3));
+    }
+
+    /// The bits are those of the value, for every role, and each error is that of `set_any`.
+    #[test]
+    fn bits_are_those_of_the_value() {
+        let mut pins = store();
+        let all: Vec<_> = pins.ids().collect();
+        for (pin, value) in all.iter().zip(pins.values().collect::<Vec<_>>()) {
+            assert_eq!(pins.bits_of(*pin), value.bits);
+            for bits in [1.5_f64, f64::NAN, 12.0].map(f64::to_bits) {
+                let (mut one, mut other) = (store(), store());
+                let pins = [&mut one, &mut other].map(|store| {
+                    let id = store.ids().nth(pin.index()).expect("as many");
+                    (store, id)
+                });
+                let [(one, first), (other, second)] = pins;
+                let value = AnyValue { bits, ..value };
+                assert_eq!(one.set_bits(first, bits), other.set_any(second, value));
+                assert_eq!(one.bits_of(first), other.bits_of(second));
+            }
+        }
+        let foreign = store().ids().next().expect("a pin");
+        assert_eq!((pins.bits_of(foreign), pins.foreign_handles()), (0, 1));
+        let refused = pins.set_bits(foreign, 0);
+        assert_eq!(refused, Err(PinError::ForeignHandle));
     }
 
     fn bad_value(value: f64) -> PinError {

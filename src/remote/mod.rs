@@ -18,7 +18,9 @@ mod scaling;
 use self::field::Field;
 use crate::advice::Advice;
 use crate::hostmot2::RemoteId;
+use crate::sslbp::Channel;
 pub use baud_rate::{BAUD_RATE_PARAMETER, operate_baud_rate};
+pub(crate) use parameter::ParameterWrite;
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
 pub use scaling::Scaling;
 
@@ -151,6 +153,20 @@ impl RemotePins {
     pub fn parameter(&self, name: &str) -> Option<&RemoteParameter> {
         let mut parameters = self.parameters.iter();
         parameters.find(|parameter| parameter.record.is_named(name))
+    }
+
+    /// The write of a parameter of the remote on `channel`; `None` if it does not have one with that
+    /// name.
+    pub(crate) fn write_of(
+        &self,
+        channel: Channel,
+        name: &str,
+        raw: u64,
+    ) -> Option<ParameterWrite> {
+        let mut parameters = (0..).zip(&self.parameters);
+        let named = parameters.find(|(_, parameter)| parameter.record.is_named(name));
+        let (number, parameter) = named?;
+        parameter.record.write_of(channel, number, raw)
     }
 
     /// Publishes the present value of a parameter.

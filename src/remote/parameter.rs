@@ -14,7 +14,7 @@ use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
 };
 use crate::lbp::RemoteLink;
-use crate::sslbp::{AccessSize, NonvolatileMemory, RemoteAccess};
+use crate::sslbp::{AccessSize, Channel, NonvolatileMemory, RemoteAccess};
 
 /// The value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -213,6 +213,28 @@ impl DataRecord {
         AnyValue { hal_type, bits }
     }
 
+    /// The write of the parameter, which is number `parameter` of the remote on `channel`; `None` for
+    /// a size for which there is no access.
+    pub(super) fn write_of(
+        &self,
+        channel: Channel,
+        parameter: u8,
+        raw: u64,
+    ) -> Option<ParameterWrite> {
+        let (memory, size) = self.place::<Infallible>().ok()?;
+        Some(ParameterWrite {
+            channel,
+            parameter,
+            memory,
+            access: RemoteAccess::Write {
+                address: self.address,
+                size,
+                value: raw,
+            },
+            mask: mask(self.bits),
+        })
+    }
+
     /// The memory that contains it, and the size of an access to it.
     fn place<E: core::error::Error>(
         &self,
@@ -237,6 +259,21 @@ impl DataRecord {
             _ => HalType::U32,
         }
     }
+}
+
+/// A write of a parameter, access by access.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ParameterWrite {
+    /// The channel of the remote.
+    pub channel: Channel,
+    /// Index in [`RemotePins::parameters`](super::RemotePins::parameters).
+    pub parameter: u8,
+    /// The memory that contains it; `None` for the working memory.
+    pub memory: Option<NonvolatileMemory>,
+    /// The write, with the value.
+    pub access: RemoteAccess,
+    /// The bits of the value that belong to the parameter.
+    pub mask: u64,
 }
 
 /// The range of whole numbers that this number of bits can hold.

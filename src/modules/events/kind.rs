@@ -78,6 +78,12 @@ macro_rules! event_kinds {
                 }
             }
 
+            /// True if outputs became safe with the event, until they are re-armed: what an operator
+            /// has to know at once. Other [faults](Self::is_fault) are warnings.
+            pub const fn makes_safe(&self) -> bool {
+                EventMask::OUTPUTS_SAFE.intersects(self.mask())
+            }
+
             /// The remote of an event about one; `None` for other events.
             #[expect(unused_variables, reason = "an entry names the fields that it needs")]
             pub const fn remote(&self) -> Option<RemoteId> {
@@ -267,6 +273,19 @@ pub enum EventKind {
     NotRead {
         /// Number of writes since the last read.
         writes: u32,
+    },
+    /// A parameter of a remote that was
+    /// [requested](crate::Driver::request_remote_parameter) was not written, or the reply to its
+    /// write was lost. Unless the remote refused the value, it is tried again when the port is
+    /// switched on the next time.
+    [PARAMETER_NOT_WRITTEN = 24, fault; of Some(*remote); "parameter number {parameter} was not written, or the reply was lost: no good reply, or \
+         the card does not keep the value; check the cable, then switch the port off and on"]
+    ParameterNotWritten {
+        /// The remote.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        remote: RemoteId,
+        /// Index in [`RemotePins::parameters`](crate::remote::RemotePins::parameters).
+        parameter: u32,
     },
     /// An event of a module outside of this crate, by
     /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).

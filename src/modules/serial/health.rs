@@ -303,6 +303,13 @@ impl Health {
         self.tell(now, EventKind::RemoteRearmCancelled { remote });
     }
 
+    /// Reports that a parameter was not written.
+    pub fn parameter_not_written(&self, now: Instant, parameter: u8) {
+        let remote = self.remote_id();
+        let parameter = parameter.into();
+        self.tell(now, EventKind::ParameterNotWritten { remote, parameter });
+    }
+
     /// Clears the first fault, because the outputs follow the application (again).
     pub fn armed(&mut self, now: Instant) {
         if self.first_fault.take().is_some() {

@@ -7,6 +7,7 @@
 mod cost;
 mod health;
 mod offline;
+mod parameter_writer;
 mod pins;
 mod policy;
 mod port;

@@ -19,8 +19,7 @@ pub(super) struct PortPins {
     /// LinuxCNC's step within a state: 1 while remotes are being stopped for a restart, 2 while
     /// they are being started, else 0.
     port_state2: Input<u32>,
-    /// LinuxCNC's step within a parameter access. The cycle does not access parameters, so it stays
-    /// 0, as in LinuxCNC.
+    /// LinuxCNC's step within a parameter access; 0 here, as in LinuxCNC outside of one.
     port_state3: Input<u32>,
     transfers: Input<u64>,
     too_short: Input<u32>,
@@ -113,7 +112,7 @@ impl PortPins {
             return;
         }
         self.fetched = version;
-        recovery.run = pins.fetch(self.run);
+        recovery.switch(pins.fetch(self.run));
         recovery.policy.fault_inc = pins.param(self.fault_inc);
         recovery.policy.fault_dec = pins.param(self.fault_dec);
         recovery.policy.fault_lim = pins.param(self.fault_lim);

@@ -5,6 +5,7 @@ use core::mem;
 use core::time::Duration;
 
 use super::health::{Arming, Health};
+use super::parameter_writer::WrittenParameter;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, RemoteSlot};
@@ -14,6 +15,7 @@ use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore};
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::remote::ParameterWrite;
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, DoitTime, MAX_CHANNELS, PerChannel,
     Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults,
@@ -124,7 +126,9 @@ impl SerialPort {
             served.push(RemoteSlot::register(r, remote, registers, at)?);
         }
         let pins = PortPins::register(r, layout.instance)?;
-        let recovery = Recovery::new(healths, parameters, policy, at);
+        let mut recovery = Recovery::new(healths, parameters, policy, at);
+        let changeable = served.iter().map(|remote| remote.pins.parameters.len());
+        recovery.reserve_requests(changeable.sum::<usize>().saturating_add(1));
         let expected_time = port.doit_time(recovery.known);
         Ok(Self {
             port,
@@ -177,7 +181,7 @@ impl SerialPort {
     /// outside the cycle.
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.taken_over();
-        self.recovery.taken_over();
+        self.recovery.taken_over(now);
         self.restart(self.recovery.known, pins, now);
     }
 
@@ -194,6 +198,25 @@ impl SerialPort {
             remote.pins.publish_parameter(pins, name, raw);
             health.watchdog = RemoteWatchdog::of(&remote.pins);
         }
+    }
+
+    /// Takes the value of a parameter that the cycle has written.
+    #[cold]
+    fn parameter_ended(&mut self, pins: &mut PinStore, ended: WrittenParameter) {
+        let WrittenParameter { write, kept } = ended;
+        let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
+        if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == write.channel)
+            && let Some(raw) = kept
+            && let Some(parameter) = remote.pins.parameters.get_mut(usize::from(write.parameter))
+        {
+            parameter.publish(pins, raw);
+            health.watchdog = RemoteWatchdog::of(&remote.pins);
+        }
+    }
+
+    /// Requests the write of a parameter when the port is switched on again.
+    pub(crate) fn request_parameter(&mut self, write: ParameterWrite) {
+        self.recovery.request(write);
     }
 
     /// Time for which nothing may be sent to the running remotes, so that their watchdogs must have
@@ -283,7 +306,22 @@ impl SerialPort {
     #[cold]
     fn put_between(&mut self, cycle: &mut WriteCycle<'_>, operation: Option<PortOperation>) {
         let is_idle = operation.is_none() && self.port.machine.is_idle();
+        let in_flight = self
+            .port
+            .machine
+            .in_flight()
+            .map(|(operation, _)| operation);
         for (remote, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
+            // The words of an access stay until it is complete.
+            match operation.or(in_flight) {
+                Some(PortOperation::Access(channel, access)) if channel == remote.channel => {
+                    if operation.is_some() {
+                        remote.put_access(cycle, access);
+                    }
+                    continue;
+                }
+                _ => {}
+            }
             if is_idle || !health.is_running() {
                 remote.put(cycle);
             }
@@ -337,6 +375,10 @@ impl Module for SerialPort {
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
         }
+        if let Some(ended) = outcome.parameter {
+            self.parameter_ended(cycle.pins, ended);
+        }
+        let machine = &self.port.machine;
         self.pins.publish(cycle.pins, &self.recovery, machine);
         let report = &mut *cycle.report;
         report.good.tally(outcome.good.len());
@@ -402,7 +444,7 @@ impl Module for SerialPort {
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
-        self.recovery.set_up_again();
+        self.recovery.set_up_again(now);
         let not_running = self.recovery.known.difference(self.recovery.running());
         self.restart(not_running, pins, now);
     }

@@ -12,7 +12,8 @@ use crate::hal::{Awaited, PinStore};
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
 use crate::sslbp::{
-    Channel, ChannelRegisters, MAX_INTERFACE_REGISTERS, StartedRemote, software_mode_word,
+    Channel, ChannelRegisters, MAX_INTERFACE_REGISTERS, PortAccess, RemoteAccess, StartedRemote,
+    software_mode_word,
 };
 
 /// Number of interface registers of one direction.
@@ -53,8 +54,11 @@ pub(super) struct RemoteSlot {
     pub fault_pins: RemoteFaultPins,
     inputs: Vec<ReadSlot>,
     outputs: Vec<WriteSlot>,
+    /// CS: the software mode for START, and the command of an access.
     mode: Setting,
     mode_word: u32,
+    /// Interface registers 0 and 1, for the data of an access.
+    data: [Setting; 2],
     /// The last read delivered a good transfer of the outputs in the image.
     pub is_confirmed: bool,
     /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
@@ -78,6 +82,8 @@ impl RemoteSlot {
         started_at: Instant,
     ) -> Result<Self, RegisterError> {
         let FoundRemote { started, pins, .. } = found;
+        let mut interfaces = registers.interfaces();
+        let [low, high] = [(); 2].map(|()| interfaces.next().unwrap_or(registers.cs));
         let inputs = registers.interfaces_for(started.input_bytes());
         let outputs = registers.interfaces_for(started.sizes.tx);
         if found.is_absent {
@@ -95,6 +101,7 @@ impl RemoteSlot {
                 .map(|address| r.image.write(Phase::Data, address, 0))
                 .collect(),
             mode: r.image.on_demand(registers.cs),
+            data: [r.image.on_demand(low), r.image.on_demand(high)],
             mode_word: software_mode_word(started.software_mode),
             is_confirmed: false,
             unanswered: Some((0, started_at)),
@@ -210,6 +217,25 @@ impl RemoteSlot {
     /// True if the last read delivered a good transfer of safe values.
     pub fn has_confirmed_safe(&self) -> bool {
         self.is_confirmed && self.is_safe
+    }
+
+    /// Sets the words of an access, which are written with its DOIT. Outputs are put anew before the
+    /// next transfer.
+    pub fn put_access(&mut self, cycle: &mut WriteCycle<'_>, access: RemoteAccess) {
+        let data = access.data_words();
+        for (n, word) in data.into_iter().flatten().enumerate() {
+            if let Some(&slot) = self.outputs.get(n) {
+                cycle.words.put(slot, word);
+            }
+            if let Some(&setting) = self.data.get(n) {
+                cycle.words.set(setting, word);
+                cycle.words.repeat(setting);
+            }
+        }
+        cycle.words.set(self.mode, access.cs_word());
+        cycle.words.repeat(self.mode);
+        self.put = None;
+        self.drives = true;
     }
 
     /// Sets the software mode, which is written with START.

@@ -26,6 +26,25 @@ impl Application {
         is_on
     }
 
+    /// Requests the time of the watchdog of all remotes of a port that is switched off: they are
+    /// started in setup mode before the port runs again.
+    pub fn request_watchdogs<B: RegisterBus + Clock>(
+        driver: &mut Driver<B>,
+        port: usize,
+        millis: u32,
+    ) {
+        let remotes = driver.ports().get(port).into_iter();
+        let remotes = remotes.flat_map(|port| port.remotes());
+        let channels: Vec<_> = remotes
+            .map(|remote| remote.started.channel.index())
+            .collect();
+        for channel in channels {
+            // A time that the period cannot feed is refused.
+            let remote = (port as u8, channel);
+            let _ = driver.request_remote_parameter(remote, "nvwatchdogtimeout", millis);
+        }
+    }
+
     /// True if a port is commanded off.
     pub fn is_port_off<B: RegisterBus + Clock>(&self, driver: &Driver<B>, port: usize) -> bool {
         let run = self.runs.get(port);

@@ -49,8 +49,7 @@ impl Scenario {
             }
             3 => self.clears_by_pin(driver),
             4 => {
-                let run = application.switch_port(driver, port);
-                self.stage.tell(begun, format!("port {port} run: {run}"));
+                self.switches(driver, application, port);
             }
             _ => self.waits = true,
         }
@@ -77,8 +76,7 @@ impl Scenario {
         }
         if often(switches_one_in, &mut self.side) {
             let port = self.side.below(self.plan.ports.len() as u64) as usize;
-            let run = application.switch_port(driver, port);
-            self.stage.tell(now, format!("port {port} run: {run}"));
+            self.switches(driver, application, port);
         }
         if often(proves_one_in, &mut self.side) {
             self.proves_watchdogs(driver, application)?;
@@ -90,6 +88,24 @@ impl Scenario {
             })?;
         }
         Ok(())
+    }
+
+    /// Switches a port. Where that changes nothing that the oracle does not know, parameters are
+    /// written while it starts again.
+    fn switches<B: Host>(
+        &mut self,
+        driver: &mut Driver<B>,
+        application: &mut Application,
+        port: usize,
+    ) {
+        let run = application.switch_port(driver, port);
+        let extras = self.plan.extras;
+        let is_known = extras.deeds_one_in > 0 || extras.remote_watchdog == WRITTEN_WATCHDOG;
+        if !run && is_known {
+            Application::request_watchdogs(driver, port, WRITTEN_WATCHDOG);
+        }
+        let now = self.sim.now();
+        self.stage.tell(now, format!("port {port} run: {run}"));
     }
 
     /// Leaves remotes without data, to determine which of them have a watchdog.

@@ -2,3 +2,4 @@
 
 mod remote;
 mod remote_watchdog;
+mod requested;

@@ -1,6 +1,7 @@
 //! The remotes of a port in the cycle: the next operation, the remotes that are offline, and their
 //! recovery. A layer on [`PortMachine`], independent of bus and pins.
 
+mod configure;
 mod restart;
 #[cfg(test)]
 mod tests;
@@ -10,12 +11,14 @@ use core::time::Duration;
 
 use super::cost::Cost;
 use super::health::Health;
+use super::parameter_writer::{ParameterWriter, WrittenParameter};
 use super::statistics::PortStatistics;
 use super::{FaultPolicy, OfflineReason, RemoteState};
 use crate::bus::Instant;
+use crate::remote::ParameterWrite;
 use crate::sslbp::{
-    ChannelMask, ChannelVariable, CompletedOperation, Failure, PortEvent, PortImage, PortMachine,
-    PortOperation, PortParameters, StartMode, TransferResult,
+    ChannelMask, ChannelVariable, CompletedOperation, Failure, PortAccess, PortEvent, PortImage,
+    PortMachine, PortOperation, PortParameters, StartMode, TransferResult,
 };
 use crate::tally::Tally;
 
@@ -36,6 +39,8 @@ pub(crate) struct ReadOutcome {
     /// that found it incomplete.
     pub started: Instant,
     pub reads_before: u32,
+    /// The write of a parameter that has ended with this read.
+    pub parameter: Option<WrittenParameter>,
 }
 
 /// Progress of a restart. Channels are restarted together, because every attempt suspends the
@@ -48,6 +53,15 @@ enum Restart {
     /// The other channels have had that transfer.
     OthersServed(ChannelMask),
     Starting,
+    /// Stopped; those of these channels that have parameters to write are being started in setup
+    /// mode.
+    SettingUp(ChannelMask),
+    /// The parameters of the remotes that are `ready`, in setup mode, are being written. `all`
+    /// channels are restarted afterwards.
+    Configuring {
+        all: ChannelMask,
+        ready: ChannelMask,
+    },
     /// Started; the sizes of these channels, which have not run before, are being read, RX first.
     Measuring {
         mask: ChannelMask,
@@ -120,6 +134,11 @@ pub(crate) struct Recovery {
     no_free_before: Instant,
     /// The time of the transfer in flight has been counted.
     is_measured: bool,
+    /// Parameters to write when the port is switched on again; it has room for all.
+    requests: Vec<ParameterWrite>,
+    /// The port was switched on again, and has not been restarted since: parameters may be written.
+    may_configure: bool,
+    writer: ParameterWriter,
 }
 
 /// Least time between two attempts to free COMMAND.
@@ -151,6 +170,9 @@ impl Recovery {
             cost: Cost::default(),
             no_free_before: now,
             is_measured: false,
+            requests: Vec::new(),
+            may_configure: false,
+            writer: ParameterWriter::default(),
         };
         recovery.update();
         recovery
@@ -175,12 +197,24 @@ impl Recovery {
 
     /// Resets the counters after the board was set up again: failures and stops meanwhile were not
     /// the remotes' own.
-    pub fn set_up_again(&mut self) {
+    pub fn set_up_again(&mut self, now: Instant) {
         self.is_set_up_again = true;
+        if self.is_configuring() {
+            // A reset has stopped the remotes that were in setup mode.
+            self.end_restart(now);
+        }
         for remote in &mut self.remotes {
             remote.fault_count = 0;
         }
         self.update();
+    }
+
+    /// True while remotes are in setup mode, or are being started in it.
+    fn is_configuring(&self) -> bool {
+        matches!(
+            self.restart,
+            Restart::SettingUp(_) | Restart::Configuring { .. }
+        )
     }
 
     /// The channels for which `condition` holds.
@@ -195,15 +229,19 @@ impl Recovery {
         remotes.filter(move |remote| mask.contains(remote.channel()))
     }
 
-    /// True if the next read must include the interface registers, as START leaves them.
+    /// True if the next read must include the interface registers, as START or an access leaves
+    /// them.
     pub fn needs_start_data(&self) -> bool {
-        self.restart == Restart::Starting
+        self.restart == Restart::Starting || self.is_configuring()
     }
 
     /// Progress of a restart: 1 STOP, 2 START, 0 none.
     pub fn restart_step(&self, machine: &PortMachine) -> u32 {
         match self.restart {
-            Restart::Starting | Restart::Measuring { .. } => 2,
+            Restart::Starting
+            | Restart::SettingUp(_)
+            | Restart::Configuring { .. }
+            | Restart::Measuring { .. } => 2,
             Restart::Stopped(_) | Restart::OthersServed(_) => 1,
             Restart::None => u32::from(self.run && is_stopping(machine)),
         }
@@ -272,11 +310,21 @@ impl Recovery {
                 self.transferred(machine, now, &complete, &mut outcome);
             }
             PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            PortOperation::Start(..) => {
+            PortOperation::Start(StartMode::Setup, _) => self.is_in_setup(complete.good),
+            PortOperation::Access(channel, access) if complete.certain => {
+                let [low, high, _] = seen.interfaces(channel);
+                let value = access.value([low, high]);
+                let value = complete.good.contains(channel).then_some(value);
+                outcome.parameter = self.writer.accessed(now, value);
+                if let Some(ended) = outcome.parameter {
+                    self.parameter_ended(now, ended);
+                }
+            }
+            PortOperation::Start(StartMode::Normal, _) => {
                 outcome.started_anew = complete.good;
                 self.started(machine, now, &complete);
             }
-            // If uncertain, the size is read again.
+            // If uncertain, the access is repeated, and the size is read again.
             PortOperation::ReadLocal(_) if complete.certain => {
                 self.measured(machine, now, seen.data() as u8);
             }
@@ -395,6 +443,11 @@ impl Recovery {
 
     /// The next operation of an idle port.
     fn choose(&mut self, now: Instant, hold: bool) -> Option<PortOperation> {
+        if let Restart::Configuring { all, ready } = self.restart
+            && !hold
+        {
+            return self.configure(now, all, ready);
+        }
         if !self.run {
             return self.choose_last(now);
         }
@@ -415,6 +468,9 @@ impl Recovery {
                 return transfer(ready);
             }
             Restart::Stopped(mask) | Restart::OthersServed(mask) => {
+                if let Some(start) = self.begin_setup(mask) {
+                    return Some(start);
+                }
                 self.restart = Restart::Starting;
                 self.statistics.starts.tally(1);
                 return Some(PortOperation::Start(StartMode::Normal, mask));
@@ -430,8 +486,9 @@ impl Recovery {
                 }
                 self.end_restart(now);
             }
-            Restart::Starting => self.end_restart(now),
-            Restart::None => {}
+            Restart::Starting | Restart::SettingUp(_) => self.end_restart(now),
+            // Held until the board is set up.
+            Restart::Configuring { .. } | Restart::None => {}
         }
         let due = self.due(now);
         if !due.is_empty() {

@@ -27,8 +27,8 @@ impl Recovery {
 
     /// Discards a restart in progress: the port was used outside the cycle, and all remotes are
     /// stopped.
-    pub fn taken_over(&mut self) {
-        self.restart = Restart::None;
+    pub fn taken_over(&mut self, now: Instant) {
+        self.end_restart(now);
         self.cost = Cost::default();
     }
 
@@ -90,6 +90,11 @@ impl Recovery {
     pub(super) fn end_restart(&mut self, now: Instant) {
         self.restart = Restart::None;
         self.cost.end(now, &self.policy);
+        if let Some(write) = self.writer.give_up() {
+            // The write may have been executed: the next restart finds that out.
+            self.request(write);
+            self.may_configure = true;
+        }
     }
 
     /// Continues a restart with `next` for the channels of `mask`, or ends it if there are none.

@@ -72,6 +72,14 @@ fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
         let mut nets = board.lines().filter(|line| line.starts_with("net "));
         assert!(!nets.any(|line| line.contains(pin)), "{pin}:\n{board}");
     }
+    let other = json(&["hal", "--sim", "7i92-7i77", "--driver", "mesa_eth"]);
+    let other = text(&other, "board.hal");
+    let line = "\n\nloadrt mesa_eth board_ip=[HOSTMOT2]BOARD_IP config=[HOSTMOT2]CONFIG\n";
+    has(&other, &[line]);
+    assert!(
+        !other.contains("hostmot2\n") && !other.contains("hm2_eth"),
+        "{other}"
+    );
     has(
         &text(&found, "machine.ini"),
         &[

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::Component;
 use super::machine::{Joint, LETTERS, Machine, is_enable, remark};
 use mesa_hal::hal::Role;
 
@@ -19,9 +20,9 @@ const LOOP: [(&str, &str, &str); 9] = [
 ];
 
 /// `board.hal`: the board's driver, and a signal for each pin.
-pub fn board(machine: &Machine) -> String {
+pub fn board(machine: &Machine, component: Component) -> String {
     let board = &machine.board;
-    let mut text = heading(machine) + &driver(machine);
+    let mut text = heading(machine) + &driver(machine, component);
     let _ = write!(
         text,
         "\n# Both are part of the emergency stop. The first one stays on until it is reset:\n\
@@ -66,16 +67,19 @@ fn heading(machine: &Machine) -> String {
 }
 
 /// The driver, in its thread, and its settings.
-fn driver(machine: &Machine) -> String {
+fn driver(machine: &Machine, component: Component) -> String {
     let Machine { board, ports, .. } = machine;
     let config = if ports.is_empty() {
         ""
     } else {
         " config=[HOSTMOT2]CONFIG"
     };
+    let load = match component {
+        Component::Hm2Eth => "loadrt hostmot2\nloadrt hm2_eth",
+        Component::MesaEth => "loadrt mesa_eth",
+    };
     let mut text = format!(
-        "\nloadrt hostmot2\n\
-         loadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
+        "\n{load} board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
          # Read before everything else in the thread, write after it.\n\
          addf {board}.read servo-thread 1\n\
          addf {board}.write servo-thread -1\n\n\

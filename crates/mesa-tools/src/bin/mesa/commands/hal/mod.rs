@@ -8,7 +8,7 @@ use std::fmt::{self, Display};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use mesa_hal::{Board, Settings};
 use serde::Serialize;
 
@@ -32,6 +32,7 @@ question.
 
 Examples:
   mesa hal --addr 10.10.10.10 --mode 0.0=2 --out my_machine
+  mesa hal --addr 10.10.10.10 --driver mesa_eth --out my_machine
   cd my_machine && halrun -I -i machine.ini -f bench.hal
   linuxcnc my_machine/machine.ini";
 
@@ -43,11 +44,25 @@ pub struct Hal {
     target: Target,
     #[command(flatten)]
     modes: Modes,
+    /// The component of LinuxCNC that drives the board
+    #[arg(long, value_enum, default_value_t)]
+    driver: Component,
     /// Directory for the files, created if missing
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     asks: Asks,
+}
+
+/// A component of LinuxCNC for Ethernet boards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum Component {
+    /// LinuxCNC's own, with hostmot2
+    #[default]
+    Hm2Eth,
+    /// This project's, which is installed beside it
+    MesaEth,
 }
 
 /// The files, written or printed.
@@ -86,7 +101,7 @@ impl Hal {
         }
         let texts = [
             linuxcnc::ini(&machine),
-            linuxcnc::board(&machine),
+            linuxcnc::board(&machine, self.driver),
             linuxcnc::motion(&machine),
             linuxcnc::bench(&machine),
             rust::program(&machine),

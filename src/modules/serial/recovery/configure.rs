@@ -1,0 +1,103 @@
+//! Parameters of remotes, written while their port is restarted: setup START, accesses, STOP.
+
+use super::{Recovery, Restart, WrittenParameter};
+use crate::bus::Instant;
+use crate::remote::ParameterWrite;
+use crate::sslbp::{ChannelMask, PortOperation, StartMode};
+
+impl Recovery {
+    /// Makes room for this number of requests, so that [`request`](Self::request) does not
+    /// allocate.
+    pub fn reserve_requests(&mut self, count: usize) {
+        self.requests.reserve_exact(count);
+    }
+
+    /// Requests the write of a parameter when the port is switched on again. Replaces an earlier
+    /// request for the same parameter.
+    pub fn request(&mut self, write: ParameterWrite) {
+        let is_same = |other: &ParameterWrite| {
+            (other.channel, other.parameter) == (write.channel, write.parameter)
+        };
+        self.requests.retain(|other| !is_same(other));
+        debug_assert!(self.requests.len() < self.requests.capacity(), "no room");
+        self.requests.push(write);
+    }
+
+    /// Takes whether the application has the port switched on.
+    pub fn switch(&mut self, run: bool) {
+        self.may_configure |= run && !self.run;
+        self.run = run;
+    }
+
+    /// Begins the setup of those of these channels that have parameters to write: their setup START;
+    /// `None` if there are none, or if other remotes transfer, which setup mode would stop.
+    pub(super) fn begin_setup(&mut self, stopped: ChannelMask) -> Option<PortOperation> {
+        let may_configure = core::mem::take(&mut self.may_configure);
+        if !may_configure || !self.running.is_empty() {
+            return None;
+        }
+        let channels = self.requests.iter().map(|write| write.channel);
+        let asked = channels.collect::<ChannelMask>().intersection(stopped);
+        if asked.is_empty() {
+            return None;
+        }
+        self.restart = Restart::SettingUp(stopped);
+        Some(PortOperation::Start(StartMode::Setup, asked))
+    }
+
+    /// Takes the remotes that are in setup mode.
+    pub(super) fn is_in_setup(&mut self, ready: ChannelMask) {
+        if let Restart::SettingUp(all) = self.restart {
+            self.restart = Restart::Configuring { all, ready };
+        }
+    }
+
+    /// The next access to a remote in setup mode; after the last one the STOP. A port that is
+    /// switched off meanwhile ends the write in progress first, because its memory is selected.
+    pub(super) fn configure(
+        &mut self,
+        now: Instant,
+        all: ChannelMask,
+        ready: ChannelMask,
+    ) -> Option<PortOperation> {
+        if !self.writer.is_busy() && self.run {
+            let mut requests = self.requests.iter();
+            let next = requests.position(|write| ready.contains(write.channel));
+            if let Some(write) = next.map(|index| self.requests.swap_remove(index)) {
+                self.writer.begin(write);
+            }
+        }
+        if self.writer.is_busy() {
+            return self.writer.next(now);
+        }
+        if !self.writer.is_quiet() {
+            return None;
+        }
+        for write in &self.requests {
+            self.report_failure(now, write);
+        }
+        self.restart = Restart::None;
+        Some(PortOperation::Stop(all))
+    }
+
+    /// Handles the end of a write. A value that the remote does not keep is reported now, an unknown
+    /// one with all that were not written; those are tried again at the next restart of the port.
+    pub(super) fn parameter_ended(&mut self, now: Instant, ended: WrittenParameter) {
+        if ended.kept.is_none() {
+            if let Restart::Configuring { ready, .. } = &mut self.restart {
+                *ready = ready.difference(ended.write.channel.mask());
+            }
+            self.request(ended.write);
+        } else if !ended.is_as_requested() {
+            self.report_failure(now, &ended.write);
+        }
+    }
+
+    /// Reports a parameter that was not written.
+    fn report_failure(&self, now: Instant, write: &ParameterWrite) {
+        let mut remotes = self.remotes.iter();
+        if let Some(remote) = remotes.find(|remote| remote.channel() == write.channel) {
+            remote.parameter_not_written(now, write.parameter);
+        }
+    }
+}
