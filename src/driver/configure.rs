@@ -135,6 +135,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         }
         bus.set_cycle(settings.period, None);
         let (firmware, description) = identify_steady(&mut bus)?;
+        settings.check_firmware(&firmware)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
         let mut bus = SafeBus::new(bus, &ports, &watchdog);
