@@ -243,7 +243,11 @@ fn number(text: &str) -> Option<i64> {
     // A second sign is none.
     let is_digit = |digit: char| digit.is_digit(radix);
     let number = i64::from(u32::from_str_radix(digits, radix).ok()?);
-    let number = if is_negative { -number } else { number };
+    let number = if is_negative {
+        number.saturating_neg()
+    } else {
+        number
+    };
     digits.chars().all(is_digit).then_some(number)
 }
 
