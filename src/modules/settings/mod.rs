@@ -260,7 +260,9 @@ pub enum Defaults {
     /// The manual of the board: values that fit its outputs and the encoders of its connectors.
     #[default]
     Board,
-    /// A fresh load of LinuxCNC's driver: a HAL file that does not set a value means this one.
+    /// A fresh load of LinuxCNC's driver: a HAL file that does not set a value means this one. All
+    /// I/O pins have their level, those that modules drive as well (`gpio.NNN.in` and `in_not`), and
+    /// parameters of pins that modules drive have a [second name](crate::hal::Pins::aliases).
     ///
     /// | name | `LinuxCnc` | `Board` |
     /// |---|---|---|

@@ -1,6 +1,6 @@
 //! Settings of LinuxCNC: its initial values, and the words of its `config=`.
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Defaults, Driver, DriverError, PwmConfig};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::hostmot2::Gtag;
@@ -194,4 +194,79 @@ fn numbers_of_modules_that_are_not_counted_are_refused() {
         }),
         "less than 1, the number of ports in use",
     );
+}
+
+/// Second names as LinuxCNC 2.9 made them for this firmware.
+const SECOND_NAMES: [&str; 12] = [
+    "encoder.00.sel0",
+    "pwmgen.00.enable",
+    "pwmgen.00.out0",
+    "pwmgen.01.out0",
+    "pwmgen.02.out0",
+    "pwmgen.03.out0",
+    "pwmgen.04.enable",
+    "pwmgen.04.out0",
+    "pwmgen.05.enable",
+    "pwmgen.05.out0",
+    "sserial.00.tx0",
+    "sserial.00.txen0",
+];
+
+#[test]
+fn parameters_of_pins_that_modules_drive_have_linuxcncs_second_names() {
+    let driver = i7i97("");
+    let pins = driver.pins();
+    let expected: Vec<String> = SECOND_NAMES
+        .iter()
+        .flat_map(|name| {
+            ["invert_output", "is_opendrain"].map(|end| format!("hm2_7i97.0.{name}.{end}"))
+        })
+        .collect();
+    let aliases: Vec<_> = pins.aliases().map(|(alias, _)| alias).collect();
+    assert_eq!(aliases, expected);
+    // The enable of generators 0 to 3: FACTS 9.2.
+    let enable = pins.id("hm2_7i97.0.pwmgen.00.enable.invert_output");
+    assert_eq!(enable, pins.id("hm2_7i97.0.gpio.008.invert_output"));
+    let free = i7i97("num_pwmgens=0 sserial_port_0=xxxxxxxx");
+    assert_eq!(free.pins().aliases().count(), 2);
+    let fpga = SimFpga::new(machines::firmware_7i97(1));
+    let board = Driver::start(fpga, Settings::default()).expect("a 7I97");
+    assert_eq!(board.pins().aliases().count(), 0);
+}
+
+#[test]
+fn all_io_pins_have_their_level_whatever_uses_them() {
+    let mut driver = i7i97("");
+    let level = |driver: &Driver<SimFpga>, pin: usize| {
+        let [level, not] = ["in", "in_not"].map(|end| {
+            let name = format!("hm2_7i97.0.gpio.{pin:03}.{end}");
+            let input = driver.pins().input::<bool>(&name).expect(&name);
+            driver.pins().read(input)
+        });
+        assert!(
+            level.valid && not.valid && level.value != not.value,
+            "{pin}"
+        );
+        level.value
+    };
+    let enable = driver.pins().output::<bool>("hm2_7i97.0.pwmgen.00.enable");
+    let enable = enable.expect("an output");
+    let mut levels = Vec::new();
+    for on in [false, true, true, false] {
+        for _ in 0..2 {
+            driver.pins_mut().set(enable, on);
+            driver.write().expect("the board is there");
+            let period = driver.period();
+            driver.bus_mut().wait(period);
+            let _ = driver.read().expect("the board is there");
+        }
+        // The scan of the isolated inputs goes on after the read: pins 26 to 30.
+        for pin in (0..26).chain(31..51) {
+            let expected = driver.bus_mut().pin_level(pin);
+            assert_eq!(level(&driver, pin), expected, "pin {pin}");
+        }
+        // The enable of generators 0 to 3, active low: FACTS 9.2.
+        levels.push(level(&driver, 8));
+    }
+    assert_eq!(levels, [true, false, false, true]);
 }
