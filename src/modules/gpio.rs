@@ -15,12 +15,12 @@ pub use crate::hostmot2::GpioConfig;
 /// The pins and parameters of one I/O pin: `hm2_7i92.0.gpio.000.in` and so on.
 ///
 /// A pin that a module uses cannot be set, and has a level only if the module reads it, or with
-/// [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
+/// [`Defaults::LinuxCnc`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GpioPins {
     /// The level, and its opposite. For a pin that a module drives only with
-    /// [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
+    /// [`Defaults::LinuxCnc`].
     pub input: Option<DigitalIn>,
     /// The level to drive, before inversion; only for a pin that no module uses.
     pub out: Option<Output<bool>>,

@@ -33,7 +33,7 @@ pub struct PwmPins {
     pub enable: Output<bool>,
     /// 0 is half scale on the wire: for analog outputs of both signs. Initially true for the
     /// generators that drive analog outputs on the board, and false for all others, and with
-    /// [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
+    /// [`Defaults::LinuxCnc`].
     pub offset_mode: Param<bool>,
     /// The value at full scale.
     pub scale: Param<f64>,

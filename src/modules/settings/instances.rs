@@ -1,8 +1,8 @@
 //! The number of instances of each kind of module that is used.
 
 use alloc::format;
+#[cfg(feature = "serde")]
 use alloc::string::String;
-use alloc::vec::Vec;
 
 use super::{Defaults, Settings, refused};
 use crate::advice::Advice;
@@ -133,7 +133,6 @@ impl Settings {
     /// LinuxCNC's names of the kinds that can be counted, for error texts.
     #[cfg(feature = "serde")]
     pub(crate) fn counted_names() -> String {
-        let names: Vec<&str> = CountedKind::ALL.iter().map(|kind| kind.name).collect();
-        names.join("', '")
+        CountedKind::ALL.map(|kind| kind.name).join("', '")
     }
 }
