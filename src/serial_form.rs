@@ -71,6 +71,45 @@ pub(crate) mod some_seconds {
     }
 }
 
+/// Numbers of instances by LinuxCNC's names of the kinds of modules.
+pub(crate) mod instances {
+    use alloc::collections::BTreeMap;
+    use alloc::format;
+    use alloc::string::String;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error as _, ser::Error as _};
+
+    use crate::Settings;
+    use crate::hostmot2::Gtag;
+    use crate::modules::CountedKind;
+
+    pub fn serialize<S: Serializer>(
+        instances: &BTreeMap<Gtag, u8>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        let named = instances.iter().map(|(&gtag, &count)| {
+            let kind = CountedKind::of(gtag);
+            let kind = kind.ok_or_else(|| S::Error::custom(format!("{gtag} is not counted")))?;
+            Ok((kind.name, count))
+        });
+        let named: BTreeMap<_, _> = named.collect::<Result<_, S::Error>>()?;
+        serializer.collect_map(named)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<BTreeMap<Gtag, u8>, D::Error> {
+        let named = BTreeMap::<String, u8>::deserialize(deserializer)?;
+        let instances = named.into_iter().map(|(name, count)| {
+            let kind = CountedKind::named(&name).ok_or_else(|| {
+                let known = Settings::counted_names();
+                D::Error::custom(format!("no module is '{name}'; known: '{known}'"))
+            })?;
+            Ok((kind.key(), count))
+        });
+        instances.collect()
+    }
+}
+
 /// Kinds of remotes by the titles of their tables. Only those that are built in can be read.
 pub(crate) mod kind {
     use alloc::format;
@@ -128,6 +167,11 @@ mod tests {
             (r#"{"perod": 1}"#, "unknown field `perod`"),
             (r#"{"period": -1}"#, "negative"),
             (r#"{"pace": "nobody"}"#, "unknown variant `nobody`"),
+            (r#"{"defaults": "mach3"}"#, "unknown variant `mach3`"),
+            (
+                r#"{"instances": {"stepgen": 0}}"#,
+                "no module is 'stepgen'; known: 'encoder', 'pwmgen', ",
+            ),
             (
                 r#"{"serial_ports": {"0": {"channels": {"1": {"kind": "7I99"}}}}}"#,
                 "no kind of remote is '7I99'; known: '7I77",

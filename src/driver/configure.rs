@@ -127,14 +127,51 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded.
-    pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
-        let settings = checked(settings)?;
-        if settings.pace == Pace::Board && !bus.can_hold() {
-            let why = "this bus cannot hold reads back";
-            return Err(DriverError::NotPaced { why });
-        }
-        bus.set_cycle(settings.period, None);
+    pub fn identify(bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
+        Self::identify_with(bus, settings, |_, _| {})
+    }
+
+    /// As [`identify`](Self::identify), with settings that depend on the firmware: `adjust` changes
+    /// them when the firmware is known, before any pin is made. LinuxCNC numbers the boards of each
+    /// kind on their own:
+    ///
+    /// ```
+    /// use std::collections::BTreeMap;
+    /// use mesa_hal::{Board, Settings};
+    /// use mesa_hal_sim::machines;
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut of_kind = BTreeMap::<String, u8>::new();
+    /// let buses = [machines::i7i97(1), machines::i7i92_7i77(), machines::i7i97(1)];
+    /// let boards = buses.map(|bus| {
+    ///     Board::identify_with(bus, Settings::default(), |firmware, settings| {
+    ///         let next = of_kind.entry(firmware.idrom.board().to_string()).or_default();
+    ///         settings.board_number = *next;
+    ///         *next += 1;
+    ///     })
+    /// });
+    /// let [first, second, third] = boards;
+    /// let names = [first?, second?, third?].map(|board| board.name().to_owned());
+    /// assert_eq!(names, ["hm2_7i97.0", "hm2_7i92.0", "hm2_7i97.1"]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`identify`](Self::identify), before and after `adjust`.
+    ///
+    /// # Real time
+    /// As [`identify`](Self::identify).
+    pub fn identify_with(
+        mut bus: B,
+        settings: Settings,
+        adjust: impl FnOnce(&HostMot2, &mut Settings),
+    ) -> Result<Self, DriverError<B::Error>> {
+        let mut settings = begin_cycle(&mut bus, settings)?;
         let (firmware, description) = identify_steady(&mut bus)?;
+        adjust(&firmware, &mut settings);
+        let settings = begin_cycle(&mut bus, settings)?;
+        settings.check_firmware(&firmware)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
         let mut bus = SafeBus::new(bus, &ports, &watchdog);
@@ -392,6 +429,20 @@ fn identify_steady<B: RegisterBus>(
     }
     let during = "its firmware was identified";
     Err(DriverError::Unsteady { during })
+}
+
+/// Sets the bus up for the cycle of the settings, and refuses those that are invalid for any board.
+fn begin_cycle<B: RegisterBus>(
+    bus: &mut B,
+    settings: Settings,
+) -> Result<Settings, DriverError<B::Error>> {
+    let settings = checked(settings)?;
+    if settings.pace == Pace::Board && !bus.can_hold() {
+        let why = "this bus cannot hold reads back";
+        return Err(DriverError::NotPaced { why });
+    }
+    bus.set_cycle(settings.period, None);
+    Ok(settings)
 }
 
 /// Refuses times that do not fit each other, and a rest that is too short.

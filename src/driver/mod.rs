@@ -86,7 +86,7 @@ pub use crate::modules::serial::{
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::settings::{
-    Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
+    Defaults, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};

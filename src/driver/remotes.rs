@@ -7,12 +7,14 @@ use alloc::vec::Vec;
 use super::configure::{Assembly, Plan};
 use super::period::check_port;
 use super::remark;
-use super::{Configured, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
+use super::{
+    Configured, Defaults, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort,
+};
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
-use crate::hostmot2::{PinDescriptor, RemoteId};
+use crate::hostmot2::{Gtag, PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::{FoundRemote, StartedPort};
 use crate::remote::{ParameterError, RemotePins};
@@ -109,10 +111,16 @@ impl<B: RegisterBus + Clock> Configured<B> {
 }
 
 impl Plan {
-    /// Finds the ports of the firmware and takes their I/O pins.
+    /// Finds the ports of the firmware that are used, and takes their I/O pins.
     pub(super) fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
-        let places = PortLayout::ports(&self.firmware);
+        let mut places = PortLayout::ports(&self.firmware);
         let ports = places.len() as u8;
+        if ports == 0 && self.settings.defaults == Defaults::LinuxCnc {
+            // There, ports that the firmware does not have are no error.
+            return Ok(Vec::new());
+        }
+        let used = self.settings.limit(Gtag::SSERIAL);
+        places.truncate(used.unwrap_or(ports).into());
         let serial_ports = &self.settings.serial_ports;
         if let Some((&port, _)) = serial_ports.range(ports..).next() {
             return Err(DriverError::NoSuchPort { port, ports });

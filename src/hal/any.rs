@@ -25,6 +25,10 @@ use super::{
 pub struct PinId(Key);
 
 impl PinId {
+    pub(super) const fn new(key: Key) -> Self {
+        Self(key)
+    }
+
     /// Index of the pin or parameter in [`Pins::infos`].
     pub const fn index(self) -> usize {
         self.0.index as usize

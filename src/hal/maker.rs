@@ -221,8 +221,9 @@ impl PinStore {
         if !is_name(&spec.name) {
             return Err(PinError::BadName { name: spec.name });
         }
-        let Err(rank) = self.rank_of(&spec.name) else {
-            return Err(PinError::NameTaken { name: spec.name });
+        let rank = match self.rank_of(&spec.name) {
+            Err(rank) if self.aliased(&spec.name).is_none() => rank,
+            _ => return Err(PinError::NameTaken { name: spec.name }),
         };
         if self.infos.len() >= MAX_PINS {
             return Err(PinError::TooMany);
@@ -272,6 +273,7 @@ impl PinStore {
     pub(crate) fn shrink_to_fit(&mut self) {
         let pins = &mut **self;
         pins.by_name.shrink_to_fit();
+        pins.aliases.shrink_to_fit();
         pins.slots.shrink_to_fit();
         pins.rules.shrink_to_fit();
         pins.infos.shrink_to_fit();
@@ -301,7 +303,7 @@ pub(super) fn for_one_more<T>(all: &mut Vec<T>) -> &mut Vec<T> {
 
 /// True if LinuxCNC accepts the name: length within its limit, and no space, quote or other
 /// character that ends a word in a HAL file.
-fn is_name(name: &str) -> bool {
+pub(super) fn is_name(name: &str) -> bool {
     let fits =
         |c: char| c.is_ascii_graphic() && !matches!(c, '"' | '\'' | '#' | '$' | '[' | ']' | '=');
     (1..=MAX_NAME).contains(&name.len()) && name.chars().all(fits)

@@ -30,6 +30,7 @@
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod alias;
 mod any;
 mod enabling;
 mod error;

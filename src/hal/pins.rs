@@ -1,5 +1,6 @@
 //! The application's side: descriptions and values of the pins.
 
+use alloc::string::String;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -55,6 +56,8 @@ pub struct Pins<End: ?Sized = [()]> {
     pub(super) infos: Vec<PinInfo>,
     /// Indices into `infos`, in the order of the names there.
     pub(super) by_name: Vec<u32>,
+    /// Second names in their order, with indices into `infos`.
+    pub(super) aliases: Vec<(String, u32)>,
     /// The place of a pin without a terminal.
     pub(super) nowhere: Arc<Place>,
     pub(super) groups: Vec<Group>,
@@ -318,7 +321,7 @@ impl Pins {
         slots.map(|(slot, index)| (self.shown(index, slot), slot.bad))
     }
 
-    /// Finds the input with the given name.
+    /// Finds the input with the given name, or second name ([`aliases`](Self::aliases)).
     ///
     /// # Errors
     /// [`PinError::NotFound`] with the nearest name; [`PinError::WrongKind`]. The same applies to
@@ -364,9 +367,12 @@ impl Pins {
         Ok(Handle::new(self.key(index)))
     }
 
-    /// The pin or parameter with the given name, and its index.
+    /// The pin or parameter with the given first or second name, and its index.
     pub(super) fn named(&self, name: &str) -> Option<(u32, &PinInfo)> {
-        let index = *self.by_name.get(self.rank_of(name).ok()?)?;
+        let index = match self.rank_of(name) {
+            Ok(rank) => *self.by_name.get(rank)?,
+            Err(_) => self.aliased(name)?,
+        };
         Some((index, self.infos.get(index as usize)?))
     }
 

@@ -5,6 +5,7 @@
 use alloc::format;
 use core::time::Duration;
 
+use super::registrar::DrivenModule;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
@@ -57,11 +58,11 @@ pub struct Dpll {
 impl Dpll {
     /// Registers the loop of a firmware, if the firmware has one and the settings allow it.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
-        let first = r.driven(&[Gtag::HM2DPLL]).first().copied();
-        let Some(module) = first.filter(|_| !r.settings.no_dpll) else {
+        let Some(DrivenModule { descriptor, .. }) = r.driven(&[Gtag::HM2DPLL]).first().copied()
+        else {
             return Ok(());
         };
-        let module = module.descriptor;
+        let module = descriptor;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
         let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;

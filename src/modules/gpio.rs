@@ -1,8 +1,10 @@
 //! I/O pins: those that no module uses, and the settings of those that a module uses.
 
 use alloc::format;
+use alloc::string::String;
 use alloc::vec::Vec;
 
+use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
@@ -12,11 +14,13 @@ pub use crate::hostmot2::GpioConfig;
 
 /// The pins and parameters of one I/O pin: `hm2_7i92.0.gpio.000.in` and so on.
 ///
-/// A pin that a module uses cannot be set, and has a level only if the module reads it.
+/// A pin that a module uses cannot be set, and has a level only if the module reads it, or with
+/// [`Defaults::LinuxCnc`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GpioPins {
-    /// The level, and its opposite; absent for a pin that a module drives.
+    /// The level, and its opposite. For a pin that a module drives only with
+    /// [`Defaults::LinuxCnc`].
     pub input: Option<DigitalIn>,
     /// The level to drive, before inversion; only for a pin that no module uses.
     pub out: Option<Output<bool>>,
@@ -37,6 +41,7 @@ pub struct Gpio {
 /// An I/O port.
 #[derive(Debug)]
 struct GpioPort {
+    /// By their bit in the registers.
     pins: Vec<(PinPlace, GpioPins)>,
     /// The registers as the modules use them, before any setting of the application.
     setup: PortRegisters<u32>,
@@ -91,7 +96,7 @@ impl GpioPins {
         let descriptor = r.firmware.pins.get(usize::from(number));
         let is_free = !r.io.is_taken(number);
         let is_driven = is_free || descriptor.is_some_and(PinDescriptor::is_output);
-        let is_read = is_free || !is_driven;
+        let is_read = is_free || !is_driven || r.settings.defaults == Defaults::LinuxCnc;
         let mut settings = r.settings.gpio.iter();
         let config = settings.find_map(|&(n, config)| (n == number).then_some(config));
         let config = config.unwrap_or_default();
@@ -119,7 +124,38 @@ impl GpioPins {
         if let (Some(out), Some(is_output)) = (made.out, made.is_output) {
             r.pins.enabled_by(out, is_output);
         }
+        if let Some(alias) = made.alias(r, number) {
+            let named = [
+                (made.invert_output, "invert_output"),
+                (made.is_opendrain, "is_opendrain"),
+            ];
+            for (param, name) in named {
+                if let Some(param) = param {
+                    r.pins.add_alias(param, format!("{alias}.{name}"))?;
+                }
+            }
+        }
         Ok(made)
+    }
+
+    /// The second name in LinuxCNC of an I/O pin that a module drives, for the names of its
+    /// parameters: `hm2_7i97.0.pwmgen.00.out0`. Several pins with the same function are numbered.
+    fn alias(&self, r: &Registrar<'_>, number: u16) -> Option<String> {
+        let pin = r.firmware.pins.get(usize::from(number))?;
+        let is_driven = self.out.is_none() && pin.is_output();
+        if r.settings.defaults != Defaults::LinuxCnc || !is_driven {
+            return None;
+        }
+        let (module, function) = hal_name(*pin)?;
+        let pins = (0..).zip(&r.firmware.pins);
+        let same = pins.filter(|&(other, same)| same == pin && r.io.is_taken(other));
+        let same: Vec<u16> = same.map(|(other, _)| other).collect();
+        let nth = same.iter().position(|&other| other == number)?;
+        let (name, unit) = (r.name, pin.unit);
+        Some(match *same {
+            [_] => format!("{name}.{module}.{unit:02}.{function}"),
+            _ => format!("{name}.{module}.{unit:02}.{nth}.{function}"),
+        })
     }
 
     /// Puts the outputs and settings of the pin into the words of its port.
@@ -135,6 +171,21 @@ impl GpioPins {
             words.invert = place.put(words.invert, pins.param(invert));
         }
     }
+}
+
+/// LinuxCNC's names of the module and the function of a pin that the module drives, if it has some.
+fn hal_name(pin: PinDescriptor) -> Option<(&'static str, String)> {
+    let channel = pin.sserial_channel().unwrap_or_default();
+    Some(match (pin.secondary, pin.secondary_pin) {
+        (Gtag::PWM, 0x81) => ("pwmgen", "out0".into()),
+        (Gtag::PWM, 0x82) => ("pwmgen", "out1".into()),
+        (Gtag::PWM, 0x83) => ("pwmgen", "enable".into()),
+        (Gtag::MUX_SELECT, 0x81) => ("encoder", "sel0".into()),
+        (Gtag::MUX_SELECT, 0x82) => ("encoder", "sel1".into()),
+        (Gtag::SSERIAL | Gtag::SSERIAL_B, 0x81..=0x88) => ("sserial", format!("tx{channel}")),
+        (Gtag::SSERIAL | Gtag::SSERIAL_B, 0x91..=0x98) => ("sserial", format!("txen{channel}")),
+        _ => return None,
+    })
 }
 
 impl GpioPort {
@@ -170,18 +221,22 @@ impl GpioPort {
 }
 
 impl Module for Gpio {
-    /// Skips the ports whose levels are unchanged.
+    /// Publishes the levels that have changed, and all of them at first.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         for port in &mut self.ports {
-            let word = port.levels.map(|slot| cycle.words.word(slot));
-            if core::mem::replace(&mut port.taken, word) == word {
+            let Some(slot) = port.levels else {
                 continue;
-            }
-            for (place, pins) in &port.pins {
-                if let (Some(word), Some(input)) = (word, pins.input) {
+            };
+            let word = cycle.words.word(slot);
+            let taken = port.taken.replace(word);
+            let mut changed = taken.map_or(u32::MAX, |taken| taken ^ word);
+            // Behind the last pin there is no bit, or one without a pin.
+            while let Some((place, pins)) = port.pins.get(changed.trailing_zeros() as usize) {
+                if let Some(input) = pins.input {
                     cycle.pins.publish(input.pin, place.get(word));
                     cycle.pins.publish(input.not, !place.get(word));
                 }
+                changed &= changed.wrapping_sub(1);
             }
         }
     }

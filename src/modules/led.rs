@@ -15,7 +15,7 @@ use crate::hal::Output;
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// Number of user LEDs: CR01 to CR04 of the Ethernet boards.
-const LEDS: usize = 4;
+pub(super) const LEDS: usize = 4;
 
 /// The LEDs of a board.
 #[derive(Debug)]
@@ -32,8 +32,11 @@ impl Leds {
             return Ok(());
         };
         let data = descriptor.register(0, 0)?;
+        let limit = r.settings.limit(Gtag::LED).map(usize::from);
         let mut make = r.maker("led.");
-        let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));
+        let leds = (1..=LEDS)
+            .take(limit.unwrap_or(LEDS))
+            .map(|n| make.output(format!("CR{n:02}"), false));
         let module = Self {
             leds: leds.collect::<Result<_, _>>()?,
             word: r.image.setting(Stage::Configure, data, 0),

@@ -29,6 +29,8 @@ pub use undriven::{Undriven, UndrivenReason, undriven};
 
 // The driver's language: applications find it in `driver`.
 pub(crate) use report::{BoardState, CycleReport};
+#[cfg(feature = "serde")]
+pub(crate) use settings::CountedKind;
 pub(crate) use settings::{Pace, Settings};
 
 use core::any::Any;

@@ -6,6 +6,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::events::EventSink;
+use super::settings::CountedKind;
 use super::undriven::check;
 use super::{Module, RegisterError, Settings};
 
@@ -21,6 +22,8 @@ pub(crate) struct DrivenModule {
     /// The number of its first instance among all instances of its kind; the base for pin
     /// descriptors and names.
     pub first: u8,
+    /// All instances of the module are used; else `descriptor` has the number of those in use.
+    pub is_whole: bool,
 }
 
 impl DrivenModule {
@@ -77,21 +80,37 @@ impl Registrar<'_> {
         self.firmware.find(gtag).copied()
     }
 
-    /// The modules of these kinds that are driven, in the order of their descriptors.
+    /// The modules of these kinds that are driven, in the order of their descriptors, each with the
+    /// number of instances in use ([`Settings::instances`]). LEDs are no instances. Kinds that are
+    /// counted together have to be asked for together.
     pub(crate) fn driven(&self, kinds: &[Gtag]) -> Vec<DrivenModule> {
+        let mut left = self.settings.instances.clone();
+        let mut driven = Vec::new();
         let modules = self.firmware.modules.iter();
-        let kinds = modules.filter(|module| kinds.contains(&module.gtag));
-        kinds
-            .filter_map(|module| {
-                let mut same = self.firmware.modules_of(module.gtag);
-                let (first, _) = same.find(|(_, other)| core::ptr::eq(*other, module))?;
-                check(module).ok()?;
-                Some(DrivenModule {
-                    descriptor: *module,
-                    first,
-                })
-            })
-            .collect()
+        for module in modules.filter(|module| kinds.contains(&module.gtag)) {
+            let mut same = self.firmware.modules_of(module.gtag);
+            let first = same.find(|(_, other)| core::ptr::eq(*other, module));
+            let (Some((first, _)), Ok(())) = (first, check(module)) else {
+                continue;
+            };
+            let mut descriptor = *module;
+            let kind = CountedKind::of(module.gtag);
+            if let Some(left) = kind.and_then(|kind| left.get_mut(&kind.key())) {
+                if *left == 0 {
+                    continue;
+                }
+                if module.gtag != Gtag::LED {
+                    descriptor.instances = module.instances.min(*left);
+                    *left = left.saturating_sub(descriptor.instances);
+                }
+            }
+            driven.push(DrivenModule {
+                descriptor,
+                first,
+                is_whole: descriptor.instances == module.instances,
+            });
+        }
+        driven
     }
 
     /// Makes one item for each instance of a kind of module, in the order of the descriptors: `make`
@@ -150,7 +169,7 @@ impl Registrar<'_> {
     /// # }
     /// ```
     pub fn has_dpll(&self) -> bool {
-        !self.settings.no_dpll && !self.driven(&[Gtag::HM2DPLL]).is_empty()
+        !self.driven(&[Gtag::HM2DPLL]).is_empty()
     }
 
     /// Makes one item for each instance of these modules, as far as they are driven.

@@ -5,10 +5,11 @@ use alloc::{boxed::Box, string::ToString, vec::Vec};
 use core::any::Any;
 
 use super::dpll::Dpll;
-use super::encoder::{EncoderSetup, Encoders};
+use super::encoder::Encoders;
 use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
+use super::settings::Defaults;
 use super::undriven::{UndrivenReason, undriven};
 use super::{Module, RegisterError, Registrar, Settings};
 use crate::advice::Advice;
@@ -124,14 +125,25 @@ fn encoders_are_set_up_at_the_rate_of_their_board() {
     assert_eq!(bench.outputs(), [0, 1 << 1, 0], "the select line");
 }
 
+/// 8 MHz divided from 100 MHz, and the filter over 15 samples.
+#[test]
+fn encoders_are_set_up_with_the_values_of_linuxcnc_on_request() {
+    let mut bench = i7i97();
+    let mode = |bench: &Bench| bench.set_up(0x3700, 0x3704)[0].1;
+    bench.register::<Encoders>(Encoders::register).unwrap();
+    assert_eq!(mode(&bench), 0);
+    let mut bench = i7i97();
+    bench.settings.defaults = Defaults::LinuxCnc;
+    bench.register::<Encoders>(Encoders::register).unwrap();
+    assert_eq!(bench.set_up(0x3A00, 0x3A04), [(0x3A00, 10)]);
+    assert_eq!(mode(&bench), 1 << 11);
+}
+
 #[test]
 fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
     let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
     bench.settings = Settings {
-        encoders: EncoderSetup {
-            count: Some(7),
-            rate: None,
-        },
+        instances: [(Gtag::ENCODER, 7)].into(),
         ..Settings::default()
     };
     let encoders = bench

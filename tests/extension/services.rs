@@ -272,7 +272,7 @@ fn a_module_is_latched_by_the_dpll_of_the_firmware_that_has_one() {
         assert_eq!(gateware(&driver).latch, if has_dpll { 2 } else { 0 });
     }
     let settings = Settings {
-        no_dpll: true,
+        instances: [(Gtag::HM2DPLL, 0)].into(),
         ..Settings::default()
     };
     let board = Board::identify(fpga(machines::firmware_7i97(1)), settings);

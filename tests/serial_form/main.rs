@@ -13,8 +13,9 @@ use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
-    Event, EventKind, EventMask, Failure, OfflineReason, Repeating, TraceSettings,
+    Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Repeating, TraceSettings,
 };
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::runner::{RunStatistics, Runner};
 use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
@@ -51,6 +52,8 @@ fn settings_are_as_they_are_written_and_come_back() {
         pace: Pace::Board,
         watchdog: Some(Duration::from_millis(7)),
         serial_ports: [(0, port)].into(),
+        defaults: Defaults::LinuxCnc,
+        instances: [(Gtag::ENCODER, 4), (Gtag::HM2DPLL, 1)].into(),
         trace: Some(TraceSettings::default()),
         ..Settings::default()
     };

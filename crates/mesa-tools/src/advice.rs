@@ -46,7 +46,7 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         Advice::NumberBoards => "check whether two boards have the same number",
         Advice::WriteRemoteParameter => "`mesa param set` writes it",
         Advice::ListParameters => "`mesa param list` lists those that it has",
-        Advice::SetEncoderCount => "load a firmware that has more",
+        Advice::SetInstances => "load a firmware that has more",
         Advice::LeaveDpll => "choose another period or rate",
         Advice::ChooseHostPace => "let the host pace it (`--pace host`)",
         Advice::LengthenWatchdog => "choose a longer time for the watchdog, or a shorter period",

@@ -13,6 +13,7 @@ use alloc::vec::Vec;
 use core::ops::Range;
 
 use super::registrar::DrivenModule;
+use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
@@ -30,11 +31,9 @@ use state::{EncoderRates, EncoderReading, EncoderSample, EncoderState};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EncoderSetup {
-    /// Number of encoders in use; `None` for all that the firmware has. A number beyond that is
-    /// refused.
-    pub count: Option<u8>,
     /// Rate of the multiplexer or of the filters, at the slowest [`TickRate::SLOWEST`]; `None` for
-    /// the rate of the board's table.
+    /// the rate of the board's table, or of LinuxCNC: see
+    /// [`Settings::defaults`](crate::Settings::defaults).
     pub rate: Option<TickRate>,
 }
 
@@ -118,29 +117,14 @@ impl Encoders {
     /// `encoder.bank-1.sample-frequency`, and so on.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let modules = r.driven(&[Gtag::MUXED_ENCODER, Gtag::ENCODER]);
-        let counts = modules.iter().map(|module| module.descriptor.instances);
-        let all = counts.fold(0, u8::saturating_add);
-        let mut left = r.settings.encoders.count.unwrap_or(all);
-        if left > all {
-            let count = left;
-            return Err(RegisterError::Setting {
-                what: "encoders",
-                found: format!("{count}"),
-                expected: format!("at most {all}, the encoders of this firmware"),
-                advice: Advice::SetEncoderCount,
-            });
-        }
         let mut first = 0_u8;
         for (bank, module) in modules.iter().enumerate() {
-            let count = left.min(module.descriptor.instances);
-            if count == 0 {
-                break;
-            }
-            let numbers = first..first.saturating_add(count);
+            let numbers = first..first.saturating_add(module.descriptor.instances);
             first = numbers.end;
-            left = left.saturating_sub(count);
-            let encoders = Self::new(r, module, bank, numbers)?;
-            r.add(encoders);
+            if !numbers.is_empty() {
+                let encoders = Self::new(r, module, bank, numbers)?;
+                r.add(encoders);
+            }
         }
         Ok(())
     }
@@ -162,7 +146,7 @@ impl Encoders {
 
         let rate_register = module.register(4, 0)?;
         let timer_register = timer_register(r, module, rate_register);
-        let usual = rate_of_setup(r)?;
+        let usual = rate_of_setup(r, module)?;
         let bank = EncoderBankPins::new(
             r.maker(&bank_stem("encoder", bank)),
             usual.hz(clock_hz) as u32,
@@ -223,9 +207,10 @@ impl Encoder {
         let module = &of_kind.descriptor;
         let (gtag, n) = (module.gtag, of_kind.number(instance).into());
         let places = r.board.encoder_places(r.firmware, gtag, n);
-        let make = r.maker(&format!("encoder.{number:02}."));
         // The count rates in the manuals of multiplexed encoders need the short filter.
-        let pins = EncoderPins::new(make, places, gtag != Gtag::MUXED_ENCODER)?;
+        let has_filter = gtag != Gtag::MUXED_ENCODER || r.settings.defaults == Defaults::LinuxCnc;
+        let make = r.maker(&format!("encoder.{number:02}."));
+        let pins = EncoderPins::new(make, places, has_filter)?;
         let config = pins.config(r.pins);
         let (count, control) = (module.register(0, instance)?, module.register(1, instance)?);
         let mode = r.image.setting(Stage::Configure, control, config.mode);
@@ -277,9 +262,17 @@ impl Encoder {
     }
 }
 
-/// The rate of the settings, or of the board's table.
-fn rate_of_setup(r: &Registrar<'_>) -> Result<TickRate, RegisterError> {
-    let rate = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
+/// The rate of the settings, or else that of the board's table or of LinuxCNC, which rounds it up to
+/// the next one that the clock can be divided to.
+fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRate, RegisterError> {
+    let usual = match (r.settings.defaults, module.gtag) {
+        (Defaults::Board, _) => r.board.encoder_rate,
+        (Defaults::LinuxCnc, Gtag::MUXED_ENCODER) => {
+            TickRate((module.clock_hz / 8_000_000).saturating_sub(2))
+        }
+        (Defaults::LinuxCnc, _) => TickRate((module.clock_hz / 25_000_000).saturating_sub(2)),
+    };
+    let rate = r.settings.encoders.rate.unwrap_or(usual);
     if rate.0 > TickRate::SLOWEST.0 {
         return Err(RegisterError::Setting {
             what: "rate of the encoders",
@@ -326,8 +319,7 @@ fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<
     }
     let of_unit = |unit: &u8| r.firmware.pins_of(Gtag::MUX_SELECT, *unit).next().is_some();
     let lines: Vec<u8> = (0..=u8::MAX).filter(of_unit).collect();
-    let is_whole = count == module.descriptor.instances;
-    let used = |unit: &u8| is_whole || *unit < end;
+    let used = |unit: &u8| module.is_whole || *unit < end;
     let is_any_used = lines.iter().any(used);
     for unit in lines.into_iter().filter(|unit| !is_any_used || used(unit)) {
         // A second module of this kind shares the lines of the first.

@@ -50,7 +50,7 @@ pub struct EncoderPins {
     pub counter_mode: Param<bool>,
     /// Filters over 15 samples instead of 3, which costs four fifths of `max-count-rate`. Initially
     /// off for multiplexed encoders, because only the short filter comes near to the rates in their
-    /// manuals; on in LinuxCNC.
+    /// manuals; on with [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
     pub filter: Param<bool>,
     /// The highest count rate that can be followed, in counts per second, from sample frequency and
     /// filter.

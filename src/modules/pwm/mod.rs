@@ -8,6 +8,7 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::registrar::DrivenModule;
+use super::settings::Defaults;
 use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
 
 pub use duty::{PwmRate, PwmShape};
@@ -31,7 +32,8 @@ pub struct PwmPins {
     /// the PWM (FACTS 12.3).
     pub enable: Output<bool>,
     /// 0 is half scale on the wire: for analog outputs of both signs. Initially true for the
-    /// generators that drive analog outputs on the board, and false for all others.
+    /// generators that drive analog outputs on the board, and false for all others, and with
+    /// [`Defaults::LinuxCnc`].
     pub offset_mode: Param<bool>,
     /// The value at full scale.
     pub scale: Param<f64>,
@@ -114,7 +116,7 @@ impl Pwm {
     ) -> Result<Self, RegisterError> {
         let module = &of_kind.descriptor;
         let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
-        let usual = usual_hz(&r.board.pwm, clock_hz, dithers);
+        let usual = usual_hz(initial(r, &r.board.pwm), clock_hz, dithers);
         let hz = (r.settings.pwm_hz.unwrap_or(usual), 20_000);
         let fastest = PwmRate::fastest(clock_hz);
         if !(1..=fastest).contains(&hz.0) {
@@ -168,6 +170,14 @@ impl Pwm {
                 .words
                 .set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
         }
+    }
+}
+
+/// The table of the initial values: that of the board, or LinuxCNC's.
+fn initial<'a>(r: &Registrar<'_>, board: &'a PwmTable) -> &'a PwmTable {
+    match r.settings.defaults {
+        Defaults::Board => board,
+        Defaults::LinuxCnc => &PwmTable::PLAIN,
     }
 }
 
@@ -281,12 +291,13 @@ impl PwmPins {
             [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
         let stem = format!("pwmgen.{number:02}.");
         let asked = r.settings.pwm.get(&number).copied().unwrap_or_default();
-        let scale = asked.scale.unwrap_or(table.full_scale);
+        let initial = initial(r, table);
+        let scale = asked.scale.unwrap_or(initial.full_scale);
         let full_scale = scale.abs();
         let mut make = r.maker_at(&stem, output);
         let scale = make.scale("scale", scale)?;
         let value = Spec {
-            unit: table.unit.into(),
+            unit: initial.unit.into(),
             range: Some((-full_scale, full_scale)),
             // The fetched value is a fraction of full scale.
             full_scale: Some(FullScale {
@@ -301,8 +312,10 @@ impl PwmPins {
         Ok(Self {
             value,
             enable: make.output("enable", false)?,
-            offset_mode: make
-                .setting("offset-mode", asked.offset_mode.unwrap_or(table.is_offset))?,
+            offset_mode: make.setting(
+                "offset-mode",
+                asked.offset_mode.unwrap_or(initial.is_offset),
+            )?,
             scale,
             output_type: make.setting("output-type", asked.output_type.unwrap_or(1))?,
         })

@@ -1,5 +1,8 @@
 //! The settings of an application, given before a board is configured.
 
+mod hostmot2;
+mod instances;
+
 use alloc::collections::BTreeMap;
 use alloc::format;
 use alloc::string::String;
@@ -18,8 +21,11 @@ use crate::ParseError;
 use crate::advice::Advice;
 use crate::discovery::RemoteTable;
 use crate::hal::is_scale;
+use crate::hostmot2::Gtag;
 use crate::hostmot2::board_table::BoardTable;
 use crate::sslbp::MAX_CHANNELS;
+
+pub(crate) use instances::CountedKind;
 
 /// Settings of a driver.
 ///
@@ -28,8 +34,9 @@ use crate::sslbp::MAX_CHANNELS;
 /// included.
 ///
 /// All fields have defaults that fit a board on the bench: all ports with all their channels in
-/// mode 0, all encoders, 1 ms. A later version may add fields; with `..Settings::default()` at its
-/// end a program compiles nevertheless.
+/// mode 0, all encoders, 1 ms. [`Settings::from_hostmot2`] makes those of a LinuxCNC configuration.
+/// A later version may add fields; with `..Settings::default()` at its end a program compiles
+/// nevertheless.
 ///
 /// ```
 /// use mesa_hal::{Pace, Settings};
@@ -46,7 +53,10 @@ use crate::sslbp::MAX_CHANNELS;
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Settings {
     /// The number of the board in pin names, for several boards of a kind; 0 by default.
+    /// [`Board::identify_with`](crate::Board::identify_with) sets it when the kind is known.
     pub board_number: u8,
+    /// The source of the initial values of pins and parameters; the board by default.
+    pub defaults: Defaults,
     /// The period of the cycle, in which the transfers must fit and the watchdogs are fed. 1 us to
     /// 800 ms; 1 ms by default.
     ///
@@ -68,23 +78,45 @@ pub struct Settings {
     /// A port without an entry uses the default: any remotes, in mode 0. A port that the firmware
     /// does not have is refused.
     pub serial_ports: BTreeMap<u8, SerialConfig>,
+    /// Number of instances in use of each kind of module, the first ones; a kind without an entry is
+    /// used with all its instances. The I/O pins of the others are plain I/O. A number beyond that
+    /// of the firmware is refused.
+    ///
+    /// The keys, in a file with LinuxCNC's names: [`Gtag::ENCODER`] (`encoder`) counts encoders of
+    /// both kinds together, [`Gtag::SSERIAL`] (`sserial`) serial ports, [`Gtag::LED`] (`led`) LEDs;
+    /// further ones are [`Gtag::PWM`] (`pwmgen`), [`Gtag::IN_MUX`] (`inmux`), [`Gtag::IN_M`] (`inm`),
+    /// [`Gtag::SSR`] (`ssr`) and [`Gtag::OUT_M`] (`outm`). With 0 of [`Gtag::HM2DPLL`] (`dpll`) the
+    /// phase-locked loop is left alone: for a period that it cannot follow.
+    ///
+    /// ```
+    /// use mesa_hal::Settings;
+    /// use mesa_hal::hostmot2::Gtag;
+    ///
+    /// let settings = Settings {
+    ///     instances: [(Gtag::ENCODER, 4), (Gtag::HM2DPLL, 0)].into(),
+    ///     ..Settings::default()
+    /// };
+    /// # let _ = settings;
+    /// ```
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::instances"))]
+    pub instances: BTreeMap<Gtag, u8>,
     /// Limits at which remotes go offline, and their recovery.
     pub fault_policy: FaultPolicy,
     /// Set-up of the encoders.
     pub encoders: EncoderSetup,
     /// The PWM frequency of all generators in Hz. `None`, the default, is the board's usual
     /// frequency: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it (75 kHz on a
-    /// 7I97T); else 20 kHz. A frequency that the firmware's clock does not allow is refused.
+    /// 7I97T); else, and with [`Defaults::LinuxCnc`], 20 kHz. A frequency that the firmware's clock
+    /// does not allow is refused.
     pub pwm_hz: Option<u32>,
     /// Initial parameters of PWM generators, by their number. Generators without an entry begin as
-    /// the board needs them if they drive its analog outputs, and else with LinuxCNC's values: sign
-    /// and magnitude, scale 1. A generator that the firmware does not have is refused.
+    /// the board needs them if they drive its analog outputs, and else, or with
+    /// [`Defaults::LinuxCnc`], with LinuxCNC's values: sign and magnitude, scale 1. A generator that
+    /// the firmware does not have is refused.
     pub pwm: BTreeMap<u8, PwmConfig>,
     /// Initial state of I/O pins that no module uses, by their number. Pins without an entry are
     /// inputs.
     pub gpio: Vec<(u16, GpioConfig)>,
-    /// Leaves the phase-locked loop unused: for a period that it cannot follow.
-    pub no_dpll: bool,
     /// The number of consecutive failed reads or writes that makes everything safe; at least 1, and
     /// 5 by default.
     ///
@@ -112,16 +144,17 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             board_number: 0,
+            defaults: Defaults::default(),
             period: Duration::from_millis(1),
             pace: Pace::default(),
             watchdog: None,
             serial_ports: BTreeMap::new(),
+            instances: BTreeMap::new(),
             fault_policy: FaultPolicy::default(),
             encoders: EncoderSetup::default(),
             pwm_hz: None,
             pwm: BTreeMap::new(),
             gpio: Vec::new(),
-            no_dpll: false,
             bus_error_limit: 5,
             event_room: 255,
             trace: None,
@@ -158,6 +191,7 @@ impl Settings {
             );
         }
         self.check_fault_policy()?;
+        self.check_instances()?;
         let mut scales = self.pwm.values().filter_map(|config| config.scale);
         if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
             return refused(
@@ -216,6 +250,29 @@ fn refused(
         expected,
         advice,
     })
+}
+
+/// The source of the initial values of pins and parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Defaults {
+    /// The manual of the board: values that fit its outputs and the encoders of its connectors.
+    #[default]
+    Board,
+    /// A fresh load of LinuxCNC's driver: a HAL file that does not set a value means this one. All
+    /// I/O pins have their level, those that modules drive as well (`gpio.NNN.in` and `in_not`), and
+    /// parameters of pins that modules drive have a [second name](crate::hal::Pins::aliases).
+    ///
+    /// | name | `LinuxCnc` | `Board` |
+    /// |---|---|---|
+    /// | `pwmgen.NN.scale` | 1 | 10 for the analog outputs of a 7I97 |
+    /// | `pwmgen.NN.offset-mode` | FALSE | TRUE for these outputs |
+    /// | `pwmgen.pwm_frequency` | 20000 | 48000 on a 7I97, 96000 or 75000 with dither |
+    /// | `encoder.NN.filter` | TRUE | FALSE for multiplexed encoders |
+    /// | `encoder.muxed-sample-frequency` | about 8 MHz | the rate in the manual of board or card |
+    /// | `encoder.sample-frequency` | about 25 MHz | the same |
+    LinuxCnc,
 }
 
 /// Greatest number of cycles for which old inputs may count as valid.

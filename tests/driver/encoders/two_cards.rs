@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use mesa_hal::Advice;
 use mesa_hal::Settings;
-use mesa_hal::driver::{Driver, DriverError, EncoderSetup};
+use mesa_hal::driver::{Driver, DriverError};
 use mesa_hal::hal::Pins;
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
 use mesa_hal_sim::{
@@ -114,11 +115,7 @@ fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
 fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
     let build = |count| {
         let fpga = with_motors(machines::firmware_7i92_7i77(), 1);
-        let setup = EncoderSetup {
-            count: Some(count),
-            ..EncoderSetup::default()
-        };
-        start(fpga, |s| s.encoders = setup)
+        start(fpga, |s| s.instances = [(Gtag::ENCODER, count)].into())
     };
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(
@@ -126,8 +123,8 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
         DriverError::Register(RegisterError::Setting { .. })
     ));
     let text = error.to_string();
-    assert!(text.contains("encoders: 7, expected at most 6"), "{text}");
-    assert_eq!(error.advice(), Some(Advice::SetEncoderCount));
+    assert!(text.contains("encoder 7, expected at most 6"), "{text}");
+    assert_eq!(error.advice(), Some(Advice::SetInstances));
     let driver = build(3).expect("three of six");
     assert_eq!(encoders(&driver).len(), 3);
 }

@@ -13,6 +13,7 @@ use mesa_hal::WithAdvice;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::{Motor, machines};
 
@@ -218,7 +219,7 @@ fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
     );
     let left_alone = start(bus(), |s| {
         by_board(s);
-        s.no_dpll = true;
+        s.instances = [(Gtag::HM2DPLL, 0)].into();
     });
     let embedded = start(machines::six_axes_7i97(Motor::default()), by_board);
     for (is_refused, text) in [

@@ -2,6 +2,7 @@
 
 mod bus_at_run_time;
 mod duplicated_replies;
+mod linuxcnc;
 #[cfg(feature = "log")]
 pub mod log;
 mod refused;

@@ -9,6 +9,7 @@ use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, DriverError};
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const PINS: usize = 51;
@@ -40,7 +41,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
 fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
     let built = |period| {
         start(fpga(), |s| {
-            s.no_dpll = true;
+            s.instances = [(Gtag::HM2DPLL, 0)].into();
             s.period = millis(period);
         })
     };

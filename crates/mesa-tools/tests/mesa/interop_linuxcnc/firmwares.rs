@@ -49,9 +49,11 @@ fn six_public_firmwares_have_the_names_that_linuxcnc_gives_them() {
         let image = FirmwareImage::parse(&text).expect("an image");
         let mut fpga = SimFpga::from_image(&image).expect("a firmware");
         machines::plug_7i72(&mut fpga, 0, 0);
-        let driver = Driver::start(fpga, Settings::default()).expect("it starts");
+        let settings = Settings::from_hostmot2(CONFIG).expect("words of LinuxCNC");
+        let driver = Driver::start(fpga, settings).expect("it starts");
         let (pins, params) = (machine.list("pin"), machine.list("param"));
         names::compare(prefix, [&pins, &params], driver.pins(), 150);
+        names::compare_values(prefix, &machine.values(), driver.pins(), 50);
         machine.stop();
     }
 }

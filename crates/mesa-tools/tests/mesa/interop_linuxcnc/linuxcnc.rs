@@ -1,6 +1,7 @@
 //! A session of LinuxCNC with a simulated board, in a private network.
 
 use std::{
+    collections::BTreeMap,
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
@@ -25,6 +26,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Number of attempts to load the driver: its initialisation never retries, and a single late reply
 /// makes it fail (FACTS 10.3).
 const LOADS: usize = 12;
+
+/// The usual configuration of the board.
+pub const CONFIG: &str = "sserial_port_0=000xxxxx";
 
 /// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
@@ -62,12 +66,7 @@ impl Machine {
         expected: &Expected,
         hostmot2: &str,
     ) -> Self {
-        Self::load_all(
-            prefix,
-            (name, board),
-            expected,
-            (hostmot2, "sserial_port_0=000xxxxx"),
-        )
+        Self::load_all(prefix, (name, board), expected, (hostmot2, CONFIG))
     }
 
     /// Like [`load_with`](Self::load_with), with the given configuration of the board.
@@ -407,6 +406,21 @@ impl Machine {
             };
             let name = words.iter().find_map(|word| word.strip_prefix(&prefix))?;
             Some((name.to_owned(), (kind.to_owned(), direction.to_owned())))
+        });
+        parsed.collect()
+    }
+
+    /// Values of all pins and parameters by name, without the board's prefix.
+    pub fn values(&mut self) -> BTreeMap<String, String> {
+        let prefix = format!("{}.", self.prefix);
+        let lines = [self.hal("show pin"), self.hal("show param")].concat();
+        let parsed = lines.iter().filter_map(|line| {
+            let words: Vec<_> = line.split_whitespace().collect();
+            let [_, _, _, value, ..] = words[..] else {
+                return None;
+            };
+            let name = words.iter().find_map(|word| word.strip_prefix(&prefix))?;
+            Some((name.to_owned(), value.to_owned()))
         });
         parsed.collect()
     }

@@ -219,11 +219,14 @@ fn cycles(before: &Values, after: &Values) -> f64 {
     (packets(after) - packets(before)) / 2.0
 }
 
-/// `mesa-hal`'s driver for the same machine has the same pins and parameters.
+/// `mesa-hal`'s driver for the same machine, with the words of LinuxCNC's configuration, has the same
+/// pins and parameters, with the same values.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
-    let driver = Driver::start(ours, Settings::default()).expect("the machine is complete");
+    let settings = Settings::from_hostmot2(linuxcnc::CONFIG).expect("words of LinuxCNC");
+    let driver = Driver::start(ours, settings).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
     names::compare(prefix, [&pins, &params], driver.pins(), 400);
+    names::compare_values(prefix, &machine.values(), driver.pins(), 150);
 }
 
 #[test]

@@ -1,8 +1,9 @@
-//! Comparison of the pins and parameters of `mesa-hal` with LinuxCNC's for the same machine.
+//! Comparison of the pins and parameters of `mesa-hal` with LinuxCNC's for the same machine: names,
+//! types, directions, and the values of a fresh load.
 
 use std::collections::BTreeMap;
 
-use mesa_hal::hal::{PinInfo, Pins};
+use mesa_hal::hal::{PinId, PinInfo, Pins, Role};
 
 use super::expected::List;
 
@@ -20,7 +21,6 @@ const ONLY_LINUXCNC: Reasons = &[
         "pwmgen.p*_frequency",
         "of a descriptor without instances, where there are no generators",
     ),
-    ("gpio.*.in*", "level of a pin that a module uses"),
     (
         "gpio.*.out",
         "of a pin of serial channel that is not used here",
@@ -37,8 +37,6 @@ const ONLY_LINUXCNC: Reasons = &[
         "gpio.*.is_opendrain",
         "of a pin of a serial channel that is not used here",
     ),
-    ("*.invert_output", "another name of gpio.NNN.invert_output"),
-    ("*.is_opendrain", "another name of gpio.NNN.is_opendrain"),
 ];
 
 const ONLY_OURS: Reasons = &[
@@ -63,33 +61,88 @@ const ONLY_OURS: Reasons = &[
         "encoder.*.probe-invert",
         "latch on probe, made for every encoder",
     ),
-    (
-        "gpio.*.invert_output",
-        "LinuxCNC shows it under its other name",
-    ),
-    (
-        "gpio.*.is_opendrain",
-        "LinuxCNC shows it under its other name",
-    ),
     ("7i*.fault-*", "each fault of a remote is a pin of its own"),
     ("7i*.running", "remotes go offline alone"),
     ("7i*.failures", "failures are counted for each remote"),
     ("7i*.restarts", "remotes come back by themselves"),
+    (
+        "sserial.*.tx*",
+        "of a channel without remote, whose pins are plain I/O in LinuxCNC",
+    ),
     ("sserial.port-*.transfers", "statistics"),
     ("sserial.port-*.too-short", "statistics"),
 ];
+
+/// Differences of initial values. `*` stands for any characters.
+const OTHER_VALUES: Reasons = &[
+    (
+        "dpll.base-freq-khz",
+        "LinuxCNC has -1 until its thread runs",
+    ),
+    ("dpll.time-const", "differs between versions of LinuxCNC"),
+];
+
+/// Our pins and parameters without the board's prefix, each under the name that LinuxCNC shows: the
+/// second one, if there is one.
+fn shown<'p>(prefix: &str, ours: &'p Pins) -> BTreeMap<String, (PinId, &'p PinInfo)> {
+    let aliases: BTreeMap<usize, &str> = ours
+        .aliases()
+        .map(|(alias, pin)| (pin.index(), alias))
+        .collect();
+    let named = ours.ids().zip(ours.infos()).map(|(pin, info)| {
+        let name = aliases.get(&pin.index()).copied().unwrap_or(&info.name);
+        let short = name.strip_prefix(&format!("{prefix}.")).unwrap_or(name);
+        (short.to_owned(), (pin, info))
+    });
+    named.collect()
+}
+
+/// Fails if the initial value of a pin or parameter that an application may set differs from that
+/// of a fresh load of LinuxCNC without a reason, or if fewer than `at_least` are compared.
+pub fn compare_values(
+    prefix: &str,
+    linuxcnc: &BTreeMap<String, String>,
+    ours: &Pins,
+    at_least: usize,
+) {
+    let mut wrong = Vec::new();
+    let mut same = 0;
+    for (name, (pin, info)) in shown(prefix, ours) {
+        let Some(theirs) = linuxcnc.get(&name).filter(|_| info.role != Role::Input) else {
+            continue;
+        };
+        let own = ours.read_any(pin).value.as_f64();
+        let is_same = number(theirs).is_some_and(|theirs| (theirs - own).abs() <= 1e-6 * own.abs());
+        if is_same {
+            same += 1;
+        } else if reason(OTHER_VALUES, &name).is_none() {
+            wrong.push(format!("{name}: LinuxCNC {theirs}, ours {own}"));
+        }
+    }
+    println!("{prefix}: {same} initial values are LinuxCNC's");
+    assert!(wrong.is_empty(), "{prefix}: {wrong:#?}");
+    assert!(same > at_least, "{prefix}: only {same} values are the same");
+}
+
+/// A value as `halcmd show` prints it.
+fn number(text: &str) -> Option<f64> {
+    match (text, text.strip_prefix("0x")) {
+        ("TRUE", _) => Some(1.0),
+        ("FALSE", _) => Some(0.0),
+        (_, Some(digits)) => u32::from_str_radix(digits, 16).ok().map(f64::from),
+        _ => text.parse().ok(),
+    }
+}
 
 /// Fails if a type or a direction differs, if a name is on one side only without a reason, or if
 /// fewer than `at_least` names are on both sides.
 pub fn compare(prefix: &str, [pins, params]: [&List; 2], ours: &Pins, at_least: usize) {
     let linuxcnc: BTreeMap<_, _> = pins.iter().chain(params).collect();
-    let of = |info: &PinInfo| {
-        let name = info.name.strip_prefix(&format!("{prefix}."));
-        let name = name.unwrap_or(&info.name).to_owned();
+    let of = |(name, (_, info)): (String, (PinId, &PinInfo))| {
         let kind = info.hal_type.as_str().to_owned();
         (name, (kind, info.role.hal_direction().to_owned()))
     };
-    let ours: List = ours.infos().iter().map(of).collect();
+    let ours: List = shown(prefix, ours).into_iter().map(of).collect();
 
     let mut wrong = Vec::new();
     let mut same = 0;

@@ -1,0 +1,420 @@
+//! Settings from the words of LinuxCNC's `config=`.
+//!
+//! Source: manual page hostmot2(9), "config modparam"; LinuxCNC's driver (2.9 and later) for what the
+//! page leaves open.
+
+use alloc::string::String;
+
+use super::{CountedKind, Defaults, SerialConfig, Settings};
+use crate::ParseError;
+use crate::hostmot2::Gtag;
+use crate::sslbp::{MAX_CHANNELS, MAX_PORTS};
+
+/// Words that count instances of modules that this crate drives, with LinuxCNC's name of the kind.
+const DRIVEN: [(&str, &str); 8] = [
+    ("num_encoders", "encoder"),
+    ("num_pwmgens", "pwmgen"),
+    ("num_dplls", "dpll"),
+    ("num_inmuxs", "inmux"),
+    ("num_inms", "inm"),
+    ("num_ssrs", "ssr"),
+    ("num_outms", "outm"),
+    ("num_leds", "led"),
+];
+
+macro_rules! not_driven {
+    ($module:literal) => {
+        concat!("0 or -1, because this crate does not drive ", $module)
+    };
+}
+
+/// Words that count instances of other modules, with the values that mean nothing.
+const NOT_DRIVEN: [(&str, &str); 10] = [
+    ("num_stepgens", not_driven!("step generators (StepGen)")),
+    ("num_resolvers", not_driven!("resolvers (Resolver)")),
+    (
+        "num_3pwmgens",
+        not_driven!("three-phase PWM generators (ThreePhasePWM)"),
+    ),
+    ("num_rcpwmgens", not_driven!("RC servo generators (RCPWM)")),
+    ("num_bspis", not_driven!("buffered SPI (BSPI)")),
+    (
+        "num_uarts",
+        not_driven!("UARTs (UARTTransmit, UARTReceive)"),
+    ),
+    (
+        "num_pktuarts",
+        not_driven!("packet UARTs (PktUARTTransmit, PktUARTReceive)"),
+    ),
+    (
+        "num_xy2mods",
+        not_driven!("galvanometer interfaces (XY2Mod)"),
+    ),
+    ("num_oneshots", not_driven!("one-shots (OneShot)")),
+    ("num_periodms", not_driven!("period measurement (Period)")),
+];
+
+/// Beginnings of words that set up absolute encoders.
+const ABSOLUTE: [(&str, &str); 3] = [
+    (
+        "ssi_chan_",
+        "no such word, because this crate does not drive absolute encoders (SSI)",
+    ),
+    (
+        "biss_chan_",
+        "no such word, because this crate does not drive absolute encoders (BISS)",
+    ),
+    (
+        "fanuc_chan_",
+        "no such word, because this crate does not drive absolute encoders (FABS)",
+    ),
+];
+
+/// All words, for an unknown one.
+const KNOWN: &str = "one of num_encoders, num_pwmgens, num_dplls, num_inmuxs, num_inms, num_ssrs, \
+     num_outms, num_leds, sserial_port_0 to sserial_port_3, stepgen_width, firmware, and for modules \
+     that this crate does not drive num_stepgens, num_resolvers, num_3pwmgens, num_rcpwmgens, \
+     num_bspis, num_uarts, num_pktuarts, num_xy2mods, num_oneshots and num_periodms, each with = \
+     and a value";
+
+/// The value of `sserial_port_N`.
+const MODES: &str =
+    "up to 8 characters, one a channel: its software mode (0 to 9), or x if it is not used";
+
+/// Mode of a channel that is not named, as in the words.
+const MODE_0: u8 = b'0';
+
+impl Settings {
+    /// Parses the value of `config=` of LinuxCNC's `loadrt hm2_eth` for one board, so that the same
+    /// words have the same meaning: the words are separated by spaces, upper and lower case differ,
+    /// and the last of several equal words counts.
+    ///
+    /// | word | meaning |
+    /// |---|---|
+    /// | `num_encoders=N`, `num_pwmgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Self::instances) in use; -1 for all |
+    /// | `num_dplls=0` | the phase-locked loop is left alone |
+    /// | `sserial_port_N=MODES` | as [`SerialConfig`]; ports behind the last one with a mode are not used |
+    /// | `num_stepgens=N` and others of modules that this crate does not drive | refused, unless N is 0 or -1 |
+    /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | refused: absolute encoders are not driven |
+    /// | `stepgen_width=N`, `firmware=F` | nothing: there are no step generators, and an Ethernet board has loaded its firmware |
+    /// | `enable_raw` | refused: there are no pins `raw.*` |
+    ///
+    /// The values of pins and parameters are [those of LinuxCNC](Defaults::LinuxCnc), without any
+    /// word as well. A number beyond that of the firmware is refused when the board is identified,
+    /// except, as in LinuxCNC, for a module that the firmware does not have, LEDs, and the
+    /// phase-locked loop.
+    ///
+    /// ```
+    /// use mesa_hal::Settings;
+    /// use mesa_hal::driver::Defaults;
+    /// use mesa_hal::hostmot2::Gtag;
+    ///
+    /// let settings = Settings::from_hostmot2("num_encoders=4 num_stepgens=0 sserial_port_0=20xxxxxx")?;
+    /// assert_eq!(settings.instances[&Gtag::ENCODER], 4);
+    /// assert_eq!(settings.serial_ports[&0].channels[&0].mode, 2);
+    /// assert_eq!(settings.defaults, Defaults::LinuxCnc);
+    /// let error = Settings::from_hostmot2("num_encoder=4").expect_err("no such word");
+    /// assert!(error.to_string().starts_with("hostmot2 configuration word 'num_encoder=4': expected"));
+    /// # Ok::<(), mesa_hal::ParseError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`ParseError`] with the word that is unknown, or that cannot have its meaning here.
+    pub fn from_hostmot2(config: &str) -> Result<Self, ParseError> {
+        let mut settings = Self {
+            defaults: Defaults::LinuxCnc,
+            ..Self::default()
+        };
+        let mut ports = PortModes::default();
+        for word in config.split_ascii_whitespace() {
+            settings.take_word(word, &mut ports)?;
+        }
+        ports.put(&mut settings)?;
+        Ok(settings)
+    }
+
+    fn take_word(&mut self, word: &str, ports: &mut PortModes) -> Result<(), ParseError> {
+        let refuse = |expected| Err(refused(word, expected));
+        if let Some((_, why)) = ABSOLUTE.iter().find(|(begin, _)| word.starts_with(begin)) {
+            return refuse(why);
+        }
+        if word.starts_with("enable_raw") {
+            return refuse("no raw access: this driver has no pins `raw.*`");
+        }
+        let Some((name, value)) = word.split_once('=') else {
+            return refuse(KNOWN);
+        };
+        let named = |words: &[(&'static str, &'static str)]| {
+            let word = words.iter().find(|(known, _)| *known == name);
+            word.map(|(_, what)| *what)
+        };
+        if let Some(port) = name.strip_prefix("sserial_port_") {
+            return ports.take(word, port, value);
+        }
+        if name == "firmware" {
+            return Ok(());
+        }
+        let number = number(value);
+        if name == "stepgen_width" {
+            return number.map_or_else(|| refuse("a number"), |_| Ok(()));
+        }
+        if let Some(expected) = named(&NOT_DRIVEN) {
+            return match number {
+                Some(-1 | 0) => Ok(()),
+                _ => refuse(expected),
+            };
+        }
+        let Some(kind) = named(&DRIVEN).and_then(CountedKind::named) else {
+            return refuse(KNOWN);
+        };
+        match (number, number.map(u8::try_from)) {
+            (Some(-1), _) => drop(self.instances.remove(&kind.key())),
+            (_, Some(Ok(count))) => drop(self.instances.insert(kind.key(), count)),
+            _ => return refuse("a number from 0 to 255, or -1 for all"),
+        }
+        Ok(())
+    }
+}
+
+/// The modes of the channels of all serial ports, as characters. A later word replaces the
+/// characters of an earlier one as far as it reaches.
+#[derive(Debug, Default)]
+struct PortModes {
+    /// By port; `None` if it is not named.
+    modes: [Option<[u8; MAX_CHANNELS as usize]>; MAX_PORTS as usize],
+    /// Number of ports in use: up to the last one of which a word had a mode. `None` without a
+    /// word, for all ports.
+    used: Option<u8>,
+}
+
+impl PortModes {
+    fn take(&mut self, word: &str, port: &str, value: &str) -> Result<(), ParseError> {
+        let number = port.parse::<u8>().ok().filter(|_| port.len() == 1);
+        let modes = number.and_then(|port| Some((port, self.modes.get_mut(usize::from(port))?)));
+        let Some((port, modes)) = modes else {
+            return Err(refused(word, "sserial_port_0 to sserial_port_3"));
+        };
+        // LinuxCNC skips other characters, so that those behind them move to another channel.
+        let is_mode = |mode: u8| mode.is_ascii_digit() || mode == b'x';
+        if value.len() > MAX_CHANNELS.into() || !value.bytes().all(is_mode) {
+            return Err(refused(word, MODES));
+        }
+        let modes = modes.get_or_insert([MODE_0; MAX_CHANNELS as usize]);
+        for (mode, new) in modes.iter_mut().zip(value.bytes()) {
+            *mode = new;
+        }
+        let used = self.used.get_or_insert(0);
+        if value.bytes().any(|mode| mode != b'x') {
+            *used = (*used).max(port.saturating_add(1));
+        }
+        Ok(())
+    }
+
+    /// Sets the ports up, and leaves those behind the last one with a mode unused.
+    fn put(self, settings: &mut Settings) -> Result<(), ParseError> {
+        let Some(used) = self.used else {
+            return Ok(());
+        };
+        settings.instances.insert(Gtag::SSERIAL, used);
+        for (port, modes) in (0..used).zip(self.modes) {
+            if let Some(modes) = modes {
+                let modes: String = modes.into_iter().map(char::from).collect();
+                settings
+                    .serial_ports
+                    .insert(port, modes.parse::<SerialConfig>()?);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Parses a number as C does: decimal, octal after `0`, hexadecimal after `0x`.
+fn number(text: &str) -> Option<i64> {
+    let (is_negative, digits) = match text.strip_prefix('-') {
+        Some(digits) => (true, digits),
+        None => (false, text),
+    };
+    let hexadecimal = digits.strip_prefix("0x").or(digits.strip_prefix("0X"));
+    let (digits, radix) = match (hexadecimal, digits.strip_prefix('0')) {
+        (Some(digits), _) => (digits, 16),
+        (None, Some(octal)) if !octal.is_empty() => (octal, 8),
+        _ => (digits, 10),
+    };
+    // A second sign is none.
+    let is_digit = |digit: char| digit.is_digit(radix);
+    let number = i64::from(u32::from_str_radix(digits, radix).ok()?);
+    let number = if is_negative {
+        number.saturating_neg()
+    } else {
+        number
+    };
+    digits.chars().all(is_digit).then_some(number)
+}
+
+fn refused(word: &str, expected: &'static str) -> ParseError {
+    ParseError {
+        what: "hostmot2 configuration word",
+        found: word.into(),
+        expected,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::format;
+    use alloc::string::ToString;
+    use alloc::vec::Vec;
+    use proptest::prelude::*;
+
+    fn parsed(config: &str) -> Settings {
+        Settings::from_hostmot2(config).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    fn modes(settings: &Settings, port: u8) -> String {
+        let channels = &settings.serial_ports[&port].channels;
+        let mode = |channel| match channels.get(&channel) {
+            Some(remote) => remote.mode.to_string(),
+            None => "x".to_string(),
+        };
+        (0..8).map(mode).collect()
+    }
+
+    #[test]
+    fn without_a_word_everything_is_used_with_the_values_of_linuxcnc() {
+        let expected = Settings {
+            defaults: Defaults::LinuxCnc,
+            ..Settings::default()
+        };
+        for config in [
+            "",
+            "  \t",
+            "num_encoders=-1 num_dplls=-1 num_stepgens=0 firmware=hm2/5i25/x.bit",
+        ] {
+            assert_eq!(format!("{:?}", parsed(config)), format!("{expected:?}"));
+        }
+    }
+
+    #[test]
+    fn words_of_existing_files_are_numbers_of_instances() {
+        let settings =
+            parsed("num_encoders=4 num_pwmgens=0x3 num_leds=010 num_encoders=5 num_dplls=0");
+        let expected = [
+            (Gtag::ENCODER, 5),
+            (Gtag::PWM, 3),
+            (Gtag::LED, 8),
+            (Gtag::HM2DPLL, 0),
+        ];
+        assert_eq!(settings.instances, expected.into());
+        assert_eq!(parsed("num_ssrs=0 num_ssrs=-1").instances, [].into());
+    }
+
+    /// As in `hm2_parse_config_string`: the ports up to the last one with a digit.
+    #[test]
+    fn ports_behind_the_last_one_with_a_mode_are_not_used() {
+        let ports = |config| parsed(config).instances.get(&Gtag::SSERIAL).copied();
+        for (config, used) in [
+            ("num_encoders=1", None),
+            ("sserial_port_0=00xxxxxx", Some(1)),
+            ("sserial_port_0=xxxxxxxx", Some(0)),
+            ("sserial_port_0=", Some(0)),
+            ("sserial_port_2=1", Some(3)),
+            ("sserial_port_2=1 sserial_port_0=x", Some(3)),
+            ("sserial_port_1=xx sserial_port_0=0", Some(1)),
+        ] {
+            assert_eq!(ports(config), used, "{config}");
+        }
+        let settings = parsed("sserial_port_1=20x sserial_port_0=1 sserial_port_1=x");
+        assert_eq!(modes(&settings, 0), "10000000");
+        assert_eq!(modes(&settings, 1), "x0x00000");
+        assert!(settings.check().is_ok());
+    }
+
+    #[test]
+    fn a_refused_word_is_named_with_what_is_known() {
+        for (config, word, said) in [
+            (
+                "num_encoders=4 num_encoder=4",
+                "num_encoder=4",
+                "num_encoders",
+            ),
+            ("NUM_ENCODERS=4", "NUM_ENCODERS=4", "one of num_encoders"),
+            ("num_sserials=1", "num_sserials=1", "sserial_port_0"),
+            ("num_encoders", "num_encoders", "each with ="),
+            ("num_encoders=", "num_encoders=", "0 to 255"),
+            ("num_encoders=256", "num_encoders=256", "0 to 255"),
+            ("num_pwmgens=-2", "num_pwmgens=-2", "-1 for all"),
+            ("num_pwmgens=08", "num_pwmgens=08", "0 to 255"),
+            ("num_stepgens=5", "num_stepgens=5", "StepGen"),
+            ("num_resolvers=1", "num_resolvers=1", "Resolver"),
+            (
+                "ssi_chan_0=padding%2b",
+                "ssi_chan_0=padding%2b",
+                "absolute encoders (SSI)",
+            ),
+            ("sserial_port_4=0", "sserial_port_4=0", "sserial_port_3"),
+            ("sserial_port_00=0", "sserial_port_00=0", "sserial_port_3"),
+            ("sserial_port_0=0X", "sserial_port_0=0X", "or x"),
+            (
+                "sserial_port_0=000000000",
+                "sserial_port_0=000000000",
+                "up to 8",
+            ),
+            ("stepgen_width=two", "stepgen_width=two", "a number"),
+            ("enable_raw", "enable_raw", "raw.*"),
+        ] {
+            let error = Settings::from_hostmot2(config).expect_err(config);
+            assert_eq!(error.found, word);
+            assert!(error.to_string().contains(said), "{config}: {error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_parsed_or_refused(text in ".{0,80}") {
+            let _ = Settings::from_hostmot2(&text);
+        }
+
+        #[test]
+        fn anything_that_looks_like_words_is_parsed_or_refused(
+            words in proptest::collection::vec("(num_[a-z0-9]{3,8}|sserial_port_[0-9-]|ssi_chan_[0-9]|enable_raw|stepgen_width)=?[-+0-9a-fxX]{0,10}", 0..6)
+        ) {
+            let _ = Settings::from_hostmot2(&words.join(" "));
+        }
+
+        #[test]
+        fn valid_words_come_back(
+            counts in proptest::collection::btree_map(0..DRIVEN.len(), any::<u8>(), 0..8),
+            ports in proptest::collection::btree_map(0..4u8, "[0-9x]{8}", 0..4),
+        ) {
+            let mut words = Vec::new();
+            for (&kind, count) in &counts {
+                words.push(format!("{}={count}", DRIVEN[kind].0));
+            }
+            for (port, modes) in &ports {
+                words.push(format!("sserial_port_{port}={modes}"));
+            }
+            let settings = parsed(&words.join(" "));
+            let mut back = Vec::new();
+            for (word, name) in DRIVEN {
+                let key = CountedKind::named(name).expect("known").key();
+                if let Some(count) = settings.instances.get(&key) {
+                    back.push(format!("{word}={count}"));
+                }
+            }
+            let used = settings.instances.get(&Gtag::SSERIAL).copied();
+            let is_used = |port: u8| used.is_some_and(|used| port < used);
+            for &port in ports.keys() {
+                if is_used(port) {
+                    back.push(format!("sserial_port_{port}={}", modes(&settings, port)));
+                } else {
+                    prop_assert_eq!(ports[&port].trim_matches('x'), "");
+                    back.push(format!("sserial_port_{port}=xxxxxxxx"));
+                }
+            }
+            words.sort();
+            back.sort();
+            prop_assert_eq!(words, back);
+        }
+    }
+}
