@@ -90,14 +90,20 @@ fn try_load() -> Result<(), LoadError> {
     let boards = parameters::take().map_err(|error| LoadError::new(EINVAL, error))?;
     let component = ComponentId::new(c"mesa_eth");
     let component = component.map_err(|HalError(result)| {
-        LoadError::new(result, "HAL does not accept the component; is it loaded already?")
+        LoadError::new(
+            result,
+            "HAL does not accept the component; is it loaded already?",
+        )
     })?;
     *locked(&COMPONENT) = Some(component);
     let mut names = Vec::new();
     for (number, board) in boards.into_iter().enumerate() {
         let address = board.address;
         let of_board = |error: LoadError| {
-            LoadError::new(error.result, format_args!("board_ip={address}: {}", error.text))
+            LoadError::new(
+                error.result,
+                format_args!("board_ip={address}: {}", error.text),
+            )
         };
         let driver = start(board, &names).map_err(of_board)?;
         let name = driver.name().to_owned();
@@ -245,5 +251,7 @@ fn stop(place: &Mutex<Option<UdpCycle>>) {
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    mutex
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner())
 }

@@ -93,7 +93,10 @@ mod tests {
         let settings = settings(line).expect("words of hostmot2");
         assert_eq!(settings.encoders.count, Some(6));
         let channels = &settings.serial_ports[&0].channels;
-        let modes: Vec<_> = channels.iter().map(|(n, remote)| (*n, remote.mode)).collect();
+        let modes: Vec<_> = channels
+            .iter()
+            .map(|(n, remote)| (*n, remote.mode))
+            .collect();
         assert_eq!(modes, [(0, 2), (1, 0)]);
     }
 

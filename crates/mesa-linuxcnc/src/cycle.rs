@@ -197,12 +197,17 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             ..
         } = self;
         let now = since_start(driver.bus_mut().now());
-        step(table, driver.pins_mut(), memory, &mut |change| match change {
-            Change::Set(id, bits) => {
-                *is_cleared |= bits == 0 && acknowledged.contains(&Some(id));
-            }
-            Change::Refused(error) => say.say(now, Level::Error, format_args!("{error}")),
-        });
+        step(
+            table,
+            driver.pins_mut(),
+            memory,
+            &mut |change| match change {
+                Change::Set(id, bits) => {
+                    *is_cleared |= bits == 0 && acknowledged.contains(&Some(id));
+                }
+                Change::Refused(error) => say.say(now, Level::Error, format_args!("{error}")),
+            },
+        );
     }
 
     /// Lets outputs follow that the user asks for.

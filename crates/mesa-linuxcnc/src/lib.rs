@@ -25,7 +25,10 @@
 //! The functions of the cycle do not allocate, lock memory, or change the scheduling, which are
 //! `rtapi_app`'s own. No environment variable changes their behaviour.
 
-#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+#![cfg_attr(
+    not(test),
+    warn(clippy::unwrap_used, clippy::expect_used, clippy::panic)
+)]
 
 mod component;
 mod config;

@@ -22,7 +22,9 @@ pub(crate) struct BoardParameters {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum WordError {
     /// No board.
-    #[error("board_ip= is missing: name the address of each board, for example board_ip=10.10.10.10")]
+    #[error(
+        "board_ip= is missing: name the address of each board, for example board_ip=10.10.10.10"
+    )]
     NoBoard,
     /// Not an address.
     #[error("board_ip={word}: not an IP address; expected four numbers, for example 10.10.10.10")]
@@ -108,7 +110,10 @@ mod tests {
     #[test]
     fn each_board_gets_its_configuration() {
         let boards = words(&["10.10.10.10", "127.0.0.1:1234", "10.10.10.12"]);
-        let configs = words(&["num_encoders=3 sserial_port_0=00xxxxxx", "sserial_port_0=xx"]);
+        let configs = words(&[
+            "num_encoders=3 sserial_port_0=00xxxxxx",
+            "sserial_port_0=xx",
+        ]);
         let parsed = parse(&boards, &configs).expect("words");
         let ports: Vec<_> = parsed.iter().map(|board| board.address.port()).collect();
         assert_eq!(ports, [27_181, 1234, 27_181]);

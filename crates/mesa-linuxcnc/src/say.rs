@@ -197,7 +197,11 @@ mod tests {
             let now = Duration::from_millis(cycle);
             say.say(now, Level::Warning, format_args!("cycle {cycle}"));
         }
-        say.say(Duration::from_secs(3_600), Level::Error, format_args!("bitten"));
+        say.say(
+            Duration::from_secs(3_600),
+            Level::Error,
+            format_args!("bitten"),
+        );
         let heard = heard.lock().expect("no panic");
         assert_eq!(heard.len(), 20 + 1_199 + 1);
         assert_eq!(heard[0], (Level::Warning, "hm2_7i97.0: cycle 0".into()));

@@ -211,4 +211,4 @@ fn set_bits(pins: &mut Pins, entry: Entry, bits: u64) -> Result<(), PinError> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
