@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char, c_int, c_long, c_void};
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::atomic::{AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -76,8 +77,29 @@ fn fake() -> Library {
     static FAKE: OnceLock<Library> = OnceLock::new();
     *FAKE.get_or_init(|| {
         let path = folder().join("../examples/libfake_hal.so");
+        if !path.exists() {
+            build_fake();
+        }
         Library::open(&path, RTLD_GLOBAL)
     })
+}
+
+/// Builds the HAL, which `cargo test --test fake_hal` alone does not.
+fn build_fake() {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["build", "--offline", "--example", "fake_hal"]);
+    cargo.args([
+        "--manifest-path",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+    ]);
+    cargo.arg("--target-dir").arg(folder().join("../.."));
+    if cfg!(feature = "inject-panic") {
+        cargo.args(["--features", "inject-panic"]);
+    }
+    if folder().ends_with("release/deps") {
+        cargo.arg("--release");
+    }
+    assert!(cargo.status().expect("cargo runs").success());
 }
 
 /// The only HAL of the process, empty.
