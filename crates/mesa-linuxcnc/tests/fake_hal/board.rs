@@ -1,4 +1,8 @@
-//! A simulated 7I97 with a 7I77 and a 7I72, at a port of the loopback interface.
+//! A simulated 7I97 with a 7I77 and a 7I72, in real time on a socket.
+#![allow(
+    dead_code,
+    reason = "each program that includes this uses what it needs"
+)]
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -23,9 +27,13 @@ pub const FIELD: usize = 0;
 pub const OUTPUTS: usize = 2;
 
 impl Board {
+    /// At any free port of the loopback interface.
     pub fn start() -> Self {
-        let any = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0);
-        let mut face = UdpFace::bind(any, Mishaps::default()).expect("a socket");
+        Self::start_at(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0))
+    }
+
+    pub fn start_at(address: SocketAddrV4) -> Self {
+        let mut face = UdpFace::bind(address, Mishaps::default()).expect("a socket");
         let address = face.local_addr().expect("an address");
         let (work, orders): (Sender<Work>, Receiver<Work>) = channel();
         let thread = std::thread::spawn(move || {
@@ -59,6 +67,12 @@ impl Board {
         let orders = self.work.as_ref().expect("it runs");
         orders.send(work).expect("it runs");
         result.recv().expect("it runs")
+    }
+
+    /// Outputs 3 of the 7I77, 17 of the 7I72, and 2 of the board, at their terminals.
+    pub fn outputs(&self) -> [bool; 3] {
+        let own = self.with(|fpga, _| fpga.isolated_output(2));
+        [self.output(FIELD, 3), self.output(OUTPUTS, 17), own]
     }
 
     /// State of a digital output at the terminal of a remote.

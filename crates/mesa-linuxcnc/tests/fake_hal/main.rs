@@ -7,7 +7,7 @@ mod hal;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use board::{Board, FIELD, OUTPUTS};
+use board::{Board, OUTPUTS};
 use hal::{Hal, Loaded, hal};
 
 /// Long enough for a busy computer: the deadline of a reply is 80 % of it.
@@ -80,14 +80,8 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Outputs 3 of the 7I77, 17 of the 7I72, and 2 of the board, at their terminals.
     fn outputs(&self) -> [bool; 3] {
-        let own = self.board.with(|fpga, _| fpga.isolated_output(2));
-        [
-            self.board.output(FIELD, 3),
-            self.board.output(OUTPUTS, 17),
-            own,
-        ]
+        self.board.outputs()
     }
 
     fn switch_on(&self) {
@@ -138,9 +132,11 @@ fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
     machine.loaded.call("hm2_7i97.0.read-request", 4_000_000);
     machine.cycle();
     machine.loaded.unload();
-    let own = board.with(|fpga, _| fpga.isolated_output(2));
-    let outputs = [board.output(FIELD, 3), board.output(OUTPUTS, 17), own];
-    assert_eq!(outputs, [false; 3], "the end switches everything off");
+    assert_eq!(
+        board.outputs(),
+        [false; 3],
+        "the end switches everything off"
+    );
 }
 
 #[test]
