@@ -6,7 +6,7 @@ use core::time::Duration;
 use std::ffi::CString;
 use std::net::SocketAddrV4;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use mesa_hal::{Board, Driver, Settings, UdpBus, UdpConfig, WithAdvice};
 
@@ -109,7 +109,6 @@ fn try_load() -> Result<(), LoadError> {
         let name = driver.name().to_owned();
         let cycle = add(component, number, driver).map_err(of_board)?;
         if let Some(place) = BOARDS.get(number) {
-            BOARDS[number].clear_poison();
             *locked(place) = Some(cycle);
         }
         at_set_up(Level::Info, &format_args!("board_ip={address}: {name}"));
@@ -139,7 +138,7 @@ fn start(board: BoardParameters, taken: &[String]) -> Result<Driver<UdpBus>, Loa
 
 fn identify(address: SocketAddrV4, settings: Settings) -> Result<Board<UdpBus>, LoadError> {
     let bus = UdpBus::connect(address, UdpConfig::default());
-    let bus = bus.map_err(|error| failed(&error, error.advice().map(Into::into)))?;
+    let bus = bus.map_err(|error| failed(&error, error.advice()))?;
     let board = Board::identify(bus, settings);
     board.map_err(|error| failed(&error, error.advice()))
 }
@@ -251,7 +250,5 @@ fn stop(place: &Mutex<Option<UdpCycle>>) {
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner())
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

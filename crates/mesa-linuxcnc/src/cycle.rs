@@ -3,7 +3,7 @@
 use core::fmt;
 use core::time::Duration;
 
-use mesa_hal::driver::Events;
+use mesa_hal::driver::{Events, SerialPort};
 use mesa_hal::hal::{GroupId, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus};
 
@@ -37,7 +37,7 @@ pub(crate) fn wanted<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Wanted> 
     };
     let mut wanted: Vec<_> = of_driver.collect();
     wanted.push(own(driver.name(), "valid", Role::Input));
-    for remote in driver.ports().iter().flat_map(|port| port.remotes()) {
+    for remote in driver.ports().iter().flat_map(SerialPort::remotes) {
         let prefix = &remote.pins.prefix;
         wanted.push(own(prefix, "valid", Role::Input));
         wanted.push(own(prefix, "armed", Role::Input));
@@ -92,7 +92,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let run = run.map(|port| format!("sserial.port-{}.run", port.layout().instance));
         let run: Vec<_> = run.filter_map(|name| Some(id(&name)?.index())).collect();
         let valid = pins.infos().len();
-        let remotes = driver.ports().iter().flat_map(|port| port.remotes());
+        let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
         let remotes = remotes
             .zip((valid + 1..).step_by(3))
             .map(|(remote, first)| RemoteEntry {

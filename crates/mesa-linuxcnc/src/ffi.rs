@@ -139,10 +139,9 @@ pub extern "C" fn rtapi_app_exit() {
 
 /// The words of a module parameter, as `rtapi_app` stores them: pointers to texts.
 type Texts = [AtomicPtr<c_char>; MAX_BOARDS];
-const NO_TEXTS: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 
-static BOARD_IP: Texts = NO_TEXTS;
-static CONFIG: Texts = NO_TEXTS;
+static BOARD_IP: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
+static CONFIG: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static DEBUG: AtomicI32 = AtomicI32::new(0);
 
 /// Place of the words of `board_ip=`.

@@ -52,7 +52,7 @@ pub(crate) enum WordError {
         /// The configuration.
         config: String,
         /// The error.
-        error: ConfigError,
+        error: Box<ConfigError>,
     },
 }
 
@@ -80,7 +80,7 @@ fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, 
         let settings = config::settings(config).map_err(|error| WordError::Config {
             board: word.into(),
             config: config.into(),
-            error,
+            error: error.into(),
         })?;
         parsed.push(BoardParameters { address, settings });
     }

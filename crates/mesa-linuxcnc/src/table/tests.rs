@@ -134,7 +134,7 @@ struct Model {
 }
 
 impl Model {
-    fn to_hal(&mut self, pin: usize) {
+    fn show(&mut self, pin: usize) {
         self.hal[pin] = if pin == COUNTER {
             self.own[pin].min(u32::MAX.into())
         } else {
@@ -153,7 +153,7 @@ impl Model {
             _ => true,
         };
         if self.own[pin] != self.agreed[pin] || !is_accepted {
-            self.to_hal(pin);
+            self.show(pin);
         } else {
             (self.own[pin], self.agreed[pin]) = (self.hal[pin], self.hal[pin]);
         }
@@ -164,8 +164,8 @@ impl Model {
             0 => self.exchange(BOTH),
             1 => {
                 if self.is_valid {
-                    self.to_hal(INPUT);
-                    self.to_hal(COUNTER);
+                    self.show(INPUT);
+                    self.show(COUNTER);
                 }
                 self.show_both();
             }
@@ -183,7 +183,7 @@ impl Model {
 
     fn show_both(&mut self) {
         if self.own[BOTH] != self.agreed[BOTH] {
-            self.to_hal(BOTH);
+            self.show(BOTH);
         }
     }
 }

@@ -98,9 +98,9 @@ impl Board {
             let cable = find_cable(fpga.remote_mut(0, channel).expect("a remote"));
             let cable = cable.expect("a cable");
             if is_in {
-                cable.replug()
+                cable.replug();
             } else {
-                cable.unplug()
+                cable.unplug();
             }
         });
     }

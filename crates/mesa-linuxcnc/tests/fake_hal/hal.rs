@@ -4,10 +4,14 @@
     unsafe_code,
     reason = "symbols of shared libraries, and values in HAL's memory"
 )]
+#![expect(
+    clippy::unused_self,
+    reason = "there is one HAL in the process: a value of it is the right to use it"
+)]
 
 use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char, c_int, c_long, c_void};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -43,7 +47,7 @@ unsafe impl Send for Library {}
 unsafe impl Sync for Library {}
 
 impl Library {
-    fn open(path: &PathBuf, flags: c_int) -> Self {
+    fn open(path: &Path, flags: c_int) -> Self {
         let name = CString::new(path.to_str().expect("UTF-8")).expect("no NUL");
         // SAFETY: the name ends with NUL; the libraries are those of this package.
         let library = unsafe { dlopen(name.as_ptr(), flags | RTLD_NOW) };

@@ -92,6 +92,9 @@ impl<'a> Machine<'a> {
     }
 }
 
+/// Values of signals.
+static SIGNALS: [AtomicU64; 2] = [const { AtomicU64::new(0) }; 2];
+
 #[test]
 fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
     let (hal, board) = (hal(), Board::start());
@@ -118,7 +121,6 @@ fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
     machine.until("input", |machine| machine.is_on("7i77.0.0.input-07"));
     assert!(machine.is_on("valid") && machine.is_on("7i72.0.2.armed"));
     // `net` turns the pointers of pins at run time.
-    static SIGNALS: [AtomicU64; 2] = [const { AtomicU64::new(0) }; 2];
     machine
         .loaded
         .link("hm2_7i97.0.7i77.0.0.output-03", &SIGNALS[0]);

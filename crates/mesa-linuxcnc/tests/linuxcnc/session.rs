@@ -41,9 +41,8 @@ pub fn alone() -> MutexGuard<'static, ()> {
 
 /// True, with the reason printed, if the test cannot run here. In CI nothing may be missing.
 pub fn is_skipped() -> bool {
-    let why = match missing() {
-        None => return false,
-        Some(why) => why,
+    let Some(why) = missing() else {
+        return false;
     };
     let why = format!(
         "{why}; needed: root, and apt-get install linuxcnc-uspace iproute2 iptables util-linux"
