@@ -4,8 +4,8 @@
 //! The declarations are those of the interface of LinuxCNC 2.9, `hal.h` and `rtapi.h`, written
 //! anew. `rtapi_app` looks up `rtapi_app_main`, `rtapi_app_exit`, and for a word `NAME=VALUE` of the
 //! `loadrt` line the pointers `rtapi_info_address_NAME`, to the place of the value, and
-//! `rtapi_info_type_NAME`, to its type: `i` for an integer, `1-4s` for up to four strings.
-//! `rtapi_info_size_NAME` is a fact for other programs.
+//! `rtapi_info_type_NAME`, to its type: `i` for an integer, `s` for a text. With the number
+//! `rtapi_info_size_NAME` there is room for so many values, separated by commas.
 
 #![expect(
     unsafe_code,
@@ -147,9 +147,9 @@ static DEBUG: AtomicI32 = AtomicI32::new(0);
 /// Place of the words of `board_ip=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_address_board_ip: &Texts = &BOARD_IP;
-/// Type of `board_ip=`: one to four texts.
+/// Type of `board_ip=`: texts.
 #[unsafe(no_mangle)]
-pub static rtapi_info_type_board_ip: &[u8; 5] = b"1-4s\0";
+pub static rtapi_info_type_board_ip: &[u8; 2] = b"s\0";
 /// Largest number of words of `board_ip=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_size_board_ip: c_int = MAX_BOARDS as c_int;
@@ -157,9 +157,9 @@ pub static rtapi_info_size_board_ip: c_int = MAX_BOARDS as c_int;
 /// Place of the words of `config=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_address_config: &Texts = &CONFIG;
-/// Type of `config=`: one to four texts.
+/// Type of `config=`: texts.
 #[unsafe(no_mangle)]
-pub static rtapi_info_type_config: &[u8; 5] = b"1-4s\0";
+pub static rtapi_info_type_config: &[u8; 2] = b"s\0";
 /// Largest number of words of `config=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_size_config: c_int = MAX_BOARDS as c_int;

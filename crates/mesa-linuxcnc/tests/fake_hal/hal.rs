@@ -233,12 +233,15 @@ fn set_parameter(component: Library, name: &str, value: &str) {
         unsafe { place.cast::<c_int>().write(value) };
         return;
     }
-    assert_eq!(kind, "1-4s");
+    assert_eq!(kind, "s");
+    let size = component.function(&format!("rtapi_info_size_{name}"));
+    // SAFETY: the symbol is a number.
+    let size = unsafe { size.cast::<c_int>().read() };
     let words: Vec<_> = value.split(',').collect();
-    assert!(words.len() <= 4, "rtapi_app takes no more");
+    assert!(words.len() <= size as usize, "rtapi_app takes no more");
     for (index, word) in words.into_iter().enumerate() {
         let word = CString::new(word).expect("no NUL");
-        // SAFETY: the type says that there is room for four texts, which are never freed.
+        // SAFETY: there is room for as many texts as the size says, which are never freed.
         unsafe {
             let text = strdup(word.as_ptr());
             place.cast::<*mut c_char>().add(index).write(text);

@@ -239,7 +239,8 @@ impl Session {
     /// Loads a driver, with retries where it never retries itself.
     pub fn load(driver: &str) -> Self {
         let mut messages = Vec::new();
-        for attempt in 1..=LOADS {
+        let attempts = if driver == "hm2_eth" { LOADS } else { 1 };
+        for attempt in 1..=attempts {
             let mut session = Self::start();
             session.hal("loadrt hostmot2");
             match session.try_hal(&format!("loadrt {driver} {WORDS}")) {
