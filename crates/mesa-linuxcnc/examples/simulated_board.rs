@@ -1,0 +1,45 @@
+//! A simulated 7I97 with a 7I77 and a 7I72 for `examples/linuxcnc.sh`, in the place of `mesa sim`.
+//!
+//!     simulated_board [ANY WORDS] --listen ADDRESS
+//!
+//! Commands on standard input, one a line, each answered by a line: `plug N`, `unplug N`, `lose PART`,
+//! `input N on|off`, and `outputs`, with outputs 3 of the 7I77, 17 of the 7I72 and 2 of the board.
+
+#[path = "../tests/fake_hal/board.rs"]
+mod board;
+
+use std::io::BufRead;
+use std::net::{Ipv4Addr, SocketAddrV4};
+
+use board::Board;
+
+fn main() {
+    let mut words = std::env::args().skip_while(|word| word != "--listen");
+    let address = words.nth(1).and_then(|word| word.parse::<Ipv4Addr>().ok());
+    let address = address.expect("--listen ADDRESS");
+    let board = Board::start_at(SocketAddrV4::new(address, 27_181));
+    println!("ready");
+    for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+        match answer(&board, &line) {
+            Some(answer) => println!("{answer}"),
+            None => println!("? {line}"),
+        }
+    }
+    // Standard input may be /dev/null.
+    loop {
+        std::thread::park();
+    }
+}
+
+fn answer(board: &Board, line: &str) -> Option<String> {
+    let words: Vec<_> = line.split_whitespace().collect();
+    match words[..] {
+        ["outputs"] => return Some(format!("{:?}", board.outputs())),
+        ["plug", channel] => board.plug(channel.parse().ok()?, true),
+        ["unplug", channel] => board.plug(channel.parse().ok()?, false),
+        ["lose", part] => board.lose(part.parse().ok()?),
+        ["input", number, state] => board.set_input(number.parse().ok()?, state == "on"),
+        _ => return None,
+    }
+    Some("done".into())
+}

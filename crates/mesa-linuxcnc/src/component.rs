@@ -1,0 +1,254 @@
+//! Loading, the functions of the cycle, the end, and panics.
+
+use core::ffi::{CStr, c_int, c_long};
+use core::fmt;
+use core::time::Duration;
+use std::ffi::CString;
+use std::net::SocketAddrV4;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+
+use mesa_hal::{Board, Driver, Settings, UdpBus, UdpConfig, WithAdvice};
+
+use crate::MAX_BOARDS;
+use crate::cycle::{Cycle, wanted};
+use crate::ffi::{self, ComponentId, HalError};
+use crate::memory::{HalMemory, MemoryError};
+use crate::parameters::{self, BoardParameters};
+use crate::say::{Level, Say, at_set_up};
+
+/// A function of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    Read,
+    Write,
+    RequestRead,
+}
+
+impl Step {
+    const ALL: [Self; 3] = [Self::Read, Self::Write, Self::RequestRead];
+
+    /// The end of the function's name in HAL.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Write => "write",
+            Self::RequestRead => "read-request",
+        }
+    }
+}
+
+type UdpCycle = Cycle<UdpBus, HalMemory>;
+
+/// The boards that are loaded. A lock is poisoned by a panic in the cycle of its board, which does
+/// nothing any more then.
+static BOARDS: [Mutex<Option<UdpCycle>>; MAX_BOARDS] = [const { Mutex::new(None) }; MAX_BOARDS];
+
+/// The component, while it is loaded.
+static COMPONENT: Mutex<Option<ComponentId>> = Mutex::new(None);
+
+/// An invalid argument, a missing device, and too little memory, as in C.
+const EINVAL: c_int = -22;
+const ENODEV: c_int = -19;
+const ENOMEM: c_int = -12;
+
+/// A sentence, and the result of the load.
+struct LoadError {
+    text: String,
+    result: c_int,
+}
+
+impl LoadError {
+    fn new(result: c_int, text: impl fmt::Display) -> Self {
+        Self {
+            text: text.to_string(),
+            result,
+        }
+    }
+}
+
+/// Loads the boards of the `loadrt` line. A negative result means that nothing is loaded.
+pub(crate) fn load() -> c_int {
+    let loaded = catch_unwind(try_load);
+    let loaded = loaded.unwrap_or_else(|_| {
+        Err(LoadError::new(
+            ENODEV,
+            "this is an error of mesa_eth itself: a panic, whose text is above",
+        ))
+    });
+    match loaded {
+        Ok(()) => 0,
+        Err(error) => {
+            unload();
+            at_set_up(Level::Error, &format_args!("{}", error.text));
+            error.result
+        }
+    }
+}
+
+fn try_load() -> Result<(), LoadError> {
+    let boards = parameters::take().map_err(|error| LoadError::new(EINVAL, error))?;
+    let component = ComponentId::new(c"mesa_eth");
+    let component = component.map_err(|HalError(result)| {
+        LoadError::new(
+            result,
+            "HAL does not accept the component; is it loaded already?",
+        )
+    })?;
+    *locked(&COMPONENT) = Some(component);
+    let mut names = Vec::new();
+    for (number, board) in boards.into_iter().enumerate() {
+        let address = board.address;
+        let of_board = |error: LoadError| {
+            LoadError::new(
+                error.result,
+                format_args!("board_ip={address}: {}", error.text),
+            )
+        };
+        let driver = start(board, &names).map_err(of_board)?;
+        let name = driver.name().to_owned();
+        let cycle = add(component, number, driver).map_err(of_board)?;
+        if let Some(place) = BOARDS.get(number) {
+            *locked(place) = Some(cycle);
+        }
+        at_set_up(Level::Info, &format_args!("board_ip={address}: {name}"));
+        names.push(name);
+    }
+    let ready = component.ready();
+    ready.map_err(|HalError(result)| LoadError::new(result, "HAL does not accept the component"))
+}
+
+/// Starts the driver of a board, whose name none of the others has: boards of a kind are numbered.
+fn start(board: BoardParameters, taken: &[String]) -> Result<Driver<UdpBus>, LoadError> {
+    let BoardParameters { address, settings } = board;
+    let mut number = 0;
+    loop {
+        let settings = Settings {
+            board_number: number,
+            ..settings.clone()
+        };
+        let board = identify(address, settings)?;
+        if taken.iter().all(|name| name != board.name()) {
+            let driver = board.start();
+            return driver.map_err(|error| failed(&error, error.advice()));
+        }
+        number += 1;
+    }
+}
+
+fn identify(address: SocketAddrV4, settings: Settings) -> Result<Board<UdpBus>, LoadError> {
+    let bus = UdpBus::connect(address, UdpConfig::default());
+    let bus = bus.map_err(|error| failed(&error, error.advice()))?;
+    let board = Board::identify(bus, settings);
+    board.map_err(|error| failed(&error, error.advice()))
+}
+
+fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadError {
+    LoadError::new(ENODEV, WithAdvice::new(error, advice))
+}
+
+/// Makes the pins, parameters and functions of a board.
+fn add(
+    component: ComponentId,
+    number: usize,
+    driver: Driver<UdpBus>,
+) -> Result<UdpCycle, LoadError> {
+    let wanted = wanted(&driver);
+    let of_memory = |name: &str, error: MemoryError| {
+        let result = match error {
+            MemoryError::Full | MemoryError::Slots => ENOMEM,
+            MemoryError::Refused(result) => result,
+        };
+        LoadError::new(result, format_args!("{name}: {error}"))
+    };
+    let memory = HalMemory::new(component, wanted.len());
+    let mut memory = memory.map_err(|error| of_memory(driver.name(), error))?;
+    for pin in &wanted {
+        let made = memory.add(&c_name(&pin.name)?, pin.role, pin.hal_type);
+        made.map_err(|error| of_memory(&pin.name, error))?;
+    }
+    for step in Step::ALL {
+        let name = format!("{}.{}", driver.name(), step.name());
+        let exported = component.export(&c_name(&name)?, step, number);
+        exported.map_err(|HalError(result)| of_memory(&name, MemoryError::Refused(result)))?;
+    }
+    let listener = Box::new(|level: Level, text: &CStr| ffi::print(level, text));
+    let say = Say::new(driver.name(), listener);
+    for remark in driver.missing() {
+        let remark = WithAdvice::new(remark, remark.advice());
+        at_set_up(Level::Error, &format_args!("{}: {remark}", driver.name()));
+    }
+    Ok(Cycle::new(driver, memory, say))
+}
+
+fn c_name(name: &str) -> Result<CString, LoadError> {
+    CString::new(name).map_err(|error| LoadError::new(EINVAL, format_args!("{name}: {error}")))
+}
+
+/// Does a step of a board, in a thread of HAL.
+///
+/// A panic ends the board's cycle: its watchdog then switches its outputs off, and LinuxCNC goes on.
+///
+/// # Real time
+/// That of the step. A board whose step another thread does at this moment is left out.
+pub(crate) fn run(board: usize, step: Step, period: c_long) {
+    let Some(place) = BOARDS.get(board) else {
+        return;
+    };
+    let result = catch_unwind(AssertUnwindSafe(|| {
+        let mut guard = match place.try_lock() {
+            Ok(guard) => guard,
+            // After a panic, and while another thread has the board.
+            Err(TryLockError::Poisoned(_) | TryLockError::WouldBlock) => return,
+        };
+        let Some(cycle) = guard.as_mut() else {
+            return;
+        };
+        #[cfg(feature = "inject-panic")]
+        assert!(!ffi::panic_is_due(), "a panic on request");
+        let period = Duration::from_nanos(u64::try_from(period).unwrap_or(0));
+        match step {
+            Step::Read => cycle.read(period),
+            Step::Write => cycle.write(period),
+            Step::RequestRead => cycle.request_read(period),
+        }
+    }));
+    if result.is_err() {
+        let step = step.name();
+        at_set_up(
+            Level::Error,
+            &format_args!(
+                "a panic in {step} of board {board}, whose text is above, is an error of mesa_eth itself: the \
+                 board is not driven any more, and its watchdog switches its outputs off; load it again"
+            ),
+        );
+    }
+}
+
+/// Stops all boards, and removes the component.
+pub(crate) fn unload() {
+    for place in &BOARDS {
+        let _ = catch_unwind(AssertUnwindSafe(|| stop(place)));
+    }
+    if let Some(component) = locked(&COMPONENT).take() {
+        component.exit();
+    }
+}
+
+fn stop(place: &Mutex<Option<UdpCycle>>) {
+    match place.lock() {
+        Ok(mut cycle) => {
+            if let Some(cycle) = cycle.take() {
+                cycle.stop();
+            }
+        }
+        // The state of its driver is unknown, and its watchdog has bitten: it is left as it is, without
+        // its pins, which HAL removes.
+        Err(poisoned) => core::mem::forget(poisoned.into_inner().take()),
+    }
+    place.clear_poison();
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

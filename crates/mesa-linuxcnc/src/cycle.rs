@@ -1,0 +1,284 @@
+//! The cycle of a board: HAL's values to the driver and back.
+
+use core::fmt;
+use core::time::Duration;
+
+use mesa_hal::driver::{Events, SerialPort};
+use mesa_hal::hal::{GroupId, HalType, PinId, Pins, Role, Value};
+use mesa_hal::{Clock, Driver, RegisterBus};
+
+use crate::rearm::{Rearming, RemoteMask, Seen};
+use crate::say::{Level, Say, level};
+use crate::table::{Change, Memory, Table};
+
+/// The largest number of remotes: four ports of eight channels.
+const MAX_REMOTES: usize = 32;
+
+/// A pin or parameter that the component makes in HAL.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Wanted {
+    pub name: String,
+    pub role: Role,
+    pub hal_type: HalType,
+}
+
+/// The pins and parameters of a board in HAL: all of the driver's, and then the component's own. HAL's
+/// numbers of the values are in this order.
+pub(crate) fn wanted<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Wanted> {
+    let of_driver = driver.pins().infos().iter().map(|info| Wanted {
+        name: info.name.clone(),
+        role: info.role,
+        hal_type: info.hal_type,
+    });
+    let own = |prefix: &str, name: &str, role| Wanted {
+        name: format!("{prefix}.{name}"),
+        role,
+        hal_type: HalType::Bit,
+    };
+    let mut wanted: Vec<_> = of_driver.collect();
+    wanted.push(own(driver.name(), "valid", Role::Input));
+    for remote in driver.ports().iter().flat_map(SerialPort::remotes) {
+        let prefix = &remote.pins.prefix;
+        wanted.push(own(prefix, "valid", Role::Input));
+        wanted.push(own(prefix, "armed", Role::Input));
+        wanted.push(own(prefix, "rearm", Role::Output));
+    }
+    wanted
+}
+
+/// A remote, and the numbers of the component's own pins of it in HAL.
+#[derive(Clone, Copy, Debug)]
+struct RemoteEntry {
+    group: GroupId,
+    valid: usize,
+    armed: usize,
+    rearm: usize,
+}
+
+/// A board in its cycle.
+pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
+    driver: Driver<B>,
+    memory: M,
+    table: Table,
+    events: Events,
+    say: Say,
+    rearming: Rearming,
+    /// Those whose clearing re-arms everything.
+    acknowledged: [Option<PinId>; 2],
+    /// Number in HAL of the pin `run` of each port.
+    run: Vec<usize>,
+    /// Number in HAL of the board's own pin `valid`.
+    valid: usize,
+    remotes: Vec<RemoteEntry>,
+    has_begun: bool,
+    /// The user has cleared one of `acknowledged`.
+    is_cleared: bool,
+}
+
+impl<B: RegisterBus + Clock, M: Memory> fmt::Debug for Cycle<B, M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Cycle({})", self.driver.name())
+    }
+}
+
+impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
+    /// The cycle of a driver whose pins, as [`wanted`] lists them, are in `memory`.
+    pub fn new(driver: Driver<B>, mut memory: M, say: Say) -> Self {
+        let pins = driver.pins();
+        let table = Table::new(pins, &mut memory);
+        let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
+        let acknowledged = [id("watchdog.has_bit"), id("io_error")];
+        let run = driver.ports().iter();
+        let run = run.map(|port| format!("sserial.port-{}.run", port.layout().instance));
+        let run: Vec<_> = run.filter_map(|name| Some(id(&name)?.index())).collect();
+        let valid = pins.infos().len();
+        let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+        let remotes = remotes
+            .zip((valid + 1..).step_by(3))
+            .map(|(remote, first)| RemoteEntry {
+                group: remote.pins.group,
+                valid: first,
+                armed: first + 1,
+                rearm: first + 2,
+            });
+        let remotes: Vec<_> = remotes.take(MAX_REMOTES).collect();
+        let mut first = 0;
+        let ports = driver.ports().iter().map(|port| {
+            let count = port.remotes().count();
+            let mask = mask_of(first..first + count);
+            first += count;
+            mask
+        });
+        let rearming = Rearming::new(ports.collect(), run_of(&run, &memory));
+        let events = driver.events();
+        Self {
+            table,
+            events,
+            say,
+            rearming,
+            acknowledged,
+            run,
+            valid,
+            remotes,
+            has_begun: false,
+            is_cleared: false,
+            driver,
+            memory,
+        }
+    }
+
+    /// The function `read` of the thread with the given period.
+    pub fn read(&mut self, period: Duration) {
+        self.begin(period);
+        self.take_changes(Table::before_read);
+        // Events report what fails.
+        let _ = self.driver.read();
+        self.table.after_read(self.driver.pins(), &mut self.memory);
+        self.show_own();
+        self.say_events();
+    }
+
+    /// The function `write`.
+    pub fn write(&mut self, period: Duration) {
+        self.begin(period);
+        self.take_changes(Table::before_write);
+        self.rearm();
+        let _ = self.driver.write();
+        self.table.after_write(self.driver.pins(), &mut self.memory);
+        self.say_events();
+    }
+
+    /// The function `read-request`.
+    pub fn request_read(&mut self, period: Duration) {
+        self.begin(period);
+        self.driver.request_read();
+    }
+
+    /// Ends the cycle: outputs off, ports stopped.
+    pub fn stop(mut self) {
+        let now = self.now();
+        let (stopped, result) = self.driver.shutdown();
+        drop(stopped);
+        if let Err(error) = result {
+            self.say
+                .say(now, Level::Error, format_args!("at the end, {error}"));
+        }
+    }
+
+    /// In the first call: HAL tells the period, and what the HAL file has set is there.
+    fn begin(&mut self, period: Duration) {
+        if core::mem::replace(&mut self.has_begun, true) {
+            return;
+        }
+        self.take_changes(Table::before_write);
+        if let Err(error) = self.driver.set_period(period) {
+            let now = self.now();
+            let kept = self.driver.period();
+            self.say.say(
+                now,
+                Level::Error,
+                format_args!("{error}; the period of the driver stays {kept:?}"),
+            );
+        }
+    }
+
+    /// Moves what HAL has changed to the driver.
+    fn take_changes(
+        &mut self,
+        step: impl FnOnce(&mut Table, &mut Pins, &mut M, &mut dyn FnMut(Change)),
+    ) {
+        let Self {
+            driver,
+            memory,
+            table,
+            say,
+            acknowledged,
+            is_cleared,
+            ..
+        } = self;
+        let now = since_start(driver.bus_mut().now());
+        step(
+            table,
+            driver.pins_mut(),
+            memory,
+            &mut |change| match change {
+                Change::Set(id, bits) => {
+                    *is_cleared |= bits == 0 && acknowledged.contains(&Some(id));
+                }
+                Change::Refused(error) => say.say(now, Level::Error, format_args!("{error}")),
+            },
+        );
+    }
+
+    /// Lets outputs follow that the user asks for.
+    fn rearm(&mut self) {
+        let rearm = self.remotes.iter().enumerate();
+        let rearm = rearm.filter(|(_, remote)| self.memory.load(remote.rearm) != 0);
+        let seen = Seen {
+            is_cleared: core::mem::take(&mut self.is_cleared),
+            run: run_of(&self.run, &self.memory),
+            rearm: mask_of(rearm.map(|(number, _)| number)),
+        };
+        let wishes = self.rearming.step(seen);
+        if !wishes.all && wishes.remotes == 0 {
+            return;
+        }
+        if wishes.all {
+            let _ = self.driver.rearm_when_running();
+        }
+        for (number, remote) in self.remotes.iter().enumerate() {
+            if wishes.remotes >> number & 1 == 1
+                && let Err(error) = self.driver.rearm_group_when_running(remote.group)
+            {
+                let now = since_start(self.driver.bus_mut().now());
+                self.say.say(now, Level::Error, format_args!("{error}"));
+            }
+        }
+        // Arming forgets what was set before.
+        self.table.outputs(self.driver.pins_mut(), &self.memory);
+    }
+
+    /// Shows the component's own pins.
+    fn show_own(&mut self) {
+        let pins = self.driver.pins();
+        let board = pins.group_state(self.driver.group());
+        let is_valid = board.is_some_and(|state| state.valid);
+        self.memory.store(self.valid, is_valid.to_bits());
+        for remote in &self.remotes {
+            if let Some(state) = pins.group_state(remote.group) {
+                self.memory.store(remote.valid, state.valid.to_bits());
+                self.memory.store(remote.armed, state.armed.to_bits());
+            }
+        }
+    }
+
+    fn say_events(&mut self) {
+        for event in self.events.by_ref() {
+            let level = level(&event.kind);
+            self.say
+                .say(since_start(event.at), level, format_args!("{event}"));
+        }
+    }
+
+    fn now(&mut self) -> Duration {
+        since_start(self.driver.bus_mut().now())
+    }
+}
+
+fn since_start(now: mesa_hal::bus::Instant) -> Duration {
+    now.since(mesa_hal::bus::Instant::default())
+}
+
+/// The pins `run` that are on.
+fn run_of(run: &[usize], memory: &impl Memory) -> u8 {
+    let on = run.iter().enumerate();
+    let on = on.filter(|&(_, &index)| memory.load(index) != 0);
+    mask_of(on.map(|(port, _)| port)) as u8
+}
+
+fn mask_of(numbers: impl Iterator<Item = usize>) -> RemoteMask {
+    numbers.fold(0, |mask, number| mask | 1 << (number % MAX_REMOTES))
+}
+
+#[cfg(test)]
+mod tests;

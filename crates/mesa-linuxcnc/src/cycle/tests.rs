@@ -1,0 +1,398 @@
+//! A board's cycle on virtual time, over a HAL that is a vector.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+
+use mesa_hal::Settings;
+use mesa_hal::bus::{BusErrorKind, Fault};
+use mesa_hal::transport::Faulty;
+use mesa_hal_sim::devices::{SignalValue, find, find_cable, find_mut};
+use mesa_hal_sim::{Motor, SimFpga, machines};
+
+use super::*;
+use crate::table::tests::FakeMemory;
+
+const PERIOD: Duration = Duration::from_millis(1);
+const FIELD: usize = 0;
+const OUTPUTS: usize = 2;
+
+/// Messages so far.
+type Heard = Arc<Mutex<Vec<(Level, String)>>>;
+
+struct Bench {
+    cycle: Cycle<Faulty<SimFpga>, FakeMemory>,
+    numbers: HashMap<String, usize>,
+    heard: Heard,
+    period: Duration,
+}
+
+impl Bench {
+    /// A 7I97 with a 7I77 and a 7I72.
+    fn new() -> Self {
+        let bus = Faulty::new(machines::six_axes_7i97(Motor::default()), 1);
+        let driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
+        let wanted = wanted(&driver);
+        let numbers = wanted.iter().map(|pin| pin.name.clone()).zip(0..);
+        let heard = Heard::default();
+        let copy = heard.clone();
+        let say = Say::new(
+            "board",
+            Box::new(move |level, text| {
+                let text = text.to_str().expect("UTF-8").to_owned();
+                copy.lock().expect("no panic").push((level, text));
+            }),
+        );
+        let memory = FakeMemory(vec![0; wanted.len()]);
+        Self {
+            numbers: numbers.collect(),
+            cycle: Cycle::new(driver, memory, say),
+            heard,
+            period: PERIOD,
+        }
+    }
+
+    /// A bench whose thread has run.
+    fn running() -> Self {
+        let mut bench = Self::new();
+        bench.run(100);
+        bench
+    }
+
+    fn number(&self, name: &str) -> usize {
+        self.numbers[&format!("hm2_7i97.0.{name}")]
+    }
+
+    fn bits(&self, name: &str) -> u64 {
+        self.cycle.memory.load(self.number(name))
+    }
+
+    fn is_on(&self, name: &str) -> bool {
+        self.bits(name) != 0
+    }
+
+    /// `setp`.
+    fn set<T: Value>(&mut self, name: &str, value: T) {
+        let number = self.number(name);
+        self.cycle.memory.store(number, value.to_bits());
+    }
+
+    fn fpga(&mut self) -> &mut SimFpga {
+        &mut self.cycle.driver.bus_mut().inner
+    }
+
+    fn wait(&mut self, time: Duration) {
+        self.cycle.driver.bus_mut().wait(time);
+    }
+
+    fn run(&mut self, cycles: u32) {
+        for _ in 0..cycles {
+            self.cycle.read(self.period);
+            self.cycle.write(self.period);
+            self.wait(self.period);
+        }
+    }
+
+    /// State of a digital output at its terminal.
+    fn output(&mut self, channel: usize, number: usize) -> bool {
+        let device = find(self.fpga().remote(0, channel).expect("a remote")).expect("a device");
+        let (_, value) = device.outputs()[number].clone();
+        value == SignalValue::Bool(true)
+    }
+
+    fn pull(&mut self, channel: usize) {
+        let remote = self.fpga().remote_mut(0, channel).expect("a remote");
+        find_cable(remote).expect("a cable").unplug();
+    }
+
+    fn put_back(&mut self, channel: usize) {
+        let remote = self.fpga().remote_mut(0, channel).expect("a remote");
+        find_cable(remote).expect("a cable").replug();
+    }
+
+    /// Outputs 3 of the 7I77, 17 of the 7I72, and 2 of the board are on.
+    fn switch_on(&mut self) {
+        self.set("7i77.0.0.output-03", true);
+        self.set("7i72.0.2.output-17", true);
+        self.set("ssr.00.out-02", true);
+        self.run(5);
+        assert_eq!(self.outputs(), [true; 3]);
+    }
+
+    fn outputs(&mut self) -> [bool; 3] {
+        let board = self.fpga().isolated_output(2);
+        [self.output(FIELD, 3), self.output(OUTPUTS, 17), board]
+    }
+
+    fn heard(&self, level: Level) -> Vec<String> {
+        let heard = self.heard.lock().expect("no panic");
+        let heard = heard.iter().filter(|(of, _)| *of == level);
+        heard.map(|(_, text)| text.clone()).collect()
+    }
+}
+
+#[test]
+fn hal_has_the_values_of_the_driver_at_first() {
+    let bench = Bench::new();
+    let pins = bench.cycle.driver.pins();
+    assert!(bench.numbers.len() > 700);
+    for (info, value) in pins.infos().iter().zip(pins.values()) {
+        let bits = bench.cycle.memory.load(bench.numbers[&info.name]);
+        assert_eq!(bits, value.bits, "{}", info.name);
+    }
+}
+
+#[test]
+fn names_are_there_once_and_fit_hal() {
+    let bench = Bench::new();
+    let wanted = wanted(&bench.cycle.driver);
+    assert_eq!(wanted.len(), bench.numbers.len());
+    assert!(
+        wanted
+            .iter()
+            .all(|pin| pin.name.len() <= mesa_hal::hal::MAX_NAME)
+    );
+}
+
+#[test]
+fn outputs_follow_hal_and_inputs_come_to_it() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    let remote = bench.fpga().remote_mut(0, FIELD).expect("a remote");
+    let device = find_mut(remote).expect("a device");
+    device.set_input(7, true).expect("an input");
+    bench.run(5);
+    assert!(bench.is_on("7i77.0.0.input-07"));
+    assert!(!bench.is_on("7i77.0.0.input-07-not"));
+    for name in ["valid", "7i77.0.0.valid", "7i72.0.2.armed"] {
+        assert!(bench.is_on(name), "{name}");
+    }
+    bench.set("7i77.0.0.output-03", false);
+    bench.run(3);
+    assert_eq!(bench.outputs(), [false, true, true]);
+    assert_eq!(bench.heard(Level::Error), [""; 0]);
+}
+
+#[test]
+fn what_happens_before_the_thread_starts_is_no_fault() {
+    let mut bench = Bench::new();
+    bench.set("7i72.0.2.output-17", true);
+    // Much longer than the watchdogs of the remotes.
+    bench.wait(Duration::from_secs(60));
+    bench.run(1_000);
+    bench.switch_on();
+    assert_eq!(bench.heard(Level::Error), [""; 0]);
+}
+
+#[test]
+fn the_period_of_the_thread_is_the_drivers() {
+    let mut bench = Bench::new();
+    bench.period = Duration::from_millis(2);
+    bench.run(1);
+    assert_eq!(bench.cycle.driver.period(), bench.period);
+    assert_eq!(bench.bits("watchdog.timeout_ns"), 10_000_000);
+
+    let mut bench = Bench::new();
+    bench.set("watchdog.timeout_ns", 50_000_000_u32);
+    bench.period = Duration::from_millis(2);
+    bench.run(1);
+    assert_eq!(bench.bits("watchdog.timeout_ns"), 50_000_000);
+}
+
+#[test]
+fn a_period_that_cannot_be_kept_is_an_error_and_the_cycle_goes_on() {
+    let mut bench = Bench::new();
+    bench.period = Duration::from_secs(1);
+    bench.run(1);
+    let [error] = &bench.heard(Level::Error)[..] else {
+        panic!("{:?}", bench.heard);
+    };
+    assert!(error.contains("1 s"), "{error}");
+    assert_eq!(bench.cycle.driver.period(), PERIOD);
+}
+
+#[test]
+fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench.pull(OUTPUTS);
+    bench.run(200);
+    assert_eq!(bench.outputs(), [true, false, true]);
+    assert!(!bench.is_on("7i72.0.2.valid"));
+    let errors = bench.heard(Level::Error);
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    assert!(errors[0].contains("channel 2"), "{errors:?}");
+    // The others follow.
+    bench.set("7i77.0.0.output-03", false);
+    bench.run(3);
+    assert_eq!(bench.outputs(), [false, false, true]);
+    bench.set("7i77.0.0.output-03", true);
+    bench.put_back(OUTPUTS);
+    bench.run(10_000);
+    assert_eq!(bench.outputs(), [true, false, true]);
+    assert!(bench.is_on("7i72.0.2.valid"));
+    assert!(!bench.is_on("7i72.0.2.armed"));
+    bench.set("sserial.port-0.run", false);
+    bench.run(200);
+    assert_eq!(bench.outputs(), [false, false, true]);
+    bench.set("sserial.port-0.run", true);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+    assert!(bench.is_on("7i72.0.2.armed"));
+}
+
+#[test]
+fn a_rising_edge_of_rearm_arms_that_remote_alone_even_before_it_is_back() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    for channel in [FIELD, OUTPUTS] {
+        bench.pull(channel);
+    }
+    bench.run(200);
+    bench.set("7i72.0.2.rearm", true);
+    bench.run(10);
+    for channel in [FIELD, OUTPUTS] {
+        bench.put_back(channel);
+    }
+    bench.run(10_000);
+    assert_eq!(bench.outputs(), [false, true, true]);
+    // The pin is still on: no edge.
+    bench.pull(OUTPUTS);
+    bench.run(200);
+    bench.put_back(OUTPUTS);
+    bench.run(10_000);
+    assert_eq!(bench.outputs(), [false, false, true]);
+    bench.set("7i77.0.0.rearm", true);
+    bench.run(10);
+    assert_eq!(bench.outputs(), [true, false, true]);
+}
+
+#[test]
+fn a_thread_that_stops_makes_everything_safe_until_has_bit_is_cleared() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench.wait(Duration::from_secs(2));
+    bench.run(500);
+    assert_eq!(bench.outputs(), [false; 3]);
+    assert!(bench.is_on("watchdog.has_bit"));
+    assert!(!bench.is_on("io_error"));
+    let errors = bench.heard(Level::Error);
+    assert!(errors[0].contains("watchdog has bitten"), "{errors:?}");
+    bench.set("watchdog.has_bit", false);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+    assert!(!bench.is_on("watchdog.has_bit"));
+}
+
+#[test]
+fn lost_packets_are_an_io_error_and_clearing_that_brings_everything_back() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench
+        .cycle
+        .driver
+        .bus_mut()
+        .fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 1.0);
+    bench.run(400);
+    assert!(bench.is_on("io_error"));
+    assert!(!bench.is_on("valid"));
+    bench.cycle.driver.bus_mut().heal();
+    bench.run(500);
+    assert_eq!(bench.outputs(), [false; 3]);
+    bench.set("io_error", false);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+    assert!(!bench.is_on("io_error") && !bench.is_on("watchdog.has_bit"));
+    assert!(bench.is_on("valid"));
+}
+
+#[test]
+fn a_new_fault_withdraws_what_was_asked_for() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench.pull(OUTPUTS);
+    bench.wait(Duration::from_secs(2));
+    bench.run(10);
+    bench.set("watchdog.has_bit", false);
+    bench.run(500);
+    // The pulled card is awaited.
+    assert_eq!(bench.outputs(), [true, false, true]);
+    bench.wait(Duration::from_secs(2));
+    bench.run(10);
+    bench.put_back(OUTPUTS);
+    bench.run(10_000);
+    assert_eq!(bench.outputs(), [false; 3]);
+    bench.set("watchdog.has_bit", false);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+}
+
+#[test]
+fn inputs_that_are_not_valid_keep_their_last_values() {
+    let mut bench = Bench::running();
+    let remote = bench.fpga().remote_mut(0, FIELD).expect("a remote");
+    find_mut(remote)
+        .expect("a device")
+        .set_input(7, true)
+        .expect("an input");
+    bench.run(5);
+    bench.pull(FIELD);
+    bench.run(200);
+    assert!(!bench.is_on("7i77.0.0.valid"));
+    assert!(bench.is_on("7i77.0.0.input-07"));
+}
+
+#[test]
+fn a_setting_that_cannot_be_is_put_back_with_its_name() {
+    let mut bench = Bench::running();
+    let before = bench.bits("encoder.00.scale");
+    bench.set("encoder.00.scale", 0.0);
+    bench.run(5);
+    assert_eq!(bench.bits("encoder.00.scale"), before);
+    let errors = bench.heard(Level::Error);
+    assert_eq!(errors.len(), 1);
+    assert!(
+        errors[0].contains("hm2_7i97.0.encoder.00.scale"),
+        "{errors:?}"
+    );
+}
+
+#[test]
+fn a_cycle_does_not_allocate_with_a_card_pulled_and_put_back() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    // Messages of the test allocate, those of LinuxCNC do not.
+    bench.cycle.say = Say::new("board", Box::new(|_, _| {}));
+    let mut count = 0;
+    for cycle in 0..20_000 {
+        match cycle {
+            1_000 => bench.pull(OUTPUTS),
+            3_000 => bench.put_back(OUTPUTS),
+            12_000 => bench.set("7i72.0.2.rearm", true),
+            13_000 => bench.set("encoder.00.scale", 0.0),
+            14_000 => bench.wait(Duration::from_secs(1)),
+            15_000 => bench.set("watchdog.has_bit", false),
+            _ => {}
+        }
+        let info = allocation_counter::measure(|| {
+            bench.cycle.read(PERIOD);
+            bench.cycle.write(PERIOD);
+        });
+        count += info.count_total;
+        bench.wait(PERIOD);
+    }
+    assert_eq!(count, 0);
+    assert_eq!(bench.outputs(), [true; 3]);
+}
+
+#[test]
+fn the_end_switches_everything_off() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    let heard = bench.heard.clone();
+    bench.cycle.stop();
+    let heard = heard.lock().expect("no panic");
+    assert!(
+        heard.iter().all(|(level, _)| *level != Level::Error),
+        "{heard:?}"
+    );
+}

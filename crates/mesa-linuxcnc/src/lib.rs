@@ -1,0 +1,44 @@
+//! The realtime component `mesa_eth` for LinuxCNC: the driver of [`mesa_hal`] in the place of
+//! `hostmot2` and `hm2_eth`, with the same names of pins, parameters and functions.
+//!
+//! ```text
+//! loadrt mesa_eth board_ip=10.10.10.10 config="num_encoders=6 sserial_port_0=000xxxxx"
+//! addf hm2_7i97.0.read  servo-thread
+//! addf hm2_7i97.0.write servo-thread
+//! ```
+//!
+//! [The page for LinuxCNC users](mesa_hal::guides) describes what differs. From the outside in:
+//!
+//! | module | contains |
+//! |---|---|
+//! | `ffi` | the functions of HAL and RTAPI, and the symbols that `rtapi_app` looks up; unsafe |
+//! | `memory` | pins and parameters in HAL's shared memory; unsafe |
+//! | `parameters` | the words of the `loadrt` line, apart from the configuration |
+//! | `component` | loading, the functions of the cycle, the end, and panics |
+//! | `cycle` | a board's cycle: HAL to the driver and back |
+//! | `table` | the copy between HAL's values and the driver's pins |
+//! | `rearm` | which outputs follow again after what the user has done in HAL |
+//! | `config` | the words of `config=` |
+//! | `say` | messages, limited in number by time |
+//!
+//! # Real time
+//! The functions of the cycle do not allocate, lock memory, or change the scheduling, which are
+//! `rtapi_app`'s own. No environment variable changes their behaviour.
+
+#![cfg_attr(
+    not(test),
+    warn(clippy::unwrap_used, clippy::expect_used, clippy::panic)
+)]
+
+mod component;
+mod config;
+mod cycle;
+mod ffi;
+mod memory;
+mod parameters;
+mod rearm;
+mod say;
+mod table;
+
+/// The largest number of boards in a `loadrt` line, as in hm2_eth.
+pub const MAX_BOARDS: usize = 4;

@@ -1,0 +1,225 @@
+//! Messages, at LinuxCNC's levels and limited in number by time.
+
+use core::ffi::CStr;
+use core::fmt::{self, Write};
+use core::time::Duration;
+
+use mesa_hal::driver::{EventKind, EventMask};
+
+/// Level of a message. LinuxCNC prints errors only, unless `DEBUG` asks for more, and shows them on
+/// the operator's screen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// Outputs were made safe, or the component does less than it was told to.
+    Error = 1,
+    /// A fault without consequences for outputs.
+    Warning = 2,
+    /// A recovery.
+    Info = 3,
+}
+
+/// Level of an event.
+pub(crate) fn level(kind: &EventKind) -> Level {
+    let unsafe_to_hide = EventMask::OUTPUTS_SAFE
+        .union(EventMask::OTHER_FIRMWARE)
+        .union(EventMask::OTHER_MASTER);
+    if unsafe_to_hide.contains(kind.mask()) {
+        Level::Error
+    } else if kind.is_fault() {
+        Level::Warning
+    } else {
+        Level::Info
+    }
+}
+
+/// Receives the messages that are not left out.
+pub(crate) type Listener = Box<dyn FnMut(Level, &CStr) + Send>;
+
+/// Messages of a board.
+///
+/// # Real time
+/// Bounded by the length of a message. No allocation.
+pub(crate) struct Say {
+    board: String,
+    listener: Listener,
+    /// For errors, and for all others.
+    budgets: [Budget; 2],
+}
+
+impl fmt::Debug for Say {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Say({}, {:?})", self.board, self.budgets)
+    }
+}
+
+impl Say {
+    /// Messages that begin with the name of the board.
+    pub fn new(board: &str, listener: Listener) -> Self {
+        Self {
+            board: board.into(),
+            listener,
+            budgets: [Budget::default(); 2],
+        }
+    }
+
+    /// Prints a message, unless too many were printed shortly before. `now` is the time since any
+    /// fixed moment.
+    pub fn say(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
+        let budget = &mut self.budgets[usize::from(level != Level::Error)];
+        let Some(left_out) = budget.spend(now) else {
+            return;
+        };
+        let mut line = Line::default();
+        // A line that is too long is cut.
+        let _ = write!(line, "{}: ", self.board);
+        if left_out > 0 {
+            let _ = write!(line, "(messages left out before this one: {left_out}) ");
+        }
+        let _ = line.write_fmt(text);
+        (self.listener)(level, line.text());
+    }
+}
+
+/// Limit of the messages in a time: a burst, and then one in each [`PAUSE`].
+#[derive(Clone, Copy, Debug)]
+struct Budget {
+    left: u32,
+    /// Time up to which messages were added to `left`.
+    since: Duration,
+    left_out: u32,
+}
+
+/// Messages in a burst.
+const BURST: u32 = 20;
+/// Time for one more message.
+const PAUSE: Duration = Duration::from_secs(3);
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self {
+            left: BURST,
+            since: Duration::ZERO,
+            left_out: 0,
+        }
+    }
+}
+
+impl Budget {
+    /// Number of messages that were left out before this one; `None` if it is left out too.
+    fn spend(&mut self, now: Duration) -> Option<u32> {
+        let pauses = now.saturating_sub(self.since).as_nanos() / PAUSE.as_nanos();
+        let pauses = u32::try_from(pauses).unwrap_or(u32::MAX);
+        self.left = self.left.saturating_add(pauses).min(BURST);
+        self.since = if self.left == BURST {
+            now
+        } else {
+            self.since.saturating_add(PAUSE.saturating_mul(pauses))
+        };
+        if let Some(left) = self.left.checked_sub(1) {
+            self.left = left;
+            return Some(core::mem::take(&mut self.left_out));
+        }
+        self.left_out = self.left_out.saturating_add(1);
+        None
+    }
+}
+
+/// Largest length of a line, with its end. LinuxCNC's is 1020.
+const LENGTH: usize = 1000;
+
+/// A line in a buffer of fixed size, with NUL at its end.
+struct Line {
+    bytes: [u8; LENGTH],
+    length: usize,
+}
+
+impl Default for Line {
+    fn default() -> Self {
+        Self {
+            bytes: [0; LENGTH],
+            length: 0,
+        }
+    }
+}
+
+impl Line {
+    fn text(&self) -> &CStr {
+        CStr::from_bytes_until_nul(&self.bytes).unwrap_or_default()
+    }
+}
+
+impl Write for Line {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = LENGTH - 1 - self.length;
+        let length = (0..=room.min(text.len()))
+            .rev()
+            .find(|&length| text.is_char_boundary(length))
+            .unwrap_or(0);
+        let end = self.length + length;
+        self.bytes[self.length..end].copy_from_slice(&text.as_bytes()[..length]);
+        self.length = end;
+        if length < text.len() {
+            return Err(fmt::Error);
+        }
+        Ok(())
+    }
+}
+
+/// Prints a message at set-up, without a limit.
+pub(crate) fn at_set_up(level: Level, text: &fmt::Arguments<'_>) {
+    let mut line = Line::default();
+    let _ = write!(line, "mesa_eth: {text}");
+    crate::ffi::print(level, line.text());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::sync::{Arc, Mutex};
+
+    type Heard = Arc<Mutex<Vec<(Level, String)>>>;
+
+    fn say() -> (Say, Heard) {
+        let heard = Heard::default();
+        let copy = heard.clone();
+        let listener = move |level, text: &CStr| {
+            let text = text.to_str().expect("UTF-8").to_owned();
+            copy.lock().expect("no panic").push((level, text));
+        };
+        (Say::new("hm2_7i97.0", Box::new(listener)), heard)
+    }
+
+    #[test]
+    fn a_bad_hour_is_a_page_and_errors_are_counted_apart() {
+        let (mut say, heard) = say();
+        for cycle in 0..3_600_000_u64 {
+            let now = Duration::from_millis(cycle);
+            say.say(now, Level::Warning, format_args!("cycle {cycle}"));
+        }
+        say.say(
+            Duration::from_secs(3_600),
+            Level::Error,
+            format_args!("bitten"),
+        );
+        let heard = heard.lock().expect("no panic");
+        assert_eq!(heard.len(), 20 + 1_199 + 1);
+        assert_eq!(heard[0], (Level::Warning, "hm2_7i97.0: cycle 0".into()));
+        let later = "hm2_7i97.0: (messages left out before this one: 2980) cycle 3000";
+        assert_eq!(heard[20].1, later);
+        let last = heard.last().expect("an error");
+        assert_eq!(*last, (Level::Error, "hm2_7i97.0: bitten".into()));
+    }
+
+    proptest! {
+        #[test]
+        fn a_long_message_is_cut_between_characters(text in "\\PC{0,600}") {
+            let (mut say, heard) = say();
+            say.say(Duration::ZERO, Level::Info, format_args!("{text}{text}"));
+            let heard = heard.lock().expect("no panic");
+            let whole = format!("hm2_7i97.0: {text}{text}");
+            prop_assert!(whole.starts_with(&heard[0].1));
+            prop_assert!(heard[0].1.len() >= whole.len().min(LENGTH - 4));
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! The copy between HAL's values and the driver's pins.
+//!
+//! | role | HAL | before `read` | after `read` | before `write` | after `write` |
+//! |---|---|---|---|---|---|
+//! | input | OUT | | valid values to HAL | | |
+//! | output | IN | | | to the driver | |
+//! | set by both | I/O | to the driver | to HAL | to the driver | to HAL |
+//! | parameter | RW | | | to the driver, or back | |
+//! | property | RO | | to HAL | | |
+//! | kept in a remote | RW | | | back to HAL | |
+//!
+//! Where both sides have changed a value, the driver wins. Outputs are set anew in every cycle, because
+//! arming makes the driver forget what was set before.
+
+use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, Pins, Role};
+
+/// Values of HAL, by the numbers in which they were made: as the bits of [`mesa_hal::hal::Value`].
+pub(crate) trait Memory {
+    fn load(&self, index: usize) -> u64;
+    fn store(&mut self, index: usize, bits: u64);
+}
+
+/// A pin or parameter of the driver, and its number in HAL.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    id: PinId,
+    index: usize,
+    hal_type: HalType,
+}
+
+/// A value that both sides change, or that seldom changes.
+#[derive(Clone, Copy, Debug)]
+struct Shared {
+    entry: Entry,
+    /// The value on which both sides agreed, as the driver's bits.
+    agreed: u64,
+}
+
+/// What HAL has changed, or wanted to.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Change {
+    /// A value that both sides change has these bits now.
+    Set(PinId, u64),
+    /// The driver does not take the value, and HAL has the old one again.
+    Refused(PinError),
+}
+
+/// All pins and parameters of a driver.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    inputs: Vec<Entry>,
+    outputs: Vec<Entry>,
+    inouts: Vec<Shared>,
+    settings: Vec<Shared>,
+    properties: Vec<Shared>,
+    in_remotes: Vec<Shared>,
+}
+
+impl Table {
+    /// The table of all pins of a driver, in the order of [`Pins::ids`], which is also that of HAL's
+    /// values. HAL gets the values that the driver has now.
+    pub fn new(pins: &Pins, memory: &mut impl Memory) -> Self {
+        let mut table = Self::default();
+        for (index, (id, info)) in pins.ids().zip(pins.infos()).enumerate() {
+            let entry = Entry {
+                id,
+                index,
+                hal_type: info.hal_type,
+            };
+            let agreed = bits_of(pins, id);
+            let shared = Shared { entry, agreed };
+            match info.role {
+                Role::Input => table.inputs.push(entry),
+                Role::Output => table.outputs.push(entry),
+                Role::InOut => table.inouts.push(shared),
+                Role::Setting => table.settings.push(shared),
+                Role::Property => table.properties.push(shared),
+                Role::InRemote => table.in_remotes.push(shared),
+            }
+            entry.store(memory, agreed);
+        }
+        table
+    }
+
+    /// Before `read`: what HAL has set of the values that both sides set.
+    pub fn before_read(
+        &mut self,
+        pins: &mut Pins,
+        memory: &mut impl Memory,
+        changes: &mut dyn FnMut(Change),
+    ) {
+        for shared in &mut self.inouts {
+            shared.exchange(pins, memory, changes);
+        }
+    }
+
+    /// After `read`: inputs that are valid; the others keep their last values.
+    pub fn after_read(&mut self, pins: &Pins, memory: &mut impl Memory) {
+        for entry in &self.inputs {
+            let reading = pins.read_any(entry.id);
+            if reading.valid {
+                entry.store(memory, reading.value.bits);
+            }
+        }
+        for shared in &mut self.properties {
+            shared.show(pins, memory);
+        }
+        self.after_write(pins, memory);
+    }
+
+    /// Before `write`: outputs, settings, and what HAL has set of the values that both sides set.
+    pub fn before_write(
+        &mut self,
+        pins: &mut Pins,
+        memory: &mut impl Memory,
+        changes: &mut dyn FnMut(Change),
+    ) {
+        let shared = self.inouts.iter_mut().chain(&mut self.settings);
+        for shared in shared.chain(&mut self.in_remotes) {
+            shared.exchange(pins, memory, changes);
+        }
+        self.outputs(pins, memory);
+    }
+
+    /// Sets all outputs.
+    pub fn outputs(&self, pins: &mut Pins, memory: &impl Memory) {
+        for entry in &self.outputs {
+            let _ = set_bits(pins, *entry, entry.load(memory));
+        }
+    }
+
+    /// After `write`: the driver's changes of values that both sides set.
+    pub fn after_write(&mut self, pins: &Pins, memory: &mut impl Memory) {
+        for shared in &mut self.inouts {
+            shared.show(pins, memory);
+        }
+    }
+}
+
+impl Shared {
+    /// Moves a change from one side to the other.
+    fn exchange(
+        &mut self,
+        pins: &mut Pins,
+        memory: &mut impl Memory,
+        changes: &mut dyn FnMut(Change),
+    ) {
+        let Self { entry, agreed } = *self;
+        let own = bits_of(pins, entry.id);
+        if own != agreed {
+            self.agreed = own;
+            entry.store(memory, own);
+            return;
+        }
+        let set = entry.load(memory);
+        if set == entry.of_hal(agreed) {
+            return;
+        }
+        match set_bits(pins, entry, set) {
+            Ok(()) => {
+                self.agreed = bits_of(pins, entry.id);
+                changes(Change::Set(entry.id, set));
+            }
+            Err(error) => {
+                entry.store(memory, agreed);
+                changes(Change::Refused(error));
+            }
+        }
+    }
+
+    /// Moves a change of the driver to HAL.
+    fn show(&mut self, pins: &Pins, memory: &mut impl Memory) {
+        let own = bits_of(pins, self.entry.id);
+        if own != self.agreed {
+            self.agreed = own;
+            self.entry.store(memory, own);
+        }
+    }
+}
+
+impl Entry {
+    /// HAL's value, as bits of its type there.
+    fn load(&self, memory: &impl Memory) -> u64 {
+        memory.load(self.index)
+    }
+
+    /// Stores the driver's bits in HAL.
+    fn store(&self, memory: &mut impl Memory, bits: u64) {
+        memory.store(self.index, self.of_hal(bits));
+    }
+
+    /// The driver's bits as bits of HAL's type. Numbers of 64 bits, which HAL 2.9 does not have, are
+    /// limited to 32 bits: a counter stops at its largest value, and does not begin again.
+    fn of_hal(&self, bits: u64) -> u64 {
+        match self.hal_type {
+            HalType::Bit | HalType::Float | HalType::S32 | HalType::U32 => bits,
+            HalType::S64 => (bits as i64).clamp(i32::MIN.into(), i32::MAX.into()) as u64,
+            HalType::U64 => bits.min(u32::MAX.into()),
+        }
+    }
+}
+
+/// The bits of a pin or parameter.
+fn bits_of(pins: &Pins, id: PinId) -> u64 {
+    pins.read_any(id).value.bits
+}
+
+fn set_bits(pins: &mut Pins, entry: Entry, bits: u64) -> Result<(), PinError> {
+    let hal_type = entry.hal_type;
+    pins.set_any(entry.id, AnyValue { hal_type, bits })
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

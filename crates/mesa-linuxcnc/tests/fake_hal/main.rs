@@ -1,0 +1,317 @@
+//! The component as LinuxCNC loads it, without LinuxCNC: the built library over a HAL on the heap,
+//! in real time against the simulated board.
+
+mod board;
+mod hal;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use board::{Board, OUTPUTS};
+use hal::{Hal, Loaded, hal};
+
+/// Long enough for a busy computer: the deadline of a reply is 80 % of it.
+const PERIOD: Duration = Duration::from_millis(4);
+/// Time limit for a change on one side to arrive at the other.
+const SETTLE: Duration = Duration::from_secs(20);
+
+const WATCHDOG: Duration = Duration::from_secs(2);
+
+/// A board, and the component in its cycle.
+struct Machine<'a> {
+    board: &'a Board,
+    loaded: Loaded<'a>,
+    prefix: &'static str,
+}
+
+impl<'a> Machine<'a> {
+    fn load(hal: &'a Hal, board: &'a Board) -> Self {
+        let address = board.address.to_string();
+        let words = [
+            ("board_ip", address.as_str()),
+            ("config", "num_encoders=6 sserial_port_0=000xxxxx"),
+        ];
+        let loaded = hal.load(&words);
+        let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+        let machine = Self {
+            board,
+            loaded,
+            prefix: "hm2_7i97.0",
+        };
+        // A busy computer is no fault.
+        machine.set("watchdog.timeout_ns", WATCHDOG.as_nanos() as f64);
+        machine.set("packet-error-limit", 1e6);
+        machine
+    }
+
+    fn name(&self, name: &str) -> String {
+        format!("{}.{name}", self.prefix)
+    }
+
+    fn set(&self, name: &str, value: f64) {
+        self.loaded.set(&self.name(name), value);
+    }
+
+    fn is_on(&self, name: &str) -> bool {
+        self.loaded.get(&self.name(name)) != 0.0
+    }
+
+    fn cycle(&self) {
+        let period = PERIOD.as_nanos() as i64;
+        self.loaded.call(&self.name("read"), period);
+        self.loaded.call(&self.name("write"), period);
+        std::thread::sleep(PERIOD);
+    }
+
+    fn run(&self, time: Duration) {
+        let start = Instant::now();
+        while start.elapsed() < time {
+            self.cycle();
+        }
+    }
+
+    /// Cycles until it is so.
+    fn until(&self, what: &str, is_so: impl Fn(&Self) -> bool) {
+        let start = Instant::now();
+        while !is_so(self) {
+            let in_time = start.elapsed() < SETTLE;
+            assert!(in_time, "{what}: {}", self.loaded.messages());
+            self.cycle();
+        }
+    }
+
+    fn outputs(&self) -> [bool; 3] {
+        self.board.outputs()
+    }
+
+    fn switch_on(&self) {
+        self.set("7i77.0.0.output-03", 1.0);
+        self.set("7i72.0.2.output-17", 1.0);
+        self.set("ssr.00.out-02", 1.0);
+        self.until("outputs follow", |machine| machine.outputs() == [true; 3]);
+    }
+}
+
+/// Values of signals.
+static SIGNALS: [AtomicU64; 2] = [const { AtomicU64::new(0) }; 2];
+
+#[test]
+fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
+    let (hal, board) = (hal(), Board::start());
+    let machine = Machine::load(&hal, &board);
+    assert!(machine.loaded.names().count() > 700);
+    for (name, kind) in [
+        ("7i77.0.0.input-07", ("bit", "OUT")),
+        ("7i77.0.1.analogout0", ("float", "IN")),
+        ("7i77.0.1.analogout0-scalemax", ("float", "RW")),
+        ("7i77.0.0.swrevision", ("u32", "RO")),
+        ("7i77.0.0.nvwatchdogtimeout", ("u32", "RW")),
+        ("encoder.00.count", ("s32", "OUT")),
+        ("encoder.00.index-enable", ("bit", "I/O")),
+        ("sserial.port-0.run", ("bit", "IN")),
+        ("sserial.port-0.transfers", ("u32", "OUT")),
+        ("valid", ("bit", "OUT")),
+        ("7i72.0.2.armed", ("bit", "OUT")),
+        ("7i72.0.2.rearm", ("bit", "IN")),
+    ] {
+        assert_eq!(machine.loaded.kind(&machine.name(name)), kind, "{name}");
+    }
+    machine.switch_on();
+    board.set_input(7, true);
+    machine.until("input", |machine| machine.is_on("7i77.0.0.input-07"));
+    assert!(machine.is_on("valid") && machine.is_on("7i72.0.2.armed"));
+    // `net` turns the pointers of pins at run time.
+    machine
+        .loaded
+        .link("hm2_7i97.0.7i77.0.0.output-03", &SIGNALS[0]);
+    machine
+        .loaded
+        .link("hm2_7i97.0.7i77.0.0.input-07", &SIGNALS[1]);
+    machine.until("signal 0", |machine| !machine.outputs()[0]);
+    SIGNALS[0].store(1, Ordering::Relaxed);
+    machine.until("signal 1", |machine| machine.outputs()[0]);
+    assert_eq!(SIGNALS[1].load(Ordering::Relaxed) & 0xFF, 1);
+    machine.loaded.call("hm2_7i97.0.read-request", 4_000_000);
+    machine.cycle();
+    machine.loaded.unload();
+    assert_eq!(
+        board.outputs(),
+        [false; 3],
+        "the end switches everything off"
+    );
+}
+
+#[test]
+fn a_pulled_card_fails_alone_and_follows_again_after_run() {
+    let (hal, board) = (hal(), Board::start());
+    let machine = Machine::load(&hal, &board);
+    machine.switch_on();
+    board.plug(OUTPUTS, false);
+    machine.until("the card is lost", |machine| {
+        !machine.is_on("7i72.0.2.valid")
+    });
+    machine.run(Duration::from_millis(200));
+    assert!(machine.outputs()[0] && machine.outputs()[2]);
+    let messages = hal.messages();
+    let errors: Vec<_> = messages
+        .lines()
+        .filter(|line| line.starts_with("1 "))
+        .collect();
+    assert_eq!(errors.len(), 1, "{messages}");
+    assert!(
+        errors[0].starts_with("1 hm2_7i97.0: ") && errors[0].contains("offline"),
+        "{errors:?}"
+    );
+    board.plug(OUTPUTS, true);
+    machine.until("the card is back", |machine| {
+        machine.is_on("7i72.0.2.valid")
+    });
+    machine.run(Duration::from_millis(200));
+    assert_eq!(machine.outputs(), [true, false, true]);
+    machine.set("sserial.port-0.run", 0.0);
+    machine.run(Duration::from_millis(200));
+    machine.set("sserial.port-0.run", 1.0);
+    machine.until("all follow", |machine| machine.outputs() == [true; 3]);
+}
+
+#[test]
+fn after_a_stop_of_the_thread_has_bit_brings_everything_back() {
+    let (hal, board) = (hal(), Board::start());
+    let machine = Machine::load(&hal, &board);
+    machine.switch_on();
+    std::thread::sleep(WATCHDOG + Duration::from_secs(1));
+    machine.until("a bite", |machine| machine.is_on("watchdog.has_bit"));
+    machine.run(Duration::from_millis(200));
+    assert!(!machine.outputs()[2]);
+    machine.set("watchdog.has_bit", 0.0);
+    machine.until("all follow", |machine| machine.outputs() == [true; 3]);
+}
+
+#[test]
+fn after_lost_packets_io_error_brings_everything_back() {
+    let (hal, board) = (hal(), Board::start());
+    let machine = Machine::load(&hal, &board);
+    machine.switch_on();
+    machine.set("packet-error-limit", 10.0);
+    board.lose(1.0);
+    machine.until("an error", |machine| machine.is_on("io_error"));
+    board.lose(0.0);
+    machine.set("packet-error-limit", 1e6);
+    assert!(!machine.is_on("valid"));
+    machine.set("io_error", 0.0);
+    machine.until("all follow", |machine| machine.outputs() == [true; 3]);
+}
+
+#[test]
+fn fifteen_rounds_of_load_and_unload() {
+    let (hal, board) = (hal(), Board::start());
+    for _ in 0..15 {
+        let machine = Machine::load(&hal, &board);
+        machine.until("valid", |machine| machine.is_on("7i72.0.2.valid"));
+        machine.loaded.unload();
+    }
+}
+
+#[test]
+fn two_boards_of_a_kind_are_numbered() {
+    let (hal, boards) = (hal(), [Board::start(), Board::start()]);
+    let address = format!("{},{}", boards[0].address, boards[1].address);
+    let loaded = hal.load(&[("board_ip", &address), ("config", "num_encoders=6")]);
+    let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+    for name in [
+        "hm2_7i97.0.valid",
+        "hm2_7i97.1.valid",
+        "hm2_7i97.1.7i72.0.2.valid",
+    ] {
+        assert!(loaded.names().any(|own| own == name), "{name}");
+    }
+    loaded.call("hm2_7i97.0.read", 4_000_000);
+    loaded.call("hm2_7i97.1.read", 4_000_000);
+}
+
+#[test]
+fn wrong_words_are_refused_by_name_and_leave_nothing() {
+    let (hal, board) = (hal(), Board::start());
+    let address = board.address.to_string();
+    for (words, said) in [
+        (vec![], "board_ip= is missing"),
+        (
+            vec![("board_ip", "7i97")],
+            "board_ip=7i97: not an IP address",
+        ),
+        (
+            vec![("board_ip", address.as_str()), ("config", "num_encoder=6")],
+            "'num_encoder=6'",
+        ),
+        (
+            vec![
+                ("board_ip", address.as_str()),
+                ("config", "sserial_port_0=0z"),
+            ],
+            "'sserial_port_0=0z'",
+        ),
+        (
+            vec![
+                ("board_ip", address.as_str()),
+                ("config", "sserial_port_3=00"),
+            ],
+            "serial port 3",
+        ),
+        (
+            vec![
+                ("board_ip", address.as_str()),
+                ("config", "num_encoders=60"),
+            ],
+            "encoders",
+        ),
+        (
+            vec![("board_ip", "127.0.0.1:9"), ("config", "")],
+            "board_ip=127.0.0.1:9",
+        ),
+    ] {
+        let result = hal.load(&words).err().expect("it is refused");
+        assert!(result < 0);
+        let messages = hal.messages();
+        assert!(messages.starts_with("1 mesa_eth: "), "{messages}");
+        assert!(messages.contains(said), "{said}: {messages}");
+    }
+    let machine = Machine::load(&hal, &board);
+    machine.until("valid", |machine| machine.is_on("valid"));
+}
+
+#[test]
+fn a_hal_that_is_full_is_an_error() {
+    let (hal, board) = (hal(), Board::start());
+    hal.limit(7_000);
+    let address = board.address.to_string();
+    let result = hal.load(&[("board_ip", &address)]).err();
+    hal.limit(1 << 20);
+    assert!(result.is_some_and(|result| result < 0));
+    let messages = hal.messages();
+    assert!(messages.contains("HAL"), "{messages}");
+}
+
+#[cfg(feature = "inject-panic")]
+#[test]
+fn a_panic_ends_the_board_alone_and_its_outputs_go_off() {
+    let (hal, board) = (hal(), Board::start());
+    let address = board.address.to_string();
+    let words = [("board_ip", address.as_str()), ("panic_in", "3000")];
+    let loaded = hal.load(&words);
+    let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+    let machine = Machine {
+        board: &board,
+        loaded,
+        prefix: "hm2_7i97.0",
+    };
+    machine.set("watchdog.timeout_ns", 5e8);
+    machine.set("packet-error-limit", 1e6);
+    machine.switch_on();
+    machine.until("a panic", |machine| {
+        machine.loaded.messages().contains("a panic in")
+    });
+    machine.until("outputs are off", |machine| machine.outputs() == [false; 3]);
+    machine.loaded.unload();
+    let machine = Machine::load(&hal, &board);
+    machine.switch_on();
+}

@@ -1,0 +1,135 @@
+//! The component in LinuxCNC itself, beside hostmot2 and hm2_eth on the same simulated board.
+//!
+//! Needs root and the package `linuxcnc-uspace`: see `examples/linuxcnc.sh`.
+
+mod names;
+mod session;
+
+use std::time::Duration;
+
+use session::{Session, alone, is_skipped};
+
+#[test]
+fn names_types_directions_and_values_are_hostmot2s() {
+    if is_skipped() {
+        return;
+    }
+    let _alone = alone();
+    let mut session = Session::load("hm2_eth");
+    let theirs = session.list();
+    session.stop();
+    let mut session = Session::load("mesa_eth");
+    let ours = session.list();
+    session.stop();
+    names::compare(&theirs, &ours);
+}
+
+#[test]
+fn wrong_words_are_refused_by_name_and_linuxcnc_lives() {
+    if is_skipped() {
+        return;
+    }
+    let _alone = alone();
+    let mut session = Session::start();
+    session.hal("loadrt threads name1=servo period1=1000000");
+    for (words, word) in [
+        ("board_ip=7i97", "board_ip=7i97"),
+        ("board_ip=10.97.0.2 config=num_encoder=6", "num_encoder=6"),
+        (
+            "board_ip=10.97.0.2 config=sserial_port_0=0z",
+            "sserial_port_0=0z",
+        ),
+        ("board_ip=10.97.0.2 config=num_encoders=60", "60"),
+        ("board_ip=10.97.0.9", "board_ip=10.97.0.9"),
+    ] {
+        let answer = session.try_hal(&format!("loadrt mesa_eth {words}"));
+        let mut messages = answer.expect_err("it is refused").join("\n");
+        // What the realtime part says comes late.
+        for _ in 0..50 {
+            if messages.contains(word) {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+            messages += &session.hal("list comp").join("\n");
+        }
+        assert!(messages.contains("mesa_eth: "), "{words}: {messages}");
+        assert!(messages.contains(word), "{words}: {messages}");
+    }
+    let list = session.hal("list comp").join(" ");
+    assert!(
+        list.contains("threads") && !list.contains("mesa_eth"),
+        "{list}"
+    );
+    session.hal("loadrt mesa_eth board_ip=10.97.0.2 config=sserial_port_0=000xxxxx");
+    session.stop();
+}
+
+/// The table of faults in `docs/linuxcnc.md`.
+#[test]
+fn faults_end_as_the_page_says() {
+    if is_skipped() {
+        return;
+    }
+    let _alone = alone();
+    let mut session = Session::load("mesa_eth");
+    session.run();
+    session.switch_on();
+
+    // A card is pulled, and put back.
+    session.board("unplug 2");
+    session.expect("7i72.0.2.valid", "FALSE");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(session.outputs(), "[true, false, true]");
+    session.board("plug 2");
+    session.expect("7i72.0.2.valid", "TRUE");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(session.outputs(), "[true, false, true]");
+    assert_eq!(session.get("7i72.0.2.armed"), "FALSE");
+    session.set("sserial.port-0.run", "FALSE");
+    session.expect_outputs([false, false, true]);
+    session.set("sserial.port-0.run", "TRUE");
+    session.expect_outputs([true; 3]);
+
+    // The same, with the pin of the remote.
+    session.board("unplug 2");
+    session.expect("7i72.0.2.valid", "FALSE");
+    session.board("plug 2");
+    session.expect("7i72.0.2.valid", "TRUE");
+    session.set("7i72.0.2.rearm", "TRUE");
+    session.expect_outputs([true; 3]);
+
+    // The thread stops for longer than the watchdog's time.
+    session.hal("stop");
+    std::thread::sleep(Duration::from_secs(2));
+    session.hal("start");
+    session.expect("watchdog.has_bit", "TRUE");
+    session.expect("valid", "FALSE");
+    session.set("watchdog.has_bit", "FALSE");
+    session.expect_outputs([true; 3]);
+
+    // Packets are lost.
+    session.set("packet-error-limit", "10");
+    session.board("lose 1");
+    session.expect("io_error", "TRUE");
+    session.board("lose 0");
+    session.set("packet-error-limit", "100000");
+    session.set("io_error", "FALSE");
+    session.expect_outputs([true; 3]);
+    session.expect("valid", "TRUE");
+
+    // The end and another beginning, in one LinuxCNC.
+    for _ in 0..3 {
+        session.hal("stop");
+        session.hal("unloadrt mesa_eth");
+        session.expect_outputs([false; 3]);
+        session.hal(&format!("loadrt mesa_eth {}", session::WORDS));
+        session.set("packet-error-limit", "100000");
+        session.set("watchdog.timeout_ns", "1000000000");
+        session.hal("addf .read servo");
+        session.hal("addf .write servo");
+        session.hal("start");
+        session.switch_on();
+    }
+    session.hal("stop");
+    session.stop();
+}
