@@ -29,6 +29,9 @@ const LOADS: usize = 12;
 /// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
 
+/// Starts of a serial port: a single late packet spoils one, and on a busy computer many are late.
+const ATTEMPTS: u32 = 20;
+
 /// Ensures that only one LinuxCNC runs at a time: the computer has few cores, and each LinuxCNC
 /// needs its 1 kHz.
 pub fn alone() -> MutexGuard<'static, ()> {
@@ -339,7 +342,7 @@ impl Machine {
                 |channel| all[&format!("remote.{channel}.parameter.nvwatchdogtimeout")] == "1000";
             channels.iter().all(time)
         };
-        for _ in 0..5 {
+        for _ in 0..ATTEMPTS {
             self.start_port();
             let start = Instant::now();
             while !is_written(self.board.show("all")) && start.elapsed() < SETTLE / 2 {}
@@ -360,7 +363,7 @@ impl Machine {
 
     /// Starts the serial port until all remotes run: a late packet can spoil a start.
     pub fn start_port(&mut self) {
-        for _ in 0..5 {
+        for _ in 0..ATTEMPTS {
             self.set("sserial.port-0.run", "true");
             let start = Instant::now();
             while start.elapsed() < SETTLE {

@@ -399,7 +399,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         (&["--board", "7i92-7i77"], "hm2_7i92.0"),
     ] {
         let mut child =
-            std::process::Command::new(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
+            crate::interop::realtime(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
                 .args(options)
                 .env("MESA", crate::interop::mesa())
                 .stdin(std::process::Stdio::piped())
