@@ -48,6 +48,8 @@ pub fn realtime(program: impl AsRef<OsStr>) -> Command {
     }
     let mut command = Command::new("chrt");
     command.args(PRIORITY).arg(program);
+    // LinuxCNC gives its thread a priority only on a realtime kernel, unless it is forced to.
+    command.env("LINUXCNC_FORCE_REALTIME", "1");
     command
 }
 
