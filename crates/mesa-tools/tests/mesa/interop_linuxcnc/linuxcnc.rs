@@ -15,7 +15,7 @@ use std::{
 use super::expected::{Expected, List};
 use crate::interop::{
     console::{Console, Values, values},
-    mesa, realtime,
+    mesa, realtime_linuxcnc,
     tools::{has_program, skip},
 };
 
@@ -153,7 +153,7 @@ impl Machine {
         });
         // Open for both directions, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox = realtime(concat!(
+        let mut sandbox = realtime_linuxcnc(concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../../examples/linuxcnc.sh"
         ))
