@@ -11,6 +11,7 @@ use std::time::Duration;
 use allocation_counter::measure;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::Pace;
+use mesa_hal::runner::Realtime;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, SimFpga, UdpFace, machines};
 
@@ -33,6 +34,13 @@ impl Board {
         let stop = Arc::new(AtomicBool::new(false));
         let is_over = Arc::clone(&stop);
         let thread = spawn(move || {
+            // On a busy computer it has to answer in time; without permission it stays as it is.
+            let priority = Some(1);
+            let _ = Realtime {
+                priority,
+                ..Realtime::default()
+            }
+            .apply();
             let mut board = SimBoard::new(BoardConfig::new(card), machine());
             while !is_over.load(Ordering::Relaxed) {
                 face.step(&mut board, Duration::from_millis(1))

@@ -1,8 +1,8 @@
 //! CPU time of a cycle for LinuxCNC and for `mesa-hal`, on the same kind of board at the same time.
 
-use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
+use std::{fs, net::Ipv4Addr, path::Path, time::Duration};
 
-use crate::interop::{board::Board, mesa};
+use crate::interop::{board::Board, mesa, realtime};
 
 /// CPU time used so far by LinuxCNC's realtime process.
 fn linuxcnc_cpu() -> Duration {
@@ -72,7 +72,7 @@ fn run(board: &str, host: u8, pace: &str, program: &Path) -> String {
     let address = Ipv4Addr::new(127, 97, 0, host);
     let arguments: Vec<&str> = board.split(' ').collect();
     let board = Board::start(address, &arguments);
-    let output = Command::new(program)
+    let output = realtime(program)
         .args([
             "latency",
             "--addr",
@@ -85,7 +85,12 @@ fn run(board: &str, host: u8, pace: &str, program: &Path) -> String {
         .output()
         .expect("mesa starts");
     drop(board);
-    assert!(output.status.success(), "mesa latency: {}", output.status);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success(),
+        "mesa latency: {}: {error}",
+        output.status
+    );
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 

@@ -17,7 +17,7 @@ mod skeleton;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
-use crate::interop::wait_until;
+use crate::interop::{realtime_linuxcnc, wait_until};
 use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
@@ -401,15 +401,14 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         (&[][..], "hm2_7i97.0"),
         (&["--board", "7i92-7i77"], "hm2_7i92.0"),
     ] {
-        let mut child =
-            std::process::Command::new(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
-                .args(options)
-                .env("MESA", crate::interop::mesa())
-                .stdin(std::process::Stdio::piped())
-                .stdout(std::process::Stdio::piped())
-                .stderr(std::process::Stdio::piped())
-                .spawn()
-                .expect("the script starts");
+        let mut child = realtime_linuxcnc(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
+            .args(options)
+            .env("MESA", crate::interop::mesa())
+            .stdin(std::process::Stdio::piped())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .expect("the script starts");
         let mut input = child.stdin.take().expect("an input");
         let typed = format!("show pin {name}.encoder.00.count\nshow param {name}.io_error\nexit\n");
         std::io::Write::write_all(&mut input, typed.as_bytes()).expect("it listens");
