@@ -11,7 +11,7 @@ use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_ra
 use crate::advice::Advice;
 use crate::discovery::{DataDirection, DataRecord, DataType};
 use crate::hal::{
-    AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
+    AnyValue, GroupId, HalType, Param, PinError, PinId, PinMaker, PinStore, Role, Spec, Value,
 };
 use crate::lbp::RemoteLink;
 use crate::sslbp::{AccessSize, Channel, NonvolatileMemory, RemoteAccess};
@@ -342,6 +342,11 @@ impl RemoteParameter {
             known: None,
             param: PinMaker::new(pins, group, "").of_remote(spec, role, kind)?,
         }))
+    }
+
+    /// The pin that shows it.
+    pub fn pin(&self) -> PinId {
+        self.param.into()
     }
 
     /// Publishes the bits read from the remote, right-justified.

@@ -3,12 +3,12 @@
 use core::ffi::{CStr, c_int, c_long};
 use core::fmt;
 use core::time::Duration;
+use std::collections::BTreeMap;
 use std::ffi::CString;
-use std::net::SocketAddrV4;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
-use mesa_hal::{Board, Driver, Settings, UdpBus, UdpConfig, WithAdvice};
+use mesa_hal::{Board, Driver, UdpBus, UdpConfig, WithAdvice};
 
 use crate::MAX_BOARDS;
 use crate::cycle::{Cycle, wanted};
@@ -96,7 +96,7 @@ fn try_load() -> Result<(), LoadError> {
         )
     })?;
     *locked(&COMPONENT) = Some(component);
-    let mut names = Vec::new();
+    let mut of_kind = BTreeMap::new();
     for (number, board) in boards.into_iter().enumerate() {
         let address = board.address;
         let of_board = |error: LoadError| {
@@ -105,42 +105,34 @@ fn try_load() -> Result<(), LoadError> {
                 format_args!("board_ip={address}: {}", error.text),
             )
         };
-        let driver = start(board, &names).map_err(of_board)?;
+        let driver = start(board, &mut of_kind).map_err(of_board)?;
         let name = driver.name().to_owned();
         let cycle = add(component, number, driver).map_err(of_board)?;
         if let Some(place) = BOARDS.get(number) {
             *locked(place) = Some(cycle);
         }
         at_set_up(Level::Info, &format_args!("board_ip={address}: {name}"));
-        names.push(name);
     }
     let ready = component.ready();
     ready.map_err(|HalError(result)| LoadError::new(result, "HAL does not accept the component"))
 }
 
-/// Starts the driver of a board, whose name none of the others has: boards of a kind are numbered.
-fn start(board: BoardParameters, taken: &[String]) -> Result<Driver<UdpBus>, LoadError> {
+/// Starts the driver of a board. Boards of a kind are numbered: `of_kind` has their numbers so far.
+fn start(
+    board: BoardParameters,
+    of_kind: &mut BTreeMap<String, u8>,
+) -> Result<Driver<UdpBus>, LoadError> {
     let BoardParameters { address, settings } = board;
-    let mut number = 0;
-    loop {
-        let settings = Settings {
-            board_number: number,
-            ..settings.clone()
-        };
-        let board = identify(address, settings)?;
-        if taken.iter().all(|name| name != board.name()) {
-            let driver = board.start();
-            return driver.map_err(|error| failed(&error, error.advice()));
-        }
-        number += 1;
-    }
-}
-
-fn identify(address: SocketAddrV4, settings: Settings) -> Result<Board<UdpBus>, LoadError> {
     let bus = UdpBus::connect(address, UdpConfig::default());
     let bus = bus.map_err(|error| failed(&error, error.advice()))?;
-    let board = Board::identify(bus, settings);
-    board.map_err(|error| failed(&error, error.advice()))
+    let board = Board::identify_with(bus, settings, |firmware, settings| {
+        let kind = firmware.idrom.board().to_string();
+        let next = of_kind.entry(kind).or_default();
+        settings.board_number = *next;
+        *next += 1;
+    });
+    let driver = board.and_then(Board::start);
+    driver.map_err(|error| failed(&error, error.advice()))
 }
 
 fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadError {

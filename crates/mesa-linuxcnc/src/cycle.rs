@@ -4,8 +4,8 @@ use core::fmt;
 use core::time::Duration;
 
 use mesa_hal::driver::{Events, SerialPort};
-use mesa_hal::hal::{GroupId, HalType, PinId, Pins, Role, Value};
-use mesa_hal::{Clock, Driver, RegisterBus};
+use mesa_hal::hal::{AnyValue, GroupId, HalType, PinId, Pins, Role, Value};
+use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
 use crate::rearm::{Rearming, RemoteMask, Seen};
 use crate::say::{Level, Say, level};
@@ -55,6 +55,32 @@ struct RemoteEntry {
     rearm: usize,
 }
 
+/// A parameter that a remote keeps.
+#[derive(Clone, Debug)]
+struct InRemote {
+    id: PinId,
+    remote: RemoteId,
+    /// As the remote spells it.
+    name: String,
+}
+
+/// The parameters that the remotes of a driver keep.
+fn in_remotes<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<InRemote> {
+    let mut all = Vec::new();
+    for port in driver.ports() {
+        for remote in port.remotes() {
+            let id = RemoteId::new(port.layout().instance, remote.started.channel.index());
+            let parameters = remote.pins.parameters.iter();
+            all.extend(parameters.map(|parameter| InRemote {
+                id: parameter.pin(),
+                remote: id,
+                name: parameter.record.name.clone(),
+            }));
+        }
+    }
+    all
+}
+
 /// A board in its cycle.
 pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     driver: Driver<B>,
@@ -65,6 +91,13 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     rearming: Rearming,
     /// Those whose clearing re-arms everything.
     acknowledged: [Option<PinId>; 2],
+    /// Number in HAL of the parameter `io_error`.
+    io_error: Option<usize>,
+    /// The parameters that remotes keep.
+    in_remotes: Vec<InRemote>,
+    /// Values that HAL has for them, and that the driver has not been asked for yet; it has room for
+    /// all.
+    requests: Vec<(PinId, AnyValue)>,
     /// Number in HAL of the pin `run` of each port.
     run: Vec<usize>,
     /// Number in HAL of the board's own pin `valid`.
@@ -88,6 +121,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let table = Table::new(pins, &mut memory);
         let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
         let acknowledged = [id("watchdog.has_bit"), id("io_error")];
+        let io_error = id("io_error").map(PinId::index);
+        let in_remotes = in_remotes(&driver);
         let run = driver.ports().iter();
         let run = run.map(|port| format!("sserial.port-{}.run", port.layout().instance));
         let run: Vec<_> = run.filter_map(|name| Some(id(&name)?.index())).collect();
@@ -117,6 +152,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             say,
             rearming,
             acknowledged,
+            io_error,
+            requests: Vec::with_capacity(in_remotes.len()),
+            in_remotes,
             run,
             valid,
             remotes,
@@ -131,6 +169,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     pub fn read(&mut self, period: Duration) {
         self.begin(period);
         self.take_changes(Table::before_read);
+        if self.has_io_error() {
+            return self.show_own();
+        }
         // Events report what fails.
         let _ = self.driver.read();
         self.table.after_read(self.driver.pins(), &mut self.memory);
@@ -138,10 +179,23 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.say_events();
     }
 
+    /// True if nothing may be exchanged with the board until the user clears `io_error`, as in
+    /// LinuxCNC.
+    fn has_io_error(&self) -> bool {
+        self.io_error
+            .is_some_and(|number| self.memory.load(number) != 0)
+    }
+
     /// The function `write`.
     pub fn write(&mut self, period: Duration) {
         self.begin(period);
+        // The safe values are still written in the cycle in which the driver sets it.
+        let has_io_error = self.has_io_error();
         self.take_changes(Table::before_write);
+        self.request_parameters();
+        if has_io_error {
+            return self.show_own();
+        }
         self.rearm();
         let _ = self.driver.write();
         self.table.after_write(self.driver.pins(), &mut self.memory);
@@ -151,7 +205,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The function `read-request`.
     pub fn request_read(&mut self, period: Duration) {
         self.begin(period);
-        self.driver.request_read();
+        if !self.has_io_error() {
+            self.driver.request_read();
+        }
     }
 
     /// Ends the cycle: outputs off, ports stopped.
@@ -194,6 +250,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             say,
             acknowledged,
             is_cleared,
+            requests,
             ..
         } = self;
         let now = since_start(driver.bus_mut().now());
@@ -205,9 +262,31 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 Change::Set(id, bits) => {
                     *is_cleared |= bits == 0 && acknowledged.contains(&Some(id));
                 }
+                Change::Request(id, value) => {
+                    requests.retain(|(other, _)| *other != id);
+                    requests.push((id, value));
+                }
                 Change::Refused(error) => say.say(now, Level::Error, format_args!("{error}")),
             },
         );
+    }
+
+    /// Requests what HAL has for remotes; a value that they cannot have is put back.
+    fn request_parameters(&mut self) {
+        while let Some((id, value)) = self.requests.pop() {
+            let mut all = self.in_remotes.iter();
+            let Some(found) = all.find(|parameter| parameter.id == id) else {
+                continue;
+            };
+            let driver = &mut self.driver;
+            let requested = driver.request_remote_parameter(found.remote, &found.name, value);
+            if let Err(error) = requested {
+                self.table
+                    .give_back(id, self.driver.pins(), &mut self.memory);
+                let now = since_start(self.driver.bus_mut().now());
+                self.say.say(now, Level::Error, format_args!("{error}"));
+            }
+        }
     }
 
     /// Lets outputs follow that the user asks for.
@@ -242,11 +321,13 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     fn show_own(&mut self) {
         let pins = self.driver.pins();
         let board = pins.group_state(self.driver.group());
-        let is_valid = board.is_some_and(|state| state.valid);
+        let has_contact = !self.has_io_error();
+        let is_valid = has_contact && board.is_some_and(|state| state.valid);
         self.memory.store(self.valid, is_valid.to_bits());
         for remote in &self.remotes {
             if let Some(state) = pins.group_state(remote.group) {
-                self.memory.store(remote.valid, state.valid.to_bits());
+                let is_valid = has_contact && state.valid;
+                self.memory.store(remote.valid, is_valid.to_bits());
                 self.memory.store(remote.armed, state.armed.to_bits());
             }
         }

@@ -13,12 +13,11 @@
 //! |---|---|
 //! | `ffi` | the functions of HAL and RTAPI, and the symbols that `rtapi_app` looks up; unsafe |
 //! | `memory` | pins and parameters in HAL's shared memory; unsafe |
-//! | `parameters` | the words of the `loadrt` line, apart from the configuration |
+//! | `parameters` | the words of the `loadrt` line |
 //! | `component` | loading, the functions of the cycle, the end, and panics |
 //! | `cycle` | a board's cycle: HAL to the driver and back |
 //! | `table` | the copy between HAL's values and the driver's pins |
 //! | `rearm` | which outputs follow again after what the user has done in HAL |
-//! | `config` | the words of `config=` |
 //! | `say` | messages, limited in number by time |
 //!
 //! # Real time
@@ -31,7 +30,6 @@
 )]
 
 mod component;
-mod config;
 mod cycle;
 mod ffi;
 mod memory;

@@ -2,9 +2,8 @@
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
-use crate::config::{self, ConfigError};
 use crate::ffi;
-use mesa_hal::Settings;
+use mesa_hal::{ParseError, Settings};
 
 /// Port of the boards.
 const PORT: u16 = 27_181;
@@ -45,14 +44,12 @@ pub(crate) enum WordError {
         word: String,
     },
     /// Error in a configuration.
-    #[error("board_ip={board}, config={config}: {error}")]
+    #[error("config= of board_ip={board}: {error}")]
     Config {
         /// The address of the board.
         board: String,
-        /// The configuration.
-        config: String,
-        /// The error.
-        error: Box<ConfigError>,
+        /// The error, with the word.
+        error: ParseError,
     },
 }
 
@@ -77,10 +74,9 @@ fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, 
             return Err(WordError::Twice { word: word.into() });
         }
         let config = configs.get(number).map_or("", String::as_str);
-        let settings = config::settings(config).map_err(|error| WordError::Config {
+        let settings = Settings::from_hostmot2(config).map_err(|error| WordError::Config {
             board: word.into(),
-            config: config.into(),
-            error: error.into(),
+            error,
         })?;
         parsed.push(BoardParameters { address, settings });
     }
@@ -96,6 +92,7 @@ fn address(word: &str) -> Option<SocketAddrV4> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mesa_hal::hostmot2::Gtag;
     use proptest::prelude::*;
 
     fn words(words: &[&str]) -> Vec<String> {
@@ -117,8 +114,8 @@ mod tests {
         let parsed = parse(&boards, &configs).expect("words");
         let ports: Vec<_> = parsed.iter().map(|board| board.address.port()).collect();
         assert_eq!(ports, [27_181, 1234, 27_181]);
-        assert_eq!(parsed[0].settings.encoders.count, Some(3));
-        assert_eq!(parsed[1].settings.serial_ports[&0].channels.len(), 6);
+        assert_eq!(parsed[0].settings.instances[&Gtag::ENCODER], 3);
+        assert_eq!(parsed[1].settings.instances[&Gtag::SSERIAL], 0);
         assert!(parsed[2].settings.serial_ports.is_empty());
     }
 

@@ -4,7 +4,7 @@ use core::ffi::CStr;
 use core::fmt::{self, Write};
 use core::time::Duration;
 
-use mesa_hal::driver::{EventKind, EventMask};
+use mesa_hal::driver::EventKind;
 
 /// Level of a message. LinuxCNC prints errors only, unless `DEBUG` asks for more, and shows them on
 /// the operator's screen.
@@ -20,10 +20,11 @@ pub(crate) enum Level {
 
 /// Level of an event.
 pub(crate) fn level(kind: &EventKind) -> Level {
-    let unsafe_to_hide = EventMask::OUTPUTS_SAFE
-        .union(EventMask::OTHER_FIRMWARE)
-        .union(EventMask::OTHER_MASTER);
-    if unsafe_to_hide.contains(kind.mask()) {
+    let is_urgent = matches!(
+        kind,
+        EventKind::OtherFirmware | EventKind::OtherMaster { .. }
+    );
+    if kind.makes_safe() || is_urgent {
         Level::Error
     } else if kind.is_fault() {
         Level::Warning

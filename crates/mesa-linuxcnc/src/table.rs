@@ -2,14 +2,14 @@
 //!
 //! | role | HAL | before `read` | after `read` | before `write` | after `write` |
 //! |---|---|---|---|---|---|
-//! | input | OUT | | valid values to HAL | | |
+//! | input | OUT | | to HAL | | |
 //! | output | IN | | | to the driver | |
 //! | set by both | I/O | to the driver | to HAL | to the driver | to HAL |
 //! | parameter | RW | | | to the driver, or back | |
 //! | property | RO | | to HAL | | |
-//! | kept in a remote | RW | | | back to HAL | |
+//! | kept in a remote | RW | | | requested, or back to HAL | |
 //!
-//! Where both sides have changed a value, the driver wins. Outputs are set anew in every cycle, because
+//! An input that is not valid keeps its last value. Where both sides have changed a value, the driver wins. Outputs are set anew in every cycle, because
 //! arming makes the driver forget what was set before.
 
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, Pins, Role};
@@ -34,6 +34,8 @@ struct Shared {
     entry: Entry,
     /// The value on which both sides agreed, as the driver's bits.
     agreed: u64,
+    /// HAL's value at the last look.
+    seen: u64,
 }
 
 /// What HAL has changed, or wanted to.
@@ -41,6 +43,8 @@ struct Shared {
 pub(crate) enum Change {
     /// A value that both sides change has these bits now.
     Set(PinId, u64),
+    /// A parameter that a remote keeps is to have this value.
+    Request(PinId, AnyValue),
     /// The driver does not take the value, and HAL has the old one again.
     Refused(PinError),
 }
@@ -67,8 +71,12 @@ impl Table {
                 index,
                 hal_type: info.hal_type,
             };
-            let agreed = bits_of(pins, id);
-            let shared = Shared { entry, agreed };
+            let agreed = pins.bits_of(id);
+            let shared = Shared {
+                entry,
+                agreed,
+                seen: entry.of_hal(agreed),
+            };
             match info.role {
                 Role::Input => table.inputs.push(entry),
                 Role::Output => table.outputs.push(entry),
@@ -94,13 +102,10 @@ impl Table {
         }
     }
 
-    /// After `read`: inputs that are valid; the others keep their last values.
+    /// After `read`: inputs and properties.
     pub fn after_read(&mut self, pins: &Pins, memory: &mut impl Memory) {
         for entry in &self.inputs {
-            let reading = pins.read_any(entry.id);
-            if reading.valid {
-                entry.store(memory, reading.value.bits);
-            }
+            entry.store(memory, pins.bits_of(entry.id));
         }
         for shared in &mut self.properties {
             shared.show(pins, memory);
@@ -115,17 +120,31 @@ impl Table {
         memory: &mut impl Memory,
         changes: &mut dyn FnMut(Change),
     ) {
-        let shared = self.inouts.iter_mut().chain(&mut self.settings);
-        for shared in shared.chain(&mut self.in_remotes) {
+        for shared in self.inouts.iter_mut().chain(&mut self.settings) {
             shared.exchange(pins, memory, changes);
         }
+        for shared in &mut self.in_remotes {
+            shared.request(pins, memory, changes);
+        }
         self.outputs(pins, memory);
+    }
+
+    /// Gives HAL the remote's own value of a parameter back, because it cannot have the requested
+    /// one.
+    pub fn give_back(&mut self, id: PinId, pins: &Pins, memory: &mut impl Memory) {
+        let mut all = self.in_remotes.iter_mut();
+        if let Some(shared) = all.find(|shared| shared.entry.id == id) {
+            let own = pins.bits_of(id);
+            shared.agreed = own;
+            shared.entry.store(memory, own);
+            shared.seen = shared.entry.load(memory);
+        }
     }
 
     /// Sets all outputs.
     pub fn outputs(&self, pins: &mut Pins, memory: &impl Memory) {
         for entry in &self.outputs {
-            let _ = set_bits(pins, *entry, entry.load(memory));
+            let _ = pins.set_bits(entry.id, entry.load(memory));
         }
     }
 
@@ -146,7 +165,7 @@ impl Shared {
         changes: &mut dyn FnMut(Change),
     ) {
         let Self { entry, agreed } = *self;
-        let own = bits_of(pins, entry.id);
+        let own = pins.bits_of(entry.id);
         if own != agreed {
             self.agreed = own;
             entry.store(memory, own);
@@ -156,9 +175,9 @@ impl Shared {
         if set == entry.of_hal(agreed) {
             return;
         }
-        match set_bits(pins, entry, set) {
+        match pins.set_bits(entry.id, set) {
             Ok(()) => {
-                self.agreed = bits_of(pins, entry.id);
+                self.agreed = pins.bits_of(entry.id);
                 changes(Change::Set(entry.id, set));
             }
             Err(error) => {
@@ -168,9 +187,20 @@ impl Shared {
         }
     }
 
+    /// Requests a value that HAL has for a remote, once; HAL gets each new value of the remote.
+    fn request(&mut self, pins: &Pins, memory: &mut impl Memory, changes: &mut dyn FnMut(Change)) {
+        let entry = self.entry;
+        self.show(pins, memory);
+        let bits = entry.load(memory);
+        if core::mem::replace(&mut self.seen, bits) != bits && bits != entry.of_hal(self.agreed) {
+            let hal_type = entry.hal_type;
+            changes(Change::Request(entry.id, AnyValue { hal_type, bits }));
+        }
+    }
+
     /// Moves a change of the driver to HAL.
     fn show(&mut self, pins: &Pins, memory: &mut impl Memory) {
-        let own = bits_of(pins, self.entry.id);
+        let own = pins.bits_of(self.entry.id);
         if own != self.agreed {
             self.agreed = own;
             self.entry.store(memory, own);
@@ -198,16 +228,6 @@ impl Entry {
             HalType::U64 => bits.min(u32::MAX.into()),
         }
     }
-}
-
-/// The bits of a pin or parameter.
-fn bits_of(pins: &Pins, id: PinId) -> u64 {
-    pins.read_any(id).value.bits
-}
-
-fn set_bits(pins: &mut Pins, entry: Entry, bits: u64) -> Result<(), PinError> {
-    let hal_type = entry.hal_type;
-    pins.set_any(entry.id, AnyValue { hal_type, bits })
 }
 
 #[cfg(test)]

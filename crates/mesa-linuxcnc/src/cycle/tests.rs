@@ -396,3 +396,80 @@ fn the_end_switches_everything_off() {
         "{heard:?}"
     );
 }
+
+/// Number of exchanges that the bus was asked for.
+fn exchanges(bench: &Bench) -> u64 {
+    bench.cycle.driver.bus().exchanges()
+}
+
+#[test]
+fn nothing_is_exchanged_while_io_error_is_set_and_everything_follows_when_it_is_cleared() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    // By the user.
+    bench.set("io_error", true);
+    let before = exchanges(&bench);
+    bench.run(3);
+    assert_eq!(exchanges(&bench), before);
+    for name in ["valid", "7i77.0.0.valid", "7i72.0.2.valid"] {
+        assert!(!bench.is_on(name), "{name}");
+    }
+    bench.set("io_error", false);
+    bench.run(1_000);
+    assert!(bench.is_on("valid") && bench.is_on("7i72.0.2.valid"));
+    assert_eq!(bench.outputs(), [true; 3]);
+    // By the driver: the errors are not counted on and on.
+    let bus = bench.cycle.driver.bus_mut();
+    bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 1.0);
+    bench.run(50);
+    assert!(bench.is_on("io_error"));
+    let errors = bench.bits("packet-error-total");
+    let before = exchanges(&bench);
+    bench.run(1_000);
+    assert_eq!(
+        (bench.bits("packet-error-total"), exchanges(&bench)),
+        (errors, before)
+    );
+    assert_eq!(bench.outputs(), [false; 3]);
+    bench.cycle.driver.bus_mut().heal();
+    bench.run(100);
+    assert!(bench.is_on("io_error"), "nobody has cleared it");
+    bench.set("io_error", false);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+}
+
+#[test]
+fn a_parameter_of_a_remote_is_written_with_the_next_rising_edge_of_run() {
+    const NAME: &str = "7i72.0.2.nvwatchdogtimeout";
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench.set(NAME, 100_u32);
+    bench.run(50);
+    let kept = |bench: &mut Bench| {
+        let remote = bench.fpga().remote(0, OUTPUTS).expect("a remote");
+        let parameters = find(remote).expect("a device").parameters();
+        let found = parameters
+            .into_iter()
+            .find(|(name, _)| name == "nvwatchdogtimeout");
+        found.expect("a parameter").1
+    };
+    assert_eq!((kept(&mut bench), bench.bits(NAME)), (50, 100));
+    bench.set("sserial.port-0.run", false);
+    bench.run(100);
+    bench.set("sserial.port-0.run", true);
+    bench.run(300);
+    assert_eq!((kept(&mut bench), bench.bits(NAME)), (100, 100));
+    assert_eq!(bench.outputs(), [true; 3]);
+    // What the remote cannot have is put back at once.
+    bench.set(NAME, 70_000_u32);
+    bench.run(2);
+    assert_eq!(bench.bits(NAME), 100);
+    let errors = bench.heard(Level::Error);
+    assert!(
+        errors
+            .last()
+            .is_some_and(|error| error.contains("70000 does not fit")),
+        "{errors:?}"
+    );
+}

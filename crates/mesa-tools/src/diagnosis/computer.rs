@@ -1,7 +1,8 @@
 //! Ability of a computer to keep a period.
 
 use super::{
-    FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors,
+    FigureVerdict, Finding, Host, HostLimits, IdleState, Interrupt, LinuxCncDrivers, NetworkCard,
+    NetworkErrors,
 };
 
 /// Priority that a cycle needs to run before the interrupt threads of other devices.
@@ -18,6 +19,7 @@ pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
         isolated(host.cpus().as_deref(), host.isolated().as_deref()),
         governor(&host.governors()),
         idle(&host.idle_states()),
+        linuxcnc(host.linuxcnc()),
     ];
     if let Some(interface) = interface {
         let cpus = host.cpus().map_or(0, |cpus| cpus.len());
@@ -47,6 +49,31 @@ pub fn kernel(is_realtime: Option<bool>) -> Finding {
             "cannot be read",
             "is this Linux?",
         ),
+    }
+}
+
+/// Judges LinuxCNC's drivers for Ethernet boards: one that runs is another master of the board.
+pub fn linuxcnc(drivers: Option<LinuxCncDrivers>) -> Finding {
+    let check = "LinuxCNC";
+    match drivers {
+        None => Finding::good(check, "not installed"),
+        Some(LinuxCncDrivers {
+            running: Some(driver),
+            ..
+        }) => Finding::new(
+            FigureVerdict::Look,
+            check,
+            format!("runs with {driver}"),
+            "end it before a command drives the board",
+        ),
+        Some(LinuxCncDrivers { has_mesa_eth, .. }) => {
+            let component = if has_mesa_eth {
+                "with mesa_eth"
+            } else {
+                "without mesa_eth"
+            };
+            Finding::good(check, format!("installed, {component}"))
+        }
     }
 }
 

@@ -51,6 +51,15 @@ pub struct NetworkCard {
     pub is_usb: bool,
 }
 
+/// LinuxCNC's drivers for Ethernet boards. Source: `/usr/lib/linuxcnc/modules`, `/proc/PID/maps`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinuxCncDrivers {
+    /// The component `mesa_eth` is installed.
+    pub has_mesa_eth: bool,
+    /// The driver that a running LinuxCNC has loaded.
+    pub running: Option<&'static str>,
+}
+
 /// Packets that a network interface has lost. Source: `statistics` of `/sys/class/net`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NetworkErrors {
@@ -93,6 +102,28 @@ impl Host {
     fn text(&self, path: &str) -> Option<String> {
         let text = fs::read_to_string(self.root.join(path)).ok()?;
         Some(text.trim().to_owned())
+    }
+
+    /// LinuxCNC's drivers for Ethernet boards; `None` if LinuxCNC is not installed.
+    pub fn linuxcnc(&self) -> Option<LinuxCncDrivers> {
+        let modules = self.root.join("usr/lib/linuxcnc/modules");
+        let has = |name: &str| modules.join(name).exists();
+        let programs = fs::read_dir(self.root.join("proc")).into_iter().flatten();
+        let maps = programs.flatten().filter_map(|program| {
+            // Only LinuxCNC's own, which may not be readable by others.
+            let name = fs::read_to_string(program.path().join("comm")).ok()?;
+            let is_own = name.starts_with("rtapi_app");
+            is_own.then(|| fs::read_to_string(program.path().join("maps")).unwrap_or_default())
+        });
+        let mut running = maps.filter_map(|maps| {
+            let drivers = ["mesa_eth", "hm2_eth"].into_iter();
+            let mut loaded = drivers.filter(|name| maps.contains(&format!("/{name}.so")));
+            loaded.next()
+        });
+        modules.is_dir().then(|| LinuxCncDrivers {
+            has_mesa_eth: has("mesa_eth.so"),
+            running: running.next(),
+        })
     }
 
     /// True if the kernel is fully preemptible (`PREEMPT_RT`).

@@ -13,7 +13,8 @@ mod round_trips;
 pub mod wiring;
 
 pub use host::{
-    Host, HostLimits, IdleState, Interrupt, NetworkCard, NetworkErrors, ThreadSettings,
+    Host, HostLimits, IdleState, Interrupt, LinuxCncDrivers, NetworkCard, NetworkErrors,
+    ThreadSettings,
 };
 pub use packets::{BoardCounts, PacketMark, Packets};
 pub use round_trips::RoundTrips;

@@ -230,6 +230,12 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
                 "sys/devices/system/cpu/cpu2/cpufreq/scaling_governor",
                 "powersave\n",
             ),
+            ("usr/lib/linuxcnc/modules/mesa_eth.so", ""),
+            ("proc/77/comm", "rtapi_app:T#0\n"),
+            (
+                "proc/77/maps",
+                "7f00-7f10 r-xp 00000000 08:01 42 /usr/lib/linuxcnc/modules/mesa_eth.so\n",
+            ),
             (
                 "proc/self/limits",
                 "Max locked memory  unlimited  unlimited  bytes\nMax realtime priority  95  95\n",
@@ -256,6 +262,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
         ("locked memory", "ok"),
         ("isolated CPUs", "ok"),
         ("CPU frequency", "look"),
+        ("LinuxCNC", "look"),
         ("CPU idle states", "unknown"),
     ] {
         assert_eq!(finding(&found, check).0, verdict, "{check}: {found:#}");
@@ -271,6 +278,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
         text.contains("look     CPU frequency: governor powersave"),
         "{text}"
     );
+    assert!(text.contains("LinuxCNC: runs with mesa_eth"), "{text}");
     fs::remove_dir_all(root).expect("it is there");
 }
 
