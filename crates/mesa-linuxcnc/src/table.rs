@@ -164,7 +164,7 @@ impl Shared {
         memory: &mut impl Memory,
         changes: &mut dyn FnMut(Change),
     ) {
-        let Self { entry, agreed } = *self;
+        let Self { entry, agreed, .. } = *self;
         let own = pins.bits_of(entry.id);
         if own != agreed {
             self.agreed = own;

@@ -57,8 +57,8 @@ pub(super) struct RemoteSlot {
     /// CS: the software mode for START, and the command of an access.
     mode: Setting,
     mode_word: u32,
-    /// Interface registers 0 and 1, for the data of an access.
-    data: [Setting; 2],
+    /// Those of interface registers 0 and 1 that have no outputs, for the data of an access.
+    data: [Option<Setting>; 2],
     /// The last read delivered a good transfer of the outputs in the image.
     pub is_confirmed: bool,
     /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
@@ -82,10 +82,15 @@ impl RemoteSlot {
         started_at: Instant,
     ) -> Result<Self, RegisterError> {
         let FoundRemote { started, pins, .. } = found;
-        let mut interfaces = registers.interfaces();
-        let [low, high] = [(); 2].map(|()| interfaces.next().unwrap_or(registers.cs));
         let inputs = registers.interfaces_for(started.input_bytes());
         let outputs = registers.interfaces_for(started.sizes.tx);
+        let outputs: Vec<_> = outputs
+            .map(|address| r.image.write(Phase::Data, address, 0))
+            .collect();
+        let mut data = [None; 2];
+        for (n, (address, data)) in registers.interfaces().zip(&mut data).enumerate() {
+            *data = (n >= outputs.len()).then(|| r.image.on_demand(address));
+        }
         if found.is_absent {
             r.pins.fault(pins.group);
         }
@@ -97,11 +102,9 @@ impl RemoteSlot {
             inputs: inputs
                 .map(|address| r.image.read(Phase::Data, address))
                 .collect(),
-            outputs: outputs
-                .map(|address| r.image.write(Phase::Data, address, 0))
-                .collect(),
+            outputs,
             mode: r.image.on_demand(registers.cs),
-            data: [r.image.on_demand(low), r.image.on_demand(high)],
+            data,
             mode_word: software_mode_word(started.software_mode),
             is_confirmed: false,
             unanswered: Some((0, started_at)),
@@ -227,7 +230,7 @@ impl RemoteSlot {
             if let Some(&slot) = self.outputs.get(n) {
                 cycle.words.put(slot, word);
             }
-            if let Some(&setting) = self.data.get(n) {
+            if let Some(&Some(setting)) = self.data.get(n) {
                 cycle.words.set(setting, word);
                 cycle.words.repeat(setting);
             }

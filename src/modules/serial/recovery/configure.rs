@@ -3,7 +3,7 @@
 use super::{Recovery, Restart, WrittenParameter};
 use crate::bus::Instant;
 use crate::remote::ParameterWrite;
-use crate::sslbp::{ChannelMask, PortOperation, StartMode};
+use crate::sslbp::{ChannelMask, CompletedOperation, PortOperation, StartMode};
 
 impl Recovery {
     /// Makes room for this number of requests, so that [`request`](Self::request) does not
@@ -45,10 +45,17 @@ impl Recovery {
         Some(PortOperation::Start(StartMode::Setup, asked))
     }
 
-    /// Takes the remotes that are in setup mode.
-    pub(super) fn is_in_setup(&mut self, ready: ChannelMask) {
-        if let Restart::SettingUp(all) = self.restart {
+    /// Takes the remotes that are in setup mode. A setup START that may not have happened is
+    /// repeated, after another STOP.
+    pub(super) fn is_in_setup(&mut self, now: Instant, complete: &CompletedOperation) {
+        let Restart::SettingUp(all) = self.restart else {
+            return;
+        };
+        if complete.certain {
+            let ready = complete.good;
             self.restart = Restart::Configuring { all, ready };
+        } else {
+            self.end_restart(now);
         }
     }
 

@@ -310,7 +310,7 @@ impl Recovery {
                 self.transferred(machine, now, &complete, &mut outcome);
             }
             PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            PortOperation::Start(StartMode::Setup, _) => self.is_in_setup(complete.good),
+            PortOperation::Start(StartMode::Setup, _) => self.is_in_setup(now, &complete),
             PortOperation::Access(channel, access) if complete.certain => {
                 let [low, high, _] = seen.interfaces(channel);
                 let value = access.value([low, high]);

@@ -88,13 +88,14 @@ impl Recovery {
     }
 
     pub(super) fn end_restart(&mut self, now: Instant) {
+        // Parameters that were not written are written with the next restart; a write that is in
+        // progress may have been executed, which it finds out.
+        self.may_configure |= self.is_configuring();
+        if let Some(write) = self.writer.give_up() {
+            self.request(write);
+        }
         self.restart = Restart::None;
         self.cost.end(now, &self.policy);
-        if let Some(write) = self.writer.give_up() {
-            // The write may have been executed: the next restart finds that out.
-            self.request(write);
-            self.may_configure = true;
-        }
     }
 
     /// Continues a restart with `next` for the channels of `mask`, or ends it if there are none.
