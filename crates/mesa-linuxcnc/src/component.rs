@@ -206,12 +206,13 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
         }
     }));
     if result.is_err() {
-        let step = step.name();
+        let cycle = locked(place);
+        let (name, step) = (cycle.as_ref().map_or("a board", Cycle::name), step.name());
         at_set_up(
             Level::Error,
             &format_args!(
-                "a panic in {step} of board {board}, whose text is above, is an error of mesa_eth itself: the \
-                 board is not driven any more, and its watchdog switches its outputs off; load it again"
+                "a panic in {name}.{step}, whose text is above, is an error of mesa_eth itself: the board is \
+                 not driven any more, and its watchdog switches its outputs off; load mesa_eth again"
             ),
         );
     }

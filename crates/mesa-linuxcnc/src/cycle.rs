@@ -165,6 +165,11 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
+    /// The name of the board.
+    pub fn name(&self) -> &str {
+        self.driver.name()
+    }
+
     /// The function `read` of the thread with the given period.
     pub fn read(&mut self, period: Duration) {
         self.begin(period);

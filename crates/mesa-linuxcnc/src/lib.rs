@@ -7,7 +7,7 @@
 //! addf hm2_7i97.0.write servo-thread
 //! ```
 //!
-//! [The page for LinuxCNC users](mesa_hal::guides) describes what differs. From the outside in:
+//! [The page for LinuxCNC users](mesa_hal::guides::linuxcnc) describes what differs. From the outside in:
 //!
 //! | module | contains |
 //! |---|---|

@@ -30,9 +30,13 @@ impl<'a> Machine<'a> {
         let words = [
             ("board_ip", address.as_str()),
             ("config", "num_encoders=6 sserial_port_0=000xxxxx"),
+            ("debug", "1"),
         ];
         let loaded = hal.load(&words);
         let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+        let messages = hal.messages();
+        let is_error = |line: &str| line.starts_with("1 ");
+        assert!(!messages.lines().any(is_error), "{messages}");
         let machine = Self {
             board,
             loaded,

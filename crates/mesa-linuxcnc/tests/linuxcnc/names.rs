@@ -1,5 +1,8 @@
 //! Comparison with what hostmot2 makes for the same board.
 
+use std::fs;
+use std::path::Path;
+
 use super::session::List;
 
 /// Differences that are as they should be, with reasons. `*` stands for any characters.
@@ -52,6 +55,15 @@ const OTHER_VALUE: Reasons = &[
     ("pwmgen.*", "defaults of mesa-hal"),
     ("encoder.*.filter", "default of mesa-hal"),
 ];
+
+/// Keeps a list below `target/tmp`, for comparison with others.
+pub fn keep(driver: &str, list: &List) {
+    let lines = list
+        .iter()
+        .map(|(name, entry)| format!("{name} {}\n", entry.join(" ")));
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{driver}.list"));
+    fs::write(path, lines.collect::<String>()).expect("it is written");
+}
 
 /// Fails for each difference without a reason.
 pub fn compare(theirs: &List, ours: &List) {
