@@ -222,6 +222,16 @@ impl Pins {
         })
     }
 
+    /// As [`bits_of`](Self::bits_of) for an input; `None` while it is not valid.
+    ///
+    /// # Real time
+    /// As [`bits_of`](Self::bits_of).
+    #[inline]
+    pub fn valid_bits_of(&self, input: PinId) -> Option<u64> {
+        let (slot, group) = self.slot(input.0)?;
+        (!slot.bad && self.is_valid(group)).then_some(slot.bits)
+    }
+
     /// Sets a pin or parameter as [`set_any`](Self::set_any) does, to the bits of a value of its
     /// type.
     ///
@@ -397,6 +407,11 @@ mod tests {
         let all: Vec<_> = pins.ids().collect();
         for (pin, value) in all.iter().zip(pins.values().collect::<Vec<_>>()) {
             assert_eq!(pins.bits_of(*pin), value.bits);
+            let reading = pins.read_any(*pin);
+            let valid = reading.valid.then_some(reading.value.bits);
+            if pins.info_of(*pin).is_some_and(|info| info.role == Role::Input) {
+                assert_eq!(pins.valid_bits_of(*pin), valid);
+            }
             for bits in [1.5_f64, f64::NAN, 12.0].map(f64::to_bits) {
                 let (mut one, mut other) = (store(), store());
                 let pins = [&mut one, &mut other].map(|store| {

@@ -513,7 +513,7 @@ impl Pins {
     }
 
     /// True if the inputs of a group are valid. Staleness is decided here and nowhere else.
-    fn is_valid(&self, group: &Group) -> bool {
+    pub(super) fn is_valid(&self, group: &Group) -> bool {
         let is_stale = self.stale_after > 0
             && !group.is_own
             && self.age(group).cycles >= u64::from(self.stale_after);

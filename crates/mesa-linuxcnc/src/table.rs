@@ -2,7 +2,7 @@
 //!
 //! | role | HAL | before `read` | after `read` | before `write` | after `write` |
 //! |---|---|---|---|---|---|
-//! | input | OUT | | to HAL | | |
+//! | input | OUT | | valid values to HAL | | |
 //! | output | IN | | | to the driver | |
 //! | set by both | I/O | to the driver | to HAL | to the driver | to HAL |
 //! | parameter | RW | | | to the driver, or back | |
@@ -102,10 +102,12 @@ impl Table {
         }
     }
 
-    /// After `read`: inputs and properties.
+    /// After `read`: properties, and inputs that are valid.
     pub fn after_read(&mut self, pins: &Pins, memory: &mut impl Memory) {
         for entry in &self.inputs {
-            entry.store(memory, pins.bits_of(entry.id));
+            if let Some(bits) = pins.valid_bits_of(entry.id) {
+                entry.store(memory, bits);
+            }
         }
         for shared in &mut self.properties {
             shared.show(pins, memory);
