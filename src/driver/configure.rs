@@ -145,7 +145,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// let buses = [machines::i7i97(1), machines::i7i92_7i77(), machines::i7i97(1)];
     /// let boards = buses.map(|bus| {
     ///     Board::identify_with(bus, Settings::default(), |firmware, settings| {
-    ///         let next = of_kind.entry(firmware.idrom.board().to_string()).or_default();
+    ///         let next = of_kind.entry(firmware.idrom.board()).or_default();
     ///         settings.board_number = *next;
     ///         *next += 1;
     ///     })

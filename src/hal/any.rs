@@ -409,7 +409,10 @@ mod tests {
             assert_eq!(pins.bits_of(*pin), value.bits);
             let reading = pins.read_any(*pin);
             let valid = reading.valid.then_some(reading.value.bits);
-            if pins.info_of(*pin).is_some_and(|info| info.role == Role::Input) {
+            if pins
+                .info_of(*pin)
+                .is_some_and(|info| info.role == Role::Input)
+            {
                 assert_eq!(pins.valid_bits_of(*pin), valid);
             }
             for bits in [1.5_f64, f64::NAN, 12.0].map(f64::to_bits) {

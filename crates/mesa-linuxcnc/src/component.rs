@@ -126,7 +126,7 @@ fn start(
     let bus = UdpBus::connect(address, UdpConfig::default());
     let bus = bus.map_err(|error| failed(&error, error.advice()))?;
     let board = Board::identify_with(bus, settings, |firmware, settings| {
-        let kind = firmware.idrom.board().to_string();
+        let kind = firmware.idrom.board();
         let next = of_kind.entry(kind).or_default();
         settings.board_number = *next;
         *next += 1;
