@@ -132,6 +132,14 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.driver.name()
     }
 
+    /// Reads the board once, so that HAL has its inputs before the thread starts, as with hostmot2.
+    pub fn look(&mut self) {
+        // What fails here fails in the first cycle too, and is reported then.
+        let _ = self.driver.read();
+        self.table.after_read(self.driver.pins(), &mut self.memory);
+        self.show_own();
+    }
+
     /// The function `read` of the thread with the given period.
     pub fn read(&mut self, period: Duration) {
         self.begin(period);

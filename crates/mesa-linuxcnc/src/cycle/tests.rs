@@ -43,9 +43,11 @@ impl Bench {
             }),
         );
         let memory = FakeMemory(vec![0; wanted.len()]);
+        let mut cycle = Cycle::new(driver, memory, say);
+        cycle.look();
         Self {
             numbers: numbers.collect(),
-            cycle: Cycle::new(driver, memory, say),
+            cycle,
             heard,
             period: PERIOD,
         }
