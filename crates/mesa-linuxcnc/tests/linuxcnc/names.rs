@@ -65,6 +65,14 @@ const OTHER_VALUE: Reasons = &[
         "dpll.prescale",
         "hostmot2 computes it when the thread starts",
     ),
+    (
+        "dpll.phase-error-us",
+        "the clock runs freely before the thread",
+    ),
+    (
+        "sserial.port-*.port_state",
+        "the load has started the remotes",
+    ),
 ];
 
 /// Keeps a list below `target/tmp`, for comparison with others.
