@@ -170,7 +170,9 @@ fn add(
         let remark = WithAdvice::new(remark, remark.advice());
         at_set_up(Level::Error, &format_args!("{}: {remark}", driver.name()));
     }
-    Ok(Cycle::new(driver, memory, say))
+    let mut cycle = Cycle::new(driver, memory, say);
+    cycle.look();
+    Ok(cycle)
 }
 
 fn c_name(name: &str) -> Result<CString, LoadError> {

@@ -14,6 +14,9 @@ use crate::table::{Change, Memory, Table};
 /// The largest number of remotes: four ports of eight channels.
 const MAX_REMOTES: usize = 32;
 
+/// Period whose share is the deadline of the read at the load.
+const LOOK: Duration = Duration::from_millis(100);
+
 /// A pin or parameter that the component makes in HAL.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Wanted {
@@ -168,6 +171,18 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The name of the board.
     pub fn name(&self) -> &str {
         self.driver.name()
+    }
+
+    /// Reads the board once, so that HAL has its inputs before the thread starts, as with hostmot2.
+    pub fn look(&mut self) {
+        // There is time: a reply that is late is no packet error yet.
+        let period = self.driver.period();
+        self.driver.bus_mut().set_cycle(LOOK, None);
+        // What fails here fails in the first cycle too, and is reported then.
+        let _ = self.driver.read();
+        self.driver.bus_mut().set_cycle(period, None);
+        self.table.after_read(self.driver.pins(), &mut self.memory);
+        self.show_own();
     }
 
     /// The function `read` of the thread with the given period.

@@ -133,7 +133,7 @@ fn fpga() -> SimFpga {
     fpga
 }
 
-/// Plugs a remote whose own watchdog has patience with a busy computer: 10 s.
+/// Plugs a remote whose own watchdog has patience with a busy computer: 2 s.
 fn plug<W: World>(fpga: &mut SimFpga, channel: usize, mut remote: SimRemote<Device<W>>)
 where
     SimRemote<Device<W>>: SimDevice + mesa_hal_sim::wire::RemoteEnd,
@@ -141,7 +141,7 @@ where
     let address = remote.application().layout().address("NVWatchDogTimeout");
     remote
         .nonvolatile_mut()
-        .set_word(address.expect("a parameter"), 2, 10_000);
+        .set_word(address.expect("a parameter"), 2, 2_000);
     remote.set_power(0, false);
     remote.set_power(0, true);
     let cable = Cable::new(Box::new(remote), channel as u64);

@@ -9,6 +9,7 @@ use super::session::List;
 type Reasons = &'static [(&'static str, &'static str)];
 
 const ONLY_THEIRS: Reasons = &[
+    ("0.debug", "of the hostmot2 module, not of a board"),
     ("gpio.*.in*", "level of a pin that a module uses"),
     ("*.invert_output", "a second name of gpio.NNN.invert_output"),
     ("*.is_opendrain", "a second name of gpio.NNN.is_opendrain"),
@@ -54,6 +55,24 @@ const ONLY_OURS: Reasons = &[
 const OTHER_VALUE: Reasons = &[
     ("pwmgen.*", "defaults of mesa-hal"),
     ("encoder.*.filter", "default of mesa-hal"),
+    ("encoder.muxed-sample-frequency", "default of mesa-hal"),
+    (
+        "dpll.base-freq-khz",
+        "hostmot2 shows -1 until the thread starts",
+    ),
+    ("dpll.ddsize", "hostmot2 reads it when the thread starts"),
+    (
+        "dpll.prescale",
+        "hostmot2 computes it when the thread starts",
+    ),
+    (
+        "dpll.phase-error-us",
+        "the clock runs freely before the thread",
+    ),
+    (
+        "sserial.port-*.port_state",
+        "the load has started the remotes",
+    ),
 ];
 
 /// Keeps a list below `target/tmp`, for comparison with others.

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Time limit of a command.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Time limit for a change on one side to arrive at the other on a busy computer.
-pub const SETTLE: Duration = Duration::from_secs(10);
+pub const SETTLE: Duration = Duration::from_secs(20);
 /// Attempts to load hm2_eth, whose load fails if one reply is late.
 const LOADS: usize = 12;
 
