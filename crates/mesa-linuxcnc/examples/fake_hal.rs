@@ -108,6 +108,13 @@ impl Hal {
         self.entries.push(entry);
     }
 
+    /// The parameter with this name, before the component is ready.
+    fn param(&self, name: &CStr) -> Option<Entry> {
+        let mut entries = self.names.iter().zip(&self.entries);
+        let (_, entry) = entries.find(|(other, _)| other.as_c_str() == name)?;
+        (!self.is_ready && entry.pointer.is_null()).then_some(*entry)
+    }
+
     fn owns(&self, component: c_int) -> bool {
         self.component.is_some() && component == self.next
     }
@@ -225,6 +232,23 @@ pub extern "C" fn hal_param_new(
             pointer: core::ptr::null_mut(),
         };
         hal.add(name, entry);
+        0
+    })
+}
+
+/// HAL's `hal_param_alias`, with both names beside each other.
+#[unsafe(no_mangle)]
+pub extern "C" fn hal_param_alias(name: *const c_char, alias: *const c_char) -> c_int {
+    hal(|hal| {
+        // SAFETY: the caller gives a text that ends with NUL.
+        let name = unsafe { CStr::from_ptr(name) };
+        let Some(entry) = hal.param(name) else {
+            return EINVAL;
+        };
+        let Some(alias) = hal.new_name(alias) else {
+            return EINVAL;
+        };
+        hal.add(alias, entry);
         0
     })
 }

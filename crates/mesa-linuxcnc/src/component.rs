@@ -98,12 +98,13 @@ fn try_load() -> Result<(), LoadError> {
     *locked(&COMPONENT) = Some(component);
     let mut of_kind = BTreeMap::new();
     for (number, board) in boards.into_iter().enumerate() {
-        let address = board.address;
+        let (address, config) = (board.address, board.config.clone());
         let of_board = |error: LoadError| {
-            LoadError::new(
-                error.result,
-                format_args!("board_ip={address}: {}", error.text),
-            )
+            let words = match &*config {
+                "" => format!("board_ip={address}"),
+                config => format!("board_ip={address} config={config}"),
+            };
+            LoadError::new(error.result, format_args!("{words}: {}", error.text))
         };
         let driver = start(board, &mut of_kind).map_err(of_board)?;
         let name = driver.name().to_owned();
@@ -122,7 +123,9 @@ fn start(
     board: BoardParameters,
     of_kind: &mut BTreeMap<String, u8>,
 ) -> Result<Driver<UdpBus>, LoadError> {
-    let BoardParameters { address, settings } = board;
+    let BoardParameters {
+        address, settings, ..
+    } = board;
     let bus = UdpBus::connect(address, UdpConfig::default());
     let bus = bus.map_err(|error| failed(&error, error.advice()))?;
     let board = Board::identify_with(bus, settings, |firmware, settings| {
@@ -135,8 +138,10 @@ fn start(
     driver.map_err(|error| failed(&error, error.advice()))
 }
 
+/// An error of the driver, with its advice unless that is about a program in Rust.
 fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadError {
-    LoadError::new(ENODEV, WithAdvice::new(error, advice))
+    let is_for_users = |advice: &mesa_hal::Advice| !advice.to_string().contains('`');
+    LoadError::new(ENODEV, WithAdvice::new(error, advice.filter(is_for_users)))
 }
 
 /// Makes the pins, parameters and functions of a board.
@@ -158,6 +163,14 @@ fn add(
     for pin in &wanted {
         let made = memory.add(&c_name(&pin.name)?, pin.role, pin.hal_type);
         made.map_err(|error| of_memory(&pin.name, error))?;
+    }
+    let pins = driver.pins();
+    for (alias, id) in pins.aliases() {
+        // As in hostmot2, parameters only.
+        if let Some(info) = pins.info_of(id).filter(|info| info.role.is_param()) {
+            let made = ComponentId::alias(&c_name(&info.name)?, &c_name(alias)?);
+            made.map_err(|HalError(result)| of_memory(alias, MemoryError::Refused(result)))?;
+        }
     }
     for step in Step::ALL {
         let name = format!("{}.{}", driver.name(), step.name());

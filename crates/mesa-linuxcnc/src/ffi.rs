@@ -47,6 +47,7 @@ unsafe extern "C" {
         value: *mut c_void,
         component: c_int,
     ) -> c_int;
+    fn hal_param_alias(name: *const c_char, alias: *const c_char) -> c_int;
     fn rtapi_print_msg(level: c_int, format: *const c_char, ...);
 }
 
@@ -72,6 +73,13 @@ impl ComponentId {
         // SAFETY: the name ends with NUL, and HAL copies it.
         let result = unsafe { hal_init(name.as_ptr()) };
         checked(result).map(Self)
+    }
+
+    /// Gives a parameter a second name. HAL finds it by both, and shows the second one.
+    pub fn alias(name: &CStr, alias: &CStr) -> Result<(), HalError> {
+        // SAFETY: the names end with NUL, and HAL copies them.
+        let result = unsafe { hal_param_alias(name.as_ptr(), alias.as_ptr()) };
+        checked(result).map(drop)
     }
 
     /// Declares that all pins, parameters and functions are made.

@@ -13,7 +13,9 @@ const PORT: u16 = 27_181;
 pub(crate) struct BoardParameters {
     /// Its address.
     pub address: SocketAddrV4,
-    /// Its word of `config=`, as settings.
+    /// Its word of `config=`.
+    pub config: String,
+    /// The same, as settings.
     pub settings: Settings,
 }
 
@@ -78,7 +80,11 @@ fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, 
             board: word.into(),
             error,
         })?;
-        parsed.push(BoardParameters { address, settings });
+        parsed.push(BoardParameters {
+            address,
+            config: config.into(),
+            settings,
+        });
     }
     Ok(parsed)
 }

@@ -259,14 +259,14 @@ fn wrong_words_are_refused_by_name_and_leave_nothing() {
                 ("board_ip", address.as_str()),
                 ("config", "sserial_port_3=00"),
             ],
-            "serial port 3",
+            "config=sserial_port_3=00: ",
         ),
         (
             vec![
                 ("board_ip", address.as_str()),
                 ("config", "num_encoders=60"),
             ],
-            "encoders",
+            "config=num_encoders=60: ",
         ),
         (
             vec![("board_ip", "127.0.0.1:9"), ("config", "")],

@@ -8,12 +8,7 @@ use super::session::List;
 /// Differences that are as they should be, with reasons. `*` stands for any characters.
 type Reasons = &'static [(&'static str, &'static str)];
 
-const ONLY_THEIRS: Reasons = &[
-    ("0.debug", "of the hostmot2 module, not of a board"),
-    ("gpio.*.in*", "level of a pin that a module uses"),
-    ("*.invert_output", "a second name of gpio.NNN.invert_output"),
-    ("*.is_opendrain", "a second name of gpio.NNN.is_opendrain"),
-];
+const ONLY_THEIRS: Reasons = &[("0.debug", "of the hostmot2 module, not of a board")];
 
 const ONLY_OURS: Reasons = &[
     ("valid", "of the component: inputs of the board are valid"),
@@ -36,14 +31,6 @@ const ONLY_OURS: Reasons = &[
         "encoder.*.probe-*",
         "latch on probe, made for every encoder",
     ),
-    (
-        "gpio.*.invert_output",
-        "hostmot2 shows it under its second name",
-    ),
-    (
-        "gpio.*.is_opendrain",
-        "hostmot2 shows it under its second name",
-    ),
     ("7i*.fault-*", "each fault of a remote is a pin"),
     ("7i*.running", "remotes go offline alone"),
     ("7i*.failures", "failures are counted for each remote"),
@@ -53,9 +40,7 @@ const ONLY_OURS: Reasons = &[
 ];
 
 const OTHER_VALUE: Reasons = &[
-    ("pwmgen.*", "defaults of mesa-hal"),
-    ("encoder.*.filter", "default of mesa-hal"),
-    ("encoder.muxed-sample-frequency", "default of mesa-hal"),
+    ("gpio.*.in*", "a level, read at another moment of the load"),
     (
         "dpll.base-freq-khz",
         "hostmot2 shows -1 until the thread starts",
