@@ -3,7 +3,7 @@
 //!     simulated_board [ANY WORDS] --listen ADDRESS
 //!
 //! Commands on standard input, one a line, each answered by a line: `plug N`, `unplug N`, `lose PART`,
-//! `input N on|off`, and `outputs`, with outputs 3 of the 7I77, 17 of the 7I72 and 2 of the board.
+//! `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the 7I72 and 2 of the board.
 
 #[path = "../tests/fake_hal/board.rs"]
 mod board;
@@ -35,6 +35,10 @@ fn answer(board: &Board, line: &str) -> Option<String> {
     let words: Vec<_> = line.split_whitespace().collect();
     match words[..] {
         ["outputs"] => return Some(format!("{:?}", board.outputs())),
+        ["watchdog", channel] => {
+            let time = board.watchdog(channel.parse().ok()?)?;
+            return Some(format!("{time} ms"));
+        }
         ["plug", channel] => board.plug(channel.parse().ok()?, true),
         ["unplug", channel] => board.plug(channel.parse().ok()?, false),
         ["lose", part] => board.lose(part.parse().ok()?),

@@ -2,7 +2,7 @@
 
 use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{Driver, OfflineReason, RemoteState, RemoteWatchdog};
+use mesa_hal::driver::{Driver, OfflineReason, RemoteState, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupState;
 
 use super::Application;
@@ -34,7 +34,7 @@ impl Application {
         millis: u32,
     ) {
         let remotes = driver.ports().get(port).into_iter();
-        let remotes = remotes.flat_map(|port| port.remotes());
+        let remotes = remotes.flat_map(SerialPort::remotes);
         let channels: Vec<_> = remotes
             .map(|remote| remote.started.channel.index())
             .collect();

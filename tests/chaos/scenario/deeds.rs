@@ -100,7 +100,8 @@ impl Scenario {
     ) {
         let run = application.switch_port(driver, port);
         let extras = self.plan.extras;
-        let is_known = extras.deeds_one_in > 0 || extras.remote_watchdog == WRITTEN_WATCHDOG;
+        let is_known =
+            extras.deeds_one_in > 0 || extras.remote_watchdog == u64::from(WRITTEN_WATCHDOG);
         if !run && is_known {
             Application::request_watchdogs(driver, port, WRITTEN_WATCHDOG);
         }

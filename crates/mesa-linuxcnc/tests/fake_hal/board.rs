@@ -83,6 +83,16 @@ impl Board {
         })
     }
 
+    /// The time in ms of the watchdog that a remote keeps in its memory.
+    pub fn watchdog(&self, channel: usize) -> Option<u64> {
+        self.with(move |fpga, _| {
+            let device = find(fpga.remote(0, channel)?)?;
+            let mut parameters = device.parameters().into_iter();
+            let found = parameters.find(|(name, _)| name == "nvwatchdogtimeout");
+            found.map(|(_, value)| value)
+        })
+    }
+
     pub fn set_input(&self, number: usize, on: bool) {
         self.with(move |fpga, _| {
             let device = find_mut(fpga.remote_mut(0, FIELD).expect("a remote"));

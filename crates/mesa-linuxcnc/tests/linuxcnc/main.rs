@@ -103,6 +103,15 @@ fn faults_end_as_the_page_says() {
     session.set("7i72.0.2.rearm", "TRUE");
     session.expect_outputs([true; 3]);
 
+    // A parameter that the card keeps is written while its port starts.
+    session.set("7i72.0.2.nvwatchdogtimeout", "1900");
+    session.set("sserial.port-0.run", "FALSE");
+    session.expect_outputs([false, false, true]);
+    session.set("sserial.port-0.run", "TRUE");
+    session.expect_outputs([true; 3]);
+    assert_eq!(session.board("watchdog 2"), "1900 ms");
+    assert_eq!(session.get("7i72.0.2.nvwatchdogtimeout"), "1900");
+
     // The thread stops for longer than the watchdog's time.
     session.hal("stop");
     std::thread::sleep(Duration::from_secs(2));
@@ -118,6 +127,11 @@ fn faults_end_as_the_page_says() {
     session.expect("io_error", "TRUE");
     session.board("lose 0");
     session.set("packet-error-limit", "100000");
+    // Nothing is exchanged until it is cleared.
+    let errors = session.get("packet-error-total");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(session.get("packet-error-total"), errors);
+    assert_eq!(session.get("valid"), "FALSE");
     session.set("io_error", "FALSE");
     session.expect_outputs([true; 3]);
     session.expect("valid", "TRUE");
