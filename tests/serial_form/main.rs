@@ -118,6 +118,10 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::Dropped { count: 9 },
         EventKind::OtherMaster { packets: 5 },
         EventKind::NotRead { writes: 6 },
+        EventKind::ParameterNotWritten {
+            remote,
+            parameter: 3,
+        },
         EventKind::OfModule {
             module: 0x9A,
             code: 7,
