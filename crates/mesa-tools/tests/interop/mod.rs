@@ -36,31 +36,18 @@ pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
 /// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
 /// answer in time on a busy computer: with a realtime priority where the user may have one.
 pub fn realtime(program: impl AsRef<OsStr>) -> Command {
-    at_priority("1", program)
-}
-
-/// A command for LinuxCNC with its board, which come before the programs of other tests: a single
-/// late reply costs LinuxCNC a cycle, and many make it stop.
-pub fn realtime_linuxcnc(program: impl AsRef<OsStr>) -> Command {
-    let mut command = at_priority("2", program);
-    // It gives its thread a priority only on a realtime kernel, unless it is forced to.
-    command.env("LINUXCNC_FORCE_REALTIME", "1");
-    command
-}
-
-fn at_priority(priority: &str, program: impl AsRef<OsStr>) -> Command {
     static PERMITTED: OnceLock<bool> = OnceLock::new();
+    const PRIORITY: [&str; 2] = ["--rr", "1"];
     let is_permitted = || {
         let mut nothing = Command::new("chrt");
-        nothing.args(["--rr", priority, "true"]);
-        let status = nothing.stderr(Stdio::null()).status();
-        status.is_ok_and(|status| status.success())
+        nothing.args(PRIORITY).arg("true").stderr(Stdio::null());
+        nothing.status().is_ok_and(|status| status.success())
     };
     if !PERMITTED.get_or_init(is_permitted) {
         return Command::new(program);
     }
     let mut command = Command::new("chrt");
-    command.args(["--rr", priority]).arg(program);
+    command.args(PRIORITY).arg(program);
     command
 }
 

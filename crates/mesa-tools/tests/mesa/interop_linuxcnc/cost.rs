@@ -1,8 +1,8 @@
 //! CPU time of a cycle for LinuxCNC and for `mesa-hal`, on the same kind of board at the same time.
 
-use std::{fs, net::Ipv4Addr, path::Path, time::Duration};
+use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
 
-use crate::interop::{board::Board, mesa, realtime};
+use crate::interop::{board::Board, mesa};
 
 /// CPU time used so far by LinuxCNC's realtime process.
 fn linuxcnc_cpu() -> Duration {
@@ -72,7 +72,7 @@ fn run(board: &str, host: u8, pace: &str, program: &Path) -> String {
     let address = Ipv4Addr::new(127, 97, 0, host);
     let arguments: Vec<&str> = board.split(' ').collect();
     let board = Board::start(address, &arguments);
-    let output = realtime(program)
+    let output = Command::new(program)
         .args([
             "latency",
             "--addr",

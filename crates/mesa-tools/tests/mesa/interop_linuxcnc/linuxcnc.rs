@@ -16,7 +16,7 @@ use std::{
 use super::expected::{Expected, List};
 use crate::interop::{
     console::{Console, Values, values},
-    mesa, realtime_linuxcnc,
+    mesa, realtime,
     tools::{has_program, skip},
 };
 
@@ -152,7 +152,7 @@ impl Machine {
         });
         // Open for both directions, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox = realtime_linuxcnc(concat!(
+        let mut sandbox = realtime(concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../../examples/linuxcnc.sh"
         ))

@@ -17,7 +17,7 @@ mod skeleton;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
-use crate::interop::{realtime_linuxcnc, wait_until};
+use crate::interop::{realtime, wait_until};
 use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
@@ -401,7 +401,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         (&[][..], "hm2_7i97.0"),
         (&["--board", "7i92-7i77"], "hm2_7i92.0"),
     ] {
-        let mut child = realtime_linuxcnc(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
+        let mut child = realtime(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
             .args(options)
             .env("MESA", crate::interop::mesa())
             .stdin(std::process::Stdio::piped())
