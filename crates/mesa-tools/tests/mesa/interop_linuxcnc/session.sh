@@ -35,10 +35,8 @@ rm -rf "$2"
 "$MESA" hal --addr 10.97.0.2 --out "$2" || exit
 chmod -R a+rwX "$2"
 cd "$2" || exit
-# This is no realtime machine, and has no screen: the board that a test plays takes up to 0.5 ms for a
-# cycle, and a single late reply spoils the start of a serial port. Nothing else is changed.
-sed -e 's/^SERVO_PERIOD = .*/SERVO_PERIOD = 2000000/' \
-  -e 's/^WATCHDOG_NS = .*/WATCHDOG_NS = 1000000000/' \
+# This is no realtime machine, and has no screen. Nothing else is changed.
+sed -e 's/^WATCHDOG_NS = .*/WATCHDOG_NS = 1000000000/' \
   -e 's/^PACKET_ERROR_LIMIT = .*/PACKET_ERROR_LIMIT = 100000/' \
   -e 's/^SSERIAL_FAULT_LIMIT = .*/SSERIAL_FAULT_LIMIT = 1000000/' \
   -e "s|^DISPLAY = .*|DISPLAY = $session|" machine.ini > test.ini
