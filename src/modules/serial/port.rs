@@ -375,7 +375,7 @@ impl Module for SerialPort {
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
         }
-        if let Some(ended) = outcome.parameter {
+        if let Some(ended) = self.recovery.ended.take() {
             self.parameter_ended(cycle.pins, ended);
         }
         let machine = &self.port.machine;

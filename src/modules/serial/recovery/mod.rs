@@ -39,8 +39,6 @@ pub(crate) struct ReadOutcome {
     /// that found it incomplete.
     pub started: Instant,
     pub reads_before: u32,
-    /// The write of a parameter that has ended with this read.
-    pub parameter: Option<WrittenParameter>,
 }
 
 /// Progress of a restart. Channels are restarted together, because every attempt suspends the
@@ -139,6 +137,8 @@ pub(crate) struct Recovery {
     /// The port was switched on again, and has not been restarted since: parameters may be written.
     may_configure: bool,
     writer: ParameterWriter,
+    /// The write of a parameter that has ended with this read.
+    pub ended: Option<WrittenParameter>,
 }
 
 /// Least time between two attempts to free COMMAND.
@@ -173,6 +173,7 @@ impl Recovery {
             requests: Vec::new(),
             may_configure: false,
             writer: ParameterWriter::default(),
+            ended: None,
         };
         recovery.update();
         recovery
@@ -315,8 +316,8 @@ impl Recovery {
                 let [low, high, _] = seen.interfaces(channel);
                 let value = access.value([low, high]);
                 let value = complete.good.contains(channel).then_some(value);
-                outcome.parameter = self.writer.accessed(now, value);
-                if let Some(ended) = outcome.parameter {
+                self.ended = self.writer.accessed(now, value);
+                if let Some(ended) = self.ended {
                     self.parameter_ended(now, ended);
                 }
             }
