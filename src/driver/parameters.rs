@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::error::remote_watchdog;
-use super::{Configured, Driver, DriverError, Remark, remark};
+use super::{Configured, Driver, DriverError, Remark, RemoteStatus, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
@@ -207,9 +207,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ) -> Result<(), DriverError<B::Error>> {
         let (value, remote) = (value.into(), remote.into());
         let parameter = KeptParameter { remote, name };
-        let Some(status) = self.remote(remote) else {
-            return Err(DriverError::no_remote(remote));
-        };
+        let status = self.status(remote)?;
         let record = parameter.record(status.pins)?.clone();
         let write = parameter.check(&record, value, self.pacer.period)?;
         let started = *status.started;
@@ -235,7 +233,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// remotes of other ports transfer meanwhile. The parameter's pin shows the new value when the
     /// remote has it; otherwise it keeps its value, and
     /// [`EventKind::ParameterNotWritten`](crate::driver::EventKind::ParameterNotWritten) reports
-    /// that.
+    /// that. A port that is switched on again before it has stopped writes at its next whole restart.
     ///
     /// A second request for a parameter replaces the first. A non-volatile parameter is written only
     /// if its value changes, and the remote uses it from its next power-up on.
@@ -253,9 +251,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ) -> Result<(), DriverError<B::Error>> {
         let (value, remote) = (value.into(), remote.into());
         let parameter = KeptParameter { remote, name };
-        let Some(status) = self.remote(remote) else {
-            return Err(DriverError::no_remote(remote));
-        };
+        let status = self.status(remote)?;
         let record = parameter.record(status.pins)?;
         let raw = parameter.check(record, value, self.pacer.period)?.raw;
         let write = status.pins.write_of(status.started.channel, name, raw);
@@ -265,6 +261,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
             port.request_parameter(write);
         }
         Ok(())
+    }
+
+    fn status(&self, remote: RemoteId) -> Result<RemoteStatus<'_>, DriverError<B::Error>> {
+        self.remote(remote)
+            .ok_or_else(|| DriverError::no_remote(remote))
     }
 
     /// Feeds the board's watchdog, once, for this time. A bite remains visible, and so does a

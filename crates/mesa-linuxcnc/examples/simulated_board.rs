@@ -2,8 +2,9 @@
 //!
 //!     simulated_board [ANY WORDS] --listen ADDRESS
 //!
-//! Commands on standard input, one a line, each answered by a line: `plug N`, `unplug N`, `lose PART`,
-//! `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the 7I72 and 2 of the board.
+//! Commands on standard input, one a line, each answered by a line: `plug N`, `unplug N`,
+//! `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the
+//! 7I72 and 2 of the board.
 
 #[path = "../tests/fake_hal/board.rs"]
 mod board;

@@ -179,9 +179,11 @@ fn add(
     }
     let listener = Box::new(|level: Level, text: &CStr| ffi::print(level, text));
     let say = Say::new(driver.name(), listener);
-    for remark in driver.missing() {
+    let missing = driver.missing().iter().map(|remark| (Level::Error, remark));
+    let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
+    for (level, remark) in missing.chain(remarks) {
         let remark = WithAdvice::new(remark, remark.advice());
-        at_set_up(Level::Error, &format_args!("{}: {remark}", driver.name()));
+        at_set_up(level, &format_args!("{}: {remark}", driver.name()));
     }
     let mut cycle = Cycle::new(driver, memory, say);
     cycle.look();

@@ -10,6 +10,8 @@ use mesa_hal::driver::EventKind;
 /// the operator's screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Level {
+    /// What a person should read at the load: printed always, and no error on the operator's screen.
+    Note = 0,
     /// Outputs were made safe, or the component does less than it was told to.
     Error = 1,
     /// A fault without consequences for outputs.

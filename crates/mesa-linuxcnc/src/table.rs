@@ -9,8 +9,9 @@
 //! | property | RO | | to HAL | | |
 //! | kept in a remote | RW | | | requested, or back to HAL | |
 //!
-//! An input that is not valid keeps its last value. Where both sides have changed a value, the driver wins. Outputs are set anew in every cycle, because
-//! arming makes the driver forget what was set before.
+//! An input that is not valid keeps its last value. Where both sides have changed a value, the driver
+//! wins. Outputs are set anew in every cycle, because arming makes the driver forget what was set
+//! before.
 
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, Pins, Role};
 

@@ -141,6 +141,30 @@ fn a_parameter_is_written_when_its_port_is_switched_on_again() {
     assert_eq!((changes(&machine), kept(&machine, FIELD)), (before, 100));
 }
 
+/// A restart of one remote alone, in between, does not use the request up.
+#[test]
+fn a_port_that_was_not_stopped_writes_at_its_next_whole_restart() {
+    let mut machine = machine(fpga(), 0);
+    cycles(&mut machine, 20);
+    request(&mut machine, FIELD, 100);
+    switch(&mut machine, false);
+    cycle(&mut machine);
+    switch(&mut machine, true);
+    cycles(&mut machine, 200);
+    assert!(machine.driver.restart((0, OUTPUTS as u8)));
+    cycles(&mut machine, 200);
+    assert!(all_run(&mut machine));
+    assert_eq!(kept(&machine, FIELD), 50);
+    machine.fpga().reload();
+    cycles(&mut machine, 3);
+    assert_ne!(machine.driver.board_state(), BoardState::Running);
+    machine.until(RESTARTED, |machine| {
+        let _ = machine.driver.rearm();
+        machine.driver.board_state() == BoardState::Running && all_run(machine)
+    });
+    assert_eq!((kept(&machine, FIELD), shown(&machine, FIELD)), (100, 100));
+}
+
 #[test]
 fn what_no_remote_can_take_is_refused_at_once() {
     let mut machine = machine(fpga(), 0);

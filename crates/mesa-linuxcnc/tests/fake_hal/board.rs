@@ -33,6 +33,15 @@ impl Board {
     }
 
     pub fn start_at(address: SocketAddrV4) -> Self {
+        Self::serve(address, fpga)
+    }
+
+    /// At any free port of the loopback interface, another FPGA.
+    pub fn start_with(fpga: impl FnOnce() -> SimFpga + Send + 'static) -> Self {
+        Self::serve(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0), fpga)
+    }
+
+    fn serve(address: SocketAddrV4, fpga: impl FnOnce() -> SimFpga + Send + 'static) -> Self {
         let mut face = UdpFace::bind(address, Mishaps::default()).expect("a socket");
         let address = face.local_addr().expect("an address");
         let (work, orders): (Sender<Work>, Receiver<Work>) = channel();

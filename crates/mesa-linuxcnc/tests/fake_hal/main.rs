@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use board::{Board, OUTPUTS};
 use hal::{Hal, Loaded, hal};
+use mesa_hal_sim::{FirmwareImage, SimFpga};
 
 /// Long enough for a busy computer: the deadline of a reply is 80 % of it.
 const PERIOD: Duration = Duration::from_millis(4);
@@ -281,6 +282,24 @@ fn wrong_words_are_refused_by_name_and_leave_nothing() {
     }
     let machine = Machine::load(&hal, &board);
     machine.until("valid", |machine| machine.is_on("valid"));
+}
+
+/// A public firmware with step generators.
+#[test]
+fn a_module_that_is_not_driven_is_named_at_the_load() {
+    const FIRMWARE: &str =
+        include_str!("../../../../tests/transcripts/firmwares/7I92-G540x2D_34.txt");
+    let hal = hal();
+    let board = Board::start_with(|| {
+        let image = FirmwareImage::parse(FIRMWARE).expect("a firmware");
+        SimFpga::from_image(&image).expect("a firmware")
+    });
+    let address = board.address.to_string();
+    let loaded = hal.load(&[("board_ip", address.as_str())]);
+    assert!(loaded.is_ok(), "{}", hal.messages());
+    let messages = hal.messages();
+    let is_note = |line: &str| line.starts_with("0 mesa_eth: hm2_7i92.0: StepGen (05) version 2");
+    assert!(messages.lines().any(is_note), "{messages}");
 }
 
 #[test]

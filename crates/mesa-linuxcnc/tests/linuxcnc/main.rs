@@ -2,16 +2,23 @@
 //!
 //! Needs root and the package `linuxcnc-uspace`: see `examples/linuxcnc.sh`.
 
+#[path = "../../../mesa-tools/tests/interop/halcmd.rs"]
+#[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
+mod halcmd;
 mod names;
 mod session;
+#[path = "../../../mesa-tools/tests/interop/tools.rs"]
+#[allow(unreachable_pub, reason = "shared with mesa-tools")]
+mod tools;
 
 use std::time::Duration;
 
-use session::{Session, alone, is_skipped};
+use halcmd::{alone, skipped};
+use session::Session;
 
 #[test]
 fn names_types_directions_and_values_are_hostmot2s() {
-    if is_skipped() {
+    if skipped() {
         return;
     }
     let _alone = alone();
@@ -28,7 +35,7 @@ fn names_types_directions_and_values_are_hostmot2s() {
 
 #[test]
 fn wrong_words_are_refused_by_name_and_linuxcnc_lives() {
-    if is_skipped() {
+    if skipped() {
         return;
     }
     let _alone = alone();
@@ -66,16 +73,42 @@ fn wrong_words_are_refused_by_name_and_linuxcnc_lives() {
     session.stop();
 }
 
+/// The lines of HAL that the page and the manual page have for an emergency stop.
+fn lines_for_estop() -> Vec<&'static str> {
+    let page = include_str!("../../../../docs/linuxcnc.md");
+    let manual = include_str!("../../packaging/mesa_eth.9");
+    let lines = page.lines().filter(|line| line.contains("inputs-valid"));
+    let lines: Vec<_> = lines.filter(|line| !line.contains('`')).collect();
+    assert_eq!(lines.len(), 4, "{lines:?}");
+    for line in &lines {
+        assert!(manual.lines().any(|other| other == *line), "{line}");
+    }
+    lines
+}
+
 /// The table of faults in `docs/linuxcnc.md`.
 #[test]
 fn faults_end_as_the_page_says() {
-    if is_skipped() {
+    if skipped() {
         return;
     }
     let _alone = alone();
     let mut session = Session::load("mesa_eth");
     session.run();
     session.switch_on();
+    // The lines of the page, and of the manual page, for an emergency stop.
+    for line in lines_for_estop() {
+        // The arrow is for readers; the shell of this session would take it for a file.
+        session.hal(&line.replace("servo-thread", "servo").replace("=> ", ""));
+    }
+    let are_valid = |session: &mut Session| session.value("getp inputs-valid.out");
+    session.until("inputs are valid", |session| are_valid(session) == "TRUE");
+    session.board("unplug 0");
+    session.until("an input is not", |session| are_valid(session) == "FALSE");
+    session.board("plug 0");
+    session.until("inputs are valid", |session| are_valid(session) == "TRUE");
+    session.set("7i77.0.0.rearm", "TRUE");
+    session.expect_outputs([true; 3]);
 
     // A card is pulled, and put back.
     session.board("unplug 2");

@@ -58,12 +58,16 @@ pub fn linuxcnc(drivers: Option<LinuxCncDrivers>) -> Finding {
     match drivers {
         None => Finding::good(check, "not installed"),
         Some(LinuxCncDrivers {
-            running: Some(driver),
+            is_running: true,
+            loaded,
             ..
         }) => Finding::new(
             FigureVerdict::Look,
             check,
-            format!("runs with {driver}"),
+            match loaded {
+                Some(driver) => format!("runs with {driver}"),
+                None => "runs; root can see with which driver".into(),
+            },
             "end it before a command drives the board",
         ),
         Some(LinuxCncDrivers { has_mesa_eth, .. }) => {

@@ -56,8 +56,10 @@ pub struct NetworkCard {
 pub struct LinuxCncDrivers {
     /// The component `mesa_eth` is installed.
     pub has_mesa_eth: bool,
-    /// The driver that a running LinuxCNC has loaded.
-    pub running: Option<&'static str>,
+    /// LinuxCNC runs.
+    pub is_running: bool,
+    /// The driver that it has loaded; `None` if it has neither, or hides it from this user.
+    pub loaded: Option<&'static str>,
 }
 
 /// Packets that a network interface has lost. Source: `statistics` of `/sys/class/net`.
@@ -110,19 +112,20 @@ impl Host {
         let has = |name: &str| modules.join(name).exists();
         let programs = fs::read_dir(self.root.join("proc")).into_iter().flatten();
         let maps = programs.flatten().filter_map(|program| {
-            // Only LinuxCNC's own, which may not be readable by others.
             let name = fs::read_to_string(program.path().join("comm")).ok()?;
-            let is_own = name.starts_with("rtapi_app");
-            is_own.then(|| fs::read_to_string(program.path().join("maps")).unwrap_or_default())
+            let is_linuxcnc = name.starts_with("rtapi_app");
+            // It belongs to root, and others may not read them.
+            is_linuxcnc.then(|| fs::read_to_string(program.path().join("maps")).unwrap_or_default())
         });
-        let mut running = maps.filter_map(|maps| {
-            let drivers = ["mesa_eth", "hm2_eth"].into_iter();
-            let mut loaded = drivers.filter(|name| maps.contains(&format!("/{name}.so")));
-            loaded.next()
-        });
+        let maps: Vec<_> = maps.collect();
+        let is_loaded = |name: &&str| {
+            let file = format!("/{name}.so");
+            maps.iter().any(|maps| maps.contains(&file))
+        };
         modules.is_dir().then(|| LinuxCncDrivers {
             has_mesa_eth: has("mesa_eth.so"),
-            running: running.next(),
+            is_running: !maps.is_empty(),
+            loaded: ["mesa_eth", "hm2_eth"].into_iter().find(is_loaded),
         })
     }
 

@@ -2,11 +2,11 @@
 
 use std::{
     collections::BTreeMap,
-    io::{BufRead, BufReader, Read, Write},
-    sync::mpsc::{Receiver, channel},
+    io::{Read, Write},
+    sync::mpsc::Receiver,
 };
 
-use super::PATIENCE;
+use super::{PATIENCE, halcmd::lines_of};
 
 /// Values that `show` printed, by name.
 pub type Values = BTreeMap<String, String>;
@@ -20,17 +20,9 @@ pub struct Console {
 impl Console {
     /// Creates a console from the board's input and output.
     pub fn new(input: impl Write + Send + 'static, output: impl Read + Send + 'static) -> Self {
-        let (sender, lines) = channel();
-        std::thread::spawn(move || {
-            for line in BufReader::new(output).lines().map_while(Result::ok) {
-                if sender.send(line).is_err() {
-                    return;
-                }
-            }
-        });
         Self {
             input: Box::new(input),
-            lines,
+            lines: lines_of(output),
         }
     }
 

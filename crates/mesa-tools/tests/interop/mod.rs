@@ -8,6 +8,7 @@
 
 pub mod board;
 pub mod console;
+pub mod halcmd;
 pub mod mesaflash;
 pub mod tools;
 

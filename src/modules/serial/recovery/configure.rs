@@ -30,10 +30,10 @@ impl Recovery {
     }
 
     /// Begins the setup of those of these channels that have parameters to write: their setup START;
-    /// `None` if there are none, or if other remotes transfer, which setup mode would stop.
+    /// `None` if there are none. While other remotes transfer, which setup mode would stop, they wait
+    /// for a restart of the whole port.
     pub(super) fn begin_setup(&mut self, stopped: ChannelMask) -> Option<PortOperation> {
-        let may_configure = core::mem::take(&mut self.may_configure);
-        if !may_configure || !self.running.is_empty() {
+        if !self.running.is_empty() || !core::mem::take(&mut self.may_configure) {
             return None;
         }
         let channels = self.requests.iter().map(|write| write.channel);
@@ -47,7 +47,7 @@ impl Recovery {
 
     /// Takes the remotes that are in setup mode. A setup START that may not have happened is
     /// repeated, after another STOP.
-    pub(super) fn is_in_setup(&mut self, now: Instant, complete: &CompletedOperation) {
+    pub(super) fn setup_started(&mut self, now: Instant, complete: &CompletedOperation) {
         let Restart::SettingUp(all) = self.restart else {
             return;
         };

@@ -134,7 +134,8 @@ pub(crate) struct Recovery {
     is_measured: bool,
     /// Parameters to write when the port is switched on again; it has room for all.
     requests: Vec<ParameterWrite>,
-    /// The port was switched on again, and has not been restarted since: parameters may be written.
+    /// The port was switched on again, and has not been restarted as a whole since: parameters may
+    /// be written.
     may_configure: bool,
     writer: ParameterWriter,
     /// The write of a parameter that has ended with this read.
@@ -311,7 +312,7 @@ impl Recovery {
                 self.transferred(machine, now, &complete, &mut outcome);
             }
             PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            PortOperation::Start(StartMode::Setup, _) => self.is_in_setup(now, &complete),
+            PortOperation::Start(StartMode::Setup, _) => self.setup_started(now, &complete),
             PortOperation::Access(channel, access) if complete.certain => {
                 let [low, high, _] = seen.interfaces(channel);
                 let value = access.value([low, high]);
@@ -488,7 +489,7 @@ impl Recovery {
                 self.end_restart(now);
             }
             Restart::Starting | Restart::SettingUp(_) => self.end_restart(now),
-            // Held until the board is set up.
+            // `Configuring` goes on with `configure`, or is held.
             Restart::Configuring { .. } | Restart::None => {}
         }
         let due = self.due(now);

@@ -2,30 +2,20 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File, OpenOptions},
-    io::{BufRead, BufReader, Write},
-    path::{Path, PathBuf},
-    process::{Child, ChildStdin, Command, Stdio},
-    sync::{
-        Mutex, MutexGuard, PoisonError,
-        mpsc::{Receiver, channel},
-    },
+    fs,
+    ops::{Deref, DerefMut},
+    path::Path,
     time::{Duration, Instant},
 };
 
 use super::expected::{Expected, List};
 use crate::interop::{
     console::{Console, Values, values},
+    halcmd::{Halcmd, LOADS, Started},
     mesa, realtime,
-    tools::{has_program, skip},
 };
 
-/// Time limit of a command of LinuxCNC.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// Number of attempts to load the driver: its initialisation never retries, and a single late reply
-/// makes it fail (FACTS 10.3).
-const LOADS: usize = 12;
+pub use crate::interop::halcmd::{alone, skipped};
 
 /// The usual configuration of the board.
 pub const CONFIG: &str = "sserial_port_0=000xxxxx";
@@ -36,22 +26,24 @@ pub const SETTLE: Duration = Duration::from_secs(5);
 /// Starts of a serial port: a single late packet spoils one, and on a busy computer many are late.
 const ATTEMPTS: u32 = 20;
 
-/// Ensures that only one LinuxCNC runs at a time: the computer has few cores, and each LinuxCNC
-/// needs its 1 kHz.
-pub fn alone() -> MutexGuard<'static, ()> {
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// LinuxCNC and a simulated board in a private network.
 pub struct Machine {
-    sandbox: Child,
-    commands: Option<ChildStdin>,
-    lines: Receiver<String>,
+    halcmd: Halcmd,
     pub board: Console,
-    /// `hm2_7i97.0`
-    prefix: &'static str,
-    pipes: [PathBuf; 2],
+}
+
+impl Deref for Machine {
+    type Target = Halcmd;
+
+    fn deref(&self) -> &Halcmd {
+        &self.halcmd
+    }
+}
+
+impl DerefMut for Machine {
+    fn deref_mut(&mut self) -> &mut Halcmd {
+        &mut self.halcmd
+    }
 }
 
 impl Machine {
@@ -142,84 +134,23 @@ impl Machine {
     }
 
     fn start(prefix: &'static str, board: &str, session: &[&str]) -> Self {
-        let pipes = ["to-board", "from-board"].map(|name| {
-            let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
-            let path = directory.join(format!("{}-{name}", std::process::id()));
-            let _ = fs::remove_file(&path);
-            let made = Command::new("mkfifo").arg(&path).status().unwrap();
-            assert!(made.success());
-            path
-        });
-        // Open for both directions, so that neither end waits for the other.
-        let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox = realtime(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../../examples/linuxcnc.sh"
-        ))
-        .args(board.split(' '))
-        .arg("--")
-        .arg(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/mesa/interop_linuxcnc/session.sh"
-        ))
-        .args(session)
-        .env("MESA", mesa())
-        .env("BOARD_IN", &pipes[0])
-        .env("BOARD_OUT", &pipes[1])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the sandbox starts");
-        let output = sandbox.stdout.take().unwrap();
-        let (sender, lines) = channel();
-        std::thread::spawn(move || {
-            for line in BufReader::new(output).lines().map_while(Result::ok) {
-                if sender.send(line).is_err() {
-                    return;
-                }
-            }
-        });
+        let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut sandbox = realtime(package.join("../../examples/linuxcnc.sh"));
+        sandbox
+            .args(board.split(' '))
+            .arg("--")
+            .arg(package.join("tests/mesa/interop_linuxcnc/session.sh"))
+            .args(session)
+            .env("MESA", mesa());
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let Started {
+            halcmd,
+            to_board,
+            from_board,
+        } = Halcmd::start(prefix, sandbox, folder);
         let board = Console::new(to_board, from_board);
         board.wait_for("help");
-        Self {
-            commands: sandbox.stdin.take(),
-            sandbox,
-            lines,
-            board,
-            prefix,
-            pipes,
-        }
-    }
-
-    /// Executes a halcmd command; names that begin with `.` get the board's prefix.
-    fn try_hal(&mut self, command: &str) -> Result<Vec<String>, Vec<String>> {
-        let command = command.replace(" .", &format!(" {}.", self.prefix));
-        let commands = self.commands.as_mut().expect("not stopped");
-        if writeln!(commands, "{command}").is_err() {
-            return Err(vec!["LinuxCNC is gone".to_owned()]);
-        }
-        let mut answer = Vec::new();
-        let end = Instant::now() + PATIENCE;
-        loop {
-            let left = end.saturating_duration_since(Instant::now());
-            let Ok(line) = self.lines.recv_timeout(left) else {
-                answer.push("no answer".to_owned());
-                return Err(answer);
-            };
-            match line.strip_prefix("= ") {
-                Some("0") => return Ok(answer),
-                Some(_) => return Err(answer),
-                None => answer.push(line),
-            }
-        }
-    }
-
-    pub fn hal(&mut self, command: &str) -> Vec<String> {
-        match self.try_hal(command) {
-            Ok(answer) => answer,
-            Err(answer) => panic!("halcmd {command}: {answer:?}"),
-        }
+        Self { halcmd, board }
     }
 
     /// Complete output of a command, whether it succeeds or not.
@@ -228,27 +159,9 @@ impl Machine {
         answer.join("\n")
     }
 
-    pub fn set(&mut self, name: &str, value: &str) {
-        self.hal(&format!("setp .{name} {value}"));
-    }
-
-    pub fn get(&mut self, name: &str) -> String {
-        self.value(&format!("getp .{name}"))
-    }
-
     /// The value of a signal.
     pub fn signal(&mut self, name: &str) -> String {
         self.value(&format!("gets {name}"))
-    }
-
-    fn value(&mut self, command: &str) -> String {
-        let answer = self.hal(command);
-        let values: Vec<_> = answer
-            .iter()
-            .filter(|line| !line.starts_with('!'))
-            .collect();
-        assert_eq!(values.len(), 1, "{command}: {answer:?}");
-        values[0].trim().to_owned()
     }
 
     pub fn number(&mut self, name: &str) -> f64 {
@@ -400,84 +313,24 @@ impl Machine {
 
     /// Pins or parameters: type and direction by name, without the board's prefix.
     pub fn list(&mut self, what: &str) -> List {
-        let lines = self.hal(&format!("show {what}"));
-        let prefix = format!("{}.", self.prefix);
-        let parsed = lines.iter().filter_map(|line| {
-            let words: Vec<_> = line.split_whitespace().collect();
-            let [_, kind, direction, .., _] = words[..] else {
-                return None;
-            };
-            let name = words.iter().find_map(|word| word.strip_prefix(&prefix))?;
-            Some((name.to_owned(), (kind.to_owned(), direction.to_owned())))
-        });
-        parsed.collect()
+        let shown = self.show(what).into_iter();
+        shown
+            .map(|(name, [_, kind, direction, _])| (name, (kind, direction)))
+            .collect()
     }
 
     /// Values of all pins and parameters by name, without the board's prefix.
     pub fn values(&mut self) -> BTreeMap<String, String> {
-        let prefix = format!("{}.", self.prefix);
-        let lines = [self.hal("show pin"), self.hal("show param")].concat();
-        let parsed = lines.iter().filter_map(|line| {
-            let words: Vec<_> = line.split_whitespace().collect();
-            let [_, _, _, value, ..] = words[..] else {
-                return None;
-            };
-            let name = words.iter().find_map(|word| word.strip_prefix(&prefix))?;
-            Some((name.to_owned(), value.to_owned()))
-        });
-        parsed.collect()
+        let shown = [self.show("pin"), self.show("param")].into_iter().flatten();
+        shown.map(|(name, [.., value])| (name, value)).collect()
     }
 
     /// Ends LinuxCNC and the board, and returns the board's summary.
     pub fn stop(mut self) -> Values {
-        self.commands = None;
-        let end = Instant::now() + PATIENCE;
-        while self.sandbox.try_wait().unwrap().is_none() {
-            assert!(Instant::now() < end, "the sandbox ends");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        self.end();
         self.board.wait_for("summary");
         values(self.board.answer().unwrap())
     }
-}
-
-impl Drop for Machine {
-    fn drop(&mut self) {
-        self.commands = None;
-        let end = Instant::now() + Duration::from_secs(10);
-        while Instant::now() < end && matches!(self.sandbox.try_wait(), Ok(None)) {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        let _ = self.sandbox.kill();
-        let _ = self.sandbox.wait();
-        for pipe in &self.pipes {
-            let _ = fs::remove_file(pipe);
-        }
-    }
-}
-
-fn both_ends(pipe: &Path) -> File {
-    let file = OpenOptions::new().read(true).write(true).open(pipe);
-    file.expect("the pipe opens")
-}
-
-/// True if the test cannot run here.
-pub fn skipped() -> bool {
-    for program in ["halrun", "unshare", "nsenter", "ip", "iptables", "mkfifo"] {
-        if !has_program(program) {
-            skip(&format!("`{program}` is not installed"));
-            return true;
-        }
-    }
-    let allowed = Command::new("unshare")
-        .args(["--net", "--ipc", "--mount", "--pid", "--fork", "true"])
-        .stderr(Stdio::null())
-        .status();
-    if !allowed.is_ok_and(|status| status.success()) {
-        skip("no right to make a private network (root or CAP_SYS_ADMIN)");
-        return true;
-    }
-    false
 }
 
 /// Keeps the list of pins or parameters for other tests.
