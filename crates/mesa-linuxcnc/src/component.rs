@@ -213,7 +213,7 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
         let Some(cycle) = guard.as_mut() else {
             return;
         };
-        #[cfg(feature = "inject-panic")]
+        #[cfg(debug_assertions)]
         assert!(!ffi::panic_is_due(), "a panic on request");
         let period = Duration::from_nanos(u64::try_from(period).unwrap_or(0));
         match step {

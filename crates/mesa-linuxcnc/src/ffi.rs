@@ -179,7 +179,8 @@ pub static rtapi_info_address_debug: &AtomicI32 = &DEBUG;
 #[unsafe(no_mangle)]
 pub static rtapi_info_type_debug: &[u8; 2] = b"i\0";
 
-#[cfg(feature = "inject-panic")]
+/// For tests, hence in no release: a module parameter with which a later call of a function panics.
+#[cfg(debug_assertions)]
 mod panics {
     use super::{AtomicI32, Ordering};
 
@@ -197,7 +198,7 @@ mod panics {
         PANIC_IN.load(Ordering::Relaxed) > 0 && PANIC_IN.fetch_sub(1, Ordering::Relaxed) == 1
     }
 }
-#[cfg(feature = "inject-panic")]
+#[cfg(debug_assertions)]
 pub(crate) use panics::is_due as panic_is_due;
 
 /// The words of `board_ip=` and of `config=`, taken: a later load begins without them, even if the

@@ -314,7 +314,7 @@ fn a_hal_that_is_full_is_an_error() {
     assert!(messages.contains("HAL"), "{messages}");
 }
 
-#[cfg(feature = "inject-panic")]
+#[cfg(debug_assertions)]
 #[test]
 fn a_panic_ends_the_board_alone_and_its_outputs_go_off() {
     let (hal, board) = (hal(), Board::start());
