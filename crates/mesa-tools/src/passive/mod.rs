@@ -1,9 +1,10 @@
 //! A look at a running machine: registers of a board that another program drives, read beside it.
 //!
 //! A [`PassiveBus`] has a socket of its own, writes nothing, reads no register that a read changes,
-//! and sends few packets: the program that drives the board, which may be LinuxCNC or a driver of
-//! `mesa-hal`, goes on as without it. `mesa info --passive`, `mesa watch --passive` and `mesa peek`
-//! use it.
+//! and sends few packets: no cycle of the program that drives the board fails because of it.
+//! LinuxCNC does not notice it. A driver of `mesa-hal` cannot know what a packet of another program
+//! did: for each, it leaves the inputs of remotes as they are in at most two cycles. `mesa info
+//! --passive`, `mesa watch --passive` and `mesa peek` use it.
 //!
 //! | rule | limit |
 //! |---|---|

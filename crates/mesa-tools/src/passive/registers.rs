@@ -60,7 +60,7 @@ const SYNC: Effect = Refused(Refusal::SideEffect(
 /// A kind of module: the first part of its names, and its registers in order. Registers behind the
 /// end are not known.
 ///
-/// Source: FACTS 12.4, 12.11, 14.1.2; LinuxCNC and Mesa's public sources for the addresses.
+/// Source: FACTS 12.4, 12.11; Mesa's public VHDL sources for step generators.
 fn known(gtag: Gtag) -> Option<(&'static str, &'static [Effect])> {
     const INPUTS: &[Effect] = &[
         Plain("control"),

@@ -14,7 +14,7 @@ use super::inventory::Received;
 use super::{PassiveBus, PassiveError, PassiveStatistics, Read, RegisterMap};
 use crate::inventory::terminals;
 
-/// Bits of an encoder's control register (`REGISTERS.md`, "Encoder / muxed encoder").
+/// Bits of an encoder's control register (FACTS 12.5).
 const QUADRATURE_ERROR: u32 = 1 << 15;
 const LATCH_ON_INDEX: u32 = 1 << 4;
 const INDEX: u32 = 1 << 2;
