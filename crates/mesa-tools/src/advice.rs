@@ -22,6 +22,7 @@ use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Advice, CycleError, DriverError, Remark};
 
 use crate::inventory::InventoryError;
+use crate::passive::PassiveError;
 use crate::setup::update::UpdateError;
 use crate::setup::{SerialCabinetError, SerialError};
 
@@ -103,6 +104,9 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
         EthernetError<UdpError>,
         InventoryError<UdpError>,
         IdentifyError<UdpError>,
+        InventoryError<PassiveError>,
+        PassiveError,
+        EthernetError<PassiveError>,
         PortError<UdpError>,
         UdpError,
         UpdateError<PortError<UdpError>>,

@@ -10,6 +10,8 @@ use std::{
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use mesa_wire::lbp16::Operations;
+
 use super::{Endpoint, Gateware, SimBoard, Tap};
 use crate::wire::Nanos;
 
@@ -63,6 +65,8 @@ pub struct UdpClient {
     pub address: SocketAddr,
     /// Its packets, before any fault.
     pub packets: u64,
+    /// Those of them that write something, to whatever space.
+    pub writes: u64,
     /// Arrival of its last packet, in the time of the board.
     pub heard: Nanos,
 }
@@ -224,7 +228,7 @@ impl UdpFace {
             let mut buffer = core::mem::take(&mut self.buffer);
             let request = buffer.get_mut(..len).unwrap_or_default();
             self.show(board.config().mac, request, peer, false);
-            self.heard(now, peer);
+            self.heard(now, peer, is_write(request));
             for delay in self.fate(len, false).into_iter().flatten() {
                 if delay == 0 {
                     self.run(board, now, request, peer);
@@ -238,15 +242,18 @@ impl UdpFace {
 
     /// Updates the list of clients for a packet from `peer`; a new client replaces the one that was
     /// silent for the longest time.
-    fn heard(&mut self, now: Nanos, peer: SocketAddr) {
+    fn heard(&mut self, now: Nanos, peer: SocketAddr, is_write: bool) {
+        let writes = u64::from(is_write);
         let client = UdpClient {
             address: peer,
             packets: 1,
+            writes,
             heard: now,
         };
         let mut known = self.clients.iter_mut();
         if let Some(known) = known.find(|known| known.address == peer) {
             known.packets += 1;
+            known.writes += writes;
             known.heard = now;
         } else if self.clients.len() < MAX_CLIENTS {
             self.clients.push(client);
@@ -361,6 +368,13 @@ impl UdpFace {
         let delay = if is_late { delay } else { 0 };
         [Some(delay), is_duplicate.then_some(delay)]
     }
+}
+
+/// True if a packet contains a command that writes. Commands behind one that cannot be parsed are
+/// not executed.
+fn is_write(request: &[u8]) -> bool {
+    let mut operations = Operations::new(request).map_while(Result::ok);
+    operations.any(|operation| operation.command.write)
 }
 
 fn is_nothing(error: &io::Error) -> bool {

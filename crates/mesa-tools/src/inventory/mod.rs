@@ -6,9 +6,10 @@
 mod error;
 mod setup_position;
 mod take;
-mod terminals;
+pub(crate) mod terminals;
 
 pub use error::InventoryError;
+pub(crate) use take::of_firmware;
 pub use take::take;
 
 use core::fmt;
@@ -330,7 +331,7 @@ impl InventoryEthernet {
         })
     }
 
-    fn findings(&self) -> impl Iterator<Item = String> + '_ {
+    pub(crate) fn findings(&self) -> impl Iterator<Item = String> + '_ {
         let counters = &self.counters;
         let counted = [
             (counters.parse_errors, "commands that it could not parse"),

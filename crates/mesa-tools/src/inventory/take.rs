@@ -155,7 +155,7 @@ fn check_modes<B: RegisterBus>(
     Ok(())
 }
 
-fn of_firmware(firmware: &HostMot2) -> InventoryFirmware {
+pub(crate) fn of_firmware(firmware: &HostMot2) -> InventoryFirmware {
     let idrom = &firmware.idrom;
     let modules = firmware.modules.iter().map(|module| InventoryModule {
         module: module.gtag.to_string(),

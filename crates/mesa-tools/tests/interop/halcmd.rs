@@ -205,6 +205,14 @@ impl Halcmd {
         parsed.collect()
     }
 
+    /// A command that runs a program in the network of LinuxCNC, as another program on that PC.
+    pub fn beside(&self, program: &Path) -> Command {
+        let mut command = Command::new("nsenter");
+        let target = self.sandbox.id().to_string();
+        command.args(["--target", &target, "--net"]).arg(program);
+        command
+    }
+
     /// Ends LinuxCNC and its board.
     pub fn end(&mut self) {
         self.commands = None;

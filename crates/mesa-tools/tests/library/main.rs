@@ -3,4 +3,5 @@
 #[path = "../../../../tests/common/mod.rs"]
 mod common;
 mod inventory;
+mod passive;
 mod wiring_index;

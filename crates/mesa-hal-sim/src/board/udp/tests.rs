@@ -64,13 +64,16 @@ fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten()
         .map(|n| (u64::from(n), n))
         .chain([(9, 1), (10, 100)])
     {
-        face.heard(now, peer(port));
+        face.heard(now, peer(port), port == 1);
     }
     let mut ports: Vec<_> = face.clients().iter().map(|c| c.address.port()).collect();
     ports.sort_unstable();
     assert_eq!(ports, [1, 3, 4, 5, 6, 7, 8, 100]);
     let first = face.clients().iter().find(|c| c.address == peer(1));
-    assert_eq!(first.map(|c| (c.packets, c.heard)), Some((2, 9)));
+    assert_eq!(
+        first.map(|c| (c.packets, c.writes, c.heard)),
+        Some((2, 2, 9))
+    );
 
     let mut pair = Pair::new(Mishaps::default());
     pair.client.send(&ASK_COOKIE).unwrap();

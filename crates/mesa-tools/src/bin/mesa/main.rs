@@ -11,6 +11,7 @@ mod date;
 mod files;
 mod full_screen;
 mod link;
+mod look;
 mod modes;
 mod number;
 mod output;

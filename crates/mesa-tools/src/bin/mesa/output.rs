@@ -14,6 +14,14 @@ const MAX_HELD: usize = 1000;
 /// First error of standard output, other than a closed pipe.
 static LOST: OnceLock<String> = OnceLock::new();
 
+/// Standard output takes no more.
+static IS_CLOSED: AtomicBool = AtomicBool::new(false);
+
+/// True if nobody reads standard output any more: a command that prints until it is ended can end.
+pub fn is_closed() -> bool {
+    IS_CLOSED.load(Ordering::Relaxed)
+}
+
 /// Prints to standard output. A closed pipe, as `head` leaves it, is no error. Any other error is
 /// [kept](lost) for the end: a command that drives a board continues in either case.
 pub fn say(text: impl Display) {
@@ -108,6 +116,7 @@ fn shown(line: &str) -> impl Iterator<Item = (usize, char)> + '_ {
 
 /// Takes the result of printing. The first error is kept, as in [`say`].
 pub fn printed(result: io::Result<()>) {
+    IS_CLOSED.fetch_or(result.is_err(), Ordering::Relaxed);
     let lost = result.err();
     if let Some(error) = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe) {
         let _ = LOST.set(error.to_string());

@@ -15,6 +15,7 @@ use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink
 use crate::consent::Asks;
 use crate::context::{Failure, told};
 use crate::link::{BoardLink, Bus};
+use crate::look::LookBus;
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
 use mesa_tools::Counted;
@@ -25,6 +26,9 @@ const AGAIN: Duration = Duration::from_millis(100);
 /// Minimum deadline of a reply from a program on this host, such as `mesa sim`: it answers when the
 /// host lets it run. A real board answers within the deadlines of a command.
 const ON_THIS_HOST: Duration = Duration::from_millis(500);
+
+/// Deadline of a reply in a look at a running machine.
+const LOOK: Duration = Duration::from_millis(200);
 
 /// Minimum watchdog time of a simulated board, whose outputs are not real: on a busy host neither
 /// this program nor the board runs in time.
@@ -130,6 +134,16 @@ impl Found {
             Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
             None => UdpLink::connect(self.address).map(BoardLink::Socket),
         }
+    }
+
+    /// A bus for a look at the board beside a program that drives it. Nothing is sent.
+    pub fn look(&self) -> Result<LookBus, Failure> {
+        let deadline = if self.is_on_this_host() {
+            ON_THIS_HOST
+        } else {
+            LOOK
+        };
+        Ok(LookBus::new(self.link()?, deadline))
     }
 
     /// Opens the bus of the board. Fails if another program drives the board, which is not

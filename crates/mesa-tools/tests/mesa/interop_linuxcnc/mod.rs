@@ -10,6 +10,7 @@ mod cost;
 mod expected;
 mod firmwares;
 mod linuxcnc;
+mod look;
 mod names;
 mod setsserial;
 mod skeleton;
@@ -252,6 +253,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     check_7i72(&mut machine);
     check_isolated_io(&mut machine);
     check_encoders(&mut machine);
+    look::check(&mut machine);
     check_analog_outputs(&mut machine);
     check_run_and_stop(&mut machine);
     check_unplugging(&mut machine, 2);

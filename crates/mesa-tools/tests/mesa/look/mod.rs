@@ -4,6 +4,7 @@ mod colours;
 mod firmwares;
 mod info;
 mod list;
+mod passive;
 mod pins;
 mod raw;
 mod registers;

@@ -18,12 +18,34 @@ fn registers_of_each_space_are_read_in_their_own_size() {
         (&16.into(), &16.into())
     );
     // More than one command, and more than one packet.
-    let value = json(&["peek", "0:0", "300", "--sim", "7i97"]);
+    let value = json(&["peek", "0:0", "300", "--any", "--sim", "7i97"]);
     let registers = value["registers"].as_array().expect("registers");
     assert_eq!(
         (registers.len(), &registers[64]["value"]),
         (300, &0x55AA_CAFE_u32.into())
     );
+}
+
+#[test]
+fn registers_have_names_and_modules_have_all_theirs() {
+    let sim = ["--sim", "7i97"];
+    let named = |words: &[&str]| done(&[&["peek"], words, &sim].concat());
+    assert_eq!(
+        named(&["encoder.01.count"]),
+        "0:0x3604  0x00000000  0  encoder.01.count\n"
+    );
+    assert_eq!(named(&["0x3604"]), named(&["encoder.01.count"]));
+    let of_one = named(&["encoder.01"]);
+    assert!(of_one.contains("encoder.01.control"), "{of_one}");
+    assert_eq!(of_one.lines().count(), 2, "{of_one}");
+    let six = named(&["encoder.00.count", "6"]);
+    assert!(six.ends_with("encoder.05.count\n"), "{six}");
+    let all = named(&[]);
+    for name in ["watchdog.time", "inmux.00.input", "sserial.0.0.interface2"] {
+        assert!(all.contains(&format!("  {name}\n")), "{name}: {all}");
+    }
+    let value = json(&["peek", "watchdog.status", "--sim", "7i97"]);
+    assert_eq!(value["registers"][0]["name"], "watchdog.status");
 }
 
 #[test]
@@ -79,8 +101,36 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
         (&["peek", "2:1"], 2, "multiples of 2"),
         (&["peek", "0:65536"], 2, "is no address, 0 to 0xFFFF"),
         (&["peek", "0:0", "0"], 2, "1..=16384"),
-        (&["peek", "0:0xFFFC", "2"], 1, "a space ends at 0x10000"),
-        (&["peek", "2:0x200"], 1, "the board counts an error"),
+        (
+            &["peek", "0:0xFFFC", "2", "--any"],
+            1,
+            "a space ends at 0x10000",
+        ),
+        (
+            &["peek", "2:0x200", "--any"],
+            1,
+            "the board counts an error",
+        ),
+        (&["peek", "0:0xFFFC", "2"], 1, "no register is known there"),
+        (&["peek", "3:4"], 1, "the data port advances its address"),
+        (
+            &["peek", "0x7600"],
+            1,
+            "marks the time of the driver's cycle",
+        ),
+        (&["peek", "0x4100"], 1, "it can be written only"),
+        (
+            &["peek", "0x7600"],
+            1,
+            "`--any` reads it, on a board that no",
+        ),
+        (
+            &["peek", "resolver"],
+            1,
+            "no register `resolver`; `mesa peek` without a name",
+        ),
+        (&["peek", "encoder", "--any"], 2, "needs SPACE:ADDRESS"),
+        (&["peek", "0:0", "--every", "10ms"], 2, "no time from 50 ms"),
         (&["poke", "6:0x18"], 2, "<VALUES>"),
         (&["poke", "6:0x18", "65536", "--yes"], 2, "no 16-bit number"),
         (&["poke", "6:0x18", "-1", "--yes"], 2, "-1"),
@@ -103,7 +153,7 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
 
 #[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
-    let child = command(&["peek", "0:0", "16384", "--sim", "7i97"]).spawn();
+    let child = command(&["peek", "0:0", "16384", "--any", "--sim", "7i97"]).spawn();
     let mut process = Process::new(child.expect("mesa starts"));
     process.stop_reading();
     let run = Run::from(process.output());

@@ -1,17 +1,23 @@
 //! `mesa peek` and `mesa poke`: manual access to registers of any space.
 
+use std::error::Error;
 use std::fmt::{self, Display};
 use std::str::FromStr;
+use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::bus::{Access, RegisterBus};
+use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
+use mesa_tools::passive::{PassiveError, Read, RegisterMap};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure, told};
 use crate::link::Bus;
-use crate::target::{ChangedTarget, Target};
+use crate::look;
+use crate::output;
+use crate::simulated::Passage;
+use crate::target::{ChangedTarget, Found, Target};
 
 const PLACES: &str = "\
 SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash registers, 32 bits),
@@ -19,19 +25,37 @@ SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash register
 addresses: multiples of 4 in spaces 0 and 3, of 2 elsewhere. Numbers are decimal, or
 hexadecimal after 0x.";
 
-/// Read registers of a board
+const PEEK: &str = "\
+Works beside LinuxCNC or another program that drives the board: writes nothing, and sends at most 20
+small packets a second. Registers that a read changes are refused, and those of which it is not known;
+--any reads them on a board that no other program drives. Without REGISTER, all that can be read are
+listed with their names. REGISTER: a name (encoder.00.count), a module or an instance of it
+(encoder, sserial.0.2), an address of HostMot2 (0x3500), or SPACE:ADDRESS.";
+
+const PEEK_EXAMPLES: &str = "\
+Examples (the cookie of HostMot2; the count of the first encoder, ten times a second):
+  mesa peek 0:0x100 --addr 10.10.10.10
+  mesa peek encoder.00.count --every 100ms --addr 10.10.10.10";
+
+/// Read registers of a board, also of a running machine
 #[derive(Debug, Args)]
-#[command(after_help = format!("{PLACES}\n\nExample (the cookie of HostMot2):\n  \
-    mesa peek 0:0x100 --addr 10.10.10.10"))]
+#[command(after_help = format!("{PEEK}\n\n{PLACES}\n\n{PEEK_EXAMPLES}"))]
 pub struct Peek {
     #[command(flatten)]
     target: Target,
-    /// Address of the first register, such as 0:0x100
-    #[arg(value_name = "SPACE:ADDRESS")]
-    place: Place,
-    /// Number of registers, 1 to 16384
-    #[arg(default_value = "1", value_parser = clap::value_parser!(u16).range(1..=16384))]
-    count: u16,
+    /// First register, by name or address, such as encoder.00.count, 0x3500 or 6:0x0A
+    #[arg(value_name = "REGISTER")]
+    selection: Option<Selection>,
+    /// Number of neighbouring registers, 1 to 16384
+    #[arg(value_parser = clap::value_parser!(u16).range(1..=16384))]
+    count: Option<u16>,
+    /// Read again and again, with this time in between: 50ms to 3600s, as 100ms or 2s
+    #[arg(long, value_name = "TIME", value_parser = look::parse_every)]
+    every: Option<Duration>,
+    /// Read any register, also where a read changes something, as fast as possible. Fails if another
+    /// program drives the board
+    #[arg(long, conflicts_with = "every", requires = "selection")]
+    any: bool,
 }
 
 /// Write registers of a board and read them back
@@ -59,6 +83,14 @@ struct Place {
     address: u16,
 }
 
+/// Registers of `mesa peek`.
+#[derive(Clone, Debug)]
+enum Selection {
+    At(Place),
+    /// Name of a register, a module or an instance.
+    Named(String),
+}
+
 /// Contents of registers.
 #[derive(Debug, Serialize)]
 struct Contents {
@@ -72,19 +104,90 @@ struct Contents {
 struct Register {
     address: u16,
     value: u32,
+    /// Name in `mesa peek`, if the register has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     written: Option<u32>,
 }
 
 impl Peek {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let Place { space, address } = self.place;
         let found = self.target.find()?;
+        if self.any {
+            return self.read_any(context, &found);
+        }
+        let found = match self.every {
+            Some(_) => found.pass_time(Passage::Paced),
+            None => found,
+        };
+        let mut bus = found.look()?;
+        let at = |error: &(dyn Error + 'static)| look::failed(found.address, error);
+        bus.identify().map_err(|error| at(&error))?;
+        let (space, reads) = self.reads(bus.map().ok_or("no firmware")?)?;
+        loop {
+            let now = bus.now();
+            let words = bus.read_all(&reads).map_err(|error| match error {
+                PassiveError::Refused { .. } => refused(&error),
+                error => at(&error),
+            })?;
+            let map = bus.map().ok_or("no firmware")?;
+            context.print(&Contents::of_reads(space, &reads, &words, map))?;
+            let mut goes_on = |every| look::wait(context, &mut bus, now.after(every));
+            if !self.every.is_some_and(&mut goes_on) || output::is_closed() {
+                return Ok(context.ending());
+            }
+        }
+    }
+
+    /// Registers to read, all of one space.
+    fn reads(&self, map: &RegisterMap) -> Result<(Space, Vec<Read>), Failure> {
+        let count = self.count.unwrap_or(1);
+        let named = |name| map.named(name).map(|register| register.address);
+        let addresses: Vec<u16> = match &self.selection {
+            Some(Selection::At(Place { space, address })) => {
+                let (space, address) = (*space, *address);
+                let read = Read {
+                    space,
+                    address,
+                    count,
+                };
+                return Ok((space, vec![read]));
+            }
+            None => map.registers().iter().map(|r| r.address).collect(),
+            Some(Selection::Named(name)) => named(name).collect(),
+        };
+        if addresses.is_empty() {
+            let advice = "`mesa peek` without a name lists those that it has";
+            let name = self.selection.iter().map(ToString::to_string);
+            let name: String = name.collect();
+            let what = format_args!("this firmware has no register `{name}`; {advice}");
+            return Err(Failure::refused(what).advising(advice));
+        }
+        let reads = match (self.count, &addresses[..]) {
+            (Some(count), [address, ..]) => vec![Read::hostmot2(*address, count)],
+            (_, addresses) => addresses.iter().map(|&at| Read::hostmot2(at, 1)).collect(),
+        };
+        Ok((Space::HostMot2, reads))
+    }
+
+    /// Reads without regard to side effects.
+    fn read_any(&self, context: &Context, found: &Found) -> Result<Ending, Failure> {
+        let Some(Selection::At(place)) = self.selection else {
+            return Err(Failure::usage("`--any` needs SPACE:ADDRESS"));
+        };
         let mut bus = found.open()?;
-        let values = EthernetBoard::new(&mut bus).peek(space, address, self.count)?;
-        context.print(&Contents::new(self.place, &values, &[]))?;
+        let count = self.count.unwrap_or(1);
+        let values = EthernetBoard::new(&mut bus).peek(place.space, place.address, count)?;
+        context.print(&Contents::new(place, &values, &[]))?;
         Ok(context.ending())
     }
+}
+
+/// Failure because a read may change something.
+fn refused(error: &(dyn Error + 'static)) -> Failure {
+    let advice = "`--any` reads it, on a board that no other program drives";
+    Failure::refused(format_args!("{error}; {advice}")).advising(advice)
 }
 
 impl Poke {
@@ -142,9 +245,34 @@ impl Contents {
                 .map(|(index, (address, &value))| Register {
                     address: address as u16,
                     value,
+                    name: None,
                     written: written.get(index).copied(),
                 })
                 .collect(),
+        }
+    }
+
+    /// Words of these reads, with the names of the registers.
+    fn of_reads(space: Space, reads: &[Read], words: &[u32], map: &RegisterMap) -> Self {
+        let size = space.element().bytes();
+        let addresses = reads.iter().flat_map(|read| {
+            let addresses = (read.address..=u16::MAX).step_by(size);
+            addresses.take(read.count.into())
+        });
+        let registers = addresses.zip(words).map(|(address, &value)| {
+            let register = map.at(address).ok().filter(|_| space == Space::HostMot2);
+            Register {
+                address,
+                value,
+                name: register.map(|register| register.name.clone()),
+                written: None,
+            }
+        });
+        Self {
+            space: space as u8,
+            space_name: space.name(),
+            bits: 8 * size,
+            registers: registers.collect(),
         }
     }
 }
@@ -163,10 +291,41 @@ impl Display for Contents {
                 Some(written) if written != *value => {
                     writeln!(f, "  (0x{written:0width$X} was written)")?;
                 }
-                _ => writeln!(f)?,
+                _ => {
+                    let name = register.name.as_ref().map(|name| format!("  {name}"));
+                    writeln!(f, "{}", name.unwrap_or_default())?;
+                }
             }
         }
         Ok(())
+    }
+}
+
+impl Display for Selection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::At(Place { space, address }) => write!(f, "{}:0x{address:X}", *space as u8),
+            Self::Named(name) => f.write_str(name),
+        }
+    }
+}
+
+impl FromStr for Selection {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.contains(':') {
+            return text.parse().map(Self::At);
+        }
+        if text.starts_with("0x") || text.starts_with("0X") {
+            return format!("0:{text}").parse().map(Self::At);
+        }
+        if text.starts_with(|first: char| first.is_ascii_alphabetic()) {
+            return Ok(Self::Named(text.to_lowercase()));
+        }
+        Err(format!(
+            "`{text}` is no SPACE:ADDRESS and no name, for example 0:0x100 or encoder.00.count"
+        ))
     }
 }
 

@@ -376,6 +376,7 @@ fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
         let silent = face.now().saturating_sub(client.heard) as f64 / 1e9;
         line(text, &name("address"), client.address);
         line(text, &name("packets"), client.packets);
+        line(text, &name("writes"), client.writes);
         line(text, &name("silent"), format_args!("{silent:.3}"));
     }
 }

@@ -1,6 +1,7 @@
 //! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their
 //! remotes with modes, process data and parameters.
 
+mod passive;
 mod text;
 
 pub use text::limits;
@@ -19,12 +20,13 @@ use crate::output::complain;
 use crate::target::{self, Target};
 
 const AFTER_HELP: &str = "\
-Stops the serial ports and turns all pins into inputs: do not use this on a running machine. A board
-that another program drives is left alone. SIGINT (Ctrl-C) and SIGTERM end the command between two
-ports, and leave the ports stopped.
+Stops the serial ports and turns all pins into inputs: on a running machine use --passive. A board
+that another program drives is left alone without it. SIGINT (Ctrl-C) and SIGTERM end the command
+between two ports, and leave the ports stopped.
 
-Example:
-  mesa info --addr 10.10.10.10 --mode 0.0=2";
+Examples:
+  mesa info --addr 10.10.10.10 --mode 0.0=2
+  mesa info --addr 10.10.10.10 --passive";
 
 /// Show the inventory of a board and its remotes
 #[derive(Debug, Args)]
@@ -34,6 +36,10 @@ pub struct Info {
     target: Target,
     #[command(flatten)]
     modes: Modes,
+    /// Look at a running machine: read what can be read beside LinuxCNC or another program that
+    /// drives the board. Writes nothing; remotes are not asked
+    #[arg(long, conflicts_with = "modes")]
+    passive: bool,
 }
 
 /// Inventory of the board.
@@ -44,6 +50,9 @@ struct Found(Inventory);
 impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
+        if self.passive {
+            return passive::run(&found, context);
+        }
         let modes = self.modes.by_remote();
         let mut inventory = Found(take(&found, &self.modes, context)?);
         let wrong = inventory.check_modes(&modes);

@@ -38,7 +38,7 @@ impl Display for Found {
     }
 }
 
-fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {
+pub fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {
     let (identity, counters) = (&ethernet.identity, &ethernet.counters);
     writeln!(f, "Ethernet board {}", identity.card)?;
     if let Some(t_board) = &ethernet.t_board {
@@ -84,7 +84,7 @@ fn leds(mode: LedMode) -> &'static str {
     }
 }
 
-fn print_firmware(f: &mut Formatter<'_>, firmware: &InventoryFirmware) -> fmt::Result {
+pub fn print_firmware(f: &mut Formatter<'_>, firmware: &InventoryFirmware) -> fmt::Result {
     let mhz = |hz: u32| f64::from(hz) / 1e6;
     writeln!(
         f,

@@ -1,6 +1,7 @@
 //! `mesa watch`: live pins of a machine on a full screen.
 
 mod columns;
+mod passive;
 mod screen;
 pub mod view;
 
@@ -18,6 +19,7 @@ use ratatui::crossterm::event::KeyEvent;
 use crate::context::{Context, Ending, Failure};
 use crate::full_screen::{self, Screen, Wish};
 use crate::link::Bus;
+use crate::look;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::running::{self, Keeper};
@@ -27,13 +29,14 @@ use screen::Pins;
 
 const AFTER_HELP: &str = "\
 Starts the machine with all outputs off and drives nothing. A board that another program drives is
-left alone. Pins at terminals come first. Keys: a lists parameters and inverted pins (-not) as
+left alone, unless --passive is given: then registers are shown beside that program. Pins at terminals come first. Keys: a lists parameters and inverted pins (-not) as
 well, or hides them; / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End
 scroll; q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
 
-Example:
+Examples:
   mesa watch --sim 7i92-7i77
-  mesa watch 'TB8' --addr 10.10.10.10 --period 2";
+  mesa watch 'TB8' --addr 10.10.10.10 --period 2
+  mesa watch encoder --passive --addr 10.10.10.10";
 
 /// Show the pins of a machine live on a full screen; drives nothing
 #[derive(Debug, Args)]
@@ -53,10 +56,27 @@ pub struct Watch {
     #[arg(long, value_name = "MS", default_value_t = 5)]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=10))]
     period: u64,
+    /// Look at a running machine: show the values in the registers of the board beside LinuxCNC or
+    /// another program that drives it. Writes nothing. With --json one object per line, until the end
+    #[arg(long, conflicts_with_all = ["modes", "all", "period"])]
+    passive: bool,
+    /// Time between two looks with --passive: 50ms to 3600s, as 200ms or 2s
+    #[arg(
+        long,
+        value_name = "TIME",
+        default_value = "100ms",
+        requires = "passive"
+    )]
+    #[arg(value_parser = look::parse_every)]
+    every: Duration,
 }
 
 impl Watch {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        if self.passive {
+            let found = self.target.find()?.pass_time(Passage::Paced);
+            return passive::run(&found, context, &self.pattern, self.every);
+        }
         full_screen::check(
             context,
             "`mesa pins` prints the pins once, `mesa pins --json` for programs",
