@@ -6,6 +6,7 @@ use alloc::format;
 use core::time::Duration;
 
 use super::registrar::DrivenModule;
+use super::settings::Defaults;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
@@ -13,13 +14,17 @@ use crate::hal::{Input, Output, PinError, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 use crate::tally::Tally;
 
+/// Frequency in kHz that stands for that of the period, as in LinuxCNC.
+const OF_PERIOD: f64 = -1.0;
+
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct DpllPins {
     /// Times at which the four timers rise, in microseconds from the read; negative is before it.
     pub timer_us: [Output<f64>; 4],
-    /// The loop's frequency in kHz.
+    /// The loop's frequency in kHz. Negative is that of the period, and the initial value with
+    /// [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
     pub base_freq_khz: Output<f64>,
     /// Lateness of the last read for the loop, in microseconds; negative is early. 0 where the
     /// board paces the cycle, since the loop then runs free.
@@ -65,8 +70,12 @@ impl Dpll {
         let module = descriptor;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
         let khz = 1e-3 / r.settings.period.as_secs_f64();
-        let pins = DpllPins::new(r.maker("dpll."), khz)?;
-        let config = pins.config(r.pins);
+        let initial_khz = match r.settings.defaults {
+            Defaults::LinuxCnc => OF_PERIOD,
+            Defaults::Board => khz,
+        };
+        let pins = DpllPins::new(r.maker("dpll."), initial_khz)?;
+        let config = pins.config(r.pins, khz);
         let clock_hz = module.clock_hz;
         let words = config.words(clock_hz, dds_bits);
         let words = words.map_err(|divisors| unusable_rate(khz, clock_hz, dds_bits, divisors))?;
@@ -151,7 +160,7 @@ impl Module for Dpll {
         if !cycle.changed {
             return;
         }
-        let config = self.pins.config(cycle.pins);
+        let config = self.pins.config(cycle.pins, self.usual_khz);
         if config == self.config {
             return;
         }
@@ -174,7 +183,7 @@ impl Module for Dpll {
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
         let khz = 1e-3 / period.as_secs_f64();
         let set = pins.commanded(self.pins.base_freq_khz);
-        if set.to_bits() != self.usual_khz.to_bits() {
+        if set >= 0.0 && set.to_bits() != self.usual_khz.to_bits() {
             // By the application.
             return Ok(());
         }
@@ -213,9 +222,11 @@ impl DpllPins {
         })
     }
 
-    fn config(&self, pins: &mut PinStore) -> DpllConfig {
+    fn config(&self, pins: &mut PinStore, usual_khz: f64) -> DpllConfig {
+        let set = pins.fetch(self.base_freq_khz);
+        let khz = if set < 0.0 { usual_khz } else { set };
         DpllConfig {
-            hz: pins.fetch(self.base_freq_khz) * 1e3,
+            hz: khz * 1e3,
             phase_limit: pins.fetch(self.plimit),
             time_constant: u16::try_from(pins.fetch(self.time_const)).unwrap_or(u16::MAX),
             timers_us: self.timer_us.map(|timer| pins.fetch(timer)),

@@ -1,8 +1,9 @@
-//! A simulated 7I97 with a 7I77 and a 7I72 for `examples/linuxcnc.sh`, in the place of `mesa sim`.
+//! Simulated boards, each with a 7I77 and a 7I72, for `examples/linuxcnc.sh`, in the place of `mesa sim`.
 //!
-//!     simulated_board [ANY WORDS] --listen ADDRESS
+//!     simulated_board [ANY WORDS] --board NAME [--second NAME] --listen ADDRESS
 //!
-//! Commands on standard input, one a line, each answered by a line: `plug N`, `unplug N`,
+//! NAME is 7i97 or 7i92-7i77. The second board is at port 27182 of the same address. Commands for the
+//! first one on standard input, one a line, each answered by a line: `plug N`, `unplug N`,
 //! `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the
 //! 7I72 and 2 of the board.
 
@@ -15,10 +16,15 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use board::Board;
 
 fn main() {
-    let mut words = std::env::args().skip_while(|word| word != "--listen");
-    let address = words.nth(1).and_then(|word| word.parse::<Ipv4Addr>().ok());
+    let option = |name: &str| std::env::args().skip_while(|word| word != name).nth(1);
+    let address = option("--listen").and_then(|word| word.parse::<Ipv4Addr>().ok());
     let address = address.expect("--listen ADDRESS");
-    let board = Board::start_at(SocketAddrV4::new(address, 27_181));
+    let board = |name: &str, port| {
+        let board = Board::start_named(name, SocketAddrV4::new(address, port));
+        board.expect("7i97 or 7i92-7i77")
+    };
+    let _second = option("--second").map(|name| board(&name, 27_182));
+    let board = board(&option("--board").expect("--board NAME"), 27_181);
     println!("ready");
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
         match answer(&board, &line) {

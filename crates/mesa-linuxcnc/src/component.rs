@@ -8,9 +8,10 @@ use std::ffi::CString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
-use mesa_hal::{Board, Driver, UdpBus, UdpConfig, WithAdvice};
+use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
 
 use crate::MAX_BOARDS;
+use crate::advice::WithAdvice;
 use crate::cycle::{Cycle, wanted};
 use crate::ffi::{self, ComponentId, HalError};
 use crate::memory::{HalMemory, MemoryError};
@@ -138,10 +139,9 @@ fn start(
     driver.map_err(|error| failed(&error, error.advice()))
 }
 
-/// An error of the driver, with its advice unless that is about a program in Rust.
+/// An error of the driver, with its advice.
 fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadError {
-    let is_for_users = |advice: &mesa_hal::Advice| !advice.to_string().contains('`');
-    LoadError::new(ENODEV, WithAdvice::new(error, advice.filter(is_for_users)))
+    LoadError::new(ENODEV, WithAdvice::new(error, advice))
 }
 
 /// Makes the pins, parameters and functions of a board.
@@ -179,15 +179,47 @@ fn add(
     }
     let listener = Box::new(|level: Level, text: &CStr| ffi::print(level, text));
     let say = Say::new(driver.name(), listener);
-    let missing = driver.missing().iter().map(|remark| (Level::Error, remark));
-    let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
-    for (level, remark) in missing.chain(remarks) {
-        let remark = WithAdvice::new(remark, remark.advice());
-        at_set_up(level, &format_args!("{}: {remark}", driver.name()));
-    }
+    report_remarks(&driver);
     let mut cycle = Cycle::new(driver, memory, say);
     cycle.look();
     Ok(cycle)
+}
+
+/// Prints what a user should know about the remotes and modules of a board.
+fn report_remarks(driver: &Driver<UdpBus>) {
+    let name = driver.name();
+    let missing = driver.missing().iter();
+    let (silent, missing): (Vec<_>, Vec<_>) = missing.partition(|remark| remark.is_silent());
+    let missing = missing.into_iter().map(|remark| (Level::Error, remark));
+    let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
+    for (level, remark) in missing.chain(remarks) {
+        let remark = WithAdvice::new(remark, remark.advice());
+        at_set_up(level, &format_args!("{name}: {remark}"));
+    }
+    // A `config=` with more channels than remotes is usual, so this is no error.
+    let silent = silent.into_iter().filter_map(|remark| remark.remote);
+    for (port, channels) in channels_by_port(silent) {
+        at_set_up(
+            Level::Note,
+            &format_args!(
+                "{name}: no remote answers on these channels of port {port}: {channels}; check cable and \
+                 power where there should be one, and put an x for the others in sserial_port_{port}="
+            ),
+        );
+    }
+}
+
+/// The channels of each port, as a text.
+fn channels_by_port(remotes: impl Iterator<Item = RemoteId>) -> BTreeMap<u8, String> {
+    let mut ports = BTreeMap::<u8, Vec<String>>::new();
+    for remote in remotes {
+        let channels = ports.entry(remote.port).or_default();
+        channels.push(remote.channel.to_string());
+    }
+    let texts = ports.into_iter();
+    texts
+        .map(|(port, channels)| (port, channels.join(", ")))
+        .collect()
 }
 
 fn c_name(name: &str) -> Result<CString, LoadError> {

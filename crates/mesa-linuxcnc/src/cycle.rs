@@ -7,6 +7,7 @@ use mesa_hal::driver::{Events, SerialPort};
 use mesa_hal::hal::{AnyValue, GroupId, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
+use crate::advice::WithAdvice;
 use crate::rearm::{Rearming, RemoteMask, Seen};
 use crate::say::{Level, Say, level};
 use crate::table::{Change, Memory, Table};
@@ -94,6 +95,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     rearming: Rearming,
     /// Those whose clearing re-arms everything.
     acknowledged: [Option<PinId>; 2],
+    /// The pin of the DPLL's frequency, which follows the period.
+    frequency: Option<PinId>,
     /// Number in HAL of the parameter `io_error`.
     io_error: Option<usize>,
     /// The parameters that remotes keep.
@@ -124,6 +127,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let table = Table::new(pins, &mut memory);
         let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
         let acknowledged = [id("watchdog.has_bit"), id("io_error")];
+        let frequency = id("dpll.base-freq-khz");
         let io_error = id("io_error").map(PinId::index);
         let in_remotes = in_remotes(&driver);
         let run = driver.ports().iter();
@@ -155,6 +159,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             say,
             rearming,
             acknowledged,
+            frequency,
             io_error,
             requests: Vec::with_capacity(in_remotes.len()),
             in_remotes,
@@ -247,14 +252,23 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             return;
         }
         self.take_changes(Table::before_write);
+        let before = self.frequency.map(|id| self.driver.pins().bits_of(id));
         if let Err(error) = self.driver.set_period(period) {
             let now = self.now();
             let kept = self.driver.period();
+            let error = WithAdvice::new(&error, error.advice());
             self.say.say(
                 now,
                 Level::Error,
                 format_args!("{error}; the period of the driver stays {kept:?}"),
             );
+        }
+        // As in hostmot2, HAL's pin gets the frequency; else HAL's old value would set it again.
+        if let Some(id) = self.frequency {
+            let bits = self.driver.pins().bits_of(id);
+            if before != Some(bits) {
+                self.memory.store(id.index(), bits);
+            }
         }
     }
 

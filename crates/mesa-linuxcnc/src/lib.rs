@@ -18,6 +18,7 @@
 //! | `cycle` | a board's cycle: HAL to the driver and back |
 //! | `table` | the copy between HAL's values and the driver's pins |
 //! | `rearm` | which outputs follow again after what the user has done in HAL |
+//! | `advice` | next steps, in the words of LinuxCNC's users |
 //! | `say` | messages, limited in number by time |
 //!
 //! # Real time
@@ -29,6 +30,7 @@
     warn(clippy::unwrap_used, clippy::expect_used, clippy::panic)
 )]
 
+mod advice;
 mod component;
 mod cycle;
 mod ffi;

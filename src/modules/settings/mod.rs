@@ -272,6 +272,7 @@ pub enum Defaults {
     /// | `encoder.NN.filter` | TRUE | FALSE for multiplexed encoders |
     /// | `encoder.muxed-sample-frequency` | about 8 MHz | the rate in the manual of board or card |
     /// | `encoder.sample-frequency` | about 25 MHz | the same |
+    /// | `dpll.base-freq-khz` | -1, which is that of the period | that of the period |
     LinuxCnc,
 }
 

@@ -111,6 +111,8 @@ pub struct UdpBus<
 > {
     link: L,
     config: UdpConfig,
+    /// The deadline of the cycle follows the period, because no other one was given.
+    is_following: bool,
     requests: Requests,
     ledger: Ledger,
     others: Others,
@@ -181,6 +183,7 @@ impl<L: PacketLink> UdpBus<L> {
         Self {
             link,
             config,
+            is_following: config.cycle_deadline == UdpConfig::default().cycle_deadline,
             requests: Requests::default(),
             ledger: Ledger::starting_after(0),
             others: Others::default(),
@@ -444,9 +447,8 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
 
     /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        let is_default = self.config.cycle_deadline == UdpConfig::default().cycle_deadline;
         let following = || period.fraction(4, 5).max(SHORTEST_DEADLINE);
-        if let Some(deadline) = deadline.or_else(|| is_default.then(following)) {
+        if let Some(deadline) = deadline.or_else(|| self.is_following.then(following)) {
             self.config.cycle_deadline = deadline;
         }
     }

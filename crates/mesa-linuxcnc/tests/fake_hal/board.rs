@@ -1,4 +1,4 @@
-//! A simulated 7I97 with a 7I77 and a 7I72, in real time on a socket.
+//! A simulated 7I97 or 7I92 with a 7I77 and a 7I72, in real time on a socket.
 #![allow(
     dead_code,
     reason = "each program that includes this uses what it needs"
@@ -33,7 +33,17 @@ impl Board {
     }
 
     pub fn start_at(address: SocketAddrV4) -> Self {
-        Self::serve(address, fpga)
+        Self::serve(address, i7i97)
+    }
+
+    /// The board with a name of `mesa sim --board`.
+    pub fn start_named(name: &str, address: SocketAddrV4) -> Option<Self> {
+        let fpga = match name {
+            "7i97" => i7i97,
+            "7i92-7i77" => i7i92,
+            _ => return None,
+        };
+        Some(Self::serve(address, fpga))
     }
 
     /// At any free port of the loopback interface, another FPGA.
@@ -46,7 +56,10 @@ impl Board {
         let address = face.local_addr().expect("an address");
         let (work, orders): (Sender<Work>, Receiver<Work>) = channel();
         let thread = std::thread::spawn(move || {
-            let mut board = SimBoard::new(BoardConfig::new("7I97"), fpga());
+            let fpga = fpga();
+            let name = fpga.firmware().board;
+            let name = std::str::from_utf8(&name[4..]).expect("MESA and a name");
+            let mut board = SimBoard::new(BoardConfig::new(name), fpga);
             loop {
                 match orders.try_recv() {
                     Ok(work) => work(&mut board, &mut face),
@@ -144,8 +157,15 @@ impl Drop for Board {
     }
 }
 
-fn fpga() -> SimFpga {
-    let mut fpga = machines::i7i97(3);
+pub fn i7i97() -> SimFpga {
+    with_cards(machines::i7i97(3))
+}
+
+pub fn i7i92() -> SimFpga {
+    with_cards(machines::i7i92_7i77())
+}
+
+fn with_cards(mut fpga: SimFpga) -> SimFpga {
     plug(&mut fpga, FIELD, FieldIo::i7i77().expect("a 7I77"));
     plug(&mut fpga, 1, Analog::i7i77().expect("a 7I77"));
     plug(&mut fpga, OUTPUTS, Outputs48::i7i72().expect("a 7I72"));

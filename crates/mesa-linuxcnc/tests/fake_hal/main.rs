@@ -4,6 +4,7 @@
 mod board;
 mod hal;
 
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -232,6 +233,84 @@ fn two_boards_of_a_kind_are_numbered() {
     }
     loaded.call("hm2_7i97.0.read", 4_000_000);
     loaded.call("hm2_7i97.1.read", 4_000_000);
+}
+
+/// The first board of the line is not the first one of its kind in the order of names.
+#[test]
+fn two_kinds_of_boards_in_one_line_have_numbers_of_their_own() {
+    let hal = hal();
+    let boards = [
+        Board::start(),
+        Board::start_with(board::i7i92),
+        Board::start(),
+    ];
+    let addresses = boards.each_ref().map(|board| board.address.to_string());
+    let loaded = hal.load(&[
+        ("board_ip", &addresses.join(",")),
+        (
+            "config",
+            "sserial_port_0=000xxxxx,num_encoders=2 sserial_port_0=000xxxxx,num_encoders=6",
+        ),
+    ]);
+    let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+    let kinds = ["hm2_7i97.0", "hm2_7i92.0", "hm2_7i97.1"];
+    let named: BTreeSet<_> = loaded
+        .names()
+        .map(|name| name.split('.').take(2).collect::<Vec<_>>().join("."))
+        .collect();
+    assert_eq!(named, kinds.map(str::to_owned).into());
+    let has = |name: &str| loaded.names().any(|own| own == name);
+    assert!(has("hm2_7i92.0.encoder.01.count") && !has("hm2_7i92.0.encoder.02.count"));
+    for kind in kinds {
+        loaded.set(&format!("{kind}.watchdog.timeout_ns"), 2e9);
+        loaded.set(&format!("{kind}.packet-error-limit"), 1e6);
+        loaded.set(&format!("{kind}.7i72.0.2.output-17"), 1.0);
+    }
+    // Each drives its own board.
+    loaded.set("hm2_7i97.1.7i72.0.2.output-17", 0.0);
+    let start = Instant::now();
+    let outputs = || boards.each_ref().map(|board| board.output(OUTPUTS, 17));
+    while outputs() != [true, true, false] {
+        let in_time = start.elapsed() < SETTLE;
+        assert!(in_time, "{:?}: {}", outputs(), hal.messages());
+        for kind in kinds {
+            loaded.call(&format!("{kind}.read"), 4_000_000);
+            loaded.call(&format!("{kind}.write"), 4_000_000);
+        }
+        std::thread::sleep(PERIOD);
+    }
+}
+
+#[test]
+fn channels_without_a_remote_are_one_note_for_each_port() {
+    let (hal, board) = (
+        hal(),
+        Board::start_with(|| {
+            let mut fpga = board::i7i97();
+            fpga.plug(0, OUTPUTS, None);
+            fpga
+        }),
+    );
+    let address = board.address.to_string();
+    let loaded = hal.load(&[
+        ("board_ip", &address),
+        ("config", "sserial_port_0=000xxxxx"),
+    ]);
+    assert!(loaded.is_ok(), "{}", hal.messages());
+    let messages = hal.messages();
+    let about: Vec<_> = messages
+        .lines()
+        .filter(|line| line.contains("remote answers"))
+        .collect();
+    let [note] = about[..] else {
+        panic!("{messages}");
+    };
+    let expected = "0 mesa_eth: hm2_7i97.0: no remote answers on these channels of port 0: 2; ";
+    assert!(note.starts_with(expected), "{note}");
+    assert!(
+        !messages.lines().any(|line| line.starts_with("1 ")),
+        "{messages}"
+    );
 }
 
 #[test]

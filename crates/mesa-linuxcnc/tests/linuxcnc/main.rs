@@ -2,11 +2,14 @@
 //!
 //! Needs root and the package `linuxcnc-uspace`: see `examples/linuxcnc.sh`.
 
+mod boards;
+mod cost;
 #[path = "../../../mesa-tools/tests/interop/halcmd.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod halcmd;
 mod names;
 mod session;
+mod threads;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
 #[allow(unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;
@@ -15,23 +18,6 @@ use std::time::Duration;
 
 use halcmd::{alone, skipped};
 use session::Session;
-
-#[test]
-fn names_types_directions_and_values_are_hostmot2s() {
-    if skipped() {
-        return;
-    }
-    let _alone = alone();
-    let mut session = Session::load("hm2_eth");
-    let theirs = session.list();
-    session.stop();
-    let mut session = Session::load("mesa_eth");
-    let ours = session.list();
-    session.stop();
-    names::keep("hm2_eth", &theirs);
-    names::keep("mesa_eth", &ours);
-    names::compare(&theirs, &ours);
-}
 
 #[test]
 fn wrong_words_are_refused_by_name_and_linuxcnc_lives() {

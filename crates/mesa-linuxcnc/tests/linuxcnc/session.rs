@@ -16,7 +16,22 @@ pub const SETTLE: Duration = Duration::from_secs(20);
 
 /// The words of an existing line.
 pub const WORDS: &str = "board_ip=10.97.0.2 config=\"num_encoders=6 num_pwmgens=6 num_stepgens=0 sserial_port_0=000xxxxx\"";
-const PREFIX: &str = "hm2_7i97.0";
+
+/// Boards in a LinuxCNC.
+pub struct Setup {
+    /// Options of the simulated boards.
+    pub options: &'static [&'static str],
+    /// The name of the first board.
+    pub prefix: &'static str,
+    /// The words of an existing line for it.
+    pub words: &'static str,
+}
+
+pub const I7I97: Setup = Setup {
+    options: &["--board", "7i97"],
+    prefix: "hm2_7i97.0",
+    words: WORDS,
+};
 
 /// Type, direction and value of each name.
 pub type List = BTreeMap<String, [String; 3]>;
@@ -56,21 +71,28 @@ fn built(name: &str) -> PathBuf {
 
 impl Session {
     pub fn start() -> Self {
+        Self::start_with(&I7I97, "mesa_eth")
+    }
+
+    /// Two LinuxCNCs at the same time are for different drivers.
+    fn start_with(setup: &Setup, driver: &str) -> Self {
         let package = Path::new(env!("CARGO_MANIFEST_DIR"));
         let tools = package.join("../mesa-tools/tests/mesa/interop_linuxcnc");
         let mut sandbox = realtime(package.join("../../examples/linuxcnc.sh"));
         sandbox
-            .args(["--board", "7i97", "--"])
+            .args(setup.options)
+            .arg("--")
             .arg(package.join("tests/linuxcnc/with_component.sh"))
             .arg(built("libmesa_eth.so"))
             .arg(tools.join("session.sh"))
             .env("MESA", built("../examples/simulated_board"));
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(driver);
+        std::fs::create_dir_all(&folder).expect("a folder");
         let Started {
             halcmd,
             to_board,
             from_board,
-        } = Halcmd::start(PREFIX, sandbox, folder);
+        } = Halcmd::start(setup.prefix, sandbox, &folder);
         let session = Self {
             halcmd,
             to_board,
@@ -123,12 +145,16 @@ impl Session {
 
     /// Loads a driver, with retries where it never retries itself.
     pub fn load(driver: &str) -> Self {
+        Self::load_with(&I7I97, driver)
+    }
+
+    pub fn load_with(setup: &Setup, driver: &str) -> Self {
         let mut messages = Vec::new();
         let attempts = if driver == "hm2_eth" { LOADS } else { 1 };
         for attempt in 1..=attempts {
-            let mut session = Self::start();
+            let mut session = Self::start_with(setup, driver);
             session.hal("loadrt hostmot2");
-            match session.try_hal(&format!("loadrt {driver} {WORDS}")) {
+            match session.try_hal(&format!("loadrt {driver} {}", setup.words)) {
                 // A packet that comes late can leave a remote out.
                 Ok(_) if session.list().contains_key("7i72.0.2.output-47") => {
                     println!("{driver} loaded at attempt {attempt}");

@@ -1,0 +1,121 @@
+//! What follows the period of the thread. The truth is the simulated board.
+
+#[path = "../../../../../tests/common/ethernet.rs"]
+#[allow(
+    dead_code,
+    unreachable_pub,
+    reason = "shared with the tests of mesa-hal"
+)]
+mod ethernet;
+
+use std::boxed::Box;
+
+use super::*;
+
+const PERIODS: [Duration; 3] = [
+    Duration::from_micros(500),
+    Duration::from_millis(1),
+    Duration::from_millis(2),
+];
+
+impl Bench {
+    fn float(&self, name: &str) -> f64 {
+        f64::from_bits(self.bits(name))
+    }
+
+    /// Cycles of a thread that wakes up to 2 us late.
+    fn run_in_time(&mut self, cycles: u32, mut look: impl FnMut(&Self, u32)) {
+        let begun = self.cycle.driver.bus_mut().now();
+        for cycle in 0..cycles {
+            let late = Duration::from_micros((cycle % 3).into());
+            let wakes = begun.after(self.period.saturating_mul(cycle) + late);
+            let now = self.cycle.driver.bus_mut().now();
+            self.wait(wakes.since(now));
+            self.cycle.read(self.period);
+            self.cycle.write(self.period);
+            look(self, cycle);
+        }
+    }
+
+    /// Time after the last write at which the board's watchdog bites.
+    fn bites_after(&mut self) -> Duration {
+        let begun = self.cycle.driver.bus_mut().now();
+        while !self.fpga().watchdog().has_bitten() {
+            self.wait(Duration::from_micros(10));
+        }
+        self.cycle.driver.bus_mut().now().since(begun)
+    }
+}
+
+fn hostmot2() -> Settings {
+    Settings::from_hostmot2("num_encoders=6 sserial_port_0=000xxxxx").expect("words")
+}
+
+#[test]
+fn the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms() {
+    for period in PERIODS {
+        let mut bench = Bench::with(hostmot2());
+        assert_eq!(bench.float("dpll.base-freq-khz"), -1.0, "as with hostmot2");
+        bench.period = period;
+        let mut errors = Vec::new();
+        bench.run_in_time(2_000, |bench, cycle| {
+            if cycle >= 1_000 {
+                errors.push(bench.float("dpll.phase-error-us").abs());
+            }
+        });
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        assert!(mean < 5.0, "{period:?}: {mean} us");
+        let khz = 1e-3 / period.as_secs_f64();
+        assert_eq!(bench.float("dpll.base-freq-khz"), khz);
+    }
+}
+
+/// As a HAL file sets it between `loadrt` and `start`.
+#[test]
+fn a_frequency_that_the_user_has_set_stays() {
+    let mut bench = Bench::with(hostmot2());
+    bench.set("dpll.base-freq-khz", 1.5);
+    bench.period = PERIODS[2];
+    bench.run(10);
+    assert_eq!(bench.float("dpll.base-freq-khz"), 1.5);
+    let now = bench.cycle.driver.bus_mut().now().as_nanos();
+    let dpll = bench.fpga().dpll().expect("a DPLL");
+    let edge = |from| dpll.next_edge(from, 0).expect("it runs");
+    let first = edge(now);
+    let between = edge(first + 1) - first;
+    assert!(between.abs_diff(666_666) < 2_000, "{between} ns");
+}
+
+#[test]
+fn the_watchdog_bites_after_five_periods_and_at_least_5_ms() {
+    for (period, millis) in PERIODS.into_iter().zip([5, 5, 10]) {
+        let mut bench = Bench::with(hostmot2());
+        bench.period = period;
+        bench.run_in_time(100, |_, _| {});
+        let time = Duration::from_millis(millis);
+        let nanos = bench.bits("watchdog.timeout_ns");
+        assert_eq!(Duration::from_nanos(nanos), time, "{period:?}");
+        let bites = bench.bites_after();
+        assert!(bites.abs_diff(time) < period, "{period:?}: {bites:?}");
+    }
+}
+
+#[test]
+fn a_reply_is_awaited_for_80_percent_of_the_period() {
+    for period in PERIODS {
+        let bus = ethernet::bus(machines::six_axes_7i97(Motor::default()));
+        let driver = Driver::start(bus, hostmot2()).expect("the machine is complete");
+        let (mut cycle, numbers, _) = cycle_of(driver);
+        let packet_error = numbers["hm2_7i97.0.packet-error"];
+        // Of a reply on its way back; the board has needed some time before.
+        for percent in [10, 60, 85, 60, 85] {
+            let delay = period.as_nanos() as u64 * percent / 100;
+            cycle.driver.bus_mut().link().to_host = Box::new(move |_, _| vec![delay]);
+            cycle.read(period);
+            let is_late = cycle.memory.load(packet_error) != 0;
+            assert_eq!(is_late, percent > 80, "{period:?}, {percent} %");
+            cycle.write(period);
+            cycle.driver.bus_mut().wait(period);
+        }
+    }
+}
