@@ -58,7 +58,7 @@ impl DerefMut for Session {
 }
 
 /// A program of this package that `cargo test` builds beside the test.
-fn built(name: &str) -> PathBuf {
+pub fn built(name: &str) -> PathBuf {
     let program = std::env::current_exe().expect("a program");
     let path = program.parent().expect("a folder").join(name);
     assert!(

@@ -86,7 +86,11 @@ fn driver(machine: &Machine, component: Component) -> String {
          setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
          setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n"
     );
-    for port in ports.keys() {
+    // LinuxCNC has no pins and parameters of a port without remotes.
+    let used = ports
+        .iter()
+        .filter(|(_, modes)| modes.contains(|mode| mode != 'x'));
+    for (port, _) in used {
         let _ = writeln!(
             text,
             "setp {board}.sserial.port-{port}.fault-lim [HOSTMOT2]SSERIAL_FAULT_LIMIT"
