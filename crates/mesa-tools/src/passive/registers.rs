@@ -57,78 +57,72 @@ const SYNC: Effect = Refused(Refusal::SideEffect(
     "it marks the time of the driver's cycle for the phase-locked loop",
 ));
 
+const WATCHDOG: &[Effect] = &[Plain("time"), Plain("status"), WRITE_ONLY];
+const IO_PORT: &[Effect] = &[
+    Plain("data"),
+    Plain("direction"),
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+];
+const ENCODER: &[Effect] = &[
+    Plain("count"),
+    Plain("control"),
+    WRITE_ONLY,
+    Plain("timestamp"),
+    WRITE_ONLY,
+];
+const STEPGEN: &[Effect] = &[
+    WRITE_ONLY,
+    Plain("accumulator"),
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    Plain("master-rate"),
+];
+const PWM: &[Effect] = &[
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    WRITE_ONLY,
+    Plain("enables"),
+];
+const INPUTS: &[Effect] = &[
+    Plain("control"),
+    Plain("filter"),
+    Plain("input"),
+    Plain("raw"),
+    Plain("mpg"),
+];
+const DPLL: &[Effect] = &[
+    Plain("base-rate"),
+    Plain("phase-error"),
+    Plain("control-0"),
+    Plain("control-1"),
+    Plain("timer-12"),
+    Plain("timer-34"),
+    SYNC,
+];
+
 /// A kind of module: the first part of its names, and its registers in order. Registers behind the
 /// end are not known.
 ///
 /// Source: FACTS 12.4, 12.11; Mesa's public VHDL sources for step generators.
 fn known(gtag: Gtag) -> Option<(&'static str, &'static [Effect])> {
-    const INPUTS: &[Effect] = &[
-        Plain("control"),
-        Plain("filter"),
-        Plain("input"),
-        Plain("raw"),
-        Plain("mpg"),
-    ];
-    const ENCODER: &[Effect] = &[
-        Plain("count"),
-        Plain("control"),
-        WRITE_ONLY,
-        Plain("timestamp"),
-        WRITE_ONLY,
-    ];
     Some(match gtag {
-        Gtag::WATCHDOG => ("watchdog", &[Plain("time"), Plain("status"), WRITE_ONLY]),
-        Gtag::IO_PORT => (
-            "ioport",
-            &[
-                Plain("data"),
-                Plain("direction"),
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-            ],
-        ),
+        Gtag::WATCHDOG => ("watchdog", WATCHDOG),
+        Gtag::IO_PORT => ("ioport", IO_PORT),
         Gtag::ENCODER | Gtag::MUXED_ENCODER => ("encoder", ENCODER),
-        Gtag::STEPGEN => (
-            "stepgen",
-            &[
-                WRITE_ONLY,
-                Plain("accumulator"),
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                Plain("master-rate"),
-            ],
-        ),
-        Gtag::PWM => (
-            "pwmgen",
-            &[
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                WRITE_ONLY,
-                Plain("enables"),
-            ],
-        ),
+        Gtag::STEPGEN => ("stepgen", STEPGEN),
+        Gtag::PWM => ("pwmgen", PWM),
         Gtag::IN_MUX => ("inmux", INPUTS),
         Gtag::IN_M => ("inm", INPUTS),
         Gtag::SSR => ("ssr", &[Plain("data"), Plain("rate")]),
-        Gtag::HM2DPLL => (
-            "dpll",
-            &[
-                Plain("base-rate"),
-                Plain("phase-error"),
-                Plain("control-0"),
-                Plain("control-1"),
-                Plain("timer-12"),
-                Plain("timer-34"),
-                SYNC,
-            ],
-        ),
+        Gtag::HM2DPLL => ("dpll", DPLL),
         Gtag::LED => ("led", &[WRITE_ONLY]),
         _ => return None,
     })

@@ -138,7 +138,7 @@ fn machine_paced(pace: Pace) -> Rc<RefCell<Machine>> {
     let link = SimLink::new(machines::six_axes_7i97(Motor::default()));
     let bus = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
     let driver = start(bus, |settings| {
-        (settings.period, settings.pace) = (PERIOD, pace)
+        (settings.period, settings.pace) = (PERIOD, pace);
     })
     .expect("the machine is complete");
     let mut machine = Machine {
@@ -309,15 +309,28 @@ fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() 
             .map_err(|e| e.to_string()),
         { Err(PassiveError::<SocketError>::Write.to_string()) }
     );
-    let read = |bus: &mut PassiveBus<Beside>, space, address| {
-        let read = Read {
-            space,
-            address,
-            count: 1,
-        };
-        bus.read_all(&[read]).map(drop).map_err(refusal)
+    check_refused_registers(&mut bus);
+    // One register of many is enough; and a command without an address reads anywhere.
+    let both = [0x7500, 0x7600].map(|address| Read::hostmot2(address, 1));
+    assert!(bus.read_all(&both).is_err());
+    let standing = [0x01, 0x02];
+    let refused = bus.run_commands(&standing, &mut reply, DEADLINE);
+    assert_eq!(refused.map_err(refusal), Err(Refusal::NoRegister));
+    assert_eq!(bus.link().sent.len(), sent, "nothing was sent");
+    check_readable_registers(&mut bus);
+}
+
+fn read(bus: &mut PassiveBus<Beside>, space: Space, address: u16) -> Result<(), Refusal> {
+    let count = 1;
+    let read = Read {
+        space,
+        address,
+        count,
     };
-    let is_effect = |result: &Result<(), Refusal>| matches!(result, Err(Refusal::SideEffect(_)));
+    bus.read_all(&[read]).map(drop).map_err(refusal)
+}
+
+fn check_refused_registers(bus: &mut PassiveBus<Beside>) {
     for (space, address) in [
         // SYNC of the DPLL marks the time of a cycle. FACTS 12.4, REGISTERS.
         (Space::HostMot2, 0x7600),
@@ -329,8 +342,9 @@ fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() 
         (Space::Control, 0x1C),
         (Space::Control, 0x1E),
     ] {
-        let result = read(&mut bus, space, address);
-        assert!(is_effect(&result), "{space} {address:#x}: {result:?}");
+        let result = read(bus, space, address);
+        let is_effect = matches!(result, Err(Refusal::SideEffect(_)));
+        assert!(is_effect, "{space} {address:#x}: {result:?}");
     }
     for (space, address, expected) in [
         (Space::HostMot2, 0x4100, Refusal::WriteOnly),
@@ -343,19 +357,15 @@ fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() 
         (Space::Unused, 0, Refusal::NoRegister),
     ] {
         assert_eq!(
-            read(&mut bus, space, address),
+            read(bus, space, address),
             Err(expected),
             "{space} {address:#x}"
         );
     }
-    // One register of many is enough; and a command without an address reads anywhere.
-    let both = [0x7500, 0x7600].map(|address| Read::hostmot2(address, 1));
-    assert!(is_effect(&bus.read_all(&both).map(drop).map_err(refusal)));
-    let standing = [0x01, 0x02];
-    let refused = bus.run_commands(&standing, &mut reply, DEADLINE);
-    assert_eq!(refused.map_err(refusal), Err(Refusal::NoRegister));
-    assert_eq!(bus.link().sent.len(), sent, "nothing was sent");
-    // What is next to them is read.
+}
+
+/// What is next to those that are refused is read.
+fn check_readable_registers(bus: &mut PassiveBus<Beside>) {
     for (space, address) in [
         (Space::HostMot2, 0x7100),
         (Space::HostMot2, COUNT),
@@ -366,11 +376,7 @@ fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() 
         (Space::ReadOnly, 0),
         (Space::Eeprom, 0x7E),
     ] {
-        assert_eq!(
-            read(&mut bus, space, address),
-            Ok(()),
-            "{space} {address:#x}"
-        );
+        assert_eq!(read(bus, space, address), Ok(()), "{space} {address:#x}");
     }
 }
 

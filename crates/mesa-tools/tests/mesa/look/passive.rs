@@ -119,9 +119,9 @@ fn a_running_machine_is_looked_at_without_a_write_and_its_driver_goes_on() {
         .map(|line| serde_json::from_str(line).expect("JSON"))
         .collect();
     assert!(samples.len() > 3, "{ended:?}");
-    samples
-        .iter()
-        .for_each(|sample| hold_against_schema("watch", sample));
+    for sample in &samples {
+        hold_against_schema("watch", sample);
+    }
     let value = &samples[0]["values"][0];
     let raw = value["raw"].as_u64().map(|raw| raw & 0xFFFF);
     assert_eq!(

@@ -27,9 +27,9 @@ hexadecimal after 0x.";
 
 const PEEK: &str = "\
 Works beside LinuxCNC or another program that drives the board: writes nothing, and sends at most 20
-small packets a second. Registers that a read changes are refused, and those of which it is not known;
---any reads them on a board that no other program drives. Without REGISTER, all that can be read are
-listed with their names. REGISTER: a name (encoder.00.count), a module or an instance of it
+small packets a second. Registers that a read changes are refused, and those of which it is not
+known; --any reads them on a board that no other program drives. Without REGISTER, all that can be
+read are listed with their names. REGISTER: a name (encoder.00.count), a module or an instance of it
 (encoder, sserial.0.2), an address of HostMot2 (0x3500), or SPACE:ADDRESS.";
 
 const PEEK_EXAMPLES: &str = "\

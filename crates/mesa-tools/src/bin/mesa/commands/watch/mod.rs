@@ -29,9 +29,10 @@ use screen::Pins;
 
 const AFTER_HELP: &str = "\
 Starts the machine with all outputs off and drives nothing. A board that another program drives is
-left alone, unless --passive is given: then registers are shown beside that program. Pins at terminals come first. Keys: a lists parameters and inverted pins (-not) as
-well, or hides them; / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End
-scroll; q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
+left alone; with --passive its registers are shown beside that program. Pins at terminals come
+first. Keys: a lists parameters and inverted pins (-not) as well, or hides them; / filters while
+typing, Enter ends typing; arrows, PgUp, PgDn, Home, End scroll; q, Esc or Ctrl-C end the command,
+with outputs off and ports stopped.
 
 Examples:
   mesa watch --sim 7i92-7i77
