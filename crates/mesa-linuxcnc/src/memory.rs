@@ -299,17 +299,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A pin whose pointer and values are on the heap.
-    fn pin<T: HalValue>(value: &T::Cell) -> (Box<AtomicPtr<T::Cell>>, HalPin<T>) {
-        let pointer = Box::new(AtomicPtr::new(core::ptr::from_ref(value).cast_mut()));
-        let pin = HalPin(NonNull::from(&*pointer));
-        (pointer, pin)
+    /// The pointer of a pin to its value, in the place of HAL's memory.
+    fn pointer_to<C>(value: &C) -> AtomicPtr<C> {
+        AtomicPtr::new(core::ptr::from_ref(value).cast_mut())
     }
 
     #[test]
     fn a_pin_follows_the_pointer_of_its_signal() {
         let (own, signal) = (AtomicU32::new(1), AtomicU32::new(2));
-        let (pointer, pin) = pin::<u32>(&own);
+        let pointer = pointer_to(&own);
+        let pin = HalPin::<u32>(NonNull::from(&pointer));
         assert_eq!(pin.load(), 1);
         pointer.store(core::ptr::from_ref(&signal).cast_mut(), Ordering::Relaxed);
         assert_eq!(pin.load(), 2);
@@ -336,7 +335,8 @@ mod tests {
         #[test]
         fn values_of_any_type_are_kept(float: f64, signed: i32, unsigned: u32, bit: bool) {
             let (f, s, u, b) = (AtomicU64::new(0), AtomicI32::new(0), AtomicU32::new(0), AtomicU8::new(0));
-            let (_keep, pin) = pin::<f64>(&f);
+            let pointer = pointer_to(&f);
+            let pin = HalPin::<f64>(NonNull::from(&pointer));
             pin.store(float);
             prop_assert_eq!(pin.load().to_bits(), float.to_bits());
             let cells = [

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::common::ethernet::bus;
 use crate::common::machine::{fpga, start};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{DriverError, Pace};
+use mesa_hal::driver::{Defaults, DriverError, Pace};
 use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
@@ -49,8 +49,13 @@ fn bites_after(driver: &mut Driver<SimFpga>) -> Duration {
 
 #[test]
 fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
-    for (period, bites) in [(500, 5_000), (1_000, 5_000), (2_000, 10_000)] {
-        let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
+    let of_board = [(500, 5_000), (1_000, 5_000), (2_000, 10_000)];
+    let of_board = of_board.map(|(period, bites)| (period, bites, Defaults::Board));
+    // There the frequency is -1 at first.
+    let of_linuxcnc = [(500, 5_000, Defaults::LinuxCnc)];
+    for (period, bites, defaults) in of_board.into_iter().chain(of_linuxcnc) {
+        let mut driver =
+            start(six_axes(), |settings| settings.defaults = defaults).expect("a 7I97");
         driver.set_period(micros(period)).expect("not yet written");
         assert_eq!(driver.period(), micros(period));
         let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
