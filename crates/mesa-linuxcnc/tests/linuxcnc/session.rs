@@ -5,11 +5,11 @@ use std::fs::File;
 use std::io::Write;
 use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use crate::halcmd::{Halcmd, LOADS, PATIENCE, Started, lines_of};
+use crate::tools::realtime;
 
 /// Time limit for a change on one side to arrive at the other on a busy computer.
 pub const SETTLE: Duration = Duration::from_secs(20);
@@ -43,7 +43,7 @@ impl DerefMut for Session {
 }
 
 /// A program of this package that `cargo test` builds beside the test.
-fn built(name: &str) -> PathBuf {
+pub fn built(name: &str) -> PathBuf {
     let program = std::env::current_exe().expect("a program");
     let path = program.parent().expect("a folder").join(name);
     assert!(
@@ -58,7 +58,7 @@ impl Session {
     pub fn start() -> Self {
         let package = Path::new(env!("CARGO_MANIFEST_DIR"));
         let tools = package.join("../mesa-tools/tests/mesa/interop_linuxcnc");
-        let mut sandbox = Command::new(package.join("../../examples/linuxcnc.sh"));
+        let mut sandbox = realtime(package.join("../../examples/linuxcnc.sh"));
         sandbox
             .args(["--board", "7i97", "--"])
             .arg(package.join("tests/linuxcnc/with_component.sh"))

@@ -12,13 +12,13 @@ pub mod halcmd;
 pub mod mesaflash;
 pub mod tools;
 
+pub use tools::realtime;
+
 use std::{
-    ffi::OsStr,
     fmt::Display,
     fs,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
-    sync::OnceLock,
     time::{Duration, Instant},
 };
 
@@ -32,24 +32,6 @@ pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
         assert!(begun.elapsed() < PATIENCE, "never: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
-}
-
-/// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
-/// answer in time on a busy computer: with a realtime priority where the user may have one.
-pub fn realtime(program: impl AsRef<OsStr>) -> Command {
-    static PERMITTED: OnceLock<bool> = OnceLock::new();
-    const PRIORITY: [&str; 2] = ["--rr", "1"];
-    let is_permitted = || {
-        let mut nothing = Command::new("chrt");
-        nothing.args(PRIORITY).arg("true").stderr(Stdio::null());
-        nothing.status().is_ok_and(|status| status.success())
-    };
-    if !PERMITTED.get_or_init(is_permitted) {
-        return Command::new(program);
-    }
-    let mut command = Command::new("chrt");
-    command.args(PRIORITY).arg(program);
-    command
 }
 
 /// Gives the calling thread, which plays a card or a board, the priority of [`realtime`].

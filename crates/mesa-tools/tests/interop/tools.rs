@@ -1,6 +1,11 @@
 //! External tools, and the treatment of missing ones.
 
-use std::path::PathBuf;
+use std::{
+    ffi::OsStr,
+    path::PathBuf,
+    process::{Command, Stdio},
+    sync::OnceLock,
+};
 
 /// Prints that a test is skipped, and the reason. In CI nothing may be missing: there the test
 /// fails.
@@ -20,4 +25,22 @@ pub fn has_program(name: &str) -> bool {
     std::env::split_paths(&paths)
         .chain([PathBuf::from("/usr/sbin"), PathBuf::from("/sbin")])
         .any(|directory| directory.join(name).is_file())
+}
+
+/// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
+/// answer in time on a busy computer: with a realtime priority where the user may have one.
+pub fn realtime(program: impl AsRef<OsStr>) -> Command {
+    static PERMITTED: OnceLock<bool> = OnceLock::new();
+    const PRIORITY: [&str; 2] = ["--rr", "1"];
+    let is_permitted = || {
+        let mut nothing = Command::new("chrt");
+        nothing.args(PRIORITY).arg("true").stderr(Stdio::null());
+        nothing.status().is_ok_and(|status| status.success())
+    };
+    if !PERMITTED.get_or_init(is_permitted) {
+        return Command::new(program);
+    }
+    let mut command = Command::new("chrt");
+    command.args(PRIORITY).arg(program);
+    command
 }
