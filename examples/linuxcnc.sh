@@ -7,7 +7,7 @@
 #       a 7I97 with LinuxCNC's driver loaded and its cycle running, and halcmd to look around:
 #       `show pin hm2_7i97.0.encoder`, `setp hm2_7i97.0.ssr.00.out-02 true`, `exit`
 #   sudo examples/linuxcnc.sh --board 7i92-7i77 --remote 2=7i72
-#       the same with another board; options as `mesa sim --help` lists them
+#       the same with another board; options as `mesa sim --help` lists them, also `--machine FILE`
 #   sudo examples/linuxcnc.sh --firmware FILE -- halrun -f machine.hal
 #       with a firmware whose identity memory FILE holds, see `mesa sim --help`
 #   sudo examples/linuxcnc.sh -- halrun -f machine.hal
@@ -55,7 +55,7 @@ while [ $# -gt 0 ] && [ "$1" != -- ]; do
 done
 [ $# -eq 0 ] || shift
 case " ${options[*]-} " in
-  *" --board "* | *" --firmware "*) ;;
+  *" --board "* | *" --firmware "* | *" --machine "*) ;;
   *) options+=(--board 7i97) ;;
 esac
 case " ${options[*]} " in

@@ -7,6 +7,7 @@ mod faults;
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod halcmd;
 mod names;
+mod servo;
 mod session;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
 #[allow(unreachable_pub, reason = "shared with mesa-tools")]
