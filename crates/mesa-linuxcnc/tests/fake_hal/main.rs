@@ -3,6 +3,9 @@
 
 mod board;
 mod hal;
+#[path = "../../../mesa-tools/tests/interop/tools.rs"]
+#[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
+mod tools;
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,6 +14,7 @@ use std::time::{Duration, Instant};
 use board::{Board, OUTPUTS};
 use hal::{Hal, Loaded, hal};
 use mesa_hal_sim::{FirmwareImage, SimFpga};
+use tools::realtime_thread;
 
 /// Long enough for a busy computer: the deadline of a reply is 80 % of it.
 const PERIOD: Duration = Duration::from_millis(4);
@@ -18,6 +22,13 @@ const PERIOD: Duration = Duration::from_millis(4);
 const SETTLE: Duration = Duration::from_secs(20);
 
 const WATCHDOG: Duration = Duration::from_secs(2);
+
+/// A board that answers in time on a busy computer, as does the calling thread.
+fn on_time(board: Board) -> Board {
+    realtime_thread();
+    board.with(|_, _| realtime_thread());
+    board
+}
 
 /// A board, and the component in its cycle.
 struct Machine<'a> {
@@ -103,7 +114,7 @@ static SIGNALS: [AtomicU64; 2] = [const { AtomicU64::new(0) }; 2];
 
 #[test]
 fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     assert!(machine.loaded.names().count() > 700);
     for (name, kind) in [
@@ -149,7 +160,7 @@ fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
 
 #[test]
 fn a_pulled_card_fails_alone_and_follows_again_after_run() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
     board.plug(OUTPUTS, false);
@@ -182,7 +193,7 @@ fn a_pulled_card_fails_alone_and_follows_again_after_run() {
 
 #[test]
 fn after_a_stop_of_the_thread_has_bit_brings_everything_back() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
     std::thread::sleep(WATCHDOG + Duration::from_secs(1));
@@ -195,7 +206,7 @@ fn after_a_stop_of_the_thread_has_bit_brings_everything_back() {
 
 #[test]
 fn after_lost_packets_io_error_brings_everything_back() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
     machine.set("packet-error-limit", 10.0);
@@ -210,7 +221,7 @@ fn after_lost_packets_io_error_brings_everything_back() {
 
 #[test]
 fn fifteen_rounds_of_load_and_unload() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     for _ in 0..15 {
         let machine = Machine::load(&hal, &board);
         machine.until("valid", |machine| machine.is_on("7i72.0.2.valid"));
@@ -220,7 +231,7 @@ fn fifteen_rounds_of_load_and_unload() {
 
 #[test]
 fn two_boards_of_a_kind_are_numbered() {
-    let (hal, boards) = (hal(), [Board::start(), Board::start()]);
+    let (hal, boards) = (hal(), [on_time(Board::start()), on_time(Board::start())]);
     let address = format!("{},{}", boards[0].address, boards[1].address);
     let loaded = hal.load(&[("board_ip", &address), ("config", "num_encoders=6")]);
     let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
@@ -240,9 +251,9 @@ fn two_boards_of_a_kind_are_numbered() {
 fn two_kinds_of_boards_in_one_line_have_numbers_of_their_own() {
     let hal = hal();
     let boards = [
-        Board::start(),
-        Board::start_with(board::i7i92),
-        Board::start(),
+        on_time(Board::start()),
+        on_time(Board::start_with(board::i7i92)),
+        on_time(Board::start()),
     ];
     let addresses = boards.each_ref().map(|board| board.address.to_string());
     let loaded = hal.load(&[
@@ -285,11 +296,11 @@ fn two_kinds_of_boards_in_one_line_have_numbers_of_their_own() {
 fn channels_without_a_remote_are_one_note_for_each_port() {
     let (hal, board) = (
         hal(),
-        Board::start_with(|| {
+        on_time(Board::start_with(|| {
             let mut fpga = board::i7i97();
             fpga.plug(0, OUTPUTS, None);
             fpga
-        }),
+        })),
     );
     let address = board.address.to_string();
     let loaded = hal.load(&[
@@ -315,7 +326,7 @@ fn channels_without_a_remote_are_one_note_for_each_port() {
 
 #[test]
 fn wrong_words_are_refused_by_name_and_leave_nothing() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let address = board.address.to_string();
     for (words, said) in [
         (vec![], "board_ip= is missing"),
@@ -369,10 +380,10 @@ fn a_module_that_is_not_driven_is_named_at_the_load() {
     const FIRMWARE: &str =
         include_str!("../../../../tests/transcripts/firmwares/7I92-G540x2D_34.txt");
     let hal = hal();
-    let board = Board::start_with(|| {
+    let board = on_time(Board::start_with(|| {
         let image = FirmwareImage::parse(FIRMWARE).expect("a firmware");
         SimFpga::from_image(&image).expect("a firmware")
-    });
+    }));
     let address = board.address.to_string();
     let loaded = hal.load(&[("board_ip", address.as_str())]);
     assert!(loaded.is_ok(), "{}", hal.messages());
@@ -383,7 +394,7 @@ fn a_module_that_is_not_driven_is_named_at_the_load() {
 
 #[test]
 fn a_hal_that_is_full_is_an_error() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     hal.limit(7_000);
     let address = board.address.to_string();
     let result = hal.load(&[("board_ip", &address)]).err();
@@ -396,7 +407,7 @@ fn a_hal_that_is_full_is_an_error() {
 #[cfg(debug_assertions)]
 #[test]
 fn a_panic_ends_the_board_alone_and_its_outputs_go_off() {
-    let (hal, board) = (hal(), Board::start());
+    let (hal, board) = (hal(), on_time(Board::start()));
     let address = board.address.to_string();
     let words = [("board_ip", address.as_str()), ("panic_in", "3000")];
     let loaded = hal.load(&words);

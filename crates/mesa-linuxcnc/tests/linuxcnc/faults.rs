@@ -282,13 +282,34 @@ impl Faults {
         assert_eq!(self.session.get(name), old);
     }
 
+    /// True if `watchdog.has_bit` is set within 3 s.
+    fn has_bitten(&mut self) -> bool {
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(3) {
+            if self.session.get("watchdog.has_bit") == "TRUE" {
+                return true;
+            }
+        }
+        false
+    }
+
     fn the_thread_stops(&mut self) {
-        self.be_patient(false);
-        self.session.hal("stop");
-        // The watchdogs of board and cards: nothing reaches them.
-        self.session.expect_outputs([false; 3]);
-        self.session.hal("start");
-        self.session.expect("watchdog.has_bit", "TRUE");
+        // On a busy computer hostmot2 now and then goes on with the board's own outputs as if nothing
+        // had been.
+        let attempts = if self.is_ours { 1 } else { 10 };
+        let is_noticed = (0..attempts).any(|attempt| {
+            if attempt > 0 {
+                self.be_patient(true);
+                self.start_port();
+            }
+            self.be_patient(false);
+            self.session.hal("stop");
+            // The watchdogs of board and cards: nothing reaches them.
+            self.session.expect_outputs([false; 3]);
+            self.session.hal("start");
+            self.has_bitten()
+        });
+        assert!(is_noticed, "the watchdog has bitten");
         if self.is_ours {
             self.session.expect("valid", "FALSE");
         } else {

@@ -13,7 +13,7 @@ mod servo;
 mod session;
 mod threads;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
-#[allow(unreachable_pub, reason = "shared with mesa-tools")]
+#[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;
 
 use std::time::Duration;

@@ -117,8 +117,7 @@ impl Halcmd {
         let mut sandbox = sandbox
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
-            // Else its servo thread has normal priority, also where `realtime` permits more.
-            .env("LINUXCNC_FORCE_REALTIME", "1")
+            .env("LINUXCNC_PRIORITY", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

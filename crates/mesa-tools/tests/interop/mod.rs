@@ -12,13 +12,13 @@ pub mod halcmd;
 pub mod mesaflash;
 pub mod tools;
 
-pub use tools::realtime;
+pub use tools::{realtime, realtime_thread};
 
 use std::{
     fmt::Display,
     fs,
     path::{Path, PathBuf},
-    process::{Child, Command, Output, Stdio},
+    process::{Child, Command, Output},
     time::{Duration, Instant},
 };
 
@@ -32,16 +32,6 @@ pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
         assert!(begun.elapsed() < PATIENCE, "never: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
-}
-
-/// Gives the calling thread, which plays a card or a board, the priority of [`realtime`].
-pub fn realtime_thread() {
-    let mut set = Command::new("chrt");
-    let thread = rustix::thread::gettid().as_raw_nonzero().to_string();
-    set.args(["--rr", "--pid", "1", &thread])
-        .stderr(Stdio::null());
-    // Without permission it stays as it is.
-    let _ = set.status();
 }
 
 /// The program `mesa` that was built with this test.

@@ -44,3 +44,14 @@ pub fn realtime(program: impl AsRef<OsStr>) -> Command {
     command.args(PRIORITY).arg(program);
     command
 }
+
+/// Gives the calling thread, which plays a card or a board, the priority of [`realtime`].
+pub fn realtime_thread() {
+    let mut set = Command::new("chrt");
+    let thread = std::fs::read_link("/proc/thread-self").expect("Linux has it");
+    set.args(["--rr", "--pid", "1"])
+        .arg(thread.file_name().expect("its number"))
+        .stderr(Stdio::null());
+    // Without permission it stays as it is.
+    let _ = set.status();
+}
