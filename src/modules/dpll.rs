@@ -24,7 +24,7 @@ pub struct DpllPins {
     /// Times at which the four timers rise, in microseconds from the read; negative is before it.
     pub timer_us: [Output<f64>; 4],
     /// The loop's frequency in kHz. Negative is that of the period, and the initial value with
-    /// [`Defaults::LinuxCnc`](crate::driver::Defaults::LinuxCnc).
+    /// [`Defaults::LinuxCnc`](crate::driver::Defaults).
     pub base_freq_khz: Output<f64>,
     /// Lateness of the last read for the loop, in microseconds; negative is early. 0 where the
     /// board paces the cycle, since the loop then runs free.
