@@ -117,7 +117,6 @@ impl Halcmd {
         let mut sandbox = sandbox
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
-            .env("LINUXCNC_PRIORITY", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

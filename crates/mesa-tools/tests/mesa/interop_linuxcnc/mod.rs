@@ -406,7 +406,6 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         let mut child = realtime(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
             .args(options)
             .env("MESA", crate::interop::mesa())
-            .env("LINUXCNC_PRIORITY", "1")
             .stdin(std::process::Stdio::piped())
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())
