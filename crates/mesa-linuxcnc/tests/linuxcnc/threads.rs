@@ -11,9 +11,10 @@ const THREADS: [(&str, u32, &str); 3] = [
 ];
 
 /// The phase of the DPLL is printed: here it has the jitter of a computer without realtime. Over
-/// virtual time `the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms` has its limit.
+/// virtual time `the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms` has its limit, and
+/// `a_reply_is_awaited_for_80_percent_of_the_period` that of a reply.
 #[test]
-fn dpll_watchdog_and_deadline_follow_the_thread() {
+fn dpll_and_watchdog_follow_the_thread() {
     if skipped() {
         return;
     }
@@ -26,7 +27,7 @@ fn dpll_watchdog_and_deadline_follow_the_thread() {
         "loadrt threads {}",
         threads.collect::<Vec<_>>().join(" ")
     ));
-    let deadlines = THREADS.map(|(thread, period, watchdog)| {
+    for (thread, period, watchdog) in THREADS {
         session.hal(&format!("loadrt mesa_eth {WORDS}"));
         session.set("packet-error-limit", "1000000");
         session.hal(&format!("addf .read {thread}"));
@@ -39,14 +40,8 @@ fn dpll_watchdog_and_deadline_follow_the_thread() {
         );
         assert_eq!(session.get("watchdog.timeout_ns"), watchdog);
         print_phase(&mut session, thread);
-        let deadline = deadline(&mut session);
         session.hal("stop");
         session.hal("unloadrt mesa_eth");
-        deadline / f64::from(period)
-    });
-    let [fast, servo, slow] = deadlines;
-    for other in [fast, slow] {
-        assert!((0.9..1.1).contains(&(other / servo)), "{deadlines:?}");
     }
     session.stop();
 }
@@ -66,14 +61,4 @@ fn print_phase(session: &mut Session, thread: &str) {
         "{thread}: phase error of the DPLL, mean {mean:.1} us, median {median:.1} us; replies: {late} late, \
          {good} transfers"
     );
-}
-
-/// The shortest time for which the function `read` waits for replies that do not come, in HAL's unit.
-fn deadline(session: &mut Session) -> f64 {
-    session.board("lose 1");
-    session.expect("packet-error", "TRUE");
-    let sample = |_| -> f64 { session.get("read.time").parse().expect("a number") };
-    let shortest = (0..30).map(sample).fold(f64::INFINITY, f64::min);
-    session.board("lose 0");
-    shortest
 }
