@@ -55,6 +55,8 @@ pub(super) struct BoardCycle {
     /// The next read includes the extra evidence registers, because an event since the last full
     /// check may have masked a reset.
     look_closely: bool,
+    /// Settings that drive pins were sent, and no evidence has been read since.
+    is_unproven: bool,
     /// Writes that are left of [`QUIET_WRITES`].
     quiet_writes: u32,
     /// A module asked for the extra registers with the last write.
@@ -90,6 +92,7 @@ impl BoardCycle {
             write_failures: 0,
             writes_since_read: 0,
             look_closely: true,
+            is_unproven: false,
             quiet_writes: 0,
             wants_extra: false,
             is_last: false,
@@ -200,6 +203,7 @@ impl BoardCycle {
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
         let reply = self.words.take_replies();
         let certain = reply.certain;
+        self.is_unproven = false;
         self.words.confirm(certain);
         self.look_closely = !certain || (self.look_closely && !closely);
         let beat = self.beats.arrived(at, reply.slack);
@@ -308,6 +312,7 @@ impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
     pub fn looked(&mut self, now: Instant) {
+        self.is_unproven = false;
         let read = EvidenceRead {
             words: &self.words,
             at: now,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::mem;
 
 use super::journal::{BoardCommand, ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
-use super::plan::{MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
+use super::plan::{LONGEST_WATCHDOG, MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
 
 /// The promises: see `docs/faults.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -286,6 +286,8 @@ pub struct Oracle {
     /// Longest pause of a host between a write and the look that follows it: then the watchdog
     /// bites again.
     stalls: u64,
+    /// Longest time until the board bites again by itself, if the replies to a host may be lost.
+    unheard: u64,
     /// Longest time from a look at the board to the end of the packet that drives pins after it.
     packet: u64,
     /// Time after a fault until which a stopped host may still send earlier packets.
@@ -331,6 +333,11 @@ impl Oracle {
             },
             stalls: if plan.more.stalls_in_write {
                 late_by
+            } else {
+                0
+            },
+            unheard: if plan.loses_replies() {
+                plan.watchdog.max(LONGEST_WATCHDOG)
             } else {
                 0
             },
@@ -423,7 +430,7 @@ impl Oracle {
                 // The direction of an I/O pin was changed just before, or the set-up is written.
                 let is_bite = matches!(event.what, What::Bite);
                 let seen = if is_bite {
-                    2 * self.period + self.stalls.min(20 * MILLI)
+                    (2 * self.period + self.stalls.min(20 * MILLI)).max(self.unheard)
                 } else {
                     0
                 };

@@ -15,6 +15,8 @@ use crate::common::chance::Chance;
 
 pub const MICRO: u64 = 1_000;
 pub const MILLI: u64 = 1_000_000;
+/// The longest time that an application sets for the board's watchdog.
+pub const LONGEST_WATCHDOG: u64 = 20 * MILLI;
 
 /// A card on a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

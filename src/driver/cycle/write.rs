@@ -128,9 +128,12 @@ impl BoardCycle {
         }
     }
 
-    /// Continues when all pins are inputs, if they had to be.
+    /// Continues when all pins are inputs, if they had to be. After settings that drive pins nothing
+    /// is written before evidence is read: a board that has bitten meanwhile drives them until its
+    /// watchdog bites again, which each write would put off.
     pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
-        if has_run && !self.is_running() {
+        let waits = self.is_unproven && self.is_running() && !self.is_last;
+        if waits || has_run && !self.is_running() {
             // The words that were put are not written.
             self.written(now, false);
             // Before the next write, which checks if the application has cleared the flag.
@@ -181,6 +184,7 @@ impl BoardCycle {
 
     /// Notes that settings that drive pins are about to be sent.
     pub fn sending_guarded(&mut self, now: Instant) {
+        self.is_unproven = true;
         self.parts.watchdog.sending(now);
     }
 

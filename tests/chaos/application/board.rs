@@ -4,7 +4,7 @@ use mesa_hal::hal::{Output, Param, PinError, Pins};
 
 use super::super::journal::{BoardCommand, PORTS, Parts};
 use super::super::machine::Gpio;
-use super::super::plan::{Board, MILLI, Plan};
+use super::super::plan::{Board, LONGEST_WATCHDOG, MILLI, Plan};
 use super::pins::{GpioPin, value};
 use crate::common::chance::Chance;
 
@@ -171,7 +171,7 @@ impl BoardOutputs {
     }
 
     pub(super) fn change_watchdog(&self, pins: &mut Pins, chance: &mut Chance) -> String {
-        let time = chance.of(&[6, 9, 20]) * MILLI;
+        let time = chance.of(&[6, 9, LONGEST_WATCHDOG / MILLI]) * MILLI;
         let done = pins.set_param(self.watchdog, time as u32);
         format!("watchdog {time} ns: {done:?}")
     }

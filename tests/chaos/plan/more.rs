@@ -131,6 +131,23 @@ impl Plan {
         faults.any(|fault| matches!(fault.kind, FaultKind::HostLate | FaultKind::HostStall))
     }
 
+    /// True if requests or replies are lost, or replies come too late.
+    pub fn loses_replies(&self) -> bool {
+        use FaultKind as Kind;
+        let mut faults = self.faults.iter();
+        faults.any(|fault| {
+            matches!(
+                fault.kind,
+                Kind::NetworkLostRequest
+                    | Kind::NetworkLostReply
+                    | Kind::NetworkLate
+                    | Kind::NetworkDown
+                    | Kind::BusNotExecuted
+                    | Kind::BusNoReply
+            )
+        })
+    }
+
     /// True if the firmware has a DPLL.
     pub fn has_dpll(&self) -> bool {
         let is_small = matches!(&self.ports[..], [only] if only.len() <= 3);

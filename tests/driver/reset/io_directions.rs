@@ -1,6 +1,7 @@
 //! A reset or a bite overtakes the packet that changes the direction of an I/O pin.
 
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE, bus, good};
 use crate::common::machine::Machine;
@@ -16,6 +17,8 @@ const ON: usize = 40;
 const CHANGED: usize = 42;
 /// Longer than a board takes for a packet.
 const PACKET: u64 = 20_000;
+/// The time of the watchdog.
+const WATCHDOG: u64 = 5_000_000;
 
 #[derive(Debug, Default)]
 struct Seen {
@@ -51,16 +54,21 @@ impl Director for Loss {
         }
     }
 
-    fn drives(&mut self, fpga: &SimFpga, _: ChangeCause) {
+    fn drives(&mut self, fpga: &SimFpga, cause: ChangeCause) {
         let mut seen = self.0.lock().expect("no thread panicked");
         let now = SimFpga::now(fpga);
         let is_on = fpga.is_driven(ON) && fpga.pin_level(ON);
-        if let Some(since) = seen.on.take()
-            && seen.lost
-        {
-            seen.spans.push((since, now));
+        match seen.on {
+            None if is_on => seen.on = Some(now),
+            Some(since) if !is_on => {
+                seen.on = None;
+                if seen.lost {
+                    seen.spans.push((since, now));
+                }
+            }
+            _ => {}
         }
-        seen.on = is_on.then_some(now);
+        seen.lost |= cause == ChangeCause::Bite;
     }
 }
 
@@ -76,6 +84,7 @@ impl Rig {
         let mut machine = Machine::<_, ()>::on(bus(machines::i7i97(1)), |s| {
             let none = "xxxxxxxx".parse().expect("no channels");
             s.serial_ports = [(0, none)].into();
+            s.bus_error_limit = 50;
         });
         let loss = Loss::default();
         machine.fpga().set_director(Box::new(loss.clone()));
@@ -127,6 +136,34 @@ impl Rig {
         let longest = seen.spans.iter().map(|(from, to)| to - from.max(&at));
         longest.max().unwrap_or(0)
     }
+
+    /// The watchdog bites `after` the begin of a write, and no reply comes from then on for 30
+    /// cycles; returns how long the pin was on then.
+    fn bites_unheard(&mut self, after: u64) -> u64 {
+        let _ = self.machine.driver.write();
+        let journal = &self.machine.driver.bus_mut().link().journal;
+        let fed = journal.last().expect("a packet").at + WIRE;
+        let _ = self.machine.driver.read();
+        self.machine.set_param(self.changed, true);
+        let begin = fed + WATCHDOG - after;
+        let bus = self.machine.driver.bus_mut();
+        let now = bus.now().as_nanos();
+        bus.wait(Duration::from_nanos(begin - now));
+        self.machine.driver.bus_mut().link().to_host = Box::new(move |at, _| {
+            let is_heard = at < fed + WATCHDOG;
+            is_heard.then_some(WIRE).into_iter().collect()
+        });
+        let _ = self.machine.driver.write();
+        self.machine.rest();
+        self.cycles(30);
+        self.machine.driver.bus_mut().link().to_host = good();
+        self.cycles(20);
+        assert_ne!(self.machine.driver.board_state(), BoardState::Running);
+        let seen = self.loss.0.lock().expect("no thread panicked");
+        assert_eq!(seen.on, None, "{after}");
+        let longest = seen.spans.iter().map(|(from, to)| to - from);
+        longest.max().unwrap_or(0)
+    }
 }
 
 #[test]
@@ -159,4 +196,15 @@ fn a_board_whose_watchdog_bites_drives_an_io_pin_until_its_evidence_is_read() {
         let longest = rig.loses_it(true, after);
         assert!(longest <= 200_000, "{after}: on for {longest} ns");
     }
+}
+
+#[test]
+fn a_board_that_bites_and_is_not_heard_drives_an_io_pin_until_it_bites_again() {
+    let mut on = 0;
+    for after in (0..300_000).step_by(5_000) {
+        let longest = Rig::new().bites_unheard(after);
+        assert!(longest <= WATCHDOG + PACKET, "{after}: on for {longest} ns");
+        on += u32::from(longest > PACKET);
+    }
+    assert!(on > 0, "no packet came after a bite");
 }

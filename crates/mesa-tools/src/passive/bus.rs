@@ -162,8 +162,8 @@ impl<E: BusError> BusError for PassiveError<E> {
 }
 
 impl<L: PacketLink> PassiveBus<L> {
-    /// Least time between two packets. A driver of `mesa-hal` takes 50 packets a second for those of
-    /// another master; a `PassiveBus` sends at most 20.
+    /// Least time between two packets. A driver of `mesa-hal` reports a second master at more than 50
+    /// packets a second; a `PassiveBus` sends at most 20.
     pub const INTERVAL: Duration = Duration::from_millis(50);
 
     /// Most bytes of a request, and of its reply: 26 us on the wire at 100 Mbit/s.
@@ -330,6 +330,10 @@ impl<L: PacketLink> PassiveBus<L> {
         {
             if found == len {
                 return Ok(true);
+            }
+            // Datagrams that come faster than they are read would never end.
+            if self.link.now() >= until {
+                break;
             }
         }
         Ok(false)
