@@ -25,6 +25,18 @@ use crate::tally::Tally;
 /// network delivers late, or twice, would drive the outputs that are set up.
 const QUIET_WRITES: u32 = 4;
 
+/// How far what was read proves that the board is still set up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Evidence {
+    /// The last read has confirmed the last write.
+    Certain,
+    /// An event since the last full check may have masked a reset: the next read includes the extra
+    /// evidence registers.
+    Doubtful,
+    /// Settings that drive pins were sent, and no evidence has been read since.
+    Unproven,
+}
+
 /// All parts of the cycle, and the state of the board.
 ///
 /// # Real time
@@ -52,11 +64,7 @@ pub(super) struct BoardCycle {
     write_failures: u32,
     /// Writes since the last read, including the one that belongs to it.
     writes_since_read: u32,
-    /// The next read includes the extra evidence registers, because an event since the last full
-    /// check may have masked a reset.
-    look_closely: bool,
-    /// Settings that drive pins were sent, and no evidence has been read since.
-    is_unproven: bool,
+    evidence: Evidence,
     /// Writes that are left of [`QUIET_WRITES`].
     quiet_writes: u32,
     /// A module asked for the extra registers with the last write.
@@ -91,8 +99,7 @@ impl BoardCycle {
             old_read_errors: 0,
             write_failures: 0,
             writes_since_read: 0,
-            look_closely: true,
-            is_unproven: false,
+            evidence: Evidence::Doubtful,
             quiet_writes: 0,
             wants_extra: false,
             is_last: false,
@@ -114,17 +121,17 @@ impl BoardCycle {
 
     /// Requests the extra evidence registers, after an event that may have masked a reset.
     pub fn look_closely(&mut self) {
-        self.look_closely = true;
+        self.evidence = self.evidence.max(Evidence::Doubtful);
     }
 
     /// True if the last read has confirmed the last write, and all evidence.
     pub fn is_sure(&self) -> bool {
-        !self.look_closely
+        self.evidence == Evidence::Certain
     }
 
     /// True if the next read must include the extra registers.
     pub fn wants_closer_look(&self) -> bool {
-        self.look_closely || self.wants_extra
+        !self.is_sure() || self.wants_extra
     }
 
     /// The deadline of a reply, if the application has changed it.
@@ -189,7 +196,7 @@ impl BoardCycle {
     fn count_failed_read(&mut self, now: Instant, what: EventKind) -> u32 {
         self.rows.failed_reads.add(&self.events, now, 1, what);
         self.statistics.read_errors.tally(1);
-        self.look_closely = true;
+        self.look_closely();
         self.not_read();
         if self.parts.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
@@ -203,9 +210,12 @@ impl BoardCycle {
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
         let reply = self.words.take_replies();
         let certain = reply.certain;
-        self.is_unproven = false;
         self.words.confirm(certain);
-        self.look_closely = !certain || (self.look_closely && !closely);
+        self.evidence = if certain && (closely || self.is_sure()) {
+            Evidence::Certain
+        } else {
+            Evidence::Doubtful
+        };
         let beat = self.beats.arrived(at, reply.slack);
         let mut report = CycleReport {
             lost_writes: reply.lost_writes.into(),
@@ -312,7 +322,7 @@ impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
     pub fn looked(&mut self, now: Instant) {
-        self.is_unproven = false;
+        self.evidence = self.evidence.min(Evidence::Doubtful);
         let read = EvidenceRead {
             words: &self.words,
             at: now,
@@ -331,7 +341,7 @@ impl BoardCycle {
     /// Continues with a board that has its set-up back, which was begun at `now`.
     pub fn is_set_up_again(&mut self, now: Instant) {
         self.words.all_set();
-        self.look_closely = true;
+        self.look_closely();
         for part in self.parts.each() {
             part.restored(&mut self.pins, now);
         }

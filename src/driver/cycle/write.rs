@@ -1,6 +1,6 @@
 //! The write of a cycle: which exchange comes next.
 
-use super::{BoardCycle, BoardState, EventKind};
+use super::{BoardCycle, BoardState, EventKind, Evidence};
 use crate::bus::{BusErrorKind, Instant};
 use crate::modules::{Module, WriteCycle};
 use crate::tally::Tally;
@@ -106,7 +106,7 @@ impl BoardCycle {
         }
         self.wants_extra = cycle.wants_extra;
         if is_running && self.words.has_guarded_news() {
-            self.look_closely = true;
+            self.look_closely();
             return Order::Guarded;
         }
         self.keep_quiet(now, is_running)
@@ -132,7 +132,7 @@ impl BoardCycle {
     /// is written before evidence is read: a board that has bitten meanwhile drives them until its
     /// watchdog bites again, which each write would put off.
     pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
-        let waits = self.is_unproven && self.is_running() && !self.is_last;
+        let waits = self.evidence == Evidence::Unproven && self.is_running() && !self.is_last;
         if waits || has_run && !self.is_running() {
             // The words that were put are not written.
             self.written(now, false);
@@ -164,7 +164,7 @@ impl BoardCycle {
     pub fn write_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
         self.written(now, false);
         self.statistics.write_errors.tally(1);
-        self.look_closely = true;
+        self.look_closely();
         let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);
         row.add(&self.events, now, 1, kind);
         self.write_failures = self.write_failures.saturating_add(1);
@@ -184,7 +184,7 @@ impl BoardCycle {
 
     /// Notes that settings that drive pins are about to be sent.
     pub fn sending_guarded(&mut self, now: Instant) {
-        self.is_unproven = true;
+        self.evidence = Evidence::Unproven;
         self.parts.watchdog.sending(now);
     }
 

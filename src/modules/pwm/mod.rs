@@ -106,7 +106,7 @@ impl Pwm {
             let module = Self::new(r, module, bank)?;
             r.add(module);
         }
-        Ok(())
+        register_without_generators(r)
     }
 
     fn new(
@@ -171,6 +171,23 @@ impl Pwm {
                 .set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
         }
     }
+}
+
+/// Makes the frequencies that LinuxCNC's driver makes for a descriptor without instances, as stock
+/// firmwares of the 7I92 have it, so that HAL files which set them load. They set nothing.
+fn register_without_generators(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
+    let mut modules = r.firmware.modules.iter();
+    let is_named = modules.any(|module| module.gtag == Gtag::PWM);
+    let is_wanted = r.settings.instances.get(&Gtag::PWM) != Some(&0);
+    let has_generators = r.firmware.find(Gtag::PWM).is_some();
+    if r.settings.defaults != Defaults::LinuxCnc || !is_named || !is_wanted || has_generators {
+        return Ok(());
+    }
+    let mut make = r.maker("pwmgen");
+    for name in ["pwm_frequency", "pdm_frequency"] {
+        make.setting(name, 20_000_u32)?;
+    }
+    Ok(())
 }
 
 /// The table of the initial values: that of the board, or LinuxCNC's.

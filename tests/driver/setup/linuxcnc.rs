@@ -64,6 +64,21 @@ fn values_that_differ_are_those_of_linuxcnc_or_of_the_board() {
     }
 }
 
+/// Seen in LinuxCNC on a simulated 7I92 (`crates/mesa-linuxcnc/tests/linuxcnc/boards.rs`).
+#[test]
+fn a_pwm_descriptor_without_generators_has_the_frequencies_of_linuxcnc() {
+    let i7i92 = |config| loaded(machines::firmware_7i92_7i77(), config).expect(config);
+    let fresh = i7i92("");
+    for name in ["pwmgen.pwm_frequency", "pwmgen.pdm_frequency"] {
+        assert_eq!(value(&fresh, name).as_f64(), 20_000.0);
+    }
+    let fpga = SimFpga::new(machines::firmware_7i92_7i77());
+    let board = Driver::start(fpga, Settings::default()).expect("a 7I92");
+    for driver in [i7i92("num_pwmgens=0"), board] {
+        assert_eq!(count(&driver, "pwmgen."), 0);
+    }
+}
+
 #[test]
 fn settings_of_the_application_take_precedence_over_both() {
     let scale = PwmConfig {

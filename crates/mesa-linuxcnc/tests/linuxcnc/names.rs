@@ -71,8 +71,7 @@ pub fn compare(theirs: &List, ours: &List, at_least: usize) {
     let mut same = 0;
     for (name, [kind, direction, value]) in theirs {
         let Some([own_kind, own_direction, own_value]) = ours.get(name) else {
-            let has_reason = is_known(ONLY_THEIRS, name) || is_of_no_generator(name, theirs);
-            if !has_reason && !is_of_function(name) {
+            if !is_known(ONLY_THEIRS, name) && !is_of_function(name) {
                 wrong.push(format!(
                     "only hostmot2: {kind} {direction} {name} = {value}"
                 ));
@@ -107,11 +106,6 @@ pub fn compare(theirs: &List, ours: &List, at_least: usize) {
 fn is_of_function(name: &str) -> bool {
     let last = name.rsplit('.').next();
     last.is_some_and(|last| last == "time" || last.starts_with("tmax"))
-}
-
-/// The frequencies of PWM generators, where there are none: of a descriptor without instances.
-fn is_of_no_generator(name: &str, theirs: &List) -> bool {
-    name.starts_with("pwmgen.p") && !theirs.contains_key("pwmgen.00.value")
 }
 
 fn is_known(reasons: Reasons, name: &str) -> bool {

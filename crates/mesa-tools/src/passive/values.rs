@@ -37,8 +37,6 @@ struct Item {
     place: String,
     kind: Kind,
     address: u16,
-    /// Movement of an encoder: the last count, and the sum of all changes.
-    moved: Option<(u16, i64)>,
 }
 
 /// Meaning of a register's word.
@@ -140,7 +138,7 @@ impl Sampler {
         });
         let words: BTreeMap<u16, u32> = addresses.zip(words.iter().copied()).collect();
         let word = |address: u16| words.get(&address).copied().unwrap_or_default();
-        let values = self.items.iter_mut().map(|item| item.value(word));
+        let values = self.items.iter().map(|item| item.value(word));
         let values = values.collect();
         let before = self.before.replace(received);
         let begun = *self.begun.get_or_insert(received.at);
@@ -164,7 +162,7 @@ impl Item {
         [self.address].into_iter().chain(more)
     }
 
-    fn value(&mut self, word: impl Fn(u16) -> u32) -> Value {
+    fn value(&self, word: impl Fn(u16) -> u32) -> Value {
         let raw = word(self.address);
         let bit = |word: u32, bit: u8| word >> bit & 1 == 1;
         let is_on = match self.kind {
@@ -179,7 +177,7 @@ impl Item {
                 let is_out = bit(word(direction), n);
                 format!("{level}, {}", if is_out { "out" } else { "in" })
             }
-            Kind::Encoder { control } => self.encoder(raw, word(control)),
+            Kind::Encoder { control } => encoder(raw, word(control)),
             Kind::Steps => format!("{:.3} steps", f64::from(raw.cast_signed()) / 65536.0),
             Kind::Channel => CsStatus(raw).to_string(),
             Kind::Command if raw == 0 => "idle".to_owned(),
@@ -195,28 +193,24 @@ impl Item {
             is_on,
         }
     }
+}
 
-    /// The count of 16 bits, its change since the first sample, and the lines.
-    fn encoder(&mut self, raw: u32, control: u32) -> String {
-        let count = raw as u16;
-        let (before, moved) = self.moved.unwrap_or((count, 0));
-        let step = count.wrapping_sub(before).cast_signed();
-        let moved = moved.saturating_add(step.into());
-        self.moved = Some((count, moved));
-        let mut text = format!("count {count}, moved {moved:+}");
-        for (bit, name) in [
-            (A, ", A"),
-            (B, ", B"),
-            (INDEX, ", index"),
-            (LATCH_ON_INDEX, ", waits for the index"),
-            (QUADRATURE_ERROR, ", QUADRATURE ERROR"),
-        ] {
-            if control & bit != 0 {
-                text += name;
-            }
+/// The count of 16 bits, and the lines. Between two looks an axis may move further than 16 bits
+/// count, so that a sum of changes would not be its movement.
+fn encoder(raw: u32, control: u32) -> String {
+    let mut text = format!("count {}", raw as u16);
+    for (bit, name) in [
+        (A, ", A"),
+        (B, ", B"),
+        (INDEX, ", index"),
+        (LATCH_ON_INDEX, ", waits for the index"),
+        (QUADRATURE_ERROR, ", QUADRATURE ERROR"),
+    ] {
+        if control & bit != 0 {
+            text += name;
         }
-        text
     }
+    text
 }
 
 fn watchdog(time: u32, status: u32, clock_hz: u32) -> String {
@@ -298,7 +292,6 @@ impl<'a> Items<'a> {
             place,
             kind,
             address,
-            moved: None,
         });
     }
 

@@ -11,6 +11,7 @@ use mesa_tools::passive::PassiveBus;
 
 use crate::context::{Context, Failure, told};
 use crate::link::BoardLink;
+use crate::number;
 
 /// The bus of a look at a running machine.
 pub type LookBus = PassiveBus<BoardLink>;
@@ -47,14 +48,5 @@ pub fn wait(context: &Context, bus: &mut LookBus, until: Instant) -> bool {
 
 /// Parses the time between two looks.
 pub fn parse_every(text: &str) -> Result<Duration, String> {
-    let (number, unit) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
-        (Some(number), _) => (number, 0.001),
-        (None, Some(number)) => (number, 1.0),
-        (None, None) => (text, 1.0),
-    };
-    let seconds = number.parse::<f64>().map(|number| number * unit);
-    let seconds = seconds.ok().filter(|s| (0.05..=3600.0).contains(s));
-    seconds
-        .map(Duration::from_secs_f64)
-        .ok_or_else(|| format!("`{text}` is no time from 50 ms to 3600 s, as 100ms or 2s"))
+    number::time(text, 0.05..=3600.0)
 }

@@ -1,4 +1,8 @@
-//! Formatting of numbers in text output. Times use [`mesa_hal::Rounded`]; JSON has every digit.
+//! Formatting of numbers in text output, and parsing of times. Times are formatted with
+//! [`mesa_hal::Rounded`]; JSON has every digit.
+
+use std::ops::RangeInclusive;
+use std::time::Duration;
 
 /// Formats the value of a pin with four decimals; below 0.001 and from 10 million on in scientific
 /// notation with four significant digits.
@@ -23,6 +27,20 @@ pub fn end(number: f64) -> String {
     }
 }
 
+/// Parses a time in seconds or milliseconds: `2.5s`, `2.5` or `200ms`. The error names the limits.
+pub fn time(text: &str, seconds: RangeInclusive<f64>) -> Result<Duration, String> {
+    let (number, unit) = match text.strip_suffix("ms") {
+        Some(number) => (number, 1e-3),
+        None => (text.strip_suffix('s').unwrap_or(text), 1.0),
+    };
+    let parsed = number.parse::<f64>().map(|number| number * unit);
+    let parsed = parsed.ok().filter(|parsed| seconds.contains(parsed));
+    parsed.map(Duration::from_secs_f64).ok_or_else(|| {
+        let (least, most) = seconds.into_inner();
+        format!("`{text}` is no time from {least} s to {most} s, as 2.5s or 500ms")
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -37,6 +55,25 @@ mod tests {
             (1.234_56e-6, "1.235e-6"),
         ] {
             assert_eq!(value(number), text);
+        }
+    }
+
+    #[test]
+    fn times_are_seconds_or_milliseconds_within_limits() {
+        for (text, millis) in [
+            ("2.5s", 2500),
+            ("2.5", 2500),
+            ("200ms", 200),
+            ("60", 60_000),
+        ] {
+            assert_eq!(time(text, 0.1..=60.0), Ok(Duration::from_millis(millis)));
+        }
+        for text in [
+            "", "s", "ms", "99ms", "60.1", "-1s", "NaN", "inf", "2 s", "2min",
+        ] {
+            let error = time(text, 0.1..=60.0).expect_err(text);
+            let expected = format!("`{text}` is no time from 0.1 s to 60 s, as 2.5s or 500ms");
+            assert_eq!(error, expected);
         }
     }
 

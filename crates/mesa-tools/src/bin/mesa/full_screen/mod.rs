@@ -161,12 +161,17 @@ impl Scroll {
         self.first = line.min(self.lines.saturating_sub(self.rows));
     }
 
-    pub fn page_up(&mut self) {
-        self.to(self.first.saturating_sub(self.rows));
-    }
-
-    pub fn page_down(&mut self) {
-        self.to(self.first + self.rows);
+    /// Scrolls with the arrow and page keys, Home and End; ignores others.
+    pub fn key(&mut self, key: KeyCode) {
+        match key {
+            KeyCode::Up => self.to(self.first.saturating_sub(1)),
+            KeyCode::Down => self.to(self.first + 1),
+            KeyCode::PageUp => self.to(self.first.saturating_sub(self.rows)),
+            KeyCode::PageDown => self.to(self.first + self.rows),
+            KeyCode::Home => self.to(0),
+            KeyCode::End => self.to(usize::MAX),
+            _ => {}
+        }
     }
 }
 
@@ -196,14 +201,14 @@ mod tests {
     fn a_list_is_scrolled_as_far_as_it_goes() {
         let mut scroll = Scroll::default();
         scroll.fit(25, 10);
-        scroll.page_down();
-        scroll.page_down();
+        scroll.key(KeyCode::PageDown);
+        scroll.key(KeyCode::PageDown);
         assert_eq!(scroll.first, 15);
-        scroll.page_up();
+        scroll.key(KeyCode::PageUp);
         assert_eq!(scroll.first, 5);
-        scroll.page_up();
+        scroll.key(KeyCode::PageUp);
         assert_eq!(scroll.first, 0);
-        scroll.to(usize::MAX);
+        scroll.key(KeyCode::End);
         scroll.fit(12, 10);
         assert_eq!(scroll.first, 2, "the list became shorter");
         scroll.fit(3, 10);

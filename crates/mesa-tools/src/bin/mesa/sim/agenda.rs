@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use super::console::line;
+use crate::number;
 
 /// Maximum number of scheduled commands.
 const MAX_COMMANDS: usize = 1000;
@@ -41,8 +42,8 @@ impl Agenda {
     /// or `+2.5s` from now.
     pub fn add(&mut self, now: u64, time: &str, command: &str) -> Result<(), String> {
         let at = match time.strip_prefix('+') {
-            Some(after) => now.saturating_add(nanos(after)?),
-            None => nanos(time)?,
+            Some(after) => now.saturating_add(parse_time(after)?.as_nanos() as u64),
+            None => parse_time(time)?.as_nanos() as u64,
         };
         if at < now {
             let now = now as f64 / NANOS;
@@ -86,18 +87,8 @@ impl Agenda {
 }
 
 /// Parses a time: `2.5s`, `2.5` or `200ms`.
-fn nanos(text: &str) -> Result<u64, String> {
-    let seconds = match text.strip_suffix("ms") {
-        Some(millis) => millis.parse().map(|millis: f64| millis / 1e3),
-        None => text.strip_suffix('s').unwrap_or(text).parse(),
-    };
-    let seconds = seconds
-        .ok()
-        .filter(|seconds| (0.0..=LONGEST).contains(seconds));
-    let seconds = seconds.ok_or_else(|| {
-        format!("`{text}` is no time from 0 to {LONGEST} s, such as 2.5s or 200ms")
-    })?;
-    Ok((seconds * NANOS) as u64)
+fn parse_time(text: &str) -> Result<Duration, String> {
+    number::time(text, 0.0..=LONGEST)
 }
 
 /// Condition on a value.
@@ -119,7 +110,7 @@ impl Condition {
     pub fn parse(words: &[&str]) -> Result<(Self, Duration), String> {
         let (name, wanted, patience) = match *words {
             [name, wanted] => (name, wanted, PATIENCE),
-            [name, wanted, "within", time] => (name, wanted, Duration::from_nanos(nanos(time)?)),
+            [name, wanted, "within", time] => (name, wanted, parse_time(time)?),
             _ => return Err("expected wait until NAME VALUE|>X|<X [within S]".to_owned()),
         };
         let limit = |text: &str| {

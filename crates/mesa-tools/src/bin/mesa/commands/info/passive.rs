@@ -7,10 +7,9 @@ use mesa_tools::inventory::InventoryEthernet;
 use mesa_tools::passive::{PassiveInventory, PassivePort};
 use serde::Serialize;
 
-use super::text::{print_ethernet, print_firmware};
+use super::text::{print_ethernet, print_firmware, print_verdict};
 use crate::context::{Context, Ending, Failure};
 use crate::look;
-use crate::output::Tone;
 use crate::target::Found;
 
 /// Inventory of a board that another program drives: `info_passive` in the schema.
@@ -31,16 +30,7 @@ pub fn run(found: &Found, context: &Context) -> Result<Ending, Failure> {
 impl Display for Seen {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let inventory = &self.0;
-        let tone = if inventory.findings.is_empty() {
-            Tone::Good
-        } else {
-            Tone::Doubt
-        };
-        writeln!(f, "{}", tone.of(&inventory.judgement()))?;
-        for finding in &inventory.findings {
-            writeln!(f, "  {}", tone.of(finding))?;
-        }
-        writeln!(f)?;
+        print_verdict(f, &inventory.judgement(), &inventory.findings)?;
         print_ethernet(f, &inventory.ethernet)?;
         print_firmware(f, &inventory.firmware)?;
         let mut ports = inventory.serial_ports.iter();

@@ -17,16 +17,7 @@ use mesa_tools::Counted;
 impl Display for Found {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let inventory = &self.0;
-        let tone = if inventory.findings.is_empty() {
-            Tone::Good
-        } else {
-            Tone::Doubt
-        };
-        writeln!(f, "{}", tone.of(&inventory.judgement().to_string()))?;
-        for finding in &inventory.findings {
-            writeln!(f, "  {}", tone.of(finding))?;
-        }
-        writeln!(f)?;
+        print_verdict(f, &inventory.judgement().to_string(), &inventory.findings)?;
         if let Some(ethernet) = &inventory.ethernet {
             print_ethernet(f, ethernet)?;
         }
@@ -36,6 +27,20 @@ impl Display for Found {
             .iter()
             .try_for_each(|port| print_port(f, port))
     }
+}
+
+/// Prints the judgement, and the findings that it is about.
+pub fn print_verdict(f: &mut Formatter<'_>, judgement: &str, findings: &[String]) -> fmt::Result {
+    let tone = if findings.is_empty() {
+        Tone::Good
+    } else {
+        Tone::Doubt
+    };
+    writeln!(f, "{}", tone.of(judgement))?;
+    for finding in findings {
+        writeln!(f, "  {}", tone.of(finding))?;
+    }
+    writeln!(f)
 }
 
 pub fn print_ethernet(f: &mut Formatter<'_>, ethernet: &InventoryEthernet) -> fmt::Result {

@@ -17,6 +17,7 @@ use super::slow_watchdog::SlowWatchdog;
 use crate::consent::{Asks, Plan};
 use crate::context::{self, Context, Ending, Failure};
 use crate::modes::Modes;
+use crate::number;
 use crate::output::complain;
 use crate::running;
 use crate::simulated::Passage;
@@ -317,16 +318,5 @@ fn told(pins: &Pins) -> Vec<PinId> {
 }
 
 fn parse_time(text: &str) -> Result<Duration, String> {
-    let (number, unit) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
-        (Some(number), _) => (number, 0.001),
-        (None, Some(number)) => (number, 1.0),
-        (None, None) => (text, 1.0),
-    };
-    let seconds = number.parse::<f64>().map(|number| number * unit);
-    let seconds = seconds
-        .ok()
-        .filter(|seconds| (0.1..=60.0).contains(seconds));
-    seconds
-        .map(Duration::from_secs_f64)
-        .ok_or_else(|| format!("`{text}` is no time from 0.1 s to 60 s, as 2s or 500ms"))
+    number::time(text, 0.1..=60.0)
 }

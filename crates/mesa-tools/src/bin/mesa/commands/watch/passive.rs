@@ -5,7 +5,7 @@ use std::time::Duration;
 use mesa_hal::bus::{Clock, Instant};
 use mesa_tools::passive::{Sample, Sampler, Value};
 use ratatui::Frame;
-use ratatui::crossterm::event::{KeyCode, KeyEvent};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
@@ -170,26 +170,22 @@ impl Screen for Live {
             self.next = now.after(self.every);
             match self.sampler.sample(&mut self.bus) {
                 Ok(sample) => (self.seen, self.lost) = (Some(sample), None),
-                Err(error) => self.lost = Some(error.to_string()),
+                // Values of before would look like those of now.
+                Err(error) => (self.seen, self.lost) = (None, Some(error.to_string())),
             }
         }
         Wish::Continue
     }
 
     fn key(&mut self, key: KeyEvent) -> Wish {
+        let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
         match key.code {
             KeyCode::Enter | KeyCode::Esc if self.is_typing => self.is_typing = false,
-            KeyCode::Char(letter) if self.is_typing => self.filter.push(letter),
+            KeyCode::Char(letter) if self.is_typing && !is_control => self.filter.push(letter),
             KeyCode::Backspace if self.is_typing => drop(self.filter.pop()),
             KeyCode::Char('q') | KeyCode::Esc => return Wish::End,
             KeyCode::Char('/') => self.is_typing = true,
-            KeyCode::Up => self.scroll.to(self.scroll.first.saturating_sub(1)),
-            KeyCode::Down => self.scroll.to(self.scroll.first + 1),
-            KeyCode::PageUp => self.scroll.page_up(),
-            KeyCode::PageDown => self.scroll.page_down(),
-            KeyCode::Home => self.scroll.to(0),
-            KeyCode::End => self.scroll.to(usize::MAX),
-            _ => {}
+            other => self.scroll.key(other),
         }
         Wish::Continue
     }

@@ -93,13 +93,7 @@ impl Pins {
                 self.is_all = !self.is_all;
                 self.choose();
             }
-            KeyCode::Up => self.scroll.to(self.scroll.first.saturating_sub(1)),
-            KeyCode::Down => self.scroll.to(self.scroll.first + 1),
-            KeyCode::PageUp => self.scroll.page_up(),
-            KeyCode::PageDown => self.scroll.page_down(),
-            KeyCode::Home => self.scroll.to(0),
-            KeyCode::End => self.scroll.to(usize::MAX),
-            _ => {}
+            other => self.scroll.key(other),
         }
         Wish::Continue
     }

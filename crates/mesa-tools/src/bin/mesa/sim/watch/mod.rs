@@ -190,10 +190,10 @@ impl Screen for Watch<'_> {
             KeyCode::Char('q') if self.line.text().is_empty() => return Wish::End,
             KeyCode::Tab => self.choose(self.chosen + 1),
             KeyCode::BackTab => self.choose(self.chosen + self.boards.len() - 1),
-            KeyCode::PageUp => self.scrolled().page_up(),
-            KeyCode::PageDown => self.scrolled().page_down(),
-            KeyCode::Home => self.scrolled().to(0),
-            KeyCode::End => self.scrolled().to(usize::MAX),
+            // The arrow keys belong to the line.
+            other @ (KeyCode::PageUp | KeyCode::PageDown | KeyCode::Home | KeyCode::End) => {
+                self.scrolled().key(other);
+            }
             _ => {
                 if let Some(command) = self.line.key(key) {
                     self.command(command);
