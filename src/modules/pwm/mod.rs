@@ -183,7 +183,7 @@ fn register_without_generators(r: &mut Registrar<'_>) -> Result<(), RegisterErro
     if r.settings.defaults != Defaults::LinuxCnc || !is_named || !is_wanted || has_generators {
         return Ok(());
     }
-    let mut make = r.maker("pwmgen");
+    let mut make = r.maker(&bank_stem("pwmgen", 0));
     for name in ["pwm_frequency", "pdm_frequency"] {
         make.setting(name, 20_000_u32)?;
     }
