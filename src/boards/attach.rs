@@ -193,7 +193,16 @@ impl<'a> Finder<'a> {
     /// True if a pin or parameter with that name exists.
     pub fn has(&self, name: &str) -> bool {
         let name = format!("{}.{name}", self.prefix);
-        self.pins.id(&name).is_ok()
+        self.pins.has(&name)
+    }
+
+    /// Finds a handle that some software modes lack.
+    pub fn optional<T>(
+        &self,
+        name: &str,
+        find: impl Fn(&Pins, &str) -> Result<T, PinError>,
+    ) -> Option<T> {
+        self.pins.optional(&format!("{}.{name}", self.prefix), find)
     }
 
     /// Finds handles whose names end in two digits, from 00 on.

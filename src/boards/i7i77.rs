@@ -212,12 +212,14 @@ impl RemoteHandles for I7i77Field {
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
         let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
         let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
+        let has_volts = pins.has("analogin0");
+        let has_mpgs = pins.has("enc0.count");
         Ok(Self {
             inputs: pins.numbered("input-", DigitalIn::find)?,
             outputs: pins.numbered("output-", DigitalOut::find)?,
-            analog_in: pins.each(volts).ok(),
-            field_voltage: pins.one("fieldvoltage", AnalogIn::find).ok(),
-            mpgs: pins.each(mpg).ok(),
+            analog_in: has_volts.then(|| pins.each(volts)).transpose()?,
+            field_voltage: pins.optional("fieldvoltage", AnalogIn::find),
+            mpgs: has_mpgs.then(|| pins.each(mpg)).transpose()?,
         })
     }
 }

@@ -102,6 +102,14 @@ impl Pins {
         Ok(PinId(self.key(index)))
     }
 
+    /// True if a pin or parameter has the given name. Does not look for a similar one.
+    ///
+    /// # Real time
+    /// Searches in the sorted names; no allocation.
+    pub fn has(&self, name: &str) -> bool {
+        self.named(name).is_some()
+    }
+
     /// All pins and parameters, in the order of [`infos`](Self::infos).
     pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
         (0..self.infos.len() as u32).map(|index| PinId(self.key(index)))

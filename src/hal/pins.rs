@@ -348,6 +348,16 @@ impl Pins {
         self.find(name, Role::Setting)
     }
 
+    /// What `find` finds under a name that need not exist.
+    pub(crate) fn optional<T>(
+        &self,
+        name: &str,
+        find: impl Fn(&Self, &str) -> Result<T, PinError>,
+    ) -> Option<T> {
+        // An error would be compared with all names, to name the one that was meant.
+        self.has(name).then(|| find(self, name))?.ok()
+    }
+
     fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
         let (index, info) = self.named(name).ok_or_else(|| self.not_found(name))?;
         let wrong = |expected, actual| {

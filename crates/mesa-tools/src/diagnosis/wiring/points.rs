@@ -187,7 +187,7 @@ fn index_part(pins: &Pins, info: &PinInfo, remotes: &[GroupId]) -> Option<String
     let is_index = matches!(name, LATCH | LEVEL)
         && !info.place.terminal.is_empty()
         && !remotes.contains(&info.group);
-    let is_there = |pin: &str| pins.id(&format!("{part}.{pin}")).is_ok();
+    let is_there = |pin: &str| pins.has(&format!("{part}.{pin}"));
     (is_index && is_there("count") && is_there(LATCH)).then(|| part.to_owned())
 }
 
