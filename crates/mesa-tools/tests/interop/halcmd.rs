@@ -175,6 +175,11 @@ impl Halcmd {
         self.value(&format!("getp .{name}"))
     }
 
+    pub fn number(&mut self, name: &str) -> f64 {
+        let value = self.get(name);
+        value.parse().unwrap_or_else(|_| panic!("{name} = {value}"))
+    }
+
     /// The only value that a command prints.
     pub fn value(&mut self, command: &str) -> String {
         let answer = self.hal(command);
