@@ -178,13 +178,14 @@ impl Faults {
 
     fn start_port_until(&mut self, what: &str, is_so: impl Fn(&mut Session) -> bool) {
         let state = |session: &mut Session| session.get("sserial.port-0.port_state");
-        for _ in 0..10 {
+        // hostmot2 writes a parameter only if no packet of a hundred cycles is late.
+        for _ in 0..30 {
             self.session.set("sserial.port-0.run", "FALSE");
             self.session
                 .until("the port stops", |session| state(session) == "0");
             self.session.set("sserial.port-0.run", "TRUE");
             let begin = Instant::now();
-            while begin.elapsed() < Duration::from_secs(5) {
+            while begin.elapsed() < Duration::from_secs(3) {
                 if state(&mut self.session) == "3" && is_so(&mut self.session) {
                     return;
                 }
