@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::tools::{has_program, skip};
+use super::tools::{OF_LINUXCNC, has_program, skip};
 
 /// Time limit of a command of LinuxCNC, and of its end.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -117,6 +117,7 @@ impl Halcmd {
         let mut sandbox = sandbox
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
+            .env(OF_LINUXCNC.0, OF_LINUXCNC.1)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

@@ -27,21 +27,37 @@ pub fn has_program(name: &str) -> bool {
         .any(|directory| directory.join(name).is_file())
 }
 
-/// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
-/// answer in time on a busy computer: with a realtime priority where the user may have one.
-pub fn realtime(program: impl AsRef<OsStr>) -> Command {
+/// The priority of what has to answer in time.
+const PRIORITY: &str = "2";
+
+/// The priority of LinuxCNC's threads. Its driver polls for a reply, and must not hold up the board
+/// that sends it, or a servo loop of another test.
+pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_PRIORITY", "1");
+
+/// The words in front of a program with a simulated board, a servo loop or a LinuxCNC in it, which
+/// has to answer in time on a busy computer: a realtime priority where the user may have one.
+pub fn realtime_words() -> &'static [&'static str] {
     static PERMITTED: OnceLock<bool> = OnceLock::new();
-    const PRIORITY: [&str; 2] = ["--rr", "1"];
+    const WORDS: [&str; 3] = ["chrt", "--rr", PRIORITY];
     let is_permitted = || {
-        let mut nothing = Command::new("chrt");
-        nothing.args(PRIORITY).arg("true").stderr(Stdio::null());
+        let mut nothing = Command::new(WORDS[0]);
+        nothing.args(&WORDS[1..]).arg("true").stderr(Stdio::null());
         nothing.status().is_ok_and(|status| status.success())
     };
-    if !PERMITTED.get_or_init(is_permitted) {
-        return Command::new(program);
+    if *PERMITTED.get_or_init(is_permitted) {
+        &WORDS
+    } else {
+        &[]
     }
-    let mut command = Command::new("chrt");
-    command.args(PRIORITY).arg(program);
+}
+
+/// A command for a program behind [`realtime_words`].
+pub fn realtime(program: impl AsRef<OsStr>) -> Command {
+    let [first, more @ ..] = realtime_words() else {
+        return Command::new(program);
+    };
+    let mut command = Command::new(first);
+    command.args(more).arg(program);
     command
 }
 
@@ -49,7 +65,7 @@ pub fn realtime(program: impl AsRef<OsStr>) -> Command {
 pub fn realtime_thread() {
     let mut set = Command::new("chrt");
     let thread = std::fs::read_link("/proc/thread-self").expect("Linux has it");
-    set.args(["--rr", "--pid", "1"])
+    set.args(["--rr", "--pid", PRIORITY])
         .arg(thread.file_name().expect("its number"))
         .stderr(Stdio::null());
     // Without permission it stays as it is.
