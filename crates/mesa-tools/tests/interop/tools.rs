@@ -28,11 +28,11 @@ pub fn has_program(name: &str) -> bool {
 }
 
 /// The priority of what has to answer in time.
-const PRIORITY: &str = "2";
+const PRIORITY: &str = "1";
 
 /// The priority of LinuxCNC's threads. Its driver polls for a reply, and must not hold up the board
-/// that sends it, or a servo loop of another test.
-pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_PRIORITY", "1");
+/// that sends it, or a servo loop of another test: no realtime priority.
+pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_NICE", "-20");
 
 /// The words in front of a program with a simulated board, a servo loop or a LinuxCNC in it, which
 /// has to answer in time on a busy computer: a realtime priority where the user may have one.
