@@ -309,6 +309,8 @@ fn check_isolated_io(machine: &mut Machine) {
     machine.set("inmux.00.enc1-reset", "true");
     machine.expect("inmux.00.enc1-count", "0");
     machine.set("inmux.00.enc1-reset", "false");
+    // Steps that LinuxCNC reads with the old value are not counted.
+    std::thread::sleep(Duration::from_millis(200));
     // Two detents, B ahead of A. LinuxCNC counts from what it reads, so it has to see each step.
     for (on, level) in [("on", "TRUE"), ("off", "FALSE")].repeat(2) {
         for input in [3, 2] {
