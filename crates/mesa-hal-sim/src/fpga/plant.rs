@@ -487,11 +487,7 @@ struct World<'a> {
 
 impl World<'_> {
     /// Receiver of the movements of an axis.
-    fn mover(
-        &mut self,
-        axis: usize,
-        encoder: Option<usize>,
-    ) -> impl FnMut(&Segment, [f64; 2]) {
+    fn mover(&mut self, axis: usize, encoder: Option<usize>) -> impl FnMut(&Segment, [f64; 2]) {
         move |segment, positions| {
             if let Some(encoder) = encoder
                 && let Some(bank) = self.banks.first_mut()

@@ -41,7 +41,7 @@ const WITH_SWAP: u8 = 2;
 /// Bits of the mode without swap, and without swap and latch.
 const TYPE_BITS: u32 = 0x03;
 const SWAP_BITS: u32 = 0x07;
-const LATCH_BITS: u32 = 0xF7;
+const LATCH_BITS: u32 = 0xFF;
 
 const SAMPLED_BY_TIMER: u32 = 1 << 15;
 const TIMER_BITS: u32 = 0xF000;
