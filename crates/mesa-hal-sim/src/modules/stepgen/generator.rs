@@ -156,7 +156,10 @@ impl Generator {
                 let quarter = self.accum % STEP / QUARTER;
                 pins(matches!(quarter, 1 | 2), quarter >= 2)
             }
-            Style::Table => self.table[usize::from(self.pointer) % ENTRIES],
+            Style::Table => {
+                let entry = self.table.get(usize::from(self.pointer));
+                entry.copied().unwrap_or_default()
+            }
         };
         if self.mode & SWAP == 0 {
             return outputs;
@@ -207,15 +210,13 @@ impl Generator {
     /// Number of additions before the one that crosses an integer, or changes the outputs; `None`
     /// if there is no such addition.
     fn adds_in_peace(&self) -> Option<u64> {
-        let border = |unit| self.adds_within(unit);
-        let step = border(STEP)?;
+        let waits = self.waits();
         if self.style() == Style::Quadrature {
-            let phase = border(QUARTER)?;
-            if phase < step || !self.waits() {
-                return Some(phase);
-            }
+            let (phase, step) = (self.adds_within(QUARTER)?, self.adds_within(STEP)?);
+            return (!waits || phase < step).then_some(phase);
         }
-        (!self.waits()).then_some(step)
+        // Divisions are what a simulation costs most.
+        if waits { None } else { self.adds_within(STEP) }
     }
 
     /// Number of additions that stay within a multiple of `unit`; `None` if all do.
@@ -235,9 +236,9 @@ impl Generator {
         let Some(last) = ticks.checked_sub(1) else {
             return;
         };
-        let most = self.adds_within(STEP).unwrap_or(u64::MAX);
-        self.before = self.added(divider.adds(last).min(most));
-        self.accum = self.added(divider.adds(ticks).min(most));
+        let accum = self.held(divider.adds(ticks));
+        self.before = self.held(divider.adds(last));
+        self.accum = accum;
         self.was_negative = self.rate < 0;
         let left = |time: u16| u64::from(time).saturating_sub(ticks) as u16;
         self.pulse = self.pulse.map(left);
@@ -255,9 +256,9 @@ impl Generator {
             self.mode = latch.clock(self.mode, self.accum);
         }
         let begins = self.step_is_due();
-        let crosses = self.adds_within(STEP) == Some(0);
-        let stands = !adds || (crosses && self.waits());
-        let accum = self.added((!stands).into());
+        let next = self.added(adds.into());
+        let stands = self.crosses(next) && self.waits();
+        let accum = if stands { self.accum } else { next };
         let negative = self.rate < 0;
         self.run_pulse();
         self.run_direction(begins);
@@ -323,6 +324,22 @@ impl Generator {
     fn waits(&self) -> bool {
         let pulse = self.pulse.is_some() || self.space.is_some();
         pulse || self.setup > 0 || self.is_reversing()
+    }
+
+    /// The accumulator after a number of additions, of which those are left out that would cross.
+    /// The result would be wrong for more than the additions in the longest time of a timer.
+    fn held(&self, adds: u64) -> u64 {
+        let there = self.added(adds);
+        if self.crosses(there) {
+            self.added(self.adds_within(STEP).unwrap_or_default())
+        } else {
+            there
+        }
+    }
+
+    /// True if another value of the accumulator has another number of whole steps.
+    fn crosses(&self, there: u64) -> bool {
+        there / STEP != self.accum / STEP
     }
 
     /// The accumulator after a number of additions.

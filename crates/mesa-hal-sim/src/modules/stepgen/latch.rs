@@ -95,7 +95,7 @@ impl Filter {
         edge
     }
 
-    fn quiet(&self) -> u64 {
+    fn quiet(self) -> u64 {
         if self.output != self.before {
             return 0;
         }

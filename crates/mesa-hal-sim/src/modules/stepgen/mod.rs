@@ -311,7 +311,10 @@ fn write_generator(generator: &mut Generator, register: u8, value: u32, mode_bit
 }
 
 fn time_of(clock: u32, tick: u64) -> Nanos {
-    (u128::from(tick) * SECOND).div_ceil(u128::from(clock)) as Nanos
+    // Each edge of an output needs it: seconds apart, so that 64 bits suffice.
+    let clock = u64::from(clock);
+    let second = SECOND as u64;
+    tick / clock * second + (tick % clock * second).div_ceil(clock)
 }
 
 /// The level of a secondary pin in the outputs of a generator.
