@@ -34,30 +34,21 @@ const PRIORITY: &str = "1";
 /// that sends it, or a servo loop of another test: no realtime priority.
 pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_NICE", "-20");
 
-/// The words in front of a program with a simulated board, a servo loop or a LinuxCNC in it, which
-/// has to answer in time on a busy computer: a realtime priority where the user may have one.
-pub fn realtime_words() -> &'static [&'static str] {
+/// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
+/// answer in time on a busy computer: with a realtime priority where the user may have one.
+pub fn realtime(program: impl AsRef<OsStr>) -> Command {
     static PERMITTED: OnceLock<bool> = OnceLock::new();
-    const WORDS: [&str; 3] = ["chrt", "--rr", PRIORITY];
+    const WORDS: [&str; 2] = ["--rr", PRIORITY];
     let is_permitted = || {
-        let mut nothing = Command::new(WORDS[0]);
-        nothing.args(&WORDS[1..]).arg("true").stderr(Stdio::null());
+        let mut nothing = Command::new("chrt");
+        nothing.args(WORDS).arg("true").stderr(Stdio::null());
         nothing.status().is_ok_and(|status| status.success())
     };
-    if *PERMITTED.get_or_init(is_permitted) {
-        &WORDS
-    } else {
-        &[]
-    }
-}
-
-/// A command for a program behind [`realtime_words`].
-pub fn realtime(program: impl AsRef<OsStr>) -> Command {
-    let [first, more @ ..] = realtime_words() else {
+    if !PERMITTED.get_or_init(is_permitted) {
         return Command::new(program);
-    };
-    let mut command = Command::new(first);
-    command.args(more).arg(program);
+    }
+    let mut command = Command::new("chrt");
+    command.args(WORDS).arg(program);
     command
 }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-use crate::interop::tools::{has_program, realtime_words, skip};
+use crate::interop::tools::{has_program, skip};
 use crate::interop::{PATIENCE, mesa, wait_until};
 
 /// Interval of looks at the screen.
@@ -32,8 +32,7 @@ impl Terminal {
             socket: format!("mesa-{name}-{}", std::process::id()),
         };
         let command = format!(
-            "{} {} {arguments}; echo exit code $?; sleep 600",
-            realtime_words().join(" "),
+            "{} {arguments}; echo exit code $?; sleep 600",
             mesa().display()
         );
         let [columns, rows] = size.map(|size| size.to_string());
