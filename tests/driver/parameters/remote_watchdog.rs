@@ -6,13 +6,14 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use crate::common::once::Once;
+use mesa_hal::RemoteId;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{Device, Outputs48};
-use mesa_hal_sim::remote::SimRemote;
+use mesa_hal_sim::remote::{SimRemote, Toward, WireFault};
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
@@ -139,8 +140,10 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
                 Err(error) => {
                     has_failed += 1;
                     assert!(
-                        matches!(error, DriverError::NotRunning { .. })
-                            || error.to_string().contains("Lost, injected"),
+                        matches!(
+                            error,
+                            DriverError::NotRunning { .. } | DriverError::NotHeard { .. }
+                        ) || error.to_string().contains("Lost, injected"),
                         "{error}"
                     );
                 }
@@ -151,6 +154,55 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
         }
     }
     assert!(has_failed > 2, "{has_failed}");
+}
+
+/// Without an answer nothing is known: neither that it bites, nor that it is off. Late replies are
+/// an answer as soon as they are to queries after the silence.
+#[test]
+fn a_remote_that_is_not_heard_in_the_test_is_named_and_keeps_its_time() {
+    let mut not_heard = 0;
+    for (late, used) in (0..20).flat_map(|n| [(n * 50_000, 50), (n * 50_000, 0)]) {
+        let what = format!("replies {late} ns late, {used} ms in use");
+        let started = Driver::start(board(used, 50), Settings::default());
+        let mut machine = Machine::with(started.expect("all of them run"));
+        runs(&mut machine);
+        if late == 0 {
+            machine.cable(OUTPUTS).unplug();
+        } else {
+            let fault = WireFault::Late(late);
+            machine
+                .cable(OUTPUTS)
+                .inject_by_chance(Toward::Fpga, fault, 1.0);
+        }
+        let truth = if used == 0 {
+            RemoteWatchdog::Off
+        } else {
+            FIFTY
+        };
+        let found = machine.driver.prove_watchdogs();
+        let watchdog = machine.status(OUTPUTS).watchdog;
+        match found {
+            Ok(()) => assert_eq!(watchdog, truth, "{what}"),
+            Err(DriverError::NotHeard { remote }) => {
+                not_heard += 1;
+                assert_eq!(remote, RemoteId::new(0, OUTPUTS as u8), "{what}");
+                assert_eq!(watchdog, FIFTY, "{what}");
+            }
+            Err(error) => panic!("{what}: {error}"),
+        }
+        assert!(late > 0 || found.is_err(), "{what}");
+        for channel in [FIELD, ANALOG] {
+            assert_eq!(machine.status(channel).watchdog, FIFTY, "{what}");
+        }
+        machine.cable(OUTPUTS).replug();
+        machine.cable(OUTPUTS).heal();
+        machine.cycles(100);
+        runs(&mut machine);
+        machine.driver.prove_watchdogs().expect("all are heard");
+        assert_eq!(machine.status(OUTPUTS).watchdog, truth, "{what}");
+    }
+    println!("{not_heard} of 40 tests without an answer");
+    assert!(not_heard > 10, "{not_heard}");
 }
 
 #[test]
