@@ -75,7 +75,7 @@ pub struct WatchdogPins {
 enum WatchdogStage {
     /// The first set-up was written, and the cycle has not begun: disabled.
     Disabled,
-    /// The board was set up again: the longest time.
+    /// The board was set up again, or was given a long time outside the cycle.
     Held,
     /// The cycle runs: a time of the cycle.
     Running,
@@ -160,6 +160,14 @@ impl Watchdog {
             usual_time(period)
         } else {
             Duration::from_nanos(set.into())
+        }
+    }
+
+    /// Takes that a long time may be in use, until the cycle has written its own: what the board was
+    /// given outside the cycle is no sign of a reset.
+    pub(crate) fn hold(&mut self) {
+        if self.stage == WatchdogStage::Running {
+            self.stage = WatchdogStage::Held;
         }
     }
 

@@ -8,7 +8,9 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use crate::common::once::Once;
 use mesa_hal::RemoteId;
 use mesa_hal::bus::{BusErrorKind, Clock};
-use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
+use mesa_hal::driver::{
+    Board, BoardState, Driver, DriverError, EventKind, RemoteWatchdog, Settings,
+};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
@@ -203,6 +205,54 @@ fn a_remote_that_is_not_heard_in_the_test_is_named_and_keeps_its_time() {
     }
     println!("{not_heard} of 40 tests without an answer");
     assert!(not_heard > 10, "{not_heard}");
+}
+
+/// The board keeps the long time that it got for the operation until a write of the cycle arrives:
+/// that is no sign of a reset, or of another program.
+#[test]
+fn a_long_time_of_the_boards_watchdog_that_stays_is_not_taken_for_a_reset() {
+    let mut has_stayed = [0; 2];
+    let exchanges = (0..600).step_by(3);
+    for (exchange, proves) in exchanges.flat_map(|exchange| [(exchange, true), (exchange, false)]) {
+        let bus = Faulty::new(fpga(), 1);
+        let settings = Settings {
+            bus_error_limit: 20,
+            ..Settings::default()
+        };
+        let driver = Driver::start(bus, settings).expect("all of them run");
+        let mut machine = Machine::with(driver);
+        machine.rearm_all(100);
+        let mut events = machine.driver.events();
+        while events.next().is_some() {}
+        let bus = machine.driver.bus_mut();
+        for failing in bus.exchanges() + exchange..bus.exchanges() + exchange + 6 {
+            bus.fail_at(failing, Fault::NotExecuted(BusErrorKind::Lost));
+        }
+        let done = if proves {
+            machine.driver.prove_watchdogs()
+        } else {
+            let outputs = (0, OUTPUTS as u8);
+            machine.driver.write_remote_parameter(outputs, NAME, 50)
+        };
+        let time = |machine: &mut Machine<Faulty<SimFpga>>| {
+            machine.driver.bus_mut().fpga().read_register(0x0C00)
+        };
+        let usual = (Settings::default().watchdog_time().as_nanos() / 10) as u32;
+        let longer = usual + 1..1 << 31;
+        has_stayed[usize::from(proves)] += u32::from(longer.contains(&time(&mut machine)));
+        for _ in 0..20 {
+            // Exchanges that fail can be left.
+            let _ = (machine.driver.read(), machine.driver.write());
+            machine.pass_nanos(1_000_000);
+        }
+        let what = format!("{done:?}, exchange {exchange}, proves: {proves}");
+        for event in events.by_ref() {
+            assert_ne!(event.kind, EventKind::BoardReset, "{what}");
+        }
+        assert_eq!(machine.driver.board_state(), BoardState::Running, "{what}");
+        assert!(time(&mut machine) <= usual, "{what}");
+    }
+    assert!(!has_stayed.contains(&0), "{has_stayed:?}");
 }
 
 #[test]
