@@ -287,6 +287,30 @@ pub enum EventKind {
         /// Index in [`RemotePins::parameters`](crate::remote::RemotePins::parameters).
         parameter: u32,
     },
+    /// A step generator is asked for a higher rate than it may have, by its parameters or because of
+    /// the times of its pulses. Reported once for each change of its parameters.
+    [STEP_RATE_LIMITED = 25, fault; "step generator {generator}: {asked} steps/s are asked for, and its limit is {limit} steps/s; \
+         check maxvel, position-scale, steplen and stepspace"]
+    StepRateLimited {
+        /// The number of the generator.
+        generator: u32,
+        /// The rate that is asked for, in steps per second.
+        asked: u32,
+        /// The highest rate.
+        limit: u32,
+    },
+    /// A time of the pulses of a step generator is longer than its register holds, and became the
+    /// longest one.
+    [STEP_TIME_CLIPPED = 26, fault; "step generator {generator}: a pulse time of {asked} ns became {longest} ns, the longest that it can have; \
+         check steplen, stepspace, dirsetup and dirhold"]
+    StepTimeClipped {
+        /// The number of the generator.
+        generator: u32,
+        /// The time that is asked for, in ns.
+        asked: u32,
+        /// The longest time, in ns.
+        longest: u32,
+    },
     /// An event of a module outside of this crate, by
     /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
     [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]
