@@ -13,7 +13,9 @@ use super::handle::Key;
 use super::handle::kind::{Publishable, Settable};
 use super::pins::{Awaited, Group, GroupPart};
 use super::rule::NONE;
-use super::{AnyValue, GroupId, Handle, Output, Input, PinError, PinId, Pins, Rejection, Role, Value};
+use super::{
+    AnyValue, GroupId, Handle, Input, Output, PinError, PinId, Pins, Rejection, Role, Value,
+};
 use crate::bus::Instant;
 
 /// Number of the next store; 0 belongs to none.
@@ -338,9 +340,10 @@ impl PinStore {
         if is_inverted { value.inverted() } else { value }
     }
 
-    /// Changes the safe value of an output whose safe state depends on the machine: the position of
-    /// an axis.
-    pub(crate) fn set_safe(&mut self, pin: Output<f64>, safe: f64) {
+    /// Changes the safe value of an output whose safe state depends on the machine: the command of a
+    /// position is safe where the axis stands. It is the value of the output while its group is not
+    /// armed, and when the group is armed again. It has to be within the limits of the output.
+    pub fn set_safe(&mut self, pin: Output<f64>, safe: f64) {
         let index = self.index(pin.key);
         if let Some(rule) = index.and_then(|index| self.rule_mut(index))
             && core::mem::replace(&mut rule.safe, safe.to_bits()) != safe.to_bits()

@@ -265,10 +265,15 @@ fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
     });
     let channels: Vec<_> = channels.map(|(number, _)| number).collect();
     same("channels in the remarks", &too_many, &channels)?;
-    let old_modules = truth.modules.iter().any(|module| {
-        module.tag == tag::STEPGEN && module.version < 2 && module.instances > 0
-    });
-    same("remarks on old step generators", &old, &usize::from(old_modules))?;
+    let old_modules = truth
+        .modules
+        .iter()
+        .any(|module| module.tag == tag::STEPGEN && module.version < 2 && module.instances > 0);
+    same(
+        "remarks on old step generators",
+        &old,
+        &usize::from(old_modules),
+    )?;
     Ok(driver.remarks().len())
 }
 

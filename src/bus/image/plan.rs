@@ -186,7 +186,7 @@ impl ImagePlan {
     /// register. They are written in this order. When one of them changes, all have to be
     /// [repeated](super::Words::repeat) in the same write, so that lost or duplicated packets leave
     /// the same content.
-    pub(crate) fn sequence<const N: usize>(
+    pub fn sequence<const N: usize>(
         &mut self,
         stage: Stage,
         address: u16,

@@ -20,8 +20,8 @@ use crate::ParseError;
 use crate::advice::Advice;
 use crate::discovery::RemoteTable;
 use crate::hal::is_scale;
-use crate::hostmot2::{Gtag, TickRate};
 use crate::hostmot2::board_table::BoardTable;
+use crate::hostmot2::{Gtag, TickRate};
 use crate::sslbp::MAX_CHANNELS;
 
 pub(crate) use instances::CountedKind;

@@ -80,7 +80,12 @@ impl ControlLimits {
 
     /// The nearest move that the acceleration reaches from another one.
     fn reached(&self, from: f64, to: f64) -> f64 {
-        from + (to - from).min(self.ramp).max(-self.ramp)
+        let change = to - from;
+        if change.abs() <= self.ramp {
+            to
+        } else {
+            from + self.ramp.copysign(change)
+        }
     }
 }
 
@@ -91,6 +96,8 @@ pub(super) struct ControlLaw {
     command: f64,
     /// The move of the command.
     feed: f64,
+    /// Its change in the last period.
+    change: f64,
     /// The present move of the generator.
     step: f64,
     /// The move before that.
@@ -121,7 +128,7 @@ impl ControlLaw {
     /// Stops at once, and takes the commanded position as the last one.
     pub fn halt(&mut self, command: f64) {
         self.observe(command);
-        self.feed = 0.0;
+        (self.feed, self.change) = (0.0, 0.0);
         self.advance(0.0);
     }
 
@@ -131,7 +138,7 @@ impl ControlLaw {
     /// Constant time, no allocation.
     pub fn brake(&mut self, limits: &ControlLimits, command: f64) {
         self.track(limits, 0.0, command);
-        self.feed = 0.0;
+        (self.feed, self.change) = (0.0, 0.0);
     }
 
     /// Approaches a move; the commanded position is taken as the last one.
@@ -156,8 +163,17 @@ impl ControlLaw {
     /// Constant time, no allocation.
     pub fn follow(&mut self, limits: &ControlLimits, command: f64, position: f64, delay: f64) {
         self.observe_limited(limits, command);
-        let ahead = (self.step - self.feed) * delay;
-        let wanted = self.wanted(limits, self.command - position - ahead);
+        // The command and the generator at the time of the write, the command with the change of its
+        // move, unless it comes to rest.
+        let next = self.feed + self.change;
+        let change = if next * self.feed > 0.0 {
+            self.change
+        } else {
+            0.0
+        };
+        let feed = self.feed + change * delay;
+        let ahead = (self.feed + change - self.step) * delay;
+        let wanted = wanted(limits, feed, self.command - position + ahead);
         let wanted = if wanted.is_nan() {
             0.0
         } else {
@@ -166,40 +182,11 @@ impl ControlLaw {
         self.advance(limits.reached(self.step, wanted));
     }
 
-    /// The largest move from which the generator still comes to rest at the stop, which is as far
-    /// beyond the command as this needs to brake. `distance` is that to the command.
-    fn wanted(&self, limits: &ControlLimits, distance: f64) -> f64 {
-        let (feed, ramp) = (self.feed, limits.ramp);
-        let deviation = distance - feed;
-        if limits.per_ramp == 0.0 {
-            return feed + 0.5 * deviation;
-        }
-        let ramps = feed.abs() * limits.per_ramp;
-        let periods = whole_above(ramps);
-        // D^-1 is linear between whole numbers of ramps, which saves the root near the command.
-        // Below one ramp the stop is the command itself.
-        if periods <= 1.0 {
-            if distance.abs() <= ramp {
-                return distance;
-            }
-        } else {
-            let correction = deviation / periods;
-            let moved = (feed + correction) * limits.per_ramp;
-            if (periods - 1.0..=periods).contains(&moved.copysign(moved * feed)) {
-                return feed + correction;
-            }
-        }
-        let beyond = (periods - 1.0) * (ramps - 0.5 * periods) * ramp;
-        let to_stop = distance + beyond.copysign(feed);
-        let ramps = to_stop.abs() * limits.per_ramp;
-        let periods = whole_above(0.5 * (libm::sqrt(1.0 + 8.0 * ramps) - 1.0));
-        let step = to_stop.abs() / periods + 0.5 * (periods - 1.0) * ramp;
-        step.copysign(to_stop)
-    }
-
     fn observe_limited(&mut self, limits: &ControlLimits, command: f64) {
         let moved = self.observe(command);
-        self.feed = limits.reached(self.feed, moved);
+        let before = self.feed;
+        self.feed = limits.reached(before, moved);
+        self.change = self.feed - before;
     }
 
     /// Takes the commanded position of this period; returns its move.
@@ -215,6 +202,37 @@ impl ControlLaw {
     const fn advance(&mut self, step: f64) {
         self.before = core::mem::replace(&mut self.step, step);
     }
+}
+
+/// The largest move from which the generator still comes to rest at the stop, which is as far
+/// beyond the command as its move `feed` needs to brake. `distance` is that to the command.
+fn wanted(limits: &ControlLimits, feed: f64, distance: f64) -> f64 {
+    let ramp = limits.ramp;
+    let deviation = distance - feed;
+    if limits.per_ramp == 0.0 {
+        return feed + 0.5 * deviation;
+    }
+    let ramps = feed.abs() * limits.per_ramp;
+    let periods = whole_above(ramps);
+    // D^-1 is linear between whole numbers of ramps, which saves the root near the command.
+    // Below one ramp the stop is the command itself.
+    if periods <= 1.0 {
+        if distance.abs() <= ramp {
+            return distance;
+        }
+    } else {
+        let correction = deviation / periods;
+        let moved = (feed + correction) * limits.per_ramp;
+        if (periods - 1.0..=periods).contains(&moved.copysign(moved * feed)) {
+            return feed + correction;
+        }
+    }
+    let beyond = (periods - 1.0) * (ramps - 0.5 * periods) * ramp;
+    let to_stop = distance + beyond.copysign(feed);
+    let ramps = to_stop.abs() * limits.per_ramp;
+    let periods = whole_above(0.5 * (libm::sqrt(1.0 + 8.0 * ramps) - 1.0));
+    let step = to_stop.abs() / periods + 0.5 * (periods - 1.0) * ramp;
+    step.copysign(to_stop)
 }
 
 /// The smallest whole number that is not less than a number, and at least 1.

@@ -71,6 +71,7 @@ struct Table {
 }
 
 /// A step generator.
+#[expect(clippy::struct_excessive_bools, reason = "independent conditions")]
 #[derive(Debug)]
 pub(super) struct Generator {
     number: u8,

@@ -59,6 +59,8 @@ pub struct Stepgens {
     /// Time of the last good read.
     read_at: Instant,
     period: Duration,
+    /// The part of the period from the sample of the positions to the write.
+    delay: f64,
 }
 
 /// What the generators of a firmware can do.
@@ -146,14 +148,16 @@ impl Stepgens {
             timer,
             read_at: Instant::default(),
             period: r.settings.period,
+            delay: 0.0,
         })
     }
 
-    /// The part of the period from the sample of the position to the write.
-    fn delay(&self, now: Instant) -> f64 {
-        let delay = now.since(self.read_at).as_nanos() as u64 as f64;
-        let period = self.period.as_nanos() as u64 as f64;
-        (delay / period.max(1.0)).min(0.9)
+    /// Measures the time from the read to this write. Without a read, that of before stays.
+    fn observe_delay(&mut self, now: Instant) {
+        let passed = now.since(self.read_at);
+        if passed < self.period {
+            self.delay = passed.as_secs_f64() / self.period.as_secs_f64();
+        }
     }
 }
 
@@ -221,8 +225,9 @@ impl Module for Stepgens {
             let word = latch_timer(cycle.pins.fetch(pin));
             cycle.words.set(setting, word);
         }
+        self.observe_delay(cycle.now);
         let moment = Moment {
-            delay: self.delay(cycle.now),
+            delay: self.delay,
             period: self.period,
         };
         for generator in &mut self.generators {
@@ -254,5 +259,5 @@ impl Module for Stepgens {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "std"))]
 mod tests;

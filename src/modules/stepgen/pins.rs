@@ -150,7 +150,6 @@ impl StepgenPins {
         let longest = PulseTimes::longest(firmware.clock_hz);
         let time = |name: &str| Spec {
             unit: "ns".into(),
-            range: Some((0.0, longest.into())),
             ..Spec::from(name)
         };
         self.position_scale = make.scale("position-scale", 1.0)?;
