@@ -52,7 +52,7 @@ enum LatchStage {
 }
 
 /// A request, from the word that makes it to the evidence that it has happened.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct AccumulatorLatch {
     /// `None` once it has happened.
     pub wanted: LatchRequest,

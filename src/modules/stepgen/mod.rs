@@ -21,6 +21,7 @@ mod counts;
 mod generator;
 mod latch;
 mod pins;
+mod registers;
 mod timing;
 
 use alloc::format;
@@ -126,7 +127,7 @@ impl Stepgens {
         let mut generators = Vec::new();
         for instance in 0..module.instances {
             let number = of_kind.number(instance);
-            generators.push(Generator::new(r, module, instance, number, &firmware)?);
+            generators.push(Generator::new(r, module, instance, number, firmware)?);
         }
         let timer = match timer {
             None => None,

@@ -107,7 +107,7 @@ pub(super) struct PulseSetup {
 
 impl StepgenPins {
     /// Makes the pins; the parameters belong to `settings`.
-    pub(super) fn new(mut make: PinMaker<'_>, firmware: &Firmware) -> Result<Self, PinError> {
+    pub(super) fn new(mut make: PinMaker<'_>, firmware: Firmware) -> Result<Self, PinError> {
         let speed = |name: &str| Spec::from(name);
         let mut pins = Self {
             position_cmd: make.output("position-cmd", 0.0)?,
@@ -145,7 +145,7 @@ impl StepgenPins {
     pub(super) fn add_parameters(
         &mut self,
         mut make: PinMaker<'_>,
-        firmware: &Firmware,
+        firmware: Firmware,
     ) -> Result<(), PinError> {
         let longest = PulseTimes::longest(firmware.clock_hz);
         let time = |name: &str| Spec {

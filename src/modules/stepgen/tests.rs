@@ -344,7 +344,7 @@ fn names_types_and_fresh_values_are_those_of_linuxcnc() {
         position-lag float OUT 0|position-latch float OUT 0|position-reset bit IN false|\
         position-scale float RW 1|position-unsure bit OUT false|probe-enable bit I/O false|\
         probe-invert bit IN false|step_type u32 RW 0|steplen u32 RW 163830|stepspace u32 RW 163830|\
-        swap_step_dir bit RW false|velocity-cmd float IN 0|velocity-fb float OUT 0";
+        swap_step_dir bit RW false|timer-number s32 IN -1|velocity-cmd float IN 0|velocity-fb float OUT 0";
     let expected: BTreeSet<_> = expected.split('|').map(ToString::to_string).collect();
     assert_eq!(found, expected);
 }
@@ -453,7 +453,7 @@ fn a_speed_is_kept_and_the_position_counts() {
     }
     assert_eq!(machine.read(pins.velocity_fb), -5.0);
     // 50 ms of acceleration.
-    assert!((machine.motor + 4_880).abs() <= 10, "{}", machine.motor);
+    assert!((machine.motor + 4_940).abs() <= 70, "{}", machine.motor);
     machine.driver.pins_mut().set(pins.velocity_cmd, f64::NAN);
     for _ in 0..60 {
         machine.cycle(0.0);
@@ -662,7 +662,7 @@ fn lost_writes_and_reads_make_no_more_steps_than_their_age_and_the_position_stay
             if machine.cycle(end) == BoardState::Running {
                 let shown = machine.read(machine.pins.position_fb) * 1_000.0;
                 assert!(
-                    (shown - machine.motor as f64).abs() <= 11.0,
+                    (shown - machine.motor as f64).abs() <= 13.0,
                     "{shown}, {}",
                     machine.motor
                 );
