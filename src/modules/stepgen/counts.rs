@@ -1,6 +1,6 @@
 //! The position of a generator: its accumulator without wrap-around.
 //!
-//! Source: FACTS 14.2.1, 14.2.2.
+//! Source: FACTS 14.4.
 
 use core::time::Duration;
 

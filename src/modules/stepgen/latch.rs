@@ -4,7 +4,7 @@
 //! evidence by themselves: a late packet with an older word clears them as well. So each request
 //! begins from a register that shows none, and an exchange in doubt makes it begin again.
 //!
-//! Source: FACTS 14.1.4, 14.4.4.
+//! Source: FACTS 14.2 and 14.14.
 
 /// Bits of the MODE register.
 pub(super) mod bits {

@@ -8,7 +8,7 @@
 //!   rest only, with a rate of 0, and no other rate goes out before a read has confirmed them. In the
 //!   set-up they come before the master rate. The length of a pulse is never 0.
 //! - **A change of the direction inside a pulse.** The hold time in the register includes the pulse.
-//! - **Motion after a bite of the watchdog.** A bite does not stop the generator (FACTS 14.4.1). The
+//! - **Motion after a bite of the watchdog.** A bite does not stop the generator (FACTS 14.15). The
 //!   rate becomes 0 with the first write after it and in the set-up, both before any direction. The
 //!   position continues where it was read last, and is unsure.
 //! - **A step that the driver does not know.** The position is that of the accumulator, which makes
@@ -178,7 +178,7 @@ fn timer_register(
     module: &ModuleDescriptor,
 ) -> Result<Option<u16>, RegisterError> {
     let master = module.register(9, 0)?;
-    // The descriptor does not count this register (FACTS 14.1.2).
+    // The descriptor does not count this register (FACTS 14.1).
     let register = master.checked_add(module.register_stride);
     Ok(register.filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some()))
 }
@@ -207,7 +207,7 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
     }
 }
 
-/// True for the first versions, whose times have faults (FACTS 14.1.3).
+/// True for the first versions, whose times have faults (FACTS 14.2).
 pub(crate) const fn is_old(version: u8) -> bool {
     version < 2
 }

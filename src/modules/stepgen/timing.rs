@@ -1,6 +1,6 @@
 //! Times of the pulses: from nanoseconds to registers, and the highest rate that they allow.
 //!
-//! Source: FACTS 14.3.1 to 14.3.4.
+//! Source: FACTS 14.9 to 14.11.
 
 /// The largest number of ticks that a register holds: 14 bits.
 const LONGEST: u32 = 0x3FFF;
@@ -122,7 +122,7 @@ mod tests {
         assert_eq!((ticks.dir_setup, ticks.dir_hold), (1_000, 250 + 401));
     }
 
-    /// S:sg13, sg15: 10/10 ticks are 4.17 MHz, and without a space the period is STEPLEN + 3.
+    /// 10/10 ticks are 4.17 MHz, and without a space the period is STEPLEN + 3.
     #[test]
     fn the_highest_rate_is_that_of_the_gateware() {
         let highest =

@@ -1,11 +1,11 @@
-//! The figures of FACTS 14.5.8, with a generator that moves exactly as it is told.
+//! The figures of FACTS 14.16, with a generator that moves exactly as it is told.
 
 use super::*;
 use alloc::vec::Vec;
 use proptest::prelude::*;
 
 const PERIOD: f64 = 0.001;
-/// The limits of FACTS 14.5.8.
+/// The limits of FACTS 14.16.
 const SPEED: f64 = 10.0;
 const ACCELERATION: f64 = 100.0;
 const RAMP: f64 = ACCELERATION * PERIOD * PERIOD;
@@ -149,15 +149,19 @@ fn a_command_that_is_too_fast_is_caught_up_with_and_not_overrun() {
 }
 
 #[test]
-fn a_delay_between_read_and_write_costs_a_part_of_one_ramp() {
+fn a_delay_between_read_and_write_costs_no_more_than_itself() {
     for delay in [0.1, 0.3, 0.8] {
         for acceleration in [80.0, 100.0] {
             let path = trapezoid(acceleration, 5.0, 0.3);
             let (worst, overshoot) = follow(&path, &limits(SPEED, ACCELERATION), delay);
-            assert!(
-                worst <= 2.0 * delay * RAMP,
-                "{delay}, {acceleration}: {worst}"
-            );
+            // With no acceleration to spare, the generator is late by the delay until the command is
+            // at speed.
+            let allowed = if acceleration < ACCELERATION {
+                2.0 * delay * RAMP
+            } else {
+                5.0 * delay * PERIOD
+            };
+            assert!(worst <= allowed, "{delay}, {acceleration}: {worst}");
             assert!(
                 overshoot < delay * RAMP,
                 "{delay}, {acceleration}: {overshoot}"
