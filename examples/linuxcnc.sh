@@ -22,6 +22,8 @@
 #   MESA                 the program (target/release/mesa)
 #   BOARD_IN, BOARD_OUT  the board's standard input and output, for example named pipes
 #                        (nothing; a file that is shown if the client fails)
+#   LINUXCNC_NICE        the nice value of LinuxCNC's threads on a kernel that it does not take for a
+#                        realtime one, where it gives them the normal priority (unchanged)
 #
 # Why it takes all this: LinuxCNC's driver (hm2_eth) does not take the loopback interface, wants the
 # MAC address of the board's EEPROM on the wire, and sets up the firewall and the interface, which
@@ -114,6 +116,13 @@ loadusr -w bash $home/load $hal_name
 HAL
 [ $# -gt 0 ] || set -- halrun -I -f "$home/default.hal"
 
+if [ -n "${LINUXCNC_NICE:-}" ]; then
+  while sleep 0.2; do
+    for process in $(pgrep rtapi_app); do
+      renice -n "$LINUXCNC_NICE" -p $(ls "/proc/$process/task")
+    done
+  done > /dev/null 2>&1 &
+fi
 env -u DISPLAY RTAPI_UID=65534 HOME="$home" "$@"
 status=$?
 # Long enough for the watchdogs of board and remotes, so that the board's last words are true.

@@ -19,8 +19,8 @@ const PLACES: [&str; 9] = [
 ];
 const MANUALS: [&str; 4] = ["7I72", "7I77", "7I77D", "7I97"];
 /// Names of recordings begin with one of these, followed by two or three digits.
-const FAMILIES: [&str; 14] = [
-    "t", "u", "v", "r", "wd", "io", "enc", "qc", "pwm", "dpll", "im", "in", "ssr", "led",
+const FAMILIES: [&str; 15] = [
+    "t", "u", "v", "r", "wd", "io", "enc", "qc", "pwm", "dpll", "im", "in", "ssr", "led", "sg",
 ];
 
 #[test]

@@ -115,6 +115,14 @@ fn find_pin(firmware: &SimFirmware, name: &str) -> Option<usize> {
     let number: u8 = name[letters.len()..].parse().unwrap_or(0);
     match letters {
         "IO" => Some(usize::from(number)),
+        "STEP" => firmware.pin(gtag::STEPGEN, number, 0x81),
+        "DIR" => firmware.pin(gtag::STEPGEN, number, 0x82),
+        "TABLE2_" => firmware.pin(gtag::STEPGEN, number, 0x83),
+        "TABLE3_" => firmware.pin(gtag::STEPGEN, number, 0x84),
+        "TABLE4_" => firmware.pin(gtag::STEPGEN, number, 0x85),
+        "TABLE5_" => firmware.pin(gtag::STEPGEN, number, 0x86),
+        "INDEX" => firmware.pin(gtag::STEPGEN, number, 0x09),
+        "PROBE" => firmware.pin(gtag::STEPGEN, 0x80, 0x0A),
         "PWM" => firmware.pin(gtag::PWM, number, 0x81),
         "PWMB" => firmware.pin(gtag::PWM, number, 0x82),
         "/ENA" => firmware.pin(gtag::PWM, number, 0x83),

@@ -126,3 +126,76 @@ fn a_file_of_no_family_is_not_taken_for_another() {
         assert_eq!(family(name).is_some(), known, "{name}");
     }
 }
+
+#[test]
+fn every_edge_of_a_step_generator_that_moves_by_a_clock_is_found() {
+    for (name, shift) in [
+        ("sg19_reverse", 10),
+        ("sg21_zero", -10),
+        ("sg25_quad", 10),
+        ("sg27_table", -10),
+        ("sg33_wd", 10),
+    ] {
+        let (altered, missed) = unnoticed(name, |entry| {
+            let is_edge = matches!(entry.event, Event::Pin { .. }) && entry.time > 400;
+            if is_edge {
+                entry.time = entry.time.saturating_add_signed(shift);
+            }
+            is_edge
+        });
+        assert!(altered > 25, "{name} has edges to alter");
+        assert_eq!(missed, Vec::<usize>::new(), "{name}");
+    }
+}
+
+#[test]
+fn every_level_and_register_of_a_step_generator_that_is_altered_is_found() {
+    for (name, bit) in [
+        ("sg01_reset", 1),
+        ("sg23_updown", 1),
+        ("sg31_port", 2),
+        ("sg35_latency", 1),
+        ("sg38_master", 1),
+        ("sg45_idxdpll", 0x100),
+    ] {
+        let (altered, missed) = unnoticed(name, |entry| match &mut entry.event {
+            Event::Pin { level, .. } => {
+                *level = match level {
+                    Level::Low => Level::High,
+                    _ => Level::Low,
+                };
+                true
+            }
+            Event::Read { word, .. } if word.driven != 0 => {
+                word.value ^= bit;
+                true
+            }
+            _ => false,
+        });
+        assert!(altered > 40, "{name} has values to alter");
+        assert_eq!(missed, Vec::<usize>::new(), "{name}");
+    }
+}
+
+#[test]
+fn a_step_that_is_missing_or_added_is_found() {
+    let original = recording("sg21_zero");
+    for (index, entry) in original.entries.iter().enumerate() {
+        if matches!(entry.event, Event::Pin { .. }) && entry.time > 400 {
+            let mut fewer = original.clone();
+            fewer.entries.remove(index);
+            assert!(differs(&fewer), "line {} removed", entry.line);
+        }
+    }
+    let quiet = original.entries.iter().position(|entry| entry.time > 3_430);
+    let mut more = original.clone();
+    let index = quiet.expect("a time without steps");
+    for (time, level) in [(3_500, Level::High), (3_810, Level::Low)] {
+        let pin = "STEP0".to_owned();
+        let mut entry = more.entries[index].clone();
+        (entry.time, entry.event) = (time, Event::Pin { pin, level });
+        let at = more.entries.partition_point(|other| other.time <= time);
+        more.entries.insert(at, entry);
+    }
+    assert!(differs(&more));
+}

@@ -15,6 +15,7 @@
 //! | `encoder.rs` | `enc`, `qc` |
 //! | `dpll.rs` | `dpll` |
 //! | `inputs.rs` | `im`, `in` |
+//! | `stepgen.rs` | `sg` |
 //!
 //! Its `REPLAY` builds a [`bench::Bench`] with the firmware that the file was recorded on, and lets
 //! [`runner`] apply the stimuli and compare. A file of no family fails.
@@ -35,6 +36,7 @@ mod pins;
 mod pwm;
 mod register;
 mod runner;
+mod stepgen;
 mod transcript;
 
 use common::recording::{Outcome, replay_all};
@@ -50,7 +52,7 @@ pub type Replay = fn(&Transcript) -> Outcome;
 type Family = (&'static str, Replay);
 
 /// All families.
-const FAMILIES: [Family; 10] = [
+const FAMILIES: [Family; 11] = [
     ("io", pins::REPLAY),
     ("wd", pins::REPLAY),
     ("led", pins::REPLAY),
@@ -61,6 +63,7 @@ const FAMILIES: [Family; 10] = [
     ("dpll", dpll::REPLAY),
     ("im", inputs::REPLAY),
     ("in", inputs::REPLAY),
+    ("sg", stepgen::REPLAY),
 ];
 
 /// The family of a file: its name begins with the family's letters, followed by no other letter.

@@ -14,8 +14,8 @@ pub struct Kind {
     /// Largest number of instances; 1 for a register that exists once and is written without an
     /// index.
     pub instances: u8,
-    /// True if a module drives the bus when it is read.
-    pub readable: bool,
+    /// True if a module drives the bus when it is read; `None` if only some firmwares have it.
+    pub readable: Option<bool>,
 }
 
 /// A register of an instance.
@@ -33,7 +33,18 @@ const fn kind(name: &'static str, gtag: u8, number: u8, instances: u8) -> Kind {
         gtag,
         number,
         instances,
-        readable: true,
+        readable: Some(true),
+    }
+}
+
+/// A register that can be read in some firmwares only: MODE with a latch, TIMER with a DPLL.
+const fn optional(name: &'static str, gtag: u8, number: u8, instances: u8) -> Kind {
+    Kind {
+        name,
+        gtag,
+        number,
+        instances,
+        readable: None,
     }
 }
 
@@ -43,12 +54,17 @@ const fn write_only(name: &'static str, gtag: u8, number: u8, instances: u8) -> 
         gtag,
         number,
         instances,
-        readable: false,
+        readable: Some(false),
     }
 }
 
-/// All kinds. The readable ones: FACTS 12.11.
-static KINDS: [Kind; 45] = [
+/// A word of the IDROM, by its number; no module.
+const IDROM: Kind = kind("IDROM", 0, 0, 255);
+const IDROM_ADDRESS: u16 = 0x0400;
+
+/// All kinds. The readable ones: FACTS 12.11, 14.1.
+static KINDS: [Kind; 57] = [
+    IDROM,
     kind("WD_TIME", gtag::WATCHDOG, 0, 1),
     kind("WD_STATUS", gtag::WATCHDOG, 1, 1),
     write_only("WD_RESET", gtag::WATCHDOG, 2, 1),
@@ -70,6 +86,17 @@ static KINDS: [Kind; 45] = [
     kind("ENC_TS", gtag::ENCODER, 3, 1),
     write_only("ENC_RATE", gtag::ENCODER, 4, 1),
     kind("ENC_TIMER", gtag::ENCODER, 5, 1),
+    write_only("SG_RATE", gtag::STEPGEN, 0, 64),
+    kind("SG_ACCUM", gtag::STEPGEN, 1, 64),
+    optional("SG_MODE", gtag::STEPGEN, 2, 64),
+    write_only("SG_DIRSETUP", gtag::STEPGEN, 3, 64),
+    write_only("SG_DIRHOLD", gtag::STEPGEN, 4, 64),
+    write_only("SG_STEPLEN", gtag::STEPGEN, 5, 64),
+    write_only("SG_STEPSPACE", gtag::STEPGEN, 6, 64),
+    write_only("SG_TABLE", gtag::STEPGEN, 7, 64),
+    write_only("SG_TABLEMAX", gtag::STEPGEN, 8, 64),
+    kind("SG_MASTER", gtag::STEPGEN, 9, 1),
+    optional("SG_TIMER", gtag::STEPGEN, 10, 1),
     write_only("PWM_VALUE", gtag::PWM, 0, 32),
     write_only("PWM_MODE", gtag::PWM, 1, 32),
     write_only("PWM_RATE", gtag::PWM, 2, 1),
@@ -121,6 +148,9 @@ impl Register {
     /// Its address in a firmware, from the module's descriptor; `None` if the firmware has no such
     /// register.
     pub fn address(self, firmware: &SimFirmware) -> Option<u16> {
+        if *self.kind == IDROM {
+            return Some(IDROM_ADDRESS + 4 * u16::from(self.index));
+        }
         let module = firmware.module(self.kind.gtag)?;
         let exists = self.kind.instances == 1 || self.index < module.instances;
         // Both register strides are 0x100, and these modules have instances 4 bytes apart.

@@ -160,10 +160,15 @@ fn read_is_right(event: &Event, shown: &Shown) -> bool {
     let (Event::Read { register, word }, Shown::Word(actual)) = (event, shown) else {
         return false;
     };
-    if word.driven == 0 || !register.kind.readable {
-        return *actual == UNDRIVEN && !register.kind.readable && word.driven == 0;
+    let is_driven = word.driven != 0;
+    if register.kind.readable.unwrap_or(is_driven) != is_driven {
+        return false;
     }
-    (actual ^ word.value) & word.driven == 0
+    if is_driven {
+        (actual ^ word.value) & word.driven == 0
+    } else {
+        *actual == UNDRIVEN
+    }
 }
 
 fn pin_is_right(event: &Event, shown: &Shown) -> bool {

@@ -243,7 +243,7 @@ fn level(text: &str) -> Result<Level, String> {
 }
 
 /// Names of pins: the text before the number, and its number of digits.
-const PINS: [(&str, usize); 15] = [
+const PINS: [(&str, usize); 25] = [
     ("IO", 2),
     ("PWM", 1),
     ("PWMB", 1),
@@ -259,6 +259,16 @@ const PINS: [(&str, usize); 15] = [
     ("PROBE", 0),
     ("IN", 2),
     ("TIMER", 1),
+    ("STEP", 1),
+    ("DIR", 1),
+    ("TABLE2_", 1),
+    ("TABLE3_", 1),
+    ("TABLE4_", 1),
+    ("TABLE5_", 1),
+    ("INDEX", 1),
+    ("A", 2),
+    ("B", 2),
+    ("Z", 2),
 ];
 
 fn pin_name(text: &str) -> Result<String, String> {

@@ -10,3 +10,4 @@ mod modules;
 mod remotes;
 mod serial_ports;
 mod six_axes;
+mod steppers;

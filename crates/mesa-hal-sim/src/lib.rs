@@ -50,14 +50,14 @@ pub use faults::{FaultKind, FaultPlace};
 pub use fpga::{
     AccessCounters, AxisWiring, ChangeCause, DEFAULT_ACCESS_COST, Director, DriveSignal,
     DriveSource, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimError, SimFirmware,
-    SimFpga, SimModuleDescriptor, SimPinDescriptor, UNDRIVEN, gtag,
+    SimFpga, SimModuleDescriptor, SimPinDescriptor, StepperWiring, UNDRIVEN, gtag,
 };
 pub use modules::{
     EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
-    SimWatchdog, SmartSerial, Source as PinSource,
+    SimStepgen, SimWatchdog, SmartSerial, Source as PinSource,
 };
 pub use serial_face::SerialFace;
 pub use world::{
-    EstopConfig, Motor, MotorConfig, MotorError, Segment, SimTerminal, Switch, SwitchConfig, Wheel,
-    WheelConfig,
+    EstopConfig, Motor, MotorConfig, MotorError, Segment, SimTerminal, Stepper, StepperConfig,
+    Switch, SwitchConfig, Wheel, WheelConfig,
 };

@@ -132,18 +132,28 @@ impl BoardCycle {
     /// is written before evidence is read: a board that has bitten meanwhile drives them until its
     /// watchdog bites again, which each write would put off.
     pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
-        let waits = self.evidence == Evidence::Unproven && self.is_running() && !self.is_last;
-        if waits || has_run && !self.is_running() {
-            // The words that were put are not written.
-            self.written(now, false);
-            // Before the next write, which checks if the application has cleared the flag.
-            self.publish();
-            return Order::Nothing;
+        let is_running = self.is_running();
+        let ends = if is_running {
+            self.evidence == Evidence::Unproven && !self.is_last
+        } else {
+            has_run
+        };
+        if ends {
+            return self.nothing(now);
         }
         Order::Cycle(CycleWrite {
             extra: self.wants_closer_look(),
-            quiet: !self.is_running(),
+            quiet: !is_running,
         })
+    }
+
+    /// Ends a write whose words, which were put, are not written.
+    #[cold]
+    fn nothing(&mut self, now: Instant) -> Order {
+        self.written(now, false);
+        // Before the next write, which checks if the application has cleared the flag.
+        self.publish();
+        Order::Nothing
     }
 
     /// Notes the begin of the cycle's write.

@@ -127,10 +127,14 @@ fn is_serial(module: &SimModuleDescriptor) -> bool {
     matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B)
 }
 
-/// Number of registers of a module. With a DPLL, encoders have one more than their descriptor
-/// counts: the selection of the timer that latches them.
+/// Number of registers of a module. Encoders with a DPLL and step generators have one more than
+/// their descriptor counts: the selection of the timer that latches them. Step generators without a
+/// DPLL have its address, but nothing drives the bus there.
 fn registers(firmware: &SimFirmware, module: &SimModuleDescriptor) -> u8 {
-    let is_encoder = matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER);
-    let has_timer = is_encoder && firmware.module(gtag::DPLL).is_some();
+    let has_timer = match module.gtag {
+        gtag::ENCODER | gtag::MUXED_ENCODER => firmware.module(gtag::DPLL).is_some(),
+        gtag::STEPGEN => true,
+        _ => false,
+    };
     module.registers + u8::from(has_timer)
 }

@@ -60,7 +60,10 @@ impl SimFpga {
 
     /// True if outputs depend directly on the registers of a module.
     pub(super) const fn is_driving(gtag: u8) -> bool {
-        matches!(gtag, gtag::IO_PORT | gtag::PWM | gtag::SSR | gtag::OUT_M)
+        matches!(
+            gtag,
+            gtag::IO_PORT | gtag::STEPGEN | gtag::PWM | gtag::SSR | gtag::OUT_M
+        )
     }
 }
 

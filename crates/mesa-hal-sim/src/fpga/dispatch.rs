@@ -1,7 +1,8 @@
 //! Dispatch of accesses to the modules.
 
+use super::plant::Latching;
 use super::{SimFpga, UNDRIVEN, gtag};
-use crate::modules::Inputs;
+use crate::modules::{Inputs, SimStepgen};
 
 impl SimFpga {
     pub(super) fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
@@ -19,6 +20,11 @@ impl SimFpga {
                 bank.map_or(0, |index| {
                     self.plant.read_encoder(index, now, register, instance)
                 })
+            }
+            gtag::STEPGEN => {
+                self.settle();
+                let generators = self.plant.stepgen.as_ref();
+                generators.map_or(0, |steps| steps.read(register, instance))
             }
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
@@ -75,6 +81,7 @@ impl SimFpga {
                         .write_encoder(index, now, register, instance, value);
                 }
             }
+            gtag::STEPGEN => self.write_stepgen(register, instance, value),
             gtag::PWM | gtag::SSR | gtag::OUT_M | gtag::LED => {
                 self.write_outputs(gtag, register, instance, value);
             }
@@ -96,6 +103,27 @@ impl SimFpga {
                 }
             }
             _ => self.write_foreign(gtag, register, instance, value),
+        }
+    }
+
+    /// Writes a register of the step generators. A timer that is selected while it is 1, in place of
+    /// one that was 0, samples the accumulators at once. FACTS 14.13.
+    fn write_stepgen(&mut self, register: u8, instance: u8, value: u32) {
+        self.settle();
+        let now = self.now;
+        let selected = |fpga: &Self| {
+            let stepgen = fpga.plant.stepgen.as_ref();
+            stepgen.map_or(0, SimStepgen::selected_timer)
+        };
+        let before = selected(self);
+        self.plant.write_stepgen(now, register, instance, value);
+        let after = selected(self);
+        let Some(dpll) = self.dpll.as_ref().filter(|_| before != after) else {
+            return;
+        };
+        let was_high = dpll.level(now.saturating_sub(1), before);
+        if was_high == Some(false) && dpll.level(now, after) == Some(true) {
+            self.plant.latch(Latching::Steps, now);
         }
     }
 
@@ -150,6 +178,10 @@ impl SimFpga {
         match pin.secondary {
             // No module: the alternate source is 0.
             0 => false,
+            gtag::STEPGEN => {
+                let steps = self.plant.stepgen.as_ref();
+                steps.is_none_or(|steps| steps.level(pin.unit, pin.pin, self.now))
+            }
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
                 pwm.is_none_or(|pwm| pwm.level(pin.unit, pin.pin, self.now))

@@ -8,6 +8,8 @@ pub mod gtag {
     pub const IO_PORT: u8 = 0x03;
     /// Quadrature encoder.
     pub const ENCODER: u8 = 0x04;
+    /// Step generator.
+    pub const STEPGEN: u8 = 0x05;
     /// PWM generator.
     pub const PWM: u8 = 0x06;
     /// Multiplexed quadrature encoder.

@@ -46,10 +46,11 @@ pub enum FirmwareImageError {
 }
 
 /// Modules that the simulator implements; all others are registers that keep their words.
-const SIMULATED: [u8; 14] = [
+const SIMULATED: [u8; 15] = [
     gtag::WATCHDOG,
     gtag::IO_PORT,
     gtag::ENCODER,
+    gtag::STEPGEN,
     gtag::PWM,
     gtag::MUXED_ENCODER,
     gtag::MUX_SELECT,
@@ -272,7 +273,7 @@ mod tests {
 
     const TEXT: &str = "# a board of 17 pins\n0100 55AACAFE\n010C 400\n0400 3\n0404 40\n0408 1C0\n\
         040C 4153454D\n0410 32394937\n041C 1\n0420 11\n0424 11\n0428 5F5E100\n042C BEBC200\n\
-        0440 01010002\n0444 00030C00\n044C 01010005\n0450 000A2000\n0454 1FF\n05C0 03000581\n";
+        0440 01010002\n0444 00030C00\n044C 0101001B\n0450 000A2000\n0454 1FF\n05C0 03001B81\n";
 
     #[test]
     fn an_image_is_read_back_word_for_word_with_its_modules() {
@@ -285,7 +286,7 @@ mod tests {
                 "{address:04X}"
             );
         }
-        // A step generator is a set of registers that keep their words until a reload.
+        // A UART is a set of registers that keep their words until a reload.
         assert_eq!(fpga.read_register(0x2000), UNDRIVEN);
         fpga.write_register(0x2000, 1234);
         assert_eq!(fpga.read_register(0x2000), 1234);

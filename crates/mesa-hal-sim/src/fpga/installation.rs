@@ -12,8 +12,7 @@ impl SimFpga {
     /// index. Plug in the remote first. A switch on an axis that does not exist never changes.
     pub fn add_switch(&mut self, config: SwitchConfig) -> usize {
         self.settle();
-        let motor = self.plant.motor_mut(config.axis);
-        let position = motor.map_or(f64::NAN, |motor| motor.position());
+        let position = self.plant.position(config.axis).unwrap_or(f64::NAN);
         let index = self
             .plant
             .installation
@@ -121,7 +120,10 @@ impl SimFpga {
                     inputs.set_terminal(at, input, on);
                 }
             }
-            SimTerminal::Pin { pin } => self.io.drive(pin, Some(on)),
+            SimTerminal::Pin { pin } => {
+                self.io.drive(pin, Some(on));
+                self.pin_driven(pin);
+            }
         }
     }
 

@@ -15,7 +15,7 @@ pub use bus::SimError;
 pub use director::{ChangeCause, Director};
 pub use firmware::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};
 pub use image::{FirmwareImage, FirmwareImageError};
-pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
+pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout, StepperWiring};
 pub(crate) use world_side::device;
 
 use crate::modules::{
@@ -24,7 +24,7 @@ use crate::modules::{
 };
 use crate::wire::Nanos;
 use decode::{AddressMap, Target};
-use plant::{Plant, PortWatcher};
+use plant::{Latching, Plant, PortWatcher};
 
 /// Value that a write-only register reads as: no module drives the bus, and a host must not rely on
 /// the value. FACTS 12.11.
@@ -106,7 +106,7 @@ impl SimFpga {
         };
         let pwm = firmware.module(gtag::PWM);
         let io = SimIoPorts::new(firmware.ports, firmware.port_width);
-        let mut plant = Plant::new(&firmware);
+        let mut plant = Plant::new(&firmware, now);
         plant.pins_changed(&io);
         Self {
             map,
@@ -284,13 +284,12 @@ impl SimFpga {
         self.visit_remotes(SmartSerial::is_touched);
     }
 
-    /// Brings motors and encoders up to date, and latches encoders at the edges of their timers.
+    /// Brings motors, encoders and step generators up to date, and latches them at the edges of
+    /// their timers.
     fn advance_plant(&mut self) {
-        while let Some((bank, edge)) = self.next_latch().filter(|&(_, edge)| edge <= self.now) {
+        while let Some((module, edge)) = self.next_latch().filter(|&(_, edge)| edge <= self.now) {
             self.plant.advance(edge);
-            if let Some(bank) = self.plant.banks.get_mut(bank) {
-                bank.latch(edge);
-            }
+            self.plant.latch(module, edge);
         }
         self.plant.advance(self.now);
         self.plant.modules_changed(&self.foreign, &self.io);
@@ -304,14 +303,12 @@ impl SimFpga {
         drives.then(change).flatten()
     }
 
-    /// The next time at which a timer latches encoders, from the time of the plant on, and the
-    /// index of the encoder module.
-    fn next_latch(&self) -> Option<(usize, Nanos)> {
+    /// The next time at which a timer latches a module, from the time of the plant on.
+    fn next_latch(&self) -> Option<(Latching, Nanos)> {
         let dpll = self.dpll.as_ref()?;
-        let banks = self.plant.banks.iter().enumerate();
-        let edges = banks.filter_map(|(number, bank)| {
-            let edge = dpll.next_edge(self.plant.now(), bank.latching_timer()?);
-            edge.map(|edge| (number, edge))
+        let edges = self.plant.latching().filter_map(|(module, timer)| {
+            let edge = dpll.next_edge(self.plant.now(), timer);
+            edge.map(|edge| (module, edge))
         });
         edges.min_by_key(|&(_, edge)| edge)
     }

@@ -2,9 +2,12 @@
 
 use super::firmware::{SimFirmware, gtag};
 use crate::devices::find_mut;
-use crate::modules::{EncoderBank, ForeignModules, SelectLine, SimIoPorts, SimPwm, Watcher};
+use crate::modules::{
+    EncoderBank, ForeignModules, OutputChange, SelectLine, SimIoPorts, SimPwm, SimStepgen, Source,
+    Watcher, is_high,
+};
 use crate::wire::{Nanos, RemoteEnd};
-use crate::world::{Change, Installation, Motor, SimTerminal};
+use crate::world::{Change, Installation, Motor, Segment, SimTerminal, Stepper};
 
 /// Longest step of the motors' simulation.
 const GRAIN: Nanos = 1_000_000;
@@ -65,11 +68,67 @@ pub struct AxisWiring {
     pub motor: Motor,
 }
 
+/// A module whose registers a timer of the DPLL latches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Latching {
+    /// The encoder module with this index.
+    Encoders(usize),
+    /// The step generators.
+    Steps,
+}
+
+/// Wiring of a stepper motor to the step and direction pins of a generator, by their descriptors.
+/// The drive gets the levels of the I/O pins: a pin that is not driven is pulled up, and a signal
+/// that its port inverts is inverted.
+#[derive(Clone, Copy, Debug)]
+pub struct StepperWiring {
+    /// The step generator.
+    pub generator: usize,
+    /// Encoder on the motor, if any: instance of the first encoder module.
+    pub encoder: Option<usize>,
+    /// The motor.
+    pub motor: Stepper,
+}
+
+/// Secondary pins of step and direction.
+const STEP_PIN: u8 = 0x81;
+const DIR_PIN: u8 = 0x82;
+
 #[derive(Debug)]
 struct Axis {
-    motor: Motor,
-    encoder: usize,
-    source: DriveSource,
+    mover: Mover,
+    encoder: Option<usize>,
+}
+
+/// The motor of an axis.
+#[derive(Debug)]
+enum Mover {
+    Servo { motor: Motor, source: DriveSource },
+    Stepper { motor: Stepper, inputs: StepInputs },
+}
+
+/// The signals at the inputs of a stepper drive.
+#[derive(Clone, Copy, Debug)]
+struct StepInputs {
+    generator: usize,
+    /// The I/O pins of step and direction, if the firmware has them, and what drives them.
+    pins: [Option<usize>; 2],
+    sources: [Source; 2],
+    /// The generator's outputs.
+    outputs: u8,
+}
+
+impl StepInputs {
+    /// The levels of step and direction.
+    fn levels(&self) -> [bool; 2] {
+        let level = |source, pin| match source {
+            Source::Undriven => true,
+            Source::Level(level) => level,
+            Source::Module { inverted } => is_high(self.outputs, pin) != inverted,
+        };
+        let [step, dir] = self.sources;
+        [level(step, STEP_PIN), level(dir, DIR_PIN)]
+    }
 }
 
 /// Drives, motors and encoders.
@@ -78,12 +137,14 @@ pub(crate) struct Plant {
     now: Nanos,
     /// In the order of the firmware's modules.
     pub(super) banks: Vec<EncoderBank>,
+    pub(super) stepgen: Option<SimStepgen>,
     axes: Vec<Axis>,
     pub(super) installation: Installation,
 }
 
 impl Plant {
-    pub(crate) fn new(firmware: &SimFirmware) -> Self {
+    pub(crate) fn new(firmware: &SimFirmware, now: Nanos) -> Self {
+        let steps = firmware.module(gtag::STEPGEN);
         let modules = firmware.modules.iter();
         let banks = modules
             .filter(|module| matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER))
@@ -91,25 +152,68 @@ impl Plant {
         Self {
             now: 0,
             banks: banks.collect(),
+            stepgen: steps.map(|module| SimStepgen::new(firmware, module, now)),
             axes: Vec::new(),
             installation: Installation::default(),
         }
     }
 
     pub(super) fn add(&mut self, wiring: AxisWiring, io: &SimIoPorts) -> usize {
-        let motor = wiring.motor;
-        let per_revolution = motor.config().counts_per_revolution;
-        let counts = libm::floor(motor.counts()) as i64;
-        self.axes.push(Axis {
+        let AxisWiring {
             motor,
-            encoder: wiring.encoder,
-            source: wiring.source,
+            encoder,
+            source,
+        } = wiring;
+        let per_revolution = motor.config().counts_per_revolution;
+        self.place(encoder, motor.counts(), per_revolution, io);
+        self.axes.push(Axis {
+            mover: Mover::Servo { motor, source },
+            encoder: Some(encoder),
         });
+        self.axes.len() - 1
+    }
+
+    /// Adds a stepper motor at the pins of a generator.
+    pub(super) fn add_stepper(
+        &mut self,
+        wiring: StepperWiring,
+        firmware: &SimFirmware,
+        io: &SimIoPorts,
+    ) -> usize {
+        let StepperWiring {
+            generator,
+            encoder,
+            mut motor,
+        } = wiring;
+        let unit = u8::try_from(generator).unwrap_or(u8::MAX);
+        let pin = |pin| firmware.pin(gtag::STEPGEN, unit, pin);
+        let pins = [pin(STEP_PIN), pin(DIR_PIN)];
+        let stepgen = self.stepgen.as_ref();
+        let inputs = StepInputs {
+            generator,
+            pins,
+            sources: pins.map(|pin| io.source(pin)),
+            outputs: stepgen.map_or(0, |steps| steps.outputs(generator)),
+        };
+        let [step, dir] = inputs.levels();
+        motor.wire(self.now, step, dir);
+        if let Some(encoder) = encoder {
+            let per_revolution = motor.config().counts_per_revolution;
+            self.place(encoder, motor.counts(), per_revolution, io);
+        }
+        self.axes.push(Axis {
+            mover: Mover::Stepper { motor, inputs },
+            encoder,
+        });
+        self.axes.len() - 1
+    }
+
+    /// Sets the position of an encoder when its motor is wired.
+    fn place(&mut self, encoder: usize, counts: f64, per_revolution: u32, io: &SimIoPorts) {
         self.pins_changed(io);
         if let Some(bank) = self.banks.first_mut() {
-            bank.place(wiring.encoder, counts, per_revolution);
+            bank.place(encoder, libm::floor(counts) as i64, per_revolution);
         }
-        self.axes.len() - 1
     }
 
     pub(super) fn len(&self) -> usize {
@@ -134,17 +238,105 @@ impl Plant {
         }
     }
 
+    pub(super) fn write_stepgen(&mut self, now: Nanos, register: u8, n: u8, value: u32) {
+        let Self {
+            banks,
+            stepgen,
+            axes,
+            installation,
+            ..
+        } = self;
+        if let Some(stepgen) = stepgen {
+            let mut world = World {
+                banks,
+                installation,
+            };
+            let follow = |change| outputs_changed(axes, change, &mut world);
+            stepgen.write(now, register, n, value, follow);
+        }
+    }
+
+    /// Replaces the step generators by those of a new configuration.
+    pub(super) fn reload_stepgen(&mut self, fresh: Option<SimStepgen>) {
+        self.stepgen = fresh;
+        for axis in &mut self.axes {
+            if let Mover::Stepper { inputs, .. } = &mut axis.mover {
+                let stepgen = self.stepgen.as_ref();
+                inputs.outputs = stepgen.map_or(0, |steps| steps.outputs(inputs.generator));
+            }
+        }
+    }
+
+    /// Latches the registers of a module at a rise of its timer.
+    pub(super) fn latch(&mut self, latching: Latching, edge: Nanos) {
+        match latching {
+            Latching::Encoders(bank) => {
+                if let Some(bank) = self.banks.get_mut(bank) {
+                    bank.latch(edge);
+                }
+            }
+            Latching::Steps => {
+                if let Some(stepgen) = &mut self.stepgen {
+                    stepgen.sample();
+                }
+            }
+        }
+    }
+
+    /// Modules that a timer latches, each with its timer.
+    pub(super) fn latching(&self) -> impl Iterator<Item = (Latching, u8)> {
+        let banks = self.banks.iter().enumerate();
+        let banks =
+            banks.filter_map(|(n, bank)| Some((Latching::Encoders(n), bank.latching_timer()?)));
+        let steps = self.stepgen.iter();
+        banks.chain(steps.filter_map(|one| Some((Latching::Steps, one.sampling_timer()?))))
+    }
+
     pub(super) fn now(&self) -> Nanos {
         self.now
     }
 
     pub(super) fn motor_mut(&mut self, axis: usize) -> Option<&mut Motor> {
-        self.axes.get_mut(axis).map(|axis| &mut axis.motor)
+        match &mut self.axes.get_mut(axis)?.mover {
+            Mover::Servo { motor, .. } => Some(motor),
+            Mover::Stepper { .. } => None,
+        }
+    }
+
+    pub(super) fn stepper_mut(&mut self, axis: usize) -> Option<&mut Stepper> {
+        match &mut self.axes.get_mut(axis)?.mover {
+            Mover::Stepper { motor, .. } => Some(motor),
+            Mover::Servo { .. } => None,
+        }
+    }
+
+    /// The position of an axis in units.
+    pub(super) fn position(&self, axis: usize) -> Option<f64> {
+        Some(match &self.axes.get(axis)?.mover {
+            Mover::Servo { motor, .. } => motor.position(),
+            Mover::Stepper { motor, .. } => motor.position(),
+        })
     }
 
     /// Source of the signal to the drive of an axis.
     pub(super) fn source(&self, axis: usize) -> Option<DriveSource> {
-        self.axes.get(axis).map(|axis| axis.source)
+        match self.axes.get(axis)?.mover {
+            Mover::Servo { source, .. } => Some(source),
+            Mover::Stepper { .. } => None,
+        }
+    }
+
+    /// The servo motors with the sources of their signals.
+    fn servos(&mut self) -> impl Iterator<Item = (&mut Motor, DriveSource)> {
+        let axes = self.axes.iter_mut();
+        axes.filter_map(|axis| match &mut axis.mover {
+            Mover::Servo { motor, source } => Some((motor, *source)),
+            Mover::Stepper { .. } => None,
+        })
+    }
+
+    fn sources(&self) -> impl Iterator<Item = DriveSource> {
+        (0..self.axes.len()).filter_map(|axis| self.source(axis))
     }
 
     /// Time of the next regular step.
@@ -160,18 +352,24 @@ impl Plant {
         self.now = to;
         let Self {
             banks,
+            stepgen,
             axes,
             installation,
             ..
         } = self;
+        let mut world = World {
+            banks,
+            installation,
+        };
+        if let Some(stepgen) = stepgen {
+            stepgen.advance(to, |change| outputs_changed(axes, change, &mut world));
+        }
         for (number, axis) in axes.iter_mut().enumerate() {
-            let encoder = axis.encoder;
-            axis.motor.advance(to, |segment, positions| {
-                if let Some(bank) = banks.first_mut() {
-                    bank.turn(encoder, segment);
-                }
-                installation.moved(number, [segment.start, segment.end], positions);
-            });
+            let mut moved = world.mover(number, axis.encoder);
+            match &mut axis.mover {
+                Mover::Servo { motor, .. } => motor.advance(to, moved),
+                Mover::Stepper { motor, .. } => motor.advance(to, &mut moved),
+            }
         }
         installation.advance(to);
     }
@@ -179,7 +377,10 @@ impl Plant {
     /// Switches the power of all drives.
     pub(super) fn power_drives(&mut self, powered: bool) {
         for axis in &mut self.axes {
-            axis.motor.set_power(powered);
+            match &mut axis.mover {
+                Mover::Servo { motor, .. } => motor.set_power(powered),
+                Mover::Stepper { motor, .. } => motor.set_power(powered),
+            }
         }
     }
 
@@ -199,56 +400,117 @@ impl Plant {
                 bank.set_select(self.now, encoder, line);
             }
         }
+        self.step_pins_changed(io);
+    }
+
+    /// Applies the set-up of the pins to the inputs of stepper drives.
+    fn step_pins_changed(&mut self, io: &SimIoPorts) {
+        let Self {
+            banks,
+            axes,
+            installation,
+            now,
+            ..
+        } = self;
+        let mut world = World {
+            banks,
+            installation,
+        };
+        for (number, axis) in axes.iter_mut().enumerate() {
+            if let Mover::Stepper { motor, inputs } = &mut axis.mover {
+                inputs.sources = inputs.pins.map(|pin| io.source(pin));
+                let [step, dir] = inputs.levels();
+                let mut moved = world.mover(number, axis.encoder);
+                motor.set_inputs(*now, step, dir, &mut moved);
+            }
+        }
     }
 
     /// Applies the outputs of the PWM generators.
     pub(super) fn pwm_changed(&mut self, pwm: &SimPwm, io: &SimIoPorts) {
-        for axis in &mut self.axes {
-            if let DriveSource::Pwm { unit } = axis.source {
+        let now = self.now;
+        for (motor, source) in self.servos() {
+            if let DriveSource::Pwm { unit } = source {
                 let enabled = pwm.drive_enabled(unit, io);
-                axis.motor.command(pwm.volts(unit, io, self.now), enabled);
+                motor.command(pwm.volts(unit, io, now), enabled);
             }
         }
     }
 
     /// Applies the outputs of foreign modules.
     pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &SimIoPorts) {
-        for axis in &mut self.axes {
-            if let DriveSource::Module { gtag, output } = axis.source {
-                let signal = modules.drive_signal(gtag, self.now, output, io);
-                axis.motor.command(signal.volts, signal.enabled);
+        let now = self.now;
+        for (motor, source) in self.servos() {
+            if let DriveSource::Module { gtag, output } = source {
+                let signal = modules.drive_signal(gtag, now, output, io);
+                motor.command(signal.volts, signal.enabled);
             }
         }
     }
 
     /// True if a foreign module drives an axis.
     pub(super) fn is_driven_by_modules(&self) -> bool {
-        let mut axes = self.axes.iter();
-        axes.any(|axis| matches!(axis.source, DriveSource::Module { .. }))
+        let mut sources = self.sources();
+        sources.any(|source| matches!(source, DriveSource::Module { .. }))
     }
 
     /// Applies the outputs of a remote.
     fn remote_changed(&mut self, port: usize, channel: usize, remote: Option<&dyn RemoteEnd>) {
-        for axis in &mut self.axes {
+        for (motor, source) in self.servos() {
             if let DriveSource::Remote {
                 port: from_port,
                 channel: from_channel,
                 output,
                 readout,
-            } = axis.source
+            } = source
                 && (from_port, from_channel) == (port, channel)
             {
                 let signal = remote.map_or(DriveSignal::default(), |end| readout(end, output));
-                axis.motor.command(signal.volts, signal.enabled);
+                motor.command(signal.volts, signal.enabled);
             }
         }
     }
 
     fn is_driven_by(&self, port: usize, channel: usize) -> bool {
-        self.axes.iter().any(|axis| {
-            matches!(axis.source, DriveSource::Remote { port: p, channel: c, .. }
+        self.sources().any(|source| {
+            matches!(source, DriveSource::Remote { port: p, channel: c, .. }
                 if (p, c) == (port, channel))
         })
+    }
+}
+
+/// The parts of the plant that follow the motion of an axis.
+struct World<'a> {
+    banks: &'a mut Vec<EncoderBank>,
+    installation: &'a mut Installation,
+}
+
+impl World<'_> {
+    /// Receiver of the movements of an axis.
+    fn mover(&mut self, axis: usize, encoder: Option<usize>) -> impl FnMut(&Segment, [f64; 2]) {
+        move |segment, positions| {
+            if let Some(encoder) = encoder
+                && let Some(bank) = self.banks.first_mut()
+            {
+                bank.turn(encoder, segment);
+            }
+            let times = [segment.start, segment.end];
+            self.installation.moved(axis, times, positions);
+        }
+    }
+}
+
+/// Applies a change of a generator's outputs to the drives that are wired to it.
+fn outputs_changed(axes: &mut [Axis], change: OutputChange, world: &mut World<'_>) {
+    for (number, axis) in axes.iter_mut().enumerate() {
+        if let Mover::Stepper { motor, inputs } = &mut axis.mover
+            && inputs.generator == change.unit
+        {
+            inputs.outputs = change.outputs;
+            let [step, dir] = inputs.levels();
+            let mut moved = world.mover(number, axis.encoder);
+            motor.set_inputs(change.at, step, dir, &mut moved);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Reload of the FPGA, while the world around it continues.
 
-use super::{ChangeCause, SimFpga, gtag};
-use crate::modules::{Inputs, SimLeds};
+use super::{ChangeCause, OUTPUT_PIN, SimFpga, gtag};
+use crate::modules::{Inputs, SimLeds, SimStepgen};
 use crate::wire::Nanos;
 
 impl SimFpga {
@@ -39,6 +39,7 @@ impl SimFpga {
         for bank in &mut self.plant.banks {
             bank.reload(self.now, &self.firmware);
         }
+        self.reload_stepgen(fresh.plant.stepgen);
         for port in &mut self.serial {
             port.reload(self.now, configured);
         }
@@ -58,6 +59,19 @@ impl SimFpga {
         }
         self.pins_changed();
         self.show(ChangeCause::Reset);
+    }
+
+    /// Replaces the step generators. Their index and probe pins keep their levels.
+    fn reload_stepgen(&mut self, fresh: Option<SimStepgen>) {
+        self.plant.reload_stepgen(fresh);
+        for pin in 0..self.firmware.pins.len() {
+            let is_input = self.firmware.pins.get(pin).is_some_and(|found| {
+                found.secondary == gtag::STEPGEN && found.pin & OUTPUT_PIN == 0
+            });
+            if is_input {
+                self.pin_driven(pin);
+            }
+        }
     }
 
     /// True while the FPGA has no configuration.

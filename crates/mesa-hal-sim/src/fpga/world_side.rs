@@ -1,13 +1,13 @@
 //! The outside of the FPGA: pins, sockets, motors, inputs and outputs.
 
-use super::plant::{AxisWiring, DriveSignal, DriveSource};
+use super::plant::{AxisWiring, DriveSignal, DriveSource, StepperWiring};
 use super::{AccessCounters, SimFirmware, SimFpga, Target, gtag};
 use crate::modules::{
     EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
-    SimWatchdog, SmartSerial,
+    SimStepgen, SimWatchdog, SmartSerial,
 };
 use crate::wire::{Nanos, RemoteEnd};
-use crate::world::Motor;
+use crate::world::{Motor, Stepper};
 
 impl SimFpga {
     /// The firmware of the FPGA.
@@ -61,15 +61,29 @@ impl SimFpga {
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
         self.io.drive(pin, level);
         self.settle();
-        let tags = [gtag::ENCODER, gtag::MUXED_ENCODER];
-        let descriptor = self.firmware.pins.get(pin).copied();
-        if let Some(found) = descriptor.filter(|found| tags.contains(&found.secondary)) {
-            let (level, now) = (self.pin_level(pin), self.now);
-            if let Some(bank) = self.bank(found.secondary)
-                && let Some(bank) = self.plant.banks.get_mut(bank)
-            {
-                bank.set_pin(now, found.unit, found.pin, level);
+        self.pin_driven(pin);
+    }
+
+    /// Passes the level of a pin to the module whose input it is.
+    pub(super) fn pin_driven(&mut self, pin: usize) {
+        let Some(found) = self.firmware.pins.get(pin).copied() else {
+            return;
+        };
+        let (level, now) = (self.pin_level(pin), self.now);
+        match found.secondary {
+            gtag::ENCODER | gtag::MUXED_ENCODER => {
+                if let Some(bank) = self.bank(found.secondary)
+                    && let Some(bank) = self.plant.banks.get_mut(bank)
+                {
+                    bank.set_pin(now, found.unit, found.pin, level);
+                }
             }
+            gtag::STEPGEN => {
+                if let Some(steps) = &mut self.plant.stepgen {
+                    steps.set_pin(found.unit, found.pin, level);
+                }
+            }
+            _ => {}
         }
     }
 
@@ -155,7 +169,21 @@ impl SimFpga {
         axis
     }
 
-    /// The motor of an axis, up to date.
+    /// Wires a stepper motor to a step generator; returns the index of the axis.
+    pub fn wire_stepper(&mut self, wiring: StepperWiring) -> usize {
+        self.settle();
+        let axis = self.plant.add_stepper(wiring, &self.firmware, &self.io);
+        self.pins_changed();
+        axis
+    }
+
+    /// The stepper motor of an axis, up to date.
+    pub fn stepper(&mut self, axis: usize) -> Option<&mut Stepper> {
+        self.settle();
+        self.plant.stepper_mut(axis)
+    }
+
+    /// The servo motor of an axis, up to date.
     pub fn motor(&mut self, axis: usize) -> Option<&mut Motor> {
         self.settle();
         self.plant.motor_mut(axis)
@@ -188,6 +216,12 @@ impl SimFpga {
     pub fn encoders(&mut self) -> Option<&mut EncoderBank> {
         self.settle();
         self.plant.banks.first_mut()
+    }
+
+    /// The step generators, up to date.
+    pub fn stepgen(&mut self) -> Option<&SimStepgen> {
+        self.settle();
+        self.plant.stepgen.as_ref()
     }
 
     /// The PWM generators.

@@ -46,6 +46,31 @@ const fn muxed_encoders(count: u8) -> SimModuleDescriptor {
     }
 }
 
+const fn encoders(count: u8) -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::ENCODER,
+        version: 2,
+        instances: count,
+        base: 0x3000,
+        registers: 5,
+        multiple: 0x03,
+        ..MODULE
+    }
+}
+
+/// Step generators. FACTS 14.1.
+const fn step_generators(count: u8, version: u8) -> SimModuleDescriptor {
+    SimModuleDescriptor {
+        gtag: gtag::STEPGEN,
+        version,
+        instances: count,
+        base: 0x2000,
+        registers: 10,
+        multiple: 0x1FF,
+        ..MODULE
+    }
+}
+
 const fn mux_select() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::MUX_SELECT,
@@ -149,6 +174,32 @@ pub fn firmware_7i92_7i77() -> SimFirmware {
 /// The firmware of a 7I92 with a 7I77 on each of its connectors: six serial channels.
 pub fn firmware_7i92_7i77x2() -> SimFirmware {
     two_connectors(*b"MESA7I92", 100_000_000, 2)
+}
+
+/// The firmware of a 7I92 with a 7I76 on its first connector; the second is general-purpose I/O:
+/// five step generators that can swap their outputs, an encoder, and two serial channels.
+///
+/// Modules and pins are those of Mesa's public pin file PIN_7I76x1D_34, in which the step
+/// generators have version 2: the gateware of that time can swap, too (FACTS 14.2).
+pub fn firmware_7i92_7i76() -> SimFirmware {
+    let mut firmware = two_connectors(*b"MESA7I92", 100_000_000, 0);
+    firmware.modules = vec![
+        dpll(),
+        watchdog(),
+        io_ports(2),
+        encoders(1),
+        smart_serial(1),
+        step_generators(5, 0x42),
+        led(),
+    ];
+    for (pin, card) in firmware.pins.iter_mut().zip(card_7i76(0)) {
+        *pin = card;
+    }
+    let first_encoder = 14;
+    for (pin, signal) in firmware.pins.iter_mut().skip(first_encoder).zip([3, 2, 1]) {
+        *pin = SimPinDescriptor::new(gtag::ENCODER, 0, signal);
+    }
+    firmware
 }
 
 /// The firmware of a 5I25 (PCI, ClockLow 33.33 MHz) with a 7I77 on its first connector.
@@ -255,6 +306,31 @@ pub fn firmware_7i97_7i77() -> SimFirmware {
     }
     let connector = firmware.pins.iter_mut().skip(34);
     for (pin, card) in connector.zip(card_7i77(1, 1)) {
+        *pin = card;
+    }
+    firmware
+}
+
+/// The firmware of a 7I97 with a 7I76 on P1: five step generators, eight encoders, and the card's
+/// two serial channels. TB4 has none.
+///
+/// Modules and pins are those of Mesa's public pin file PIN_7I97_7I76D_51.
+pub fn firmware_7i97_7i76() -> SimFirmware {
+    let mut firmware = firmware_7i97(1);
+    if let Some(encoders) = firmware.module_mut(gtag::MUXED_ENCODER) {
+        *encoders = muxed_encoders(8);
+    }
+    let pwm = firmware.modules.iter();
+    let pwm = pwm.take_while(|module| module.gtag != gtag::PWM).count();
+    firmware.modules.insert(pwm, step_generators(5, 2));
+    for pin in &mut firmware.pins {
+        if pin.secondary == gtag::SSERIAL {
+            *pin = SimPinDescriptor::gpio();
+        }
+    }
+    let connector = firmware.pins.iter_mut().skip(34);
+    let card = card_7i76(0).into_iter().chain(encoder_pins(3));
+    for (pin, card) in connector.zip(card) {
         *pin = card;
     }
     firmware
@@ -461,6 +537,20 @@ fn card_7i77(card: u8, first: u8) -> Vec<SimPinDescriptor> {
     ];
     for pair in 0..3 {
         pins.extend(encoder_pins(3 * card + pair));
+    }
+    pins
+}
+
+/// The first fourteen pins of a 7I76: five step generators, direction before step, and two serial
+/// channels from `first` on. FACTS 14.3.
+fn card_7i76(first: u8) -> Vec<SimPinDescriptor> {
+    let outputs = (0..5).flat_map(|unit| [(unit, 0x82), (unit, 0x81)]);
+    let mut pins: Vec<_> = outputs
+        .map(|(unit, pin)| SimPinDescriptor::new(gtag::STEPGEN, unit, pin))
+        .collect();
+    for channel in first..first + 2 {
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
+        pins.push(SimPinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
     }
     pins
 }

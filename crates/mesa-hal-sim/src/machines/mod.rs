@@ -70,6 +70,16 @@ pub fn i7i97_7i77() -> SimFpga {
     SimFpga::new(firmware_7i97_7i77())
 }
 
+/// A 7I92 for a 7I76, with nothing plugged in.
+pub fn i7i92_7i76() -> SimFpga {
+    SimFpga::new(firmware_7i92_7i76())
+}
+
+/// A 7I97 for a 7I76 on P1, with nothing plugged in.
+pub fn i7i97_7i76() -> SimFpga {
+    SimFpga::new(firmware_7i97_7i76())
+}
+
 /// A 7I97 with InM and OutM: see [`firmware_7i97_inm_outm`].
 pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97_inm_outm(channels))

@@ -1,6 +1,6 @@
 //! The HostMot2 modules of the simulated FPGA, one file for each.
 //!
-//! Registers and bit fields are those of FACTS 9.4 and 13.
+//! Registers and bit fields are those of FACTS 9.4, 13 and 14.
 
 mod dpll;
 mod encoder;
@@ -10,6 +10,7 @@ mod io_ports;
 mod outputs;
 mod pwm;
 mod smart_serial;
+mod stepgen;
 mod watchdog;
 
 pub use dpll::SimDpll;
@@ -23,4 +24,6 @@ pub use outputs::{SimLeds, SimOutputs};
 pub use pwm::SimPwm;
 pub use smart_serial::SmartSerial;
 pub(crate) use smart_serial::Watcher;
+pub use stepgen::SimStepgen;
+pub(crate) use stepgen::{OutputChange, is_high};
 pub use watchdog::SimWatchdog;

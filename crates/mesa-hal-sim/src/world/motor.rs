@@ -77,7 +77,7 @@ pub enum MotorError {
     /// A number outside its range.
     #[error("{field} of a motor is {value}: allowed is {allowed}")]
     OutOfRange {
-        /// The field of [`MotorConfig`].
+        /// The field of [`MotorConfig`] or of [`StepperConfig`](super::StepperConfig).
         field: &'static str,
         /// Its value.
         value: f64,
@@ -97,7 +97,7 @@ pub enum MotorError {
 }
 
 /// A permitted range: its test and its text.
-type Range = (fn(f64) -> bool, &'static str);
+pub(super) type Range = (fn(f64) -> bool, &'static str);
 
 const SPEED: Range = (
     |speed| speed > 0.0 && speed <= 1e9,
@@ -109,14 +109,14 @@ const FULL_SCALE: Range = (
 );
 const TIME: Range = (|time| (0.0..=10.0).contains(&time), "0 to 10 (s)");
 const FRICTION: Range = (|volts| (0.0..=10.0).contains(&volts), "0 to 10 (V)");
-const COUNTS: Range = (
+pub(super) const COUNTS: Range = (
     |counts| counts.abs() <= 1e7 && counts != 0.0,
     "-1e7 to 1e7, and not 0",
 );
 const INERTIA: Range = (|inertia| (1e-9..=1e9).contains(&inertia), "1e-9 to 1e9");
 const FORCE: Range = (|force| force > 0.0, "more than 0, up to inf");
 const DRAG: Range = (|drag| (0.0..=1e9).contains(&drag), "0 to 1e9");
-const POSITION: Range = (|position| position.abs() <= 1e9, "-1e9 to 1e9");
+pub(super) const POSITION: Range = (|position| position.abs() <= 1e9, "-1e9 to 1e9");
 
 impl MotorConfig {
     /// Checks the ranges.
@@ -154,7 +154,7 @@ impl MotorConfig {
 pub struct Segment {
     /// Time of the beginning.
     pub start: Nanos,
-    /// Time of the end; later than `start`.
+    /// Time of the end; not before `start`.
     pub end: Nanos,
     /// Encoder position at the beginning, in counts.
     pub from: f64,

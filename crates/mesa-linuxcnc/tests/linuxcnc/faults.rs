@@ -84,10 +84,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
         "mesa_eth does nothing there",
     ),
     ("loopback addresses, other ports", "tests/fake_hal"),
-    (
-        "a panic, which would be an error",
-        "tests/fake_hal, with inject-panic",
-    ),
+    ("a panic, which would be an error", "tests/fake_hal"),
 ];
 
 #[test]
@@ -171,27 +168,26 @@ impl Faults {
     /// Switches the port off and on until it runs with all outputs on: a late packet can spoil a
     /// start of hostmot2's.
     fn start_port(&mut self) {
-        self.start_port_until("the outputs", |session| {
-            session.outputs() == "[true, true, true]"
-        });
+        let runs = (0..30)
+            .any(|_| self.start_port_once(|session| session.outputs() == "[true, true, true]"));
+        assert!(runs, "the port does not start");
     }
 
-    fn start_port_until(&mut self, what: &str, is_so: impl Fn(&mut Session) -> bool) {
+    /// Switches the port off and on; true if it runs within 3 s, and something is so.
+    fn start_port_once(&mut self, is_so: impl Fn(&mut Session) -> bool) -> bool {
         let state = |session: &mut Session| session.get("sserial.port-0.port_state");
-        for _ in 0..10 {
-            self.session.set("sserial.port-0.run", "FALSE");
-            self.session
-                .until("the port stops", |session| state(session) == "0");
-            self.session.set("sserial.port-0.run", "TRUE");
-            let begin = Instant::now();
-            while begin.elapsed() < Duration::from_secs(5) {
-                if state(&mut self.session) == "3" && is_so(&mut self.session) {
-                    return;
-                }
-                std::thread::sleep(Duration::from_millis(20));
+        self.session.set("sserial.port-0.run", "FALSE");
+        self.session
+            .until("the port stops", |session| state(session) == "0");
+        self.session.set("sserial.port-0.run", "TRUE");
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(3) {
+            if state(&mut self.session) == "3" && is_so(&mut self.session) {
+                return true;
             }
+            std::thread::sleep(Duration::from_millis(20));
         }
-        panic!("the port does not start: {what}");
+        false
     }
 
     /// Asserts that the outputs stay as they are.
@@ -252,16 +248,22 @@ impl Faults {
     }
 
     fn a_parameter_is_set(&mut self) {
-        self.session.set("7i72.0.2.nvwatchdogtimeout", "1900");
-        self.start_port_until("the parameter", |session| {
-            session.board("watchdog 2") == "1900 ms"
+        // hostmot2 does not notice that a late packet has cost a write, and does not write a value
+        // again that it takes for written.
+        let attempts = if self.is_ours { 1 } else { 30 };
+        let written = (1900..1900 + attempts).find(|value| {
+            let value = value.to_string();
+            self.session.set("7i72.0.2.nvwatchdogtimeout", &value);
+            let kept = format!("{value} ms");
+            self.start_port_once(|session| session.board("watchdog 2") == kept)
         });
+        let value = written.expect("the parameter is written").to_string();
         self.session.expect_outputs([true; 3]);
-        assert_eq!(self.session.get("7i72.0.2.nvwatchdogtimeout"), "1900");
+        assert_eq!(self.session.get("7i72.0.2.nvwatchdogtimeout"), value);
         if self.is_ours {
             self.comes_back(
                 "7i72.0.2.nvwatchdogtimeout",
-                ["70000", "1900"],
+                ["70000", &value],
                 "NVWatchDogTimeout: 70000",
             );
         }

@@ -8,7 +8,11 @@ mod faults;
 #[path = "../../../mesa-tools/tests/interop/halcmd.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod halcmd;
+mod look;
 mod names;
+#[path = "../../../mesa-tools/tests/interop/passive.rs"]
+#[allow(unreachable_pub, reason = "shared with mesa-tools")]
+mod passive;
 mod servo;
 mod session;
 mod threads;

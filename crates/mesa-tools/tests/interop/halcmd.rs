@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::tools::{has_program, skip};
+use super::tools::{OF_LINUXCNC, has_program, skip};
 
 /// Time limit of a command of LinuxCNC, and of its end.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -117,6 +117,7 @@ impl Halcmd {
         let mut sandbox = sandbox
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
+            .env(OF_LINUXCNC.0, OF_LINUXCNC.1)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -173,6 +174,11 @@ impl Halcmd {
 
     pub fn get(&mut self, name: &str) -> String {
         self.value(&format!("getp .{name}"))
+    }
+
+    pub fn number(&mut self, name: &str) -> f64 {
+        let value = self.get(name);
+        value.parse().unwrap_or_else(|_| panic!("{name} = {value}"))
     }
 
     /// The only value that a command prints.

@@ -10,6 +10,7 @@ pub mod board;
 pub mod console;
 pub mod halcmd;
 pub mod mesaflash;
+pub mod passive;
 pub mod tools;
 
 pub use tools::{realtime, realtime_thread};

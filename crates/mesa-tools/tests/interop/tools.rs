@@ -27,21 +27,28 @@ pub fn has_program(name: &str) -> bool {
         .any(|directory| directory.join(name).is_file())
 }
 
+/// The priority of what has to answer in time.
+const PRIORITY: &str = "1";
+
+/// The priority of LinuxCNC's threads. Its driver polls for a reply, and must not hold up the board
+/// that sends it, or a servo loop of another test: no realtime priority.
+pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_NICE", "-20");
+
 /// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
 /// answer in time on a busy computer: with a realtime priority where the user may have one.
 pub fn realtime(program: impl AsRef<OsStr>) -> Command {
     static PERMITTED: OnceLock<bool> = OnceLock::new();
-    const PRIORITY: [&str; 2] = ["--rr", "1"];
+    const WORDS: [&str; 2] = ["--rr", PRIORITY];
     let is_permitted = || {
         let mut nothing = Command::new("chrt");
-        nothing.args(PRIORITY).arg("true").stderr(Stdio::null());
+        nothing.args(WORDS).arg("true").stderr(Stdio::null());
         nothing.status().is_ok_and(|status| status.success())
     };
     if !PERMITTED.get_or_init(is_permitted) {
         return Command::new(program);
     }
     let mut command = Command::new("chrt");
-    command.args(PRIORITY).arg(program);
+    command.args(WORDS).arg(program);
     command
 }
 
@@ -49,7 +56,7 @@ pub fn realtime(program: impl AsRef<OsStr>) -> Command {
 pub fn realtime_thread() {
     let mut set = Command::new("chrt");
     let thread = std::fs::read_link("/proc/thread-self").expect("Linux has it");
-    set.args(["--rr", "--pid", "1"])
+    set.args(["--rr", "--pid", PRIORITY])
         .arg(thread.file_name().expect("its number"))
         .stderr(Stdio::null());
     // Without permission it stays as it is.

@@ -3,7 +3,7 @@
 use crate::interop::realtime_thread;
 use std::fs::{File, OpenOptions};
 use std::os::fd::OwnedFd;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -17,6 +17,9 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 /// Interval between two checks for the end.
 const LOOK: Duration = Duration::from_millis(2);
 
+/// Interval between two checks if another thread still has the device: less than a character takes.
+const HAND_OVER: Duration = Duration::from_micros(20);
+
 /// A card with its jumper in the setup position, in real time, until it is dropped.
 pub struct Card {
     /// Path that a host opens.
@@ -29,6 +32,8 @@ pub struct Card {
 
 struct Shared {
     device: Mutex<(Box<dyn SimDevice>, u64)>,
+    /// Threads that wait for the device, or have it.
+    waiting: AtomicUsize,
     stop: AtomicBool,
 }
 
@@ -52,6 +57,7 @@ impl Card {
         tcsetattr(&slave, OptionalActions::Now, &settings).unwrap();
         let shared = Arc::new(Shared {
             device: Mutex::new((device, 0)),
+            waiting: AtomicUsize::new(0),
             stop: AtomicBool::new(false),
         });
         let thread = std::thread::spawn({
@@ -68,9 +74,14 @@ impl Card {
 
     /// Gives access to the device and its time, for checks and changes.
     pub fn with<T>(&self, look: impl FnOnce(&mut dyn SimDevice, u64) -> T) -> T {
-        let mut device = self.shared.device();
-        let (device, now) = &mut *device;
-        look(&mut **device, *now)
+        self.shared.waiting.fetch_add(1, Ordering::AcqRel);
+        let result = {
+            let mut device = self.shared.device();
+            let (device, now) = &mut *device;
+            look(&mut **device, *now)
+        };
+        self.shared.waiting.fetch_sub(1, Ordering::AcqRel);
+        result
     }
 
     /// Value of a parameter in the card itself.
@@ -98,6 +109,10 @@ fn serve(shared: &Shared, slave: &File, master: OwnedFd) {
     realtime_thread();
     let mut face = SerialFace::new(File::from(master));
     while !shared.stop.load(Ordering::Relaxed) {
+        // A mutex is not fair, and this thread has the higher priority.
+        while shared.waiting.load(Ordering::Acquire) > 0 {
+            std::thread::sleep(HAND_OVER);
+        }
         // The line has the rate that the host has set, whatever the card's rate.
         face.set_baud_rate(tcgetattr(slave).unwrap().input_speed());
         {
@@ -105,7 +120,7 @@ fn serve(shared: &Shared, slave: &File, master: OwnedFd) {
             face.step(&mut *device.0, LOOK).expect("the port works");
             device.1 = face.now();
         }
-        // Lets a waiting thread take the device.
+        // To the cards of other tests, which have the same priority.
         std::thread::yield_now();
     }
 }

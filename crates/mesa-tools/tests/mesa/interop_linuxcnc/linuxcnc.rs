@@ -164,11 +164,6 @@ impl Machine {
         self.value(&format!("gets {name}"))
     }
 
-    pub fn number(&mut self, name: &str) -> f64 {
-        let value = self.get(name);
-        value.parse().unwrap_or_else(|_| panic!("{name} = {value}"))
-    }
-
     /// Waits until a pin or parameter has a value.
     pub fn expect(&mut self, name: &str, expected: &str) {
         let start = Instant::now();

@@ -1,26 +1,15 @@
 //! A look at the board beside LinuxCNC's own driver, from the computer that LinuxCNC runs on.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 
 use super::linuxcnc::Machine;
-use crate::interop::{Process, console::Values, mesa};
+use crate::interop::{console::Values, mesa, passive::compare_errors};
 use crate::run::Run;
 
 const BOARD: [&str; 2] = ["--addr", "10.97.0.2"];
-
-/// Pairs of times with and without a look in which LinuxCNC's packet errors are compared.
-const PAIRS: usize = 7;
-
-/// Each of these times, and the packets of a look in it: one in 50 ms.
-const PHASE: Duration = Duration::from_millis(400);
-const LOOKS: f64 = 8.0;
-
-/// Comparisons: another load of the computer can spoil one.
-const ATTEMPTS: usize = 4;
 
 /// `mesa info --passive`, `mesa watch --passive` and `mesa peek` show what LinuxCNC shows, write
 /// nothing, and cost LinuxCNC no packet.
@@ -49,7 +38,7 @@ pub fn check(machine: &mut Machine) {
             .is_some_and(|state| state.starts_with("running")),
         "{info:#}"
     );
-    compare_errors(machine);
+    compare_errors(machine, mesa());
     assert_nothing_written(&machine.board.show("network"));
 }
 
@@ -85,62 +74,6 @@ fn watch(machine: &Machine) -> Value {
     let output = command.args(["-c", script]).arg(mesa()).output();
     let run = Run::from(output.expect("a shell"));
     serde_json::from_str(&run.out).unwrap_or_else(|error| panic!("{error}: {run:?}"))
-}
-
-/// LinuxCNC loses no more packets in the times of a look than in those between. A look that cost a
-/// cycle for each of its packets would fail. The look is one process, which is stopped in between,
-/// because the start of a process costs more than its packets.
-fn compare_errors(machine: &mut Machine) {
-    let mut command = machine.beside(mesa());
-    command.args([
-        "watch",
-        "--passive",
-        "--json",
-        "--every",
-        "50ms",
-        "encoder.00",
-    ]);
-    let child = command.args(BOARD).stdout(Stdio::piped()).spawn();
-    let mut watch = Process::new(child.expect("mesa starts"));
-    let mut all = Vec::new();
-    for _ in 0..ATTEMPTS {
-        let mut more: Vec<f64> = (0..PAIRS)
-            .map(|_| errors_more(machine, &mut watch))
-            .collect();
-        more.sort_by(f64::total_cmp);
-        println!("packet errors more beside {LOOKS} packets of a look: {more:?}");
-        // Without the least and the largest, which another process has caused.
-        let middle = more.get(1..PAIRS - 1).expect("several").iter();
-        if middle.sum::<f64>() < LOOKS * (PAIRS - 2) as f64 / 2.0 {
-            send(&mut watch, "CONT");
-            watch.signal("INT");
-            let lines = String::from_utf8_lossy(&watch.output().stdout)
-                .lines()
-                .count();
-            assert!(lines as f64 > LOOKS * PAIRS as f64 / 2.0, "{lines} looks");
-            return;
-        }
-        all.push(more);
-    }
-    panic!("LinuxCNC loses packets beside a look: {all:?}");
-}
-
-/// Packet errors during a look, less those of the same time without it.
-fn errors_more(machine: &mut Machine, watch: &mut Process) -> f64 {
-    let mut errors = |is_looking| {
-        send(watch, if is_looking { "CONT" } else { "STOP" });
-        let before = machine.number("packet-error-total");
-        std::thread::sleep(PHASE);
-        machine.number("packet-error-total") - before
-    };
-    errors(true) - errors(false)
-}
-
-fn send(process: &mut Process, signal: &str) {
-    let mut kill = Command::new("kill");
-    let id = process.child().id().to_string();
-    let sent = kill.args([&format!("-{signal}"), &id]).status();
-    assert!(sent.expect("kill runs").success());
 }
 
 /// All packets that wrote something came from LinuxCNC.

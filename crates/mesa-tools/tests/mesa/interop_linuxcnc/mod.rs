@@ -18,6 +18,7 @@ mod skeleton;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
+use crate::interop::tools::OF_LINUXCNC;
 use crate::interop::{realtime, wait_until};
 use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
@@ -308,6 +309,8 @@ fn check_isolated_io(machine: &mut Machine) {
     machine.set("inmux.00.enc1-reset", "true");
     machine.expect("inmux.00.enc1-count", "0");
     machine.set("inmux.00.enc1-reset", "false");
+    // Steps that LinuxCNC reads with the old value are not counted.
+    std::thread::sleep(Duration::from_millis(200));
     // Two detents, B ahead of A. LinuxCNC counts from what it reads, so it has to see each step.
     for (on, level) in [("on", "TRUE"), ("off", "FALSE")].repeat(2) {
         for input in [3, 2] {
@@ -406,6 +409,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         let mut child = realtime(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
             .args(options)
             .env("MESA", crate::interop::mesa())
+            .env(OF_LINUXCNC.0, OF_LINUXCNC.1)
             .stdin(std::process::Stdio::piped())
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())

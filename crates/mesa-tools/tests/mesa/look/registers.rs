@@ -130,7 +130,11 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
             "no register `resolver`; `mesa peek` without a name",
         ),
         (&["peek", "encoder", "--any"], 2, "needs SPACE:ADDRESS"),
-        (&["peek", "0:0", "--every", "10ms"], 2, "no time from 50 ms"),
+        (
+            &["peek", "0:0", "--every", "10ms"],
+            2,
+            "no time from 0.05 s",
+        ),
         (&["poke", "6:0x18"], 2, "<VALUES>"),
         (&["poke", "6:0x18", "65536", "--yes"], 2, "no 16-bit number"),
         (&["poke", "6:0x18", "-1", "--yes"], 2, "-1"),

@@ -1,0 +1,324 @@
+//! Step generators.
+
+mod divider;
+mod generator;
+mod latch;
+#[cfg(test)]
+mod stepped;
+#[cfg(test)]
+mod tests;
+
+use crate::fpga::UNDRIVEN;
+use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
+use crate::wire::Nanos;
+use divider::Divider;
+use generator::{Generator, Time};
+
+const RATE: u8 = 0;
+const ACCUM: u8 = 1;
+const MODE: u8 = 2;
+const DIR_SETUP: u8 = 3;
+const DIR_HOLD: u8 = 4;
+const STEP_LEN: u8 = 5;
+const STEP_SPACE: u8 = 6;
+const TABLE: u8 = 7;
+const TABLE_MAX: u8 = 8;
+const MASTER: u8 = 9;
+const TIMER: u8 = 10;
+
+/// Secondary pin of the first output.
+const FIRST_OUTPUT: u8 = 0x81;
+/// Secondary pins of index and probe, with the numbers of older sources.
+const INDEX_PINS: [u8; 2] = [0x09, 0x01];
+const PROBE_PINS: [u8; 2] = [0x0A, 0x02];
+/// Unit of a pin that belongs to all generators.
+const ALL_UNITS: u8 = 0x80;
+
+/// Set in the version of generators with a latch on index and probe.
+const WITH_LATCH: u8 = 0x80;
+/// First version that can swap its outputs. FACTS 14.2.
+const WITH_SWAP: u8 = 2;
+/// Bits of the mode without swap, and without swap and latch.
+const TYPE_BITS: u32 = 0x03;
+const SWAP_BITS: u32 = 0x07;
+const LATCH_BITS: u32 = 0xFF;
+
+const SAMPLED_BY_TIMER: u32 = 1 << 15;
+const TIMER_BITS: u32 = 0xF000;
+const TIMERS: u8 = 4;
+
+/// Longest time that is simulated at once, in ticks.
+const STRETCH: u64 = 1 << 30;
+
+const SECOND: u128 = 1_000_000_000;
+
+/// All step generators of a firmware. FACTS 14.1 and 14.2.
+///
+/// They go on when the watchdog bites, unseen: FACTS 14.15.
+///
+/// The simulation is exact to the clock. Its cost is proportional to the steps, not to the clocks:
+/// it goes from one event of a generator to the next.
+#[derive(Clone, Debug)]
+pub struct SimStepgen {
+    clock: u32,
+    has_dpll: bool,
+    mode_bits: u32,
+    master: Divider,
+    timer: u32,
+    generators: Vec<Generator>,
+    samples: Samples,
+    /// Clock edges since power-up: the generators are in the state after the last one.
+    ticks: u64,
+}
+
+/// ACCUM of all generators at the last edge of the DPLL timer. FACTS 14.13.
+#[derive(Clone, Debug, Default)]
+struct Samples {
+    words: Vec<u32>,
+    /// The words that reads return in the tick of the edge.
+    older: Vec<u32>,
+    edge: u64,
+}
+
+/// The outputs of a generator after a change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct OutputChange {
+    pub(crate) at: Nanos,
+    pub(crate) unit: usize,
+    /// Bit 0 is the first pin.
+    pub(crate) outputs: u8,
+}
+
+impl SimStepgen {
+    /// Generators after the configuration of the FPGA at `now`.
+    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
+        let count = usize::from(module.instances);
+        let has_latch = module.version & WITH_LATCH != 0;
+        let mode_bits = match module.version {
+            _ if has_latch => LATCH_BITS,
+            WITH_SWAP.. => SWAP_BITS,
+            _ => TYPE_BITS,
+        };
+        let mut generators = Self {
+            clock: firmware.clock(module.clock).max(1),
+            has_dpll: firmware.module(gtag::DPLL).is_some(),
+            mode_bits,
+            master: Divider::default(),
+            timer: 0,
+            generators: vec![Generator::new(has_latch); count],
+            samples: Samples {
+                words: vec![0; count],
+                older: vec![0; count],
+                edge: 0,
+            },
+            ticks: 0,
+        };
+        generators.ticks = generators.next_tick(now);
+        generators
+    }
+
+    /// Reads a register; call [`advance`](Self::advance) first.
+    pub(crate) fn read(&self, register: u8, instance: u8) -> u32 {
+        let unit = usize::from(instance);
+        let generator = self.generators.get(unit);
+        match (register, generator) {
+            (ACCUM, Some(generator)) => self.accum_word(unit, generator),
+            (MODE, Some(generator)) => generator.mode_word().unwrap_or(UNDRIVEN),
+            (MASTER, _) => self.master.rate(),
+            (TIMER, _) if self.has_dpll => self.timer,
+            _ => UNDRIVEN,
+        }
+    }
+
+    /// ACCUM as a read returns it. With a DPLL it passes through one register more.
+    fn accum_word(&self, unit: usize, generator: &Generator) -> u32 {
+        match (self.sampling_timer(), self.has_dpll) {
+            (Some(_), _) => self.samples.word(unit, self.ticks),
+            (None, true) => generator.accum_before(),
+            (None, false) => generator.accum(),
+        }
+    }
+
+    /// Writes a register. The outputs can change at once.
+    pub(crate) fn write(
+        &mut self,
+        now: Nanos,
+        register: u8,
+        instance: u8,
+        value: u32,
+        mut changed: impl FnMut(OutputChange),
+    ) {
+        self.run_to(self.next_tick(now), &mut changed);
+        let at = self.time_of(self.ticks);
+        let unit = usize::from(instance);
+        match register {
+            MASTER => self.master.set_rate(value),
+            TIMER => self.set_timer(value),
+            _ => {
+                let mode_bits = self.mode_bits;
+                let Some(generator) = self.generators.get_mut(unit) else {
+                    return;
+                };
+                let before = generator.outputs();
+                write_generator(generator, register, value, mode_bits);
+                let outputs = generator.outputs();
+                if outputs != before {
+                    changed(OutputChange { at, unit, outputs });
+                }
+            }
+        }
+    }
+
+    /// Writes TIMER. Reads show the values at the moment of switching on until the first edge.
+    fn set_timer(&mut self, value: u32) {
+        let was_sampled = self.sampling_timer().is_some();
+        self.timer = value & TIMER_BITS;
+        if !was_sampled {
+            for (word, generator) in self.samples.words.iter_mut().zip(&self.generators) {
+                *word = generator.accum_before();
+            }
+            self.samples.edge = 0;
+        }
+    }
+
+    /// The DPLL timer at whose rising edge ACCUM is sampled, if one is selected.
+    pub(crate) fn sampling_timer(&self) -> Option<u8> {
+        let is_on = self.has_dpll && self.timer & SAMPLED_BY_TIMER != 0;
+        is_on.then_some(self.selected_timer())
+    }
+
+    /// The selected DPLL timer, even if it does not sample; 0 is the reference.
+    pub(crate) fn selected_timer(&self) -> u8 {
+        // There are four timers; any other number selects the reference.
+        let output = Some((self.timer >> 12 & 7) as u8);
+        output.filter(|&timer| timer <= TIMERS).unwrap_or(0)
+    }
+
+    /// Samples all accumulators at a rise of the timer; call [`advance`](Self::advance) first. The
+    /// samples show one tick later.
+    pub(crate) fn sample(&mut self) {
+        let Samples { words, older, edge } = &mut self.samples;
+        core::mem::swap(words, older);
+        *edge = self.ticks;
+        for (word, generator) in words.iter_mut().zip(&self.generators) {
+            *word = generator.accum();
+        }
+    }
+
+    /// Advances to `now`, and reports the changes of the outputs: generator by generator, each in
+    /// order of time.
+    pub(crate) fn advance(&mut self, now: Nanos, mut changed: impl FnMut(OutputChange)) {
+        self.run_to(self.ticks_passed(now), &mut changed);
+    }
+
+    fn run_to(&mut self, to: u64, changed: &mut impl FnMut(OutputChange)) {
+        while let Some(left) = to.checked_sub(self.ticks).filter(|&left| left > 0) {
+            let (from, ticks) = (self.ticks, left.min(STRETCH));
+            let clock = self.clock;
+            for (unit, generator) in self.generators.iter_mut().enumerate() {
+                generator.run(self.master, ticks, |passed, outputs| {
+                    let at = time_of(clock, from + passed);
+                    changed(OutputChange { at, unit, outputs });
+                });
+            }
+            self.master.advance(ticks);
+            self.ticks += ticks;
+        }
+    }
+
+    /// Sets the level of an input pin: index or probe. Call [`advance`](Self::advance) first.
+    pub(crate) fn set_pin(&mut self, unit: u8, pin: u8, level: bool) {
+        for (number, generator) in self.generators.iter_mut().enumerate() {
+            let is_meant = unit == ALL_UNITS || usize::from(unit) == number;
+            let latch = generator.latch_mut().filter(|_| is_meant);
+            let Some(latch) = latch else {
+                continue;
+            };
+            if INDEX_PINS.contains(&pin) {
+                latch.index.set(level);
+            } else if PROBE_PINS.contains(&pin) {
+                latch.probe.set(level);
+            }
+        }
+    }
+
+    /// A generator's signal on one of its pins, not inverted.
+    pub(crate) fn level(&self, unit: u8, pin: u8, now: Nanos) -> bool {
+        let Some(generator) = self.generators.get(usize::from(unit)) else {
+            return false;
+        };
+        let mut ahead = *generator;
+        let ticks = self.ticks_passed(now).saturating_sub(self.ticks);
+        ahead.run(self.master, ticks.min(STRETCH), |_, _| {});
+        is_high(ahead.outputs(), pin)
+    }
+
+    /// The outputs of a generator; bit 0 is the first pin.
+    pub(crate) fn outputs(&self, unit: usize) -> u8 {
+        self.generators.get(unit).map_or(0, Generator::outputs)
+    }
+
+    /// Number of generators.
+    pub fn count(&self) -> usize {
+        self.generators.len()
+    }
+
+    /// The accumulator of a generator in 1/65536 steps, as ACCUM without sample or delay. Its upper
+    /// half is the number of steps, which wraps.
+    pub fn accumulator(&self, unit: usize) -> Option<u32> {
+        Some(self.generators.get(unit)?.accum())
+    }
+
+    /// The number of the first clock edge that is not before `now`.
+    fn next_tick(&self, now: Nanos) -> u64 {
+        let clocks = u128::from(now) * u128::from(self.clock);
+        clocks.div_ceil(SECOND) as u64
+    }
+
+    /// The number of the last clock edge up to `now`.
+    fn ticks_passed(&self, now: Nanos) -> u64 {
+        (u128::from(now) * u128::from(self.clock) / SECOND) as u64
+    }
+
+    /// Time of the clock edge with this number.
+    fn time_of(&self, tick: u64) -> Nanos {
+        time_of(self.clock, tick)
+    }
+}
+
+impl Samples {
+    /// The word that a read in a tick returns.
+    fn word(&self, unit: usize, tick: u64) -> u32 {
+        let is_new = tick > self.edge;
+        let words = if is_new { &self.words } else { &self.older };
+        words.get(unit).copied().unwrap_or_default()
+    }
+}
+
+fn write_generator(generator: &mut Generator, register: u8, value: u32, mode_bits: u32) {
+    match register {
+        RATE => generator.set_rate(value),
+        ACCUM => generator.set_accum(value),
+        MODE => generator.set_mode((value & mode_bits) as u8),
+        DIR_SETUP => generator.set_time(Time::DirSetup, value),
+        DIR_HOLD => generator.set_time(Time::DirHold, value),
+        STEP_LEN => generator.set_time(Time::StepLen, value),
+        STEP_SPACE => generator.set_time(Time::StepSpace, value),
+        TABLE => generator.push_entry(value),
+        TABLE_MAX => generator.set_table_max(value),
+        _ => {}
+    }
+}
+
+fn time_of(clock: u32, tick: u64) -> Nanos {
+    // Each edge of an output needs it: seconds apart, so that 64 bits suffice.
+    let clock = u64::from(clock);
+    let second = SECOND as u64;
+    tick / clock * second + (tick % clock * second).div_ceil(clock)
+}
+
+/// The level of a secondary pin in the outputs of a generator.
+pub(crate) fn is_high(outputs: u8, pin: u8) -> bool {
+    let number = pin.checked_sub(FIRST_OUTPUT);
+    number.is_some_and(|number| u32::from(outputs).checked_shr(number.into()).unwrap_or(0) & 1 != 0)
+}
