@@ -1,7 +1,6 @@
 //! Generators in a driver, with the registers of FACTS 14 and a motor that counts the steps that go
 //! out while its pins are driven.
 
-use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec::Vec;
@@ -9,11 +8,11 @@ use core::time::Duration;
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::bus::{BusErrorKind, Clock};
+use crate::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use crate::driver::{BoardState, Driver, EventKind, Events, Remark, RemarkKind, Settings};
 use crate::hal::{Param, PinError};
 use crate::transport::{Fault, Faulty};
-use mesa_hal_sim::{ForeignModule, SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
+use mesa_hal_sim::{SimError, SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
 
 const GTAG: u8 = 0x05;
 const MS: u64 = 1_000_000;
@@ -85,10 +84,12 @@ impl Model {
     }
 }
 
-impl ForeignModule for Model {
+impl Model {
     fn read(&mut self, now: u64, register: u8, instance: u8) -> u32 {
         self.advance(now);
-        let generator = &self.generators[usize::from(instance)];
+        let Some(generator) = self.generators.get(usize::from(instance)) else {
+            return 0;
+        };
         match register {
             1 => (generator.accumulator >> 16) as u32,
             2 => generator.mode & 0xFF | generator.latched << 8,
@@ -133,10 +134,6 @@ impl ForeignModule for Model {
         self.wrongs.extend(wrong.map(ToString::to_string));
     }
 
-    fn level(&self, _: u64, _: u8, _: u8) -> bool {
-        false
-    }
-
     fn reload(&mut self, now: u64) {
         let accumulators = [0, 1].map(|n: usize| self.generators[n].accumulator);
         *self = Self {
@@ -151,8 +148,48 @@ impl ForeignModule for Model {
     }
 }
 
+/// A simulated board whose step generators are the model.
+struct ModelBoard {
+    fpga: SimFpga,
+    model: Model,
+}
+
+impl RegisterBus for ModelBoard {
+    type Error = SimError;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+        for access in accesses {
+            for (at, word) in (access.address..)
+                .step_by(4)
+                .zip(&mut words[access.words()])
+            {
+                let is_read = access.direction == Direction::Read;
+                let now = self.fpga.now();
+                let (register, instance) = ((at >> 8) as u8 & 0xF, at as u8 / 4);
+                match (at, is_read) {
+                    (0x2000..0x2B00, true) => *word = self.model.read(now, register, instance),
+                    (0x2000..0x2B00, false) => self.model.write(now, register, instance, *word),
+                    (_, true) => *word = self.fpga.read(at)?,
+                    (_, false) => self.fpga.write(at, *word)?,
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Clock for ModelBoard {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.fpga)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.fpga.wait(duration);
+    }
+}
+
 struct Machine {
-    driver: Driver<Faulty<SimFpga>>,
+    driver: Driver<Faulty<ModelBoard>>,
     pins: StepgenPins,
     events: Events,
     /// Steps of generator 0 that went out, and all that it has made.
@@ -174,9 +211,7 @@ fn firmware(version: u8) -> SimFpga {
         firmware.pins[FIRST_PIN + 8] = SimPinDescriptor::new(GTAG, 0, 0x09);
         firmware.pins[FIRST_PIN + 9] = SimPinDescriptor::new(GTAG, 0x80, 0x0A);
     }
-    let mut fpga = SimFpga::new(firmware);
-    fpga.add_module(GTAG, Box::new(Model::default()));
-    fpga
+    SimFpga::new(firmware)
 }
 
 /// A machine with usual times, a scale of 1000, a speed of 10 and an acceleration of 100.
@@ -202,7 +237,9 @@ fn machine(version: u8) -> Machine {
 }
 
 fn start(fpga: SimFpga, settings: Settings) -> Machine {
-    let driver = Driver::start(Faulty::new(fpga, 1), settings).expect("it starts");
+    let model = Model::default();
+    let board = ModelBoard { fpga, model };
+    let driver = Driver::start(Faulty::new(board, 1), settings).expect("it starts");
     let pins = driver.modules::<Stepgens>().next().map(Stepgens::pins);
     let pins = pins.and_then(|mut pins| pins.next()).expect("a generator");
     Machine {
@@ -220,11 +257,11 @@ impl Machine {
     }
 
     fn fpga(&mut self) -> &mut SimFpga {
-        &mut self.driver.bus_mut().inner
+        &mut self.driver.bus_mut().inner.fpga
     }
 
     fn model(&mut self) -> &mut Model {
-        self.fpga().module_mut::<Model>(GTAG).expect("the model")
+        &mut self.driver.bus_mut().inner.model
     }
 
     fn generator(&mut self) -> &mut ModelGenerator {
@@ -628,6 +665,8 @@ fn a_reset_of_the_board_sets_the_times_up_again_before_anything_moves() {
         machine.cycle(100.0);
     }
     machine.fpga().reload();
+    let now = machine.fpga().now().as_nanos();
+    machine.model().reload(now);
     machine.cycle(100.0);
     machine.cycle(100.0);
     assert_eq!(machine.generator().rate, 0);

@@ -162,10 +162,8 @@ fn a_delay_between_read_and_write_costs_no_more_than_itself() {
                 5.0 * delay * PERIOD
             };
             assert!(worst <= allowed, "{delay}, {acceleration}: {worst}");
-            assert!(
-                overshoot < delay * RAMP,
-                "{delay}, {acceleration}: {overshoot}"
-            );
+            // As late as it is, it may stop.
+            assert!(overshoot <= allowed, "{delay}, {acceleration}: {overshoot}");
         }
         let mut ideal = Ideal {
             delay,
