@@ -102,11 +102,13 @@ fn a_motor_follows_steps_smooth_commands_and_reversals_without_losing_a_step() {
         }
         machine.assert_true(command);
     }
+    // Turns in the middle of a step: on the boundary of one the motor would get a step up and a step
+    // down in a moment, which the simulated one takes for a speed.
+    let wave = |period: u32| 0.0005 + 2.0 * (1.0 - (f64::from(period) * 0.004).cos());
     for period in 0..4_000 {
-        let angle = f64::from(period) * 0.004;
-        machine.cycle(2.0 * (1.0 - angle.cos()));
+        machine.cycle(wave(period));
     }
-    let end = 2.0 * (1.0 - (3_999.0_f64 * 0.004).cos());
+    let end = wave(3_999);
     for _ in 0..300 {
         machine.cycle(end);
     }
