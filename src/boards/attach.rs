@@ -196,13 +196,16 @@ impl<'a> Finder<'a> {
         self.pins.has(&name)
     }
 
-    /// Finds a handle that some software modes lack.
+    /// Finds a handle that some software modes lack; `None` if there is no pin with its name.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] if the pin is of another kind.
     pub fn optional<T>(
         &self,
         name: &str,
         find: impl Fn(&Pins, &str) -> Result<T, PinError>,
-    ) -> Option<T> {
-        self.pins.optional(&format!("{}.{name}", self.prefix), find)
+    ) -> Result<Option<T>, AttachError> {
+        self.has(name).then(|| self.one(name, find)).transpose()
     }
 
     /// Finds handles whose names end in two digits, from 00 on.

@@ -46,7 +46,7 @@ impl RemoteHandles for I7i72 {
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
         Ok(Self {
             outputs: pins.numbered("output-", DigitalOut::find)?,
-            field_voltage: pins.optional("fieldvoltage", AnalogIn::find),
+            field_voltage: pins.optional("fieldvoltage", AnalogIn::find)?,
         })
     }
 }

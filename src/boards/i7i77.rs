@@ -218,7 +218,7 @@ impl RemoteHandles for I7i77Field {
             inputs: pins.numbered("input-", DigitalIn::find)?,
             outputs: pins.numbered("output-", DigitalOut::find)?,
             analog_in: has_volts.then(|| pins.each(volts)).transpose()?,
-            field_voltage: pins.optional("fieldvoltage", AnalogIn::find),
+            field_voltage: pins.optional("fieldvoltage", AnalogIn::find)?,
             mpgs: has_mpgs.then(|| pins.each(mpg)).transpose()?,
         })
     }

@@ -239,8 +239,8 @@ impl Counter {
                 .output(&reset)
                 .or_else(|_| pins.inout(&reset).map(InOut::as_output))?,
             scale: pins.parameter(&format!("{stem}.scale"))?,
-            counts_per_rev: pins.optional(&format!("{stem}.counts-per-rev"), Pins::parameter),
-            count_unsure: pins.optional(&format!("{stem}.count-unsure"), Pins::input),
+            counts_per_rev: pins.optional(&format!("{stem}.counts-per-rev"), Pins::parameter)?,
+            count_unsure: pins.optional(&format!("{stem}.count-unsure"), Pins::input)?,
         })
     }
 

@@ -348,14 +348,14 @@ impl Pins {
         self.find(name, Role::Setting)
     }
 
-    /// What `find` finds under a name that need not exist.
-    pub(crate) fn optional<T>(
+    /// What `find` finds under a name that need not exist. An error about a missing name would be
+    /// compared with all names, to name the one that was meant.
+    pub(super) fn optional<T>(
         &self,
         name: &str,
         find: impl Fn(&Self, &str) -> Result<T, PinError>,
-    ) -> Option<T> {
-        // An error would be compared with all names, to name the one that was meant.
-        self.has(name).then(|| find(self, name))?.ok()
+    ) -> Result<Option<T>, PinError> {
+        self.has(name).then(|| find(self, name)).transpose()
     }
 
     fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {

@@ -182,13 +182,12 @@ fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
 }
 
 #[test]
-fn a_servo_second_is_deterministic_and_fast() {
+fn a_servo_second_is_deterministic() {
     let begin = Instant::now();
     let (first, mut fpga) = servo(1.0);
     let host = begin.elapsed();
     let accesses = fpga.counters().reads + fpga.counters().writes;
     println!("1 s of virtual time, {accesses} accesses: {host:?}");
-    assert!(host < Duration::from_secs(3), "{host:?}");
     let travelled = fpga.motor(0).expect("axis").position();
     assert!(travelled.abs() > 1.0, "{travelled}");
     let (second, mut other) = servo(1.0);

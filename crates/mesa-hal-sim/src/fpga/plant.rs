@@ -239,18 +239,8 @@ impl Plant {
     }
 
     pub(super) fn write_stepgen(&mut self, now: Nanos, register: u8, n: u8, value: u32) {
-        let Self {
-            banks,
-            stepgen,
-            axes,
-            installation,
-            ..
-        } = self;
+        let (stepgen, axes, mut world) = self.split();
         if let Some(stepgen) = stepgen {
-            let mut world = World {
-                banks,
-                installation,
-            };
             let follow = |change| outputs_changed(axes, change, &mut world);
             stepgen.write(now, register, n, value, follow);
         }
@@ -350,17 +340,7 @@ impl Plant {
             return;
         }
         self.now = to;
-        let Self {
-            banks,
-            stepgen,
-            axes,
-            installation,
-            ..
-        } = self;
-        let mut world = World {
-            banks,
-            installation,
-        };
+        let (stepgen, axes, mut world) = self.split();
         if let Some(stepgen) = stepgen {
             stepgen.advance(to, |change| outputs_changed(axes, change, &mut world));
         }
@@ -371,7 +351,16 @@ impl Plant {
                 Mover::Stepper { motor, .. } => motor.advance(to, &mut moved),
             }
         }
-        installation.advance(to);
+        world.installation.advance(to);
+    }
+
+    /// The step generators, the axes, and what follows the motion of an axis.
+    fn split(&mut self) -> (Option<&mut SimStepgen>, &mut [Axis], World<'_>) {
+        let world = World {
+            banks: &mut self.banks,
+            installation: &mut self.installation,
+        };
+        (self.stepgen.as_mut(), &mut self.axes, world)
     }
 
     /// Switches the power of all drives.
@@ -405,23 +394,14 @@ impl Plant {
 
     /// Applies the set-up of the pins to the inputs of stepper drives.
     fn step_pins_changed(&mut self, io: &SimIoPorts) {
-        let Self {
-            banks,
-            axes,
-            installation,
-            now,
-            ..
-        } = self;
-        let mut world = World {
-            banks,
-            installation,
-        };
+        let now = self.now;
+        let (_, axes, mut world) = self.split();
         for (number, axis) in axes.iter_mut().enumerate() {
             if let Mover::Stepper { motor, inputs } = &mut axis.mover {
                 inputs.sources = inputs.pins.map(|pin| io.source(pin));
                 let [step, dir] = inputs.levels();
                 let mut moved = world.mover(number, axis.encoder);
-                motor.set_inputs(*now, step, dir, &mut moved);
+                motor.set_inputs(now, step, dir, &mut moved);
             }
         }
     }

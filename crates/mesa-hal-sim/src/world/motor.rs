@@ -121,7 +121,7 @@ pub(super) const POSITION: Range = (|position| position.abs() <= 1e9, "-1e9 to 1
 impl MotorConfig {
     /// Checks the ranges.
     fn check(&self) -> Result<(), MotorError> {
-        for (field, value, (is_allowed, allowed)) in [
+        check_ranges(&[
             ("max_speed", self.max_speed, SPEED),
             ("full_scale", self.full_scale, FULL_SCALE),
             ("time_constant", self.time_constant, TIME),
@@ -131,15 +131,7 @@ impl MotorConfig {
             ("max_force", self.max_force, FORCE),
             ("drag", self.drag, DRAG),
             ("position", self.position, POSITION),
-        ] {
-            if !is_allowed(value) {
-                return Err(MotorError::OutOfRange {
-                    field,
-                    value,
-                    allowed,
-                });
-            }
-        }
+        ])?;
         let [low, high] = self.stops;
         if low < high {
             Ok(())
@@ -147,6 +139,20 @@ impl MotorConfig {
             Err(MotorError::Stops { low, high })
         }
     }
+}
+
+/// Checks each field, by its name and its value.
+pub(super) fn check_ranges(fields: &[(&'static str, f64, Range)]) -> Result<(), MotorError> {
+    for &(field, value, (is_allowed, allowed)) in fields {
+        if !is_allowed(value) {
+            return Err(MotorError::OutOfRange {
+                field,
+                value,
+                allowed,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// A segment of a movement in one direction, as the encoder sees it.

@@ -1,6 +1,6 @@
 //! A stepper motor with its step/direction drive and an encoder.
 
-use super::motor::{COUNTS, MotorError, POSITION, Range, Segment};
+use super::motor::{COUNTS, MotorError, POSITION, Range, Segment, check_ranges};
 use crate::wire::Nanos;
 
 /// Properties of a stepper motor, its drive, its axis and its encoder. A step is a pulse: a
@@ -24,7 +24,7 @@ pub struct StepperConfig {
     /// Speed in units/s above which the motor has no torque left; infinite for no limit. More than
     /// 0.
     pub max_speed: f64,
-    /// Shortest pulse and shortest space between pulses that the drive detects.
+    /// Shortest pulse that the drive detects.
     pub min_pulse: Nanos,
     /// Shortest time between the end of a pulse and the next one.
     pub min_space: Nanos,
@@ -41,23 +41,14 @@ const POSITIVE: Range = (|value| value > 0.0, "more than 0, up to inf");
 impl StepperConfig {
     /// Checks the ranges.
     fn check(&self) -> Result<(), MotorError> {
-        for (field, value, (is_allowed, allowed)) in [
+        check_ranges(&[
             ("steps_per_unit", self.steps_per_unit, COUNTS),
             ("counts_per_unit", self.counts_per_unit, COUNTS),
             ("max_acceleration", self.max_acceleration, POSITIVE),
             ("start_speed", self.start_speed, POSITIVE),
             ("max_speed", self.max_speed, POSITIVE),
             ("position", self.position, POSITION),
-        ] {
-            if !is_allowed(value) {
-                return Err(MotorError::OutOfRange {
-                    field,
-                    value,
-                    allowed,
-                });
-            }
-        }
-        Ok(())
+        ])
     }
 }
 
@@ -225,7 +216,7 @@ impl Stepper {
     ) {
         self.advance(at, moved);
         if dir != self.dir {
-            let is_early = |pending: Step| at - pending.at < self.config.dir_hold;
+            let is_early = |pending: Step| at.saturating_sub(pending.at) < self.config.dir_hold;
             if self.pending.is_some_and(is_early) {
                 self.lose_pending();
             }
@@ -240,7 +231,7 @@ impl Stepper {
             self.rise(at, moved);
         } else {
             self.fallen = Some(at);
-            let is_short = |pending: Step| at - pending.at < self.config.min_pulse;
+            let is_short = |pending: Step| at.saturating_sub(pending.at) < self.config.min_pulse;
             if self.pending.is_some_and(is_short) {
                 self.lose_pending();
             }
@@ -253,7 +244,8 @@ impl Stepper {
         }
         let way = if self.dir { -1 } else { 1 };
         self.commanded += way;
-        let passed = |since: Option<Nanos>| since.map_or(Nanos::MAX, |since| at - since);
+        let passed =
+            |since: Option<Nanos>| since.map_or(Nanos::MAX, |since| at.saturating_sub(since));
         let is_detected = passed(self.dir_since) >= self.config.dir_setup
             && passed(self.fallen) >= self.config.min_space;
         if is_detected {

@@ -379,12 +379,12 @@ fn a_setting_that_cannot_be_is_put_back_with_its_name() {
     );
 }
 
-/// Page faults are those of the second round: the first one meets each page of code and memory for
-/// the first time, where `rtapi_app` has locked them.
 /// Page faults that the kernel may cause in memory that is not locked, as this test's: it moves pages. A
 /// cycle that met one each time would have thousands.
 const UNLOCKED: u64 = 20;
 
+/// Page faults are those of the second round: the first one meets each page of code and memory for
+/// the first time, where `rtapi_app` has locked them.
 #[test]
 fn a_cycle_neither_allocates_nor_faults_with_a_card_pulled_and_put_back() {
     let mut bench = Bench::running();

@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::tools::{OF_LINUXCNC, has_program, skip};
+use super::tools::{LINUXCNC_NICE, has_program, skip};
 
 /// Time limit of a command of LinuxCNC, and of its end.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -99,6 +99,8 @@ pub struct Halcmd {
     lines: Receiver<String>,
     /// `hm2_7i97.0`
     pub prefix: &'static str,
+    /// All messages of LinuxCNC so far.
+    pub messages: Vec<String>,
     _pipes: BoardPipes,
 }
 
@@ -117,7 +119,7 @@ impl Halcmd {
         let mut sandbox = sandbox
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
-            .env(OF_LINUXCNC.0, OF_LINUXCNC.1)
+            .env(LINUXCNC_NICE.0, LINUXCNC_NICE.1)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -128,6 +130,7 @@ impl Halcmd {
             lines: lines_of(sandbox.stdout.take().expect("a pipe")),
             sandbox,
             prefix,
+            messages: Vec::new(),
             _pipes: pipes,
         };
         Started {
@@ -153,6 +156,8 @@ impl Halcmd {
                 answer.push("no answer".to_owned());
                 return Err(answer);
             };
+            self.messages
+                .extend(line.strip_prefix("! ").map(str::to_owned));
             match line.strip_prefix("= ") {
                 Some("0") => return Ok(answer),
                 Some(_) => return Err(answer),

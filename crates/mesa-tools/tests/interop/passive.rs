@@ -24,12 +24,7 @@ const ATTEMPTS: usize = 4;
 /// cycle for each of its packets would fail. The look is one process, which is stopped in between,
 /// because the start of a process costs more than its packets.
 pub fn compare_errors(linuxcnc: &mut Halcmd, mesa: &Path) {
-    let mut command = linuxcnc.beside(mesa);
-    command
-        .args(["watch", "--passive", "--json", "--every", "50ms"])
-        .args(["encoder.00", "--addr", "10.97.0.2"])
-        .stdout(Stdio::piped());
-    let mut look = Look(command.spawn().expect("mesa starts"));
+    let mut look = Look::start(linuxcnc, mesa, Stdio::piped());
     let lines = lines_of(look.output());
     let mut all = Vec::new();
     for _ in 0..ATTEMPTS {
@@ -62,9 +57,19 @@ fn errors_more(linuxcnc: &mut Halcmd, look: &mut Look) -> f64 {
 }
 
 /// A look that is repeated until it is dropped.
-struct Look(Child);
+pub struct Look(Child);
 
 impl Look {
+    /// Starts `mesa watch --passive`, which sends a packet every 50 ms.
+    pub fn start(linuxcnc: &Halcmd, mesa: &Path, output: Stdio) -> Self {
+        let mut command = linuxcnc.beside(mesa);
+        command
+            .args(["watch", "--passive", "--json", "--every", "50ms"])
+            .args(["encoder.00", "--addr", "10.97.0.2"])
+            .stdout(output);
+        Self(command.spawn().expect("mesa starts"))
+    }
+
     fn output(&mut self) -> impl Read + Send + use<> {
         self.0.stdout.take().expect("a pipe")
     }

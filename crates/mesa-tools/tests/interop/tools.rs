@@ -30,9 +30,10 @@ pub fn has_program(name: &str) -> bool {
 /// The priority of what has to answer in time.
 const PRIORITY: &str = "1";
 
-/// The priority of LinuxCNC's threads. Its driver polls for a reply, and must not hold up the board
-/// that sends it, or a servo loop of another test: no realtime priority.
-pub const OF_LINUXCNC: (&str, &str) = ("LINUXCNC_NICE", "-20");
+/// The variable of `examples/linuxcnc.sh` with the nice value of LinuxCNC's threads. Its driver polls
+/// for a reply: with a realtime priority it would hold up the board that sends it, and the servo loops
+/// of other tests.
+pub const LINUXCNC_NICE: (&str, &str) = ("LINUXCNC_NICE", "-20");
 
 /// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to
 /// answer in time on a busy computer: with a realtime priority where the user may have one.

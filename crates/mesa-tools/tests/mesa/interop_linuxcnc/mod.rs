@@ -18,7 +18,7 @@ mod skeleton;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
-use crate::interop::tools::OF_LINUXCNC;
+use crate::interop::tools::LINUXCNC_NICE;
 use crate::interop::{realtime, wait_until};
 use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
@@ -409,7 +409,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         let mut child = realtime(format!("{}/../../{script}", env!("CARGO_MANIFEST_DIR")))
             .args(options)
             .env("MESA", crate::interop::mesa())
-            .env(OF_LINUXCNC.0, OF_LINUXCNC.1)
+            .env(LINUXCNC_NICE.0, LINUXCNC_NICE.1)
             .stdin(std::process::Stdio::piped())
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())
