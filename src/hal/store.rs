@@ -342,9 +342,10 @@ impl PinStore {
 
     /// Changes the safe value of an output whose safe state depends on the machine: the command of a
     /// position is safe where the axis stands. It is the value of the output while its group is not
-    /// armed, and when the group is armed again. It has to be within the limits of the output.
+    /// armed, and when the group is armed again. It has to be within the limits of the output; a value
+    /// that is not finite changes nothing.
     pub fn set_safe(&mut self, pin: Output<f64>, safe: f64) {
-        let index = self.index(pin.key);
+        let index = self.index(pin.key).filter(|_| safe.is_finite());
         if let Some(rule) = index.and_then(|index| self.rule_mut(index))
             && core::mem::replace(&mut rule.safe, safe.to_bits()) != safe.to_bits()
         {

@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod axis;
 mod drive;
 #[path = "../../examples/own_module/gateware.rs"]
 #[allow(dead_code, reason = "the example begins with a board of its own")]
