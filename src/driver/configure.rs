@@ -326,7 +326,9 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
-        self.plan.remark_old_stepgens();
+        if self.plan.settings.instances.get(&Gtag::STEPGEN) != Some(&0) {
+            self.plan.remark_old_stepgens();
+        }
         self.set_up()?;
         self.plan
             .image

@@ -24,11 +24,15 @@
 //! - **A smooth command is followed exactly, one period late.** If the generator is where the command
 //!   was a period ago, the distance to the stop is `D` of the feed, and the move is the feed. As long
 //!   as the command keeps the acceleration, the feed is its move.
-//! - **No overshoot.** A move `m` from step 3 leaves a distance of `D(m) - m = D(m - ramp)`, so that
+//! - **No overshoot.** Without a delay between read and write, a move `m` from step 3 leaves a distance of `D(m) - m = D(m - ramp)`, so that
 //!   the next move is at least `m - ramp`, and step 4 never keeps the generator faster than step 3
 //!   allows. A command that brakes with at most the acceleration comes to rest at the stop or beyond
 //!   it. So the generator stops no later than the command, also after it was behind because the
 //!   command was too fast.
+//!   With a delay of the part `d` of the period, the beginning and the end of each acceleration are known
+//!   `d` later. A generator with acceleration to spare makes up for that. With none it is up to
+//!   `v*d*T` behind after it has accelerated to the speed `v`, and overruns a command that brakes with
+//!   the whole acceleration by up to half of that: the figures are in the tests.
 //! - **Arrival.** Within one ramp of a stop that rests, `D^-1` is the distance itself: the last move
 //!   ends at the stop.
 //! - **Both signs alike.** Every operation is odd in positions and speeds: the mirrored command gives
@@ -47,6 +51,8 @@ pub(super) struct ControlLimits {
     ramp: f64,
     /// `1 / ramp`; 0 without a limit.
     per_ramp: f64,
+    /// A distance to a command at rest that is smaller is none: what the position cannot resolve.
+    grain: f64,
 }
 
 impl ControlLimits {
@@ -60,7 +66,14 @@ impl ControlLimits {
             top: speed * period,
             ramp: if is_limit { ramp } else { f64::INFINITY },
             per_ramp: if is_limit { 1.0 / ramp } else { 0.0 },
+            grain: 0.0,
         }
+    }
+
+    /// With a position that has this resolution: a command between two values of it does not make
+    /// the generator go to and fro.
+    pub const fn with_grain(self, grain: f64) -> Self {
+        Self { grain, ..self }
     }
 
     /// Greatest move of a period.
@@ -100,8 +113,8 @@ pub(super) struct ControlLaw {
     change: f64,
     /// The present move of the generator.
     step: f64,
-    /// The move before that.
-    before: f64,
+    /// The move before that, until it is known whether the present one was written.
+    before: Option<f64>,
 }
 
 impl ControlLaw {
@@ -120,9 +133,12 @@ impl ControlLaw {
         self.command
     }
 
-    /// Records that the last move did not reach the generator, which goes on with the one before.
-    pub const fn not_written(&mut self) {
-        self.step = self.before;
+    /// Takes the outcome of the write of the present move. If it did not arrive, the generator goes
+    /// on with the one before.
+    pub const fn written(&mut self, arrived: bool) {
+        if let (Some(before), false) = (self.before.take(), arrived) {
+            self.step = before;
+        }
     }
 
     /// Stops at once, and takes the commanded position as the last one.
@@ -200,7 +216,7 @@ impl ControlLaw {
     }
 
     const fn advance(&mut self, step: f64) {
-        self.before = core::mem::replace(&mut self.step, step);
+        self.before = Some(core::mem::replace(&mut self.step, step));
     }
 }
 
@@ -209,6 +225,9 @@ impl ControlLaw {
 fn wanted(limits: &ControlLimits, feed: f64, distance: f64) -> f64 {
     let ramp = limits.ramp;
     let deviation = distance - feed;
+    if feed == 0.0 && distance.abs() < limits.grain {
+        return 0.0;
+    }
     if limits.per_ramp == 0.0 {
         return feed + 0.5 * deviation;
     }

@@ -32,9 +32,11 @@ impl StepCounts {
     }
 
     /// Takes the time since the last read, before the next one: with the highest rate of that time
-    /// in steps per second, the accumulator may have wrapped around.
-    pub fn observe_gap(&mut self, gap: Duration, fastest: f64) {
-        self.is_unsure |= self.last.is_some() && gap.as_secs_f64() * fastest >= AMBIGUOUS;
+    /// in steps per second, the accumulator may have wrapped around. Returns true if so.
+    pub fn observe_gap(&mut self, gap: Duration, fastest: f64) -> bool {
+        let is_ambiguous = self.last.is_some() && gap.as_secs_f64() * fastest >= AMBIGUOUS;
+        self.is_unsure |= is_ambiguous;
+        is_ambiguous
     }
 
     /// Makes the present position 0.
@@ -119,13 +121,13 @@ mod tests {
     #[test]
     fn a_gap_in_which_the_accumulator_can_wrap_around_is_unsure_until_a_reset() {
         let mut counts = StepCounts::default();
-        counts.observe_gap(MS * 9, 4e6);
+        assert!(!counts.observe_gap(MS * 9, 4e6));
         counts.read(5);
-        counts.observe_gap(MS * 8, 4e6);
+        assert!(!counts.observe_gap(MS * 8, 4e6));
         assert!(!counts.is_unsure);
-        counts.observe_gap(MS * 9, 4e6);
+        assert!(counts.observe_gap(MS * 9, 4e6));
         counts.read(7);
-        counts.observe_gap(MS, 4e6);
+        assert!(!counts.observe_gap(MS, 4e6));
         assert!(counts.is_unsure);
         counts.reset();
         assert_eq!((counts.sub_counts, counts.is_unsure), (0, false));

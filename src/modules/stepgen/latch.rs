@@ -1,8 +1,17 @@
 //! The latch of the accumulator on index or probe, of version C2.
 //!
-//! The generator latches once, and then clears the bit that enabled it. Bits that are clear are no
-//! evidence by themselves: a late packet with an older word clears them as well. So each request
-//! begins from a register that shows none, and an exchange in doubt makes it begin again.
+//! The generator latches once, and then clears the bit that enabled it. Writes on a network can be
+//! late, duplicated or lost:
+//!
+//! - A late write of an older word without a request clears the bits as well. So clear bits are
+//!   evidence with another latched value, or after an exchange without doubt; else the request is
+//!   written again.
+//! - A duplicate of the request arms the latch again after it happened: the latched value has changed,
+//!   and is the requested one.
+//! - A late write of an earlier request of the other kind can latch, too: for some time after one, an
+//!   exchange in doubt is no evidence.
+//!
+//! A request that is in the register stays there in doubt: a probe has no second edge.
 //!
 //! Source: FACTS 14.2 and 14.14.
 
@@ -17,6 +26,9 @@ pub(super) mod bits {
     /// The rising edge of the probe; else the falling one.
     pub const PROBE_RISES: u32 = 1 << 7;
 }
+
+/// Number of reads after which no packet of an earlier request is in flight any more.
+const HORIZON: u32 = 100;
 
 const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE;
 
@@ -61,14 +73,25 @@ pub(super) struct AccumulatorLatch {
     before: u32,
     /// The register showed a request that is not made.
     is_stray: bool,
+    /// The previous request.
+    previous: LatchRequest,
+    /// Number of further reads during which a packet of it may be in flight.
+    previous_for: u32,
 }
 
 impl AccumulatorLatch {
     /// Requests an event, or cancels the request.
     pub fn request(&mut self, wanted: LatchRequest) {
         if wanted != self.wanted {
+            self.end();
             self.wanted = wanted;
             self.stage = LatchStage::Settling;
+        }
+    }
+
+    fn end(&mut self) {
+        if self.wanted != LatchRequest::None {
+            (self.previous, self.previous_for) = (self.wanted, HORIZON);
         }
     }
 
@@ -95,34 +118,40 @@ impl AccumulatorLatch {
     /// executed since the last read.
     pub fn observe(&mut self, mode: u32, certain: bool) -> Option<(LatchRequest, u32)> {
         let (shown, latched) = (mode & ENABLES, mode >> 8);
+        let is_same = self.stage == LatchStage::Armed && self.previous == self.wanted;
+        let is_trusted = certain || self.previous_for == 0 || is_same;
+        self.previous_for = self.previous_for.saturating_sub(1);
         self.is_stray = shown & !self.bits() != 0;
         if self.wanted == LatchRequest::None {
             return None;
         }
-        let has_changed = latched != self.before;
-        match self.stage {
-            _ if !certain || self.is_stray => self.stage = LatchStage::Settling,
-            LatchStage::Settling => {
-                if shown == 0 {
-                    self.before = latched;
-                    self.stage = LatchStage::Asked;
-                }
+        if self.stage == LatchStage::Settling || self.is_stray {
+            self.stage = LatchStage::Settling;
+            if shown == 0 {
+                (self.before, self.stage) = (latched, LatchStage::Asked);
             }
-            // Clear bits that show the value of before are those of a request that did not arrive.
-            LatchStage::Asked if !has_changed => {
-                if shown != 0 {
-                    self.stage = LatchStage::Armed;
-                }
-            }
-            LatchStage::Armed if !has_changed && shown != 0 => {}
-            LatchStage::Asked | LatchStage::Armed => {
-                let event = core::mem::take(&mut self.wanted);
-                self.stage = LatchStage::Settling;
-                self.is_stray = shown != 0;
-                return Some((event, latched));
+            return None;
+        }
+        if latched == self.before {
+            // Clear bits of a request that was not seen are those of one that did not arrive.
+            let has_cleared = shown == 0 && self.stage == LatchStage::Armed;
+            if !has_cleared || !certain {
+                let is_armed = shown != 0;
+                self.stage = if is_armed {
+                    LatchStage::Armed
+                } else {
+                    LatchStage::Asked
+                };
+                return None;
             }
         }
-        None
+        self.stage = LatchStage::Settling;
+        if !is_trusted {
+            return None;
+        }
+        self.end();
+        self.is_stray = shown != 0;
+        Some((core::mem::take(&mut self.wanted), latched))
     }
 }
 
@@ -175,15 +204,36 @@ mod tests {
     }
 
     #[test]
-    fn an_exchange_in_doubt_is_no_index_and_the_request_is_made_again() {
-        for value in [7, 8] {
+    fn an_edge_in_an_exchange_in_doubt_is_taken_and_a_request_stays_armed() {
+        let mut latch = armed();
+        assert_eq!(latch.observe(7 << 8 | INDEX, false), None);
+        assert_eq!(latch.bits(), INDEX, "no edge is missed");
+        assert_eq!(latch.observe(9 << 8, false), Some((LatchRequest::Index, 9)));
+    }
+
+    /// A late word without a request clears the bits as well.
+    #[test]
+    fn clear_bits_in_doubt_with_the_value_of_before_are_no_edge() {
+        let mut latch = armed();
+        assert_eq!(latch.observe(7 << 8, false), None);
+        assert_eq!((latch.bits(), latch.is_unsettled()), (INDEX, true));
+        assert_eq!(latch.observe(7 << 8, true), None, "written again");
+        latch.observe(7 << 8 | INDEX, true);
+        assert_eq!(latch.observe(3 << 8, true), Some((LatchRequest::Index, 3)));
+    }
+
+    #[test]
+    fn a_late_request_of_the_other_kind_is_not_taken_for_this_one() {
+        for (reads, is_taken) in [(10, false), (150, true)] {
             let mut latch = armed();
-            assert_eq!(latch.observe(value << 8, false), None);
-            assert_eq!((latch.bits(), latch.is_unsettled()), (0, true));
-            assert_eq!(latch.observe(value << 8, true), None);
-            assert_eq!(latch.bits(), INDEX);
-            latch.observe(value << 8 | INDEX, true);
-            assert_eq!(latch.observe(3 << 8, true), Some((LatchRequest::Index, 3)));
+            latch.request(LatchRequest::Probe);
+            latch.observe(7 << 8, true);
+            latch.observe(7 << 8, true);
+            for _ in 0..reads {
+                latch.observe(7 << 8 | bits::LATCH_ON_PROBE, true);
+            }
+            let event = latch.observe(9 << 8, false);
+            assert_eq!(event.is_some(), is_taken, "{reads}");
         }
     }
 

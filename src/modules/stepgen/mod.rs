@@ -5,14 +5,16 @@
 //!
 //! What may never happen, and why it does not:
 //! - **A pulse that does not end, or a pulse with wrong times.** Times, type and table are written at
-//!   rest only, with a rate of 0, and no other rate goes out before a read has confirmed them. In the
-//!   set-up they come before the master rate. The length of a pulse is never 0.
+//!   rest only, with a rate of 0, and no other rate goes out before a read has confirmed them. A table
+//!   is not used before it cannot be written again. In the set-up they come before the master rate.
+//!   The length of a pulse is never 0.
 //! - **A change of the direction inside a pulse.** The hold time in the register includes the pulse.
 //! - **Motion after a bite of the watchdog.** A bite does not stop the generator (FACTS 14.15). The
 //!   rate becomes 0 with the first write after it and in the set-up, both before any direction. The
 //!   position continues where it was read last, and is unsure.
 //! - **A step that the driver does not know.** The position is that of the accumulator, which makes
-//!   exactly one step for each crossing of a whole number. It is never written.
+//!   exactly one step for each crossing of a whole number. It is never written. One that does not move
+//!   at its rate is not believed: the generator stops, and its position is unsure.
 //!
 //! Source: FACTS 14.
 
@@ -21,7 +23,10 @@ mod counts;
 mod generator;
 mod latch;
 mod pins;
+mod pulses;
+mod rate;
 mod registers;
+mod reports;
 mod timing;
 
 use alloc::format;
@@ -55,13 +60,24 @@ const FIRST_OF_TABLE: u8 = 0x83;
 #[derive(Debug)]
 pub struct Stepgens {
     generators: Vec<Generator>,
-    /// Source that latches all accumulators, as the pin and the register; only with a DPLL.
-    timer: Option<(Output<i32>, Setting)>,
+    /// Source that latches all accumulators; only with a DPLL.
+    timer: Option<LatchTimer>,
     /// Time of the last good read.
     read_at: Instant,
     period: Duration,
+    /// Periods in a second.
+    per_second: f64,
     /// The part of the period from the sample of the positions to the write.
     delay: f64,
+}
+
+/// The source that latches all accumulators.
+#[derive(Clone, Copy, Debug)]
+struct LatchTimer {
+    number: Output<i32>,
+    setting: Setting,
+    /// Times of the DPLL's timers, in microseconds from the read.
+    timers_us: [Option<Output<f64>>; 4],
 }
 
 /// What the generators of a firmware can do.
@@ -70,7 +86,7 @@ struct Firmware {
     clock_hz: u32,
     has_swap: bool,
     has_latch: bool,
-    /// Pins for tables are in use.
+    /// There are pins for tables.
     has_table: bool,
 }
 
@@ -83,7 +99,7 @@ impl Stepgens {
     /// Source that latches the positions of all generators: 0 the DPLL's reference, 1 to 4 its
     /// timers, -1 none. Only with a DPLL.
     pub fn timer_number(&self) -> Option<Output<i32>> {
-        self.timer.map(|(pin, _)| pin)
+        self.timer.map(|timer| timer.number)
     }
 
     /// Registers the generators of a firmware, as many as the settings ask for: versions 0, 1, 2, 42
@@ -114,9 +130,9 @@ impl Stepgens {
             clock_hz: module.clock_hz,
             has_swap: matches!(module.version, WITH_SWAP | WITH_LATCH),
             has_latch: module.version == WITH_LATCH,
-            has_table: r.firmware.pins.iter().any(|pin| is_of_table(*pin, width)),
+            has_table: r.firmware.pins.iter().any(|pin| is_of_table(*pin)),
         };
-        let timer = timer_register(r, module)?;
+        let latched_by = timer_register(r, module)?;
         for instance in 0..module.instances {
             let number = of_kind.number(instance);
             r.use_io_if(Gtag::STEPGEN, number, |pin| is_used(pin, width))?;
@@ -129,17 +145,9 @@ impl Stepgens {
             let number = of_kind.number(instance);
             generators.push(Generator::new(r, module, instance, number, firmware)?);
         }
-        let timer = match timer {
+        let timer = match latched_by {
             None => None,
-            Some(address) => {
-                let pin = r
-                    .maker(&bank_stem("stepgen", bank))
-                    .switch("timer-number", -1)?;
-                Some((
-                    pin,
-                    r.image.setting(Stage::Configure, address, latch_timer(-1)),
-                ))
-            }
+            Some(address) => Some(LatchTimer::new(r, bank, address)?),
         };
         // After all times: until now nothing moves.
         r.image
@@ -149,16 +157,47 @@ impl Stepgens {
             timer,
             read_at: Instant::default(),
             period: r.settings.period,
+            per_second: 1.0 / r.settings.period.as_secs_f64(),
             delay: 0.0,
         })
     }
 
-    /// Measures the time from the read to this write. Without a read, that of before stays.
-    fn observe_delay(&mut self, now: Instant) {
+    /// Measures the time from the sample of the positions to this write. Without a read, that of
+    /// before stays.
+    fn observe_delay(&mut self, now: Instant, pins: &PinStore) {
         let passed = now.since(self.read_at);
         if passed < self.period {
-            self.delay = passed.as_secs_f64() / self.period.as_secs_f64();
+            let lead = self.timer.map_or(0.0, |timer| timer.lead(pins));
+            let period = self.period.as_secs_f64();
+            // What a timer samples after a read is read a period later.
+            let lead = if lead < 0.0 { lead + period } else { lead };
+            let lead = lead.max(0.0).min(period);
+            self.delay = (passed.as_secs_f64() + lead) * self.per_second;
         }
+    }
+}
+
+impl LatchTimer {
+    fn new(r: &mut Registrar<'_>, bank: usize, address: u16) -> Result<Self, RegisterError> {
+        let name =
+            |timer: usize| format!("{}.dpll.{:02}.timer-us", r.name, timer.saturating_add(1));
+        let timers_us = core::array::from_fn(|timer| r.pins.output(&name(timer)).ok());
+        let mut make = r.maker(&bank_stem("stepgen", bank));
+        let number = make.switch("timer-number", -1)?;
+        let setting = r.image.setting(Stage::Configure, address, latch_timer(-1));
+        Ok(Self {
+            number,
+            setting,
+            timers_us,
+        })
+    }
+
+    /// Time by which the positions are sampled before the read, in seconds.
+    fn lead(&self, pins: &PinStore) -> f64 {
+        let timer = pins.commanded(self.number).checked_sub(1);
+        let timer = timer.and_then(|timer| usize::try_from(timer).ok());
+        let timer = timer.and_then(|timer| self.timers_us.get(timer).copied().flatten());
+        timer.map_or(0.0, |us| -1e-6 * pins.commanded(us))
     }
 }
 
@@ -167,12 +206,13 @@ fn is_used(pin: PinDescriptor, width: u8) -> bool {
     !pin.is_output() || pin.secondary_pin.saturating_sub(FIRST_OUTPUT) < width
 }
 
-fn is_of_table(pin: PinDescriptor, width: u8) -> bool {
+fn is_of_table(pin: PinDescriptor) -> bool {
     let is_output = pin.secondary == Gtag::STEPGEN && pin.is_output();
-    is_output && pin.secondary_pin >= FIRST_OF_TABLE && is_used(pin, width)
+    is_output && pin.secondary_pin >= FIRST_OF_TABLE
 }
 
-/// The register that selects the source of the latch; `None` without a DPLL.
+/// The register that selects the source of the latch; `None` without a DPLL that runs: without its
+/// edges the positions would stay as they are.
 fn timer_register(
     r: &Registrar<'_>,
     module: &ModuleDescriptor,
@@ -180,7 +220,7 @@ fn timer_register(
     let master = module.register(9, 0)?;
     // The descriptor does not count this register (FACTS 14.1).
     let register = master.checked_add(module.register_stride);
-    Ok(register.filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some()))
+    Ok(register.filter(|_| r.has_dpll()))
 }
 
 /// Word of the latch source: -1 none, 0 the DPLL's reference, 1 to 4 one of its timers; any other
@@ -222,11 +262,11 @@ impl Module for Stepgens {
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        if let (Some((pin, setting)), true) = (self.timer, cycle.changed) {
-            let word = latch_timer(cycle.pins.fetch(pin));
-            cycle.words.set(setting, word);
+        if let (Some(timer), true) = (self.timer, cycle.changed) {
+            let word = latch_timer(cycle.pins.fetch(timer.number));
+            cycle.words.set(timer.setting, word);
         }
-        self.observe_delay(cycle.now);
+        self.observe_delay(cycle.now, cycle.pins);
         let moment = Moment {
             delay: self.delay,
             period: self.period,
@@ -248,6 +288,7 @@ impl Module for Stepgens {
 
     fn set_period(&mut self, period: Duration, _: &mut PinStore) -> Result<(), RegisterError> {
         self.period = period;
+        self.per_second = 1.0 / period.as_secs_f64();
         self.generators
             .iter_mut()
             .for_each(Generator::period_changed);

@@ -1,5 +1,6 @@
 //! The pins of step generators, and what their parameters ask for.
 
+use super::latch::{LatchRequest, bits};
 use super::timing::{PulseTicks, PulseTimes};
 use super::{Firmware, SWAP};
 use crate::hal::{InOut, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
@@ -27,14 +28,16 @@ pub struct StepgenPins {
     /// While true, `position-fb` is 0 after each read.
     pub position_reset: Output<bool>,
     /// The motor may stand elsewhere: the board was set up again after a bite of its watchdog or a
-    /// reset, or too much time passed between two reads. Kept until the next `position-reset` or
-    /// index.
+    /// reset; or too much time passed between two reads; or a packet was lost, late or repeated while
+    /// it moved, within 100 reads of such a set-up or of a change of its pulses; or its accumulator
+    /// did not follow its rate. Kept until the next `position-reset` or index.
     pub position_unsure: Input<bool>,
     /// The generator has nine tenths or more of the highest rate that `steplen` and `stepspace`
     /// allow. Beyond that rate the gateware loses no step: the position lags.
     pub near_max_rate: Input<bool>,
     /// Distance of `position-fb` behind the command of the period before, in units: 0 for a command
-    /// that the limits allow. 0 with `control-type` true.
+    /// that the limits allow, but for what the time from read to write costs. 0 with `control-type`
+    /// true, or `enable` false.
     pub position_lag: Input<f64>,
     /// The position at the last edge of the probe. Only in version C2, as the next four pins.
     pub position_latch: Option<Input<f64>>,
@@ -54,8 +57,8 @@ pub struct StepgenPins {
     pub maxvel: Param<f64>,
     /// The acceleration in units per second squared; 0 for no limit. The sign has no meaning.
     pub maxaccel: Param<f64>,
-    /// Length of a pulse in ns. This and the next four parameters take effect when the generator
-    /// rests.
+    /// Length of a pulse in ns. This and the other parameters of the pulses take effect when the
+    /// generator rests.
     pub steplen: Param<u32>,
     /// Least time between two pulses in ns.
     pub stepspace: Param<u32>,
@@ -63,8 +66,8 @@ pub struct StepgenPins {
     pub dirsetup: Param<u32>,
     /// Least time from the end of a pulse to a change of the direction in ns.
     pub dirhold: Param<u32>,
-    /// 0: step and direction; 1: up and down; 2: quadrature; 3 and more: a table of that length, at
-    /// most 16.
+    /// 0: step and direction; 1: up and down; 2: quadrature; 3 to 16: a table of that length, only in
+    /// firmware with pins for one.
     pub step_type: Param<u32>,
     /// Exchanges the two outputs. Only in versions 42 and C2.
     pub swap_step_dir: Option<Param<bool>>,
@@ -93,6 +96,23 @@ pub(super) struct DebugPins {
     pub step_rate: Input<i32>,
 }
 
+/// The switches of a generator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Switches {
+    /// `enable`.
+    pub is_on: bool,
+    /// `control-type`.
+    pub by_speed: bool,
+    /// `position-reset`.
+    pub resets: bool,
+    pub request: LatchRequest,
+    /// The bits of the edges for the MODE register.
+    pub edges: u32,
+}
+
+/// The type of a table.
+const TABLE: u32 = 3;
+
 /// Everything about the pulses that changes only at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PulseSetup {
@@ -105,19 +125,22 @@ pub(super) struct PulseSetup {
     pub table_max: u32,
 }
 
+impl PulseSetup {
+    /// True if the outputs follow the table.
+    pub(super) const fn is_table(&self) -> bool {
+        self.mode & TABLE == TABLE
+    }
+}
+
 impl StepgenPins {
     /// Makes the pins; the parameters belong to `settings`.
     pub(super) fn new(mut make: PinMaker<'_>, firmware: Firmware) -> Result<Self, PinError> {
-        let speed = |name: &str| Spec::from(name);
         let mut pins = Self {
             position_cmd: make.output("position-cmd", 0.0)?,
-            velocity_cmd: make.output(speed("velocity-cmd"), 0.0)?,
+            velocity_cmd: make.output("velocity-cmd", 0.0)?,
             position_fb: make.input("position-fb")?,
             velocity_fb: make.input("velocity-fb")?,
             counts: make.input("counts")?,
-            enable: make.output("enable", false)?,
-            control_type: make.switch("control-type", false)?,
-            position_reset: make.switch("position-reset", false)?,
             position_unsure: make.input("position-unsure")?,
             near_max_rate: make.input("near-max-rate")?,
             position_lag: make.input("position-lag")?,
@@ -133,15 +156,12 @@ impl StepgenPins {
         };
         if firmware.has_latch {
             pins.position_latch = Some(make.input("position-latch")?);
-            pins.index_enable = Some(make.inout("index-enable")?);
-            pins.probe_enable = Some(make.inout("probe-enable")?);
-            pins.index_invert = Some(make.switch("index-invert", false)?);
-            pins.probe_invert = Some(make.switch("probe-invert", false)?);
         }
         Ok(pins)
     }
 
-    /// Makes the parameters, in a part of their own, so that only their changes are looked at.
+    /// Makes parameters and switches, in a part of their own, so that only their changes are looked
+    /// at.
     pub(super) fn add_parameters(
         &mut self,
         mut make: PinMaker<'_>,
@@ -152,6 +172,15 @@ impl StepgenPins {
             unit: "ns".into(),
             ..Spec::from(name)
         };
+        self.enable = make.output("enable", false)?;
+        self.control_type = make.switch("control-type", false)?;
+        self.position_reset = make.switch("position-reset", false)?;
+        if firmware.has_latch {
+            self.index_enable = Some(make.inout("index-enable")?);
+            self.probe_enable = Some(make.inout("probe-enable")?);
+            self.index_invert = Some(make.switch("index-invert", false)?);
+            self.probe_invert = Some(make.switch("probe-invert", false)?);
+        }
         self.position_scale = make.scale("position-scale", 1.0)?;
         self.maxvel = make.setting("maxvel", 0.0)?;
         self.maxaccel = make.setting("maxaccel", 1.0)?;
@@ -159,7 +188,13 @@ impl StepgenPins {
         self.stepspace = make.setting(time("stepspace"), longest)?;
         self.dirsetup = make.setting(time("dirsetup"), longest)?;
         self.dirhold = make.setting(time("dirhold"), longest)?;
-        self.step_type = make.setting("step_type", 0)?;
+        // Without outputs for a table there is none, and the motor would not turn.
+        let last = if firmware.has_table { 16.0 } else { 2.0 };
+        let step_type = Spec {
+            limits: Some((0.0, last)),
+            ..Spec::from("step_type")
+        };
+        self.step_type = make.setting(step_type, 0)?;
         self.disable_ramp = make.setting("disable-ramp", false)?;
         if firmware.has_swap {
             self.swap_step_dir = Some(make.setting("swap_step_dir", false)?);
@@ -172,6 +207,27 @@ impl StepgenPins {
             self.table_data = Some(table);
         }
         Ok(())
+    }
+
+    /// The switches as they are now.
+    pub(super) fn switches(&self, pins: &mut PinStore) -> Switches {
+        let mut fetch = |pin: Option<Output<bool>>| pin.is_some_and(|pin| pins.fetch(pin));
+        let index = fetch(self.index_enable.map(InOut::as_output));
+        let probe = fetch(self.probe_enable.map(InOut::as_output));
+        let request = match (index, probe) {
+            (true, _) => LatchRequest::Index,
+            (false, true) => LatchRequest::Probe,
+            (false, false) => LatchRequest::None,
+        };
+        let edge = |rises: bool, bit| if rises { bit } else { 0 };
+        Switches {
+            is_on: fetch(Some(self.enable)),
+            by_speed: fetch(Some(self.control_type)),
+            resets: fetch(Some(self.position_reset)),
+            request,
+            edges: edge(fetch(self.index_invert), bits::INDEX_RISES)
+                | edge(fetch(self.probe_invert), bits::PROBE_RISES),
+        }
     }
 
     /// The times that the parameters ask for.
@@ -201,7 +257,6 @@ impl StepgenPins {
 
     /// The set-up of the pulses that the parameters ask for.
     pub(super) fn pulses(&self, pins: &PinStore, clock_hz: u32) -> PulseSetup {
-        const TABLE: u32 = 3;
         let step_type = pins.param(self.step_type);
         let swap = self.swap_step_dir.is_some_and(|swap| pins.param(swap));
         let mut table = [0; 16];

@@ -51,7 +51,6 @@ impl Registers {
         let dir_hold = setting(dir_hold, ticks.dir_hold);
         let step_len = setting(step_len, ticks.step_len);
         let step_space = setting(step_space, ticks.step_space);
-        let mode_setting = setting(mode, pulses.mode);
         let table = if firmware.has_table {
             let (data, last) = (module.register(7, instance)?, module.register(8, instance)?);
             let entries = r.image.sequence(Stage::Configure, data, [0; 16]);
@@ -60,6 +59,8 @@ impl Registers {
         } else {
             None
         };
+        // Last: the outputs of a table follow it at once.
+        let mode_setting = r.image.setting(Stage::Configure, mode, pulses.mode);
         Ok(Self {
             rate: r.image.output(rate, 0),
             accumulator: r.image.read(Phase::Data, accumulator),

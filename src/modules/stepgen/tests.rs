@@ -26,6 +26,8 @@ struct Model {
     now: u64,
     master: u32,
     timer: u32,
+    /// The accumulators read as 0.
+    is_frozen: bool,
     generators: [ModelGenerator; 2],
     /// What must not happen.
     wrongs: Vec<String>,
@@ -91,6 +93,7 @@ impl Model {
             return 0;
         };
         match register {
+            1 if self.is_frozen => 0,
             1 => (generator.accumulator >> 16) as u32,
             2 => generator.mode & 0xFF | generator.latched << 8,
             9 => self.master,
@@ -121,6 +124,9 @@ impl Model {
             4 => pulses(&mut generator.dir_hold, 0x3FFF),
             5 => pulses(&mut generator.step_len, 0x3FFF),
             6 => pulses(&mut generator.step_space, 0x3FFF),
+            7 | 8 if moves => self
+                .wrongs
+                .push("the table is written while it moves".to_string()),
             7 => {
                 generator.table.insert(0, value);
                 generator.table.truncate(16);
@@ -272,6 +278,11 @@ impl Machine {
         self.driver.pins().read(pin).value
     }
 
+    fn delay(&self) -> f64 {
+        let module = self.driver.modules::<Stepgens>().next();
+        module.expect("step generators").delay
+    }
+
     fn unsure(&self) -> bool {
         self.driver.pins().read(self.pins.position_unsure).value
     }
@@ -325,7 +336,10 @@ impl Machine {
         let of_steps = |kind: &EventKind| {
             matches!(
                 kind,
-                EventKind::StepRateLimited { .. } | EventKind::StepTimeClipped { .. }
+                EventKind::StepRateLimited { .. }
+                    | EventKind::StepTimeClipped { .. }
+                    | EventKind::StepHoldShort { .. }
+                    | EventKind::StepgenStands { .. }
             )
         };
         let events = self.events.by_ref().map(|event| event.kind);
@@ -378,7 +392,8 @@ fn names_types_and_fresh_values_are_those_of_linuxcnc() {
         position-lag float OUT 0|position-latch float OUT 0|position-reset bit IN false|\
         position-scale float RW 1|position-unsure bit OUT false|probe-enable bit I/O false|\
         probe-invert bit IN false|step_type u32 RW 0|steplen u32 RW 163830|stepspace u32 RW 163830|\
-        swap_step_dir bit RW false|timer-number s32 IN -1|velocity-cmd float IN 0|velocity-fb float OUT 0";
+        swap_step_dir bit RW false|table-data-0 u32 RW 0|table-data-1 u32 RW 0|table-data-2 u32 RW 0|\
+        table-data-3 u32 RW 0|timer-number s32 IN -1|velocity-cmd float IN 0|velocity-fb float OUT 0";
     let expected: BTreeSet<_> = expected.split('|').map(ToString::to_string).collect();
     assert_eq!(found, expected);
 }
@@ -598,6 +613,40 @@ fn a_table_is_written_whole_and_its_length_exchanges_no_outputs() {
     expected[15] = 0x10;
     assert_eq!(generator.table, expected);
     assert!(machine.fpga().is_driven(FIRST_PIN + 3));
+    machine.set_param(pins.position_scale, 1_000.0);
+    machine.set_param(pins.maxaccel, 100.0);
+    // It does not move before it is certain that nothing of the table is written again.
+    machine.enable(true);
+    for period in 0..400 {
+        if period % 7 == 0 && period > 110 {
+            let next = machine.driver.bus_mut().exchanges();
+            machine
+                .driver
+                .bus_mut()
+                .fail_at(next + 1, Fault::SilentWrite);
+        }
+        machine.cycle(1.0);
+        assert!(machine.motor == 0 || period > 95, "{period}");
+    }
+    assert!(machine.motor > 100, "{}", machine.motor);
+    machine.assert_right();
+}
+
+#[test]
+fn a_table_is_refused_where_there_are_no_pins_for_one() {
+    let settings = Settings {
+        instances: [(Gtag::STEPGEN, 2)].into(),
+        ..Settings::default()
+    };
+    let fpga = SimFpga::new(machines::firmware_7i92_7i76());
+    let mut machine = start(fpga, settings);
+    let (pins, to) = (machine.pins, machine.driver.pins_mut());
+    assert!(pins.table_data.is_none());
+    for step_type in [3, 4, 16, u32::MAX] {
+        let refused = to.set_param(pins.step_type, step_type);
+        assert!(refused.is_err(), "{step_type}");
+    }
+    to.set_param(pins.step_type, 2).expect("quadrature");
 }
 
 #[test]
@@ -776,6 +825,270 @@ fn the_highest_rate_is_that_of_the_gateware_and_near_it_is_shown() {
     }
     let rate = f64::from(machine.generator().rate) / 42.949_672_96;
     assert!((rate + 1e8 / 504.0).abs() < 1.0, "{rate}");
+}
+
+/// The limit of the speed is one of the parameters: nothing else makes it news.
+#[test]
+fn a_limit_is_not_reported_again_when_something_is_armed() {
+    let mut machine = Machine::enabled(2);
+    machine.set_param(machine.pins.maxvel, 500.0);
+    for _ in 0..5 {
+        machine.cycle(0.0);
+    }
+    assert_eq!(machine.said().len(), 1);
+    machine.wait(20 * MS);
+    machine.cycle(0.0);
+    let _ = machine.driver.rearm().expect("it is there");
+    for _ in 0..5 {
+        machine.cycle(0.0);
+    }
+    assert_eq!(machine.said(), [""; 0]);
+    machine.set_param(machine.pins.maxvel, 600.0);
+    for _ in 0..5 {
+        machine.cycle(0.0);
+    }
+    assert_eq!(machine.said().len(), 1, "another one");
+}
+
+/// Only the old times have a limit that is too low for both.
+#[test]
+fn a_limit_that_goes_with_the_old_pulses_is_not_reported() {
+    let mut machine = Machine::enabled(2);
+    for _ in 0..30 {
+        machine.cycle(1.0);
+    }
+    machine.set_param(machine.pins.maxvel, 300.0);
+    let (steplen, space) = (machine.pins.steplen, machine.pins.stepspace);
+    for time in [steplen, space] {
+        machine.driver.pins_mut().set_param(time, 1_000).unwrap();
+    }
+    machine.go(1.0);
+    assert_eq!(machine.said(), [""; 0]);
+    assert_eq!(machine.generator().step_len, 100);
+}
+
+#[test]
+fn a_hold_for_which_the_pulse_leaves_no_room_is_reported_once() {
+    let mut machine = Machine::enabled(2);
+    let pins = machine.pins;
+    machine.set_param(pins.maxvel, 1.0);
+    let times = [(pins.steplen, 150_000), (pins.dirhold, 20_000)];
+    for (param, ns) in times {
+        machine.driver.pins_mut().set_param(param, ns).unwrap();
+    }
+    for _ in 0..10 {
+        machine.cycle(0.0);
+    }
+    let said = machine.said();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(
+        said[0].contains("20000 ns") && said[0].contains("13830 ns"),
+        "{said:?}"
+    );
+    // Fresh parameters are no news before the generator is used.
+    let mut fresh = start(firmware(2), Settings::default());
+    fresh.cycle(0.0);
+    fresh.cycle(0.0);
+    assert_eq!(fresh.said(), [""; 0]);
+    fresh.enable(true);
+    fresh.cycle(0.0);
+    fresh.cycle(0.0);
+    assert_eq!(fresh.said().len(), 1);
+}
+
+#[test]
+fn an_accumulator_that_does_not_follow_its_rate_stops_the_generator() {
+    let mut machine = Machine::enabled(2);
+    machine.model().is_frozen = true;
+    for _ in 0..100 {
+        machine.cycle(50.0);
+    }
+    assert_eq!(machine.generator().rate, 0);
+    assert!(machine.unsure());
+    let said = machine.said();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("generator 0"), "{said:?}");
+    machine.model().is_frozen = false;
+    for _ in 0..20 {
+        machine.cycle(50.0);
+    }
+    assert_eq!(machine.generator().rate, 0, "until it is disabled");
+    machine.enable(false);
+    machine.cycle(50.0);
+    machine.enable(true);
+    machine.cycle(50.0);
+    assert!(machine.generator().rate > 0);
+}
+
+/// A command between two values of the accumulator, in a cycle in which one of them is a rate.
+#[test]
+fn a_generator_that_has_arrived_stands_still() {
+    const PERIOD: u64 = 250_000;
+    let settings = Settings {
+        period: Duration::from_nanos(PERIOD),
+        ..Settings::default()
+    };
+    let mut machine = start(firmware(2), settings);
+    machine.set_param(machine.pins.position_scale, 999.7);
+    machine.set_param(machine.pins.maxaccel, 100.0);
+    machine.enable(true);
+    let mut changes = 0;
+    for step in 1..20 {
+        let mut rate = 0;
+        for period in 0..800 {
+            let _ = machine.driver.read();
+            let command = f64::from(step) * 0.001_234_567;
+            machine
+                .driver
+                .pins_mut()
+                .set(machine.pins.position_cmd, command);
+            machine.driver.write().unwrap();
+            machine.wait(PERIOD);
+            let before = core::mem::replace(&mut rate, machine.generator().rate);
+            changes += u32::from(period > 400 && rate != before);
+        }
+    }
+    assert_eq!(changes, 0);
+}
+
+#[test]
+fn the_time_from_the_sample_to_the_write_includes_the_lead_of_a_timer() {
+    let mut machine = Machine::enabled(2);
+    let pins = machine.driver.pins();
+    let number = pins.output::<i32>("hm2_7i92.0.stepgen.timer-number");
+    let number = number.expect("a DPLL");
+    let times = [1, 2].map(|timer| {
+        let name = format!("hm2_7i92.0.dpll.{timer:02}.timer-us");
+        pins.output::<f64>(&name).expect("a timer")
+    });
+    let of_read = machine.delay();
+    machine.driver.pins_mut().set(times[0], -300.0);
+    machine.driver.pins_mut().set(times[1], 200.0);
+    for (timer, word, lead) in [
+        (1, 0x9000, 0.3),
+        (2, 0xA000, 0.8),
+        (0, 0x8000, 0.0),
+        (-1, 0, 0.0),
+    ] {
+        machine.driver.pins_mut().set(number, timer);
+        for _ in 0..3 {
+            machine.cycle(0.0);
+        }
+        assert_eq!(machine.model().timer, word);
+        let delay = machine.delay();
+        assert!((delay - of_read - lead).abs() < 1e-3, "{timer}: {delay}");
+    }
+}
+
+#[test]
+fn without_the_phase_locked_loop_nothing_latches_the_positions() {
+    let settings = Settings {
+        instances: [(Gtag::HM2DPLL, 0)].into(),
+        ..Settings::default()
+    };
+    let machine = start(firmware(2), settings);
+    let number = machine
+        .driver
+        .pins()
+        .output::<i32>("hm2_7i92.0.stepgen.timer-number");
+    assert!(number.is_err());
+}
+
+/// Executed again, the set-up would cut a pulse off.
+#[test]
+fn a_doubt_in_motion_soon_after_a_set_up_makes_the_position_unsure_and_later_it_does_not() {
+    for (after, is_unsure) in [(30, true), (200, false)] {
+        let mut machine = Machine::enabled(2);
+        for _ in 0..after {
+            machine.cycle(100.0);
+        }
+        let next = machine.driver.bus_mut().exchanges();
+        machine
+            .driver
+            .bus_mut()
+            .fail_at(next + 1, Fault::SilentWrite);
+        for _ in 0..3 {
+            machine.cycle(100.0);
+        }
+        assert_eq!(machine.unsure(), is_unsure, "{after}");
+    }
+}
+
+#[test]
+fn a_long_gap_at_a_high_rate_makes_the_position_unsure() {
+    for (speed, is_unsure) in [(-190.0, true), (100.0, false)] {
+        let settings = Settings {
+            watchdog: Some(Duration::from_secs(1)),
+            ..Settings::default()
+        };
+        let mut machine = start(firmware(2), settings);
+        let pins = machine.pins;
+        for time in [pins.steplen, pins.stepspace, pins.dirsetup, pins.dirhold] {
+            machine.driver.pins_mut().set_param(time, 2_500).unwrap();
+        }
+        machine.set_param(pins.position_scale, 1_000.0);
+        machine.set_param(pins.maxaccel, 0.0);
+        machine.driver.pins_mut().set(pins.control_type, true);
+        machine.driver.pins_mut().set(pins.velocity_cmd, speed);
+        machine.enable(true);
+        for _ in 0..120 {
+            machine.cycle(0.0);
+        }
+        // 190,000 or 100,000 steps/s: 32,767 steps in 172 ms or 328 ms.
+        machine.wait(200 * MS);
+        machine.cycle(0.0);
+        assert_eq!(machine.unsure(), is_unsure, "{speed}");
+    }
+}
+
+#[test]
+fn each_generator_has_its_own_registers() {
+    let mut machine = Machine::enabled(2);
+    let module = machine.driver.modules::<Stepgens>().next();
+    let second = module.and_then(|module| module.pins().nth(1)).unwrap();
+    machine.set_param(second.position_scale, -500.0);
+    machine.set_param(second.maxaccel, 50.0);
+    machine.driver.pins_mut().set(second.enable, true);
+    for _ in 0..2_000 {
+        machine.driver.pins_mut().set(second.position_cmd, 2.0);
+        machine.cycle(-1.0);
+    }
+    let steps = [0, 1].map(|n: usize| machine.model().generators[n].steps());
+    assert!((steps[0] + 1_000).abs() <= 1 && (steps[1] + 1_000).abs() <= 1);
+    assert!((machine.read(second.position_fb) - 2.0).abs() < 1e-4);
+}
+
+/// A probe has no second edge.
+#[test]
+fn an_edge_in_the_period_of_a_lost_write_is_latched() {
+    let mut machine = Machine::enabled(WITH_LATCH);
+    let pins = machine.pins;
+    let probe = pins.probe_enable.unwrap();
+    machine.driver.pins_mut().set(pins.control_type, true);
+    machine.driver.pins_mut().set(pins.velocity_cmd, 2.0);
+    for _ in 0..120 {
+        machine.cycle(0.0);
+    }
+    machine.driver.pins_mut().set(probe, true);
+    for _ in 0..5 {
+        machine.cycle(0.0);
+    }
+    let next = machine.driver.bus_mut().exchanges();
+    machine
+        .driver
+        .bus_mut()
+        .fail_at(next + 1, Fault::SilentWrite);
+    machine.cycle(0.0);
+    let now = machine.fpga().now().as_nanos();
+    machine.model().advance(now);
+    machine.generator().edge(1 << 6);
+    let motor = machine.motor;
+    for _ in 0..3 {
+        machine.cycle(0.0);
+    }
+    assert!(!machine.driver.pins().read(probe).value);
+    let latched = machine.read(pins.position_latch.unwrap()) * 1_000.0;
+    assert!((latched - motor as f64).abs() <= 1.0, "{latched}, {motor}");
 }
 
 #[test]

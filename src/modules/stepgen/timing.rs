@@ -68,6 +68,16 @@ impl PulseTicks {
         }
     }
 
+    /// The time from the end of a pulse to a change of the direction, in nanoseconds: less than asked
+    /// for if the pulse leaves no room for it in the register.
+    pub fn hold_left(&self, clock_hz: u32) -> u32 {
+        let left = u64::from(self.dir_hold.saturating_sub(self.step_len));
+        let ns = left
+            .saturating_mul(1_000_000_000)
+            .checked_div(clock_hz.into());
+        ns.and_then(|ns| u32::try_from(ns).ok()).unwrap_or(u32::MAX)
+    }
+
     /// The highest rate in steps per second: beyond it the accumulator waits for the timers, and the
     /// position lags.
     pub fn highest_rate(&self, clock_hz: u32) -> f64 {
@@ -165,6 +175,7 @@ mod tests {
             prop_assert!(ns(made.dir_setup + 2) >= asked.dir_setup.into());
             prop_assert!(made.dir_hold >= made.step_len && made.step_len >= 1);
             let held = ns(made.dir_hold - made.step_len);
+            prop_assert!((f64::from(made.hold_left(clock)) - held).abs() <= 1.0);
             let fits = u64::from(asked.step_len) + u64::from(hold) + 100 < longest.into();
             prop_assert!(!fits || held >= hold.into());
             prop_assert!([made.step_len, made.step_space, made.dir_setup, made.dir_hold].iter().all(|t| *t <= LONGEST));

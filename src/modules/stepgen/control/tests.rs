@@ -162,8 +162,13 @@ fn a_delay_between_read_and_write_costs_no_more_than_itself() {
                 5.0 * delay * PERIOD
             };
             assert!(worst <= allowed, "{delay}, {acceleration}: {worst}");
-            // As late as it is, it may stop.
-            assert!(overshoot <= allowed, "{delay}, {acceleration}: {overshoot}");
+            // What is known late about the braking costs half of that.
+            let overrun = if acceleration < ACCELERATION {
+                1e-4 * delay
+            } else {
+                2.5 * delay * PERIOD
+            };
+            assert!(overshoot <= overrun, "{delay}, {acceleration}: {overshoot}");
         }
         let mut ideal = Ideal {
             delay,
@@ -218,8 +223,6 @@ fn a_command_that_is_not_a_number_is_the_one_before() {
             ideal.step(&limits, f64::from(n) * 0.002);
         }
         let last = ideal.law.command();
-        let (_, overshoot) = ideal.arrive(&limits, strange, f64::INFINITY);
-        assert!(overshoot <= 0.0 || overshoot.is_nan());
         for _ in 0..1_000 {
             ideal.step(&limits, strange);
         }
@@ -255,10 +258,15 @@ fn a_write_that_failed_leaves_the_move_of_before() {
     }
     let before = law.step();
     law.track(&limits, 1.0, 0.0);
-    law.not_written();
+    law.written(false);
     assert_eq!(law.step(), before);
-    law.not_written();
-    assert_eq!(law.step(), before);
+    law.written(false);
+    assert_eq!(law.step(), before, "no move was made since");
+    law.track(&limits, 1.0, 0.0);
+    let now = law.step();
+    law.written(true);
+    law.written(false);
+    assert_eq!(law.step(), now);
 }
 
 fn number() -> impl Strategy<Value = f64> {
