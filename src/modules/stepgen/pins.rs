@@ -3,7 +3,7 @@
 use super::latch::{LatchRequest, bits};
 use super::timing::{PulseTicks, PulseTimes};
 use super::{Firmware, SWAP};
-use crate::hal::{InOut, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
+use crate::hal::{Axis, InOut, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
 
 /// The pins of one generator: `hm2_7i92.0.stepgen.00.position-cmd` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -133,6 +133,18 @@ impl PulseSetup {
 }
 
 impl StepgenPins {
+    /// The generator as an axis that follows speeds: in units per second, with `position_scale` as the
+    /// steps for one unit. It never changes its speed by more than `maxaccel` allows.
+    pub const fn axis(&self) -> Axis {
+        Axis::steps(
+            [self.enable, self.control_type, self.position_reset],
+            self.velocity_cmd,
+            self.position_fb,
+            self.position_unsure,
+            self.index_enable,
+        )
+    }
+
     /// Makes the pins; the parameters belong to `settings`.
     pub(super) fn new(mut make: PinMaker<'_>, firmware: Firmware) -> Result<Self, PinError> {
         let mut pins = Self {

@@ -12,6 +12,9 @@ use mesa_hal_sim::{SimFpga, Stepper, StepperConfig, StepperWiring, machines};
 const PERIOD: Duration = Duration::from_millis(1);
 const SCALE: f64 = 1_000.0;
 
+mod alike;
+mod at_rest;
+
 struct Machine {
     driver: Driver<Faulty<SimFpga>>,
     pins: StepgenPins,
