@@ -1,9 +1,9 @@
 //! A board, a module of its gateware and a remote card that this crate does not know, in one driver
 //! and without a change to the crate. The module is that of the example `own_module`.
 
+mod axis;
 #[path = "../common/mod.rs"]
 mod common;
-mod axis;
 mod drive;
 #[path = "../../examples/own_module/gateware.rs"]
 #[allow(dead_code, reason = "the example begins with a board of its own")]
