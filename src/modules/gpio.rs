@@ -180,6 +180,11 @@ fn hal_name(pin: PinDescriptor) -> Option<(&'static str, String)> {
         (Gtag::PWM, 0x81) => ("pwmgen", "out0".into()),
         (Gtag::PWM, 0x82) => ("pwmgen", "out1".into()),
         (Gtag::PWM, 0x83) => ("pwmgen", "enable".into()),
+        (Gtag::STEPGEN, 0x81) => ("stepgen", "step".into()),
+        (Gtag::STEPGEN, 0x82) => ("stepgen", "dir".into()),
+        (Gtag::STEPGEN, output @ 0x83..=0x88) => {
+            ("stepgen", format!("table{}", output.saturating_sub(0x81)))
+        }
         (Gtag::MUX_SELECT, 0x81) => ("encoder", "sel0".into()),
         (Gtag::MUX_SELECT, 0x82) => ("encoder", "sel1".into()),
         (Gtag::SSERIAL | Gtag::SSERIAL_B, 0x81..=0x88) => ("sserial", format!("tx{channel}")),

@@ -9,7 +9,7 @@ use std::time::Duration;
 use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
 use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
-use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
+use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, Stepper, machines};
 
 use super::machine::{CLOCK_LOW, nominal};
 use super::plan::Stranger;
@@ -44,6 +44,19 @@ impl Sim {
         match self {
             Self::Embedded(fpga) => fpga.borrow().leds().is_lit(0),
             Self::Network(network) => network.borrow().link.board.gateware().leds().is_lit(0),
+        }
+    }
+
+    /// The stepper motors.
+    pub fn steppers(&self) -> Vec<Stepper> {
+        let of = |fpga: &mut SimFpga| {
+            let axes = 0..fpga.axes();
+            axes.filter_map(|axis| fpga.stepper(axis).copied())
+                .collect()
+        };
+        match self {
+            Self::Embedded(fpga) => of(&mut fpga.borrow_mut()),
+            Self::Network(network) => of(network.borrow_mut().link.board.gateware_mut()),
         }
     }
 

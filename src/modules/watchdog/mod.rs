@@ -31,7 +31,7 @@ pub struct Watchdog {
     /// The registers of the watchdog.
     pub registers: WatchdogRegisters,
     /// The pins of the watchdog.
-    pub pins: WatchdogPins,
+    pub(crate) pins: WatchdogPins,
     timeout_ns: u32,
     /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
     /// cycle.
@@ -61,8 +61,7 @@ pub struct Watchdog {
 
 /// The watchdog's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct WatchdogPins {
+pub(crate) struct WatchdogPins {
     /// The watchdog has bitten; set to false to continue.
     pub has_bit: InOut<bool>,
     /// Nanoseconds without a write after which the watchdog bites. Values below two periods are
