@@ -181,7 +181,7 @@ fn hal_name(pin: PinDescriptor) -> Option<(&'static str, String)> {
         (Gtag::PWM, 0x82) => ("pwmgen", "out1".into()),
         (Gtag::PWM, 0x83) => ("pwmgen", "enable".into()),
         (Gtag::STEPGEN, 0x81) => ("stepgen", "step".into()),
-        (Gtag::STEPGEN, 0x82) => ("stepgen", "dir".into()),
+        (Gtag::STEPGEN, 0x82) => ("stepgen", "direction".into()),
         (Gtag::STEPGEN, output @ 0x83..=0x88) => {
             ("stepgen", format!("table{}", output.saturating_sub(0x81)))
         }
