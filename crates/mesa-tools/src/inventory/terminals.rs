@@ -13,7 +13,7 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
         let ports = ModuleInstance::new(Gtag::IO_PORT, 0);
         let expansion = board.place(firmware, ports, number);
         if expansion != Place::default() {
-            return list(&[expansion]);
+            return list(&with_card(expansion, board, firmware, pin));
         }
         return list(&of_module(board, firmware, pin));
     }
@@ -23,6 +23,26 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
         Some(db25) if width == DB25.len() => format!("connector {connector} DB25 pin {db25}"),
         _ => format!("connector {connector} pin {pin}"),
     }
+}
+
+/// A pin of a connector, and the terminals of the card on it that has a step or direction there.
+fn with_card(
+    expansion: Place,
+    board: &BoardTable,
+    firmware: &HostMot2,
+    pin: PinDescriptor,
+) -> Vec<Place> {
+    let mut places = vec![expansion];
+    if pin.secondary == Gtag::STEPGEN {
+        let [step, direction] = board.step_places(firmware, pin.unit);
+        let of_pin = match pin.secondary_pin {
+            0x81 => step,
+            0x82 => direction,
+            _ => Place::default(),
+        };
+        places.extend(Some(of_pin).filter(|place| *place != Place::default()));
+    }
+    places
 }
 
 /// Terminals of a pin that a module of the board uses.
