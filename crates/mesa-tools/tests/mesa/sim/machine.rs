@@ -12,6 +12,7 @@ use crate::interop::{PATIENCE, Scratch};
 use crate::run::{done, json, patient, run};
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
+const ROUTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/router.toml");
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn mill() -> Board {
@@ -148,6 +149,82 @@ fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
         let refused = board.console.command(bad).unwrap_err();
         assert!(refused.contains(said), "{bad}: {refused}");
     }
+    board.stop("TERM");
+}
+
+#[test]
+fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+    let bus = UdpBus::connect(board.address, patient()).unwrap();
+    let settings = Settings {
+        watchdog: Some(Duration::from_secs(4)),
+        ..Settings::default()
+    };
+    let mut driver = Driver::start(bus, settings).unwrap();
+    let pins = driver.pins_mut();
+    let name = |name: &str| format!("hm2_7i92.0.stepgen.00.{name}");
+    for (parameter, value) in [
+        ("position-scale", 200.0),
+        ("maxvel", 100.0),
+        ("maxaccel", 500.0),
+    ] {
+        let parameter = pins.parameter::<f64>(&name(parameter)).unwrap();
+        pins.set_param(parameter, value).unwrap();
+    }
+    for parameter in ["steplen", "stepspace", "dirsetup", "dirhold"] {
+        let parameter = pins.parameter::<u32>(&name(parameter)).unwrap();
+        pins.set_param(parameter, 5_000).unwrap();
+    }
+    let enable = pins.output::<bool>(&name("enable")).unwrap();
+    let command = pins.output::<f64>(&name("position-cmd")).unwrap();
+    let spindle = pins.output::<f64>("hm2_7i92.0.7i76.0.0.spinout").unwrap();
+    let switches = ["spinena", "spindir"];
+    let switches = switches.map(|it| {
+        pins.output::<bool>(&format!("hm2_7i92.0.7i76.0.0.{it}"))
+            .unwrap()
+    });
+    let start = Instant::now();
+    // From 10 to its home switch, and no further than that.
+    while board.console.show("motors")["motor.0.steps"] != "-2000" {
+        assert!(
+            start.elapsed() < PATIENCE,
+            "{:?}",
+            board.console.show("motors")
+        );
+        for _ in 0..20 {
+            let _ = driver.read();
+            let _ = driver.rearm();
+            let pins = driver.pins_mut();
+            pins.set(enable, true);
+            // Whole steps are rounded down: this is half a step above the end.
+            pins.set(command, -9.9975);
+            pins.set(spindle, 5.0);
+            switches.iter().for_each(|it| pins.set(*it, true));
+            let _ = driver.write();
+            std::thread::sleep(PERIOD);
+        }
+    }
+    let motors = board.console.show("motors");
+    assert_eq!(motors["motor.0.name"], "x");
+    assert_eq!(motors["motor.0.position"], "0.0000");
+    assert_eq!(motors["motor.0.lost-steps"], "0");
+    assert_eq!(motors["switch.x-home"], "1");
+    assert_eq!(motors["motor.1.steps"], "0");
+    // `spindir` is on.
+    let volts: f64 = motors["motor.3.volts"].parse().unwrap();
+    assert!((volts + 5.0).abs() < 0.01, "{volts}");
+    let speed: f64 = motors["motor.3.velocity"].parse().unwrap();
+    assert!((speed + 25.0).abs() < 1.0, "{speed}");
+    let refused = board.console.command("turn x 5").unwrap_err();
+    assert!(refused.contains("stepper motor"), "{refused}");
+    assert!(
+        board
+            .console
+            .command("stall y")
+            .unwrap_err()
+            .contains("stepper")
+    );
+    let _ = driver.shutdown();
     board.stop("TERM");
 }
 
