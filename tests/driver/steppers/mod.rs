@@ -102,17 +102,22 @@ fn a_motor_follows_steps_smooth_commands_and_reversals_without_losing_a_step() {
         }
         machine.assert_true(command);
     }
-    // Turns in the middle of a step: on the boundary of one the motor would get a step up and a step
-    // down in a moment, which the simulated one takes for a speed.
-    let wave = |period: u32| 0.0005 + 2.0 * (1.0 - (f64::from(period) * 0.004).cos());
-    for period in 0..4_000 {
-        machine.cycle(wave(period));
+    // Turns in the middle of a step, on the boundary between two, and just beyond it, where the motor
+    // gets a step up and a step down close together.
+    for offset in [0.000_5, 0.0, 0.000_01, -0.000_01] {
+        let wave = |period: u32| offset + 2.0 * (1.0 - (f64::from(period) * 0.004).cos());
+        for period in 0..4_000 {
+            machine.cycle(wave(period));
+        }
+        let end = wave(3_999);
+        for _ in 0..300 {
+            machine.cycle(end);
+        }
+        machine.assert_true(end);
+        for _ in 0..500 {
+            machine.cycle(0.0);
+        }
     }
-    let end = wave(3_999);
-    for _ in 0..300 {
-        machine.cycle(end);
-    }
-    machine.assert_true(end);
 }
 
 #[test]
