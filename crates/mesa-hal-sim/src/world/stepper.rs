@@ -283,7 +283,11 @@ impl Stepper {
         let turns = self.last.is_some_and(|last| last.way != step.way);
         self.last = Some(step);
         // At a turn, the two steps are at the same place.
-        let pulses = if turns { 0.0 } else { step.way as f64 / seconds };
+        let pulses = if turns {
+            0.0
+        } else {
+            step.way as f64 / seconds
+        };
         let change = self.acceleration() * seconds;
         let speed = self.speed + (pulses - self.speed).clamp(-change, change);
         let follows = (pulses - speed).abs() <= self.per_second(self.config.start_speed)

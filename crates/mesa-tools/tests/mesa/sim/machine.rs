@@ -152,9 +152,8 @@ fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
     board.stop("TERM");
 }
 
-#[test]
-fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
-    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+/// A driver of the router whose first generator has pulses, spaces and times of this length in ns.
+fn stepper_driver(board: &Board, ns: u32) -> Driver<UdpBus> {
     let bus = UdpBus::connect(board.address, patient()).unwrap();
     let settings = Settings {
         watchdog: Some(Duration::from_secs(4)),
@@ -173,8 +172,45 @@ fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
     }
     for parameter in ["steplen", "stepspace", "dirsetup", "dirhold"] {
         let parameter = pins.parameter::<u32>(&name(parameter)).unwrap();
-        pins.set_param(parameter, 5_000).unwrap();
+        pins.set_param(parameter, ns).unwrap();
     }
+    driver
+}
+
+#[test]
+fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+    // The drive needs 2500 ns.
+    let mut driver = stepper_driver(&board, 1_000);
+    let pins = driver.pins();
+    let enable = pins.output::<bool>("hm2_7i92.0.stepgen.00.enable").unwrap();
+    let command = pins.output::<f64>("hm2_7i92.0.stepgen.00.position-cmd");
+    let command = command.unwrap();
+    let start = Instant::now();
+    while board.console.show("motors")["motor.0.commanded-steps"] != "100" {
+        assert!(start.elapsed() < PATIENCE);
+        for _ in 0..20 {
+            let _ = driver.read();
+            let _ = driver.rearm();
+            driver.pins_mut().set(enable, true);
+            driver.pins_mut().set(command, 0.5025);
+            let _ = driver.write();
+            std::thread::sleep(PERIOD);
+        }
+    }
+    let motors = board.console.show("motors");
+    assert_eq!(motors["motor.0.lost-steps"], "100");
+    assert_eq!(motors["motor.0.position"], "10.0000");
+    let _ = driver.shutdown();
+    board.stop("TERM");
+}
+
+#[test]
+fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+    let mut driver = stepper_driver(&board, 5_000);
+    let pins = driver.pins_mut();
+    let name = |name: &str| format!("hm2_7i92.0.stepgen.00.{name}");
     let enable = pins.output::<bool>(&name("enable")).unwrap();
     let command = pins.output::<f64>(&name("position-cmd")).unwrap();
     let spindle = pins.output::<f64>("hm2_7i92.0.7i76.0.0.spinout").unwrap();

@@ -331,7 +331,7 @@ pub fn ini(machine: &Machine) -> String {
          # Time without a write after which the board turns its outputs off: five periods\n\
          WATCHDOG_NS = 5000000\nPACKET_ERROR_LIMIT = 10\nSSERIAL_FAULT_LIMIT = 200\n\n\
          [HAL]\nHALUI = halui\nHALFILE = motion.hal\nHALFILE = board.hal\n\n\
-         [KINS]\n# TODO: fewer, if an analog output is a spindle's\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
+         [KINS]\n# TODO: fewer, if an output is a spindle's or has no drive\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
          [TRAJ]\nCOORDINATES = {letters}\nLINEAR_UNITS = mm\nANGULAR_UNITS = degree\n\
          # TODO\nMAX_LINEAR_VELOCITY = 1\n"
     );

@@ -1,7 +1,7 @@
 //! A machine described in a TOML file.
 //!
 //! An error contains its line, its key and the allowed values; an unknown key is an error.
-//! `examples/mill.toml` has every key.
+//! `examples/mill.toml` and `examples/router.toml` have every key.
 
 mod axis;
 mod check;
