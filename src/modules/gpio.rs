@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
-use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
+use crate::hal::{DigitalIn, MAX_NAME, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, ModuleInstance, PinDescriptor, PinPlace, PortRegisters};
 
 pub use crate::hostmot2::GpioConfig;
@@ -130,8 +130,10 @@ impl GpioPins {
                 (made.is_opendrain, "is_opendrain"),
             ];
             for (param, name) in named {
-                if let Some(param) = param {
-                    r.pins.add_alias(param, format!("{alias}.{name}"))?;
+                let name = format!("{alias}.{name}");
+                // As in LinuxCNC, a name that would be too long is left out.
+                if let Some(param) = param.filter(|_| name.len() <= MAX_NAME) {
+                    r.pins.add_alias(param, name)?;
                 }
             }
         }

@@ -83,8 +83,9 @@ fn check_wires(machine: &mut Machine, plan: &Plan) -> Result<(), String> {
 
 fn wire_motors(machine: &mut Machine, plan: &Plan) {
     if plan.axes.is_empty() {
-        let usual = usual_axes(machine.kind);
-        usual.iter().for_each(|mover| wire_motor(machine, mover));
+        for mover in usual_axes(machine.kind) {
+            wire_motor(machine, &mover);
+        }
     }
     for axis in &plan.axes {
         wire_motor(machine, &axis.mover);

@@ -136,12 +136,12 @@ fn servo(
         refused(lines, value.as_ref(), key, why)?;
     }
     let count = board.outputs();
-    let or_number = |value: &Option<Spanned<i64>>, key: &str| match value {
+    let or_number = |value: Option<&Spanned<i64>>, key: &str| match value {
         Some(value) => place(lines, value, key, count),
         None => Ok(number),
     };
-    let output = or_number(&table.output, "axis.output")?;
-    let encoder = or_number(&table.encoder, "axis.encoder")?;
+    let output = or_number(table.output.as_ref(), "axis.output")?;
+    let encoder = or_number(table.encoder.as_ref(), "axis.encoder")?;
     if output >= count || encoder >= count {
         let reason = format!("there are {count} outputs and {count} encoders");
         return Err(lines.wrong(&table.name, "axis.name", &reason));
@@ -153,8 +153,8 @@ fn servo(
     })
 }
 
-fn number(value: &Option<Spanned<f64>>, usual: f64) -> f64 {
-    value.as_ref().map_or(usual, |value| *value.get_ref())
+fn number(value: Option<&Spanned<f64>>, usual: f64) -> f64 {
+    value.map_or(usual, |value| *value.get_ref())
 }
 
 /// The motor of an axis. The library checks the motor's values; this function finds the key and the
@@ -162,22 +162,22 @@ fn number(value: &Option<Spanned<f64>>, usual: f64) -> f64 {
 fn motor(lines: &Lines<'_>, table: &Axis) -> Result<Motor, String> {
     let usual = MotorConfig::default();
     let made = Motor::new(MotorConfig {
-        max_speed: number(&table.max_speed, usual.max_speed),
-        full_scale: number(&table.full_scale, usual.full_scale),
-        time_constant: number(&table.time_constant, usual.time_constant),
-        friction: number(&table.dead_band, usual.friction),
-        counts_per_unit: number(&table.counts_per_unit, usual.counts_per_unit),
+        max_speed: number(table.max_speed.as_ref(), usual.max_speed),
+        full_scale: number(table.full_scale.as_ref(), usual.full_scale),
+        time_constant: number(table.time_constant.as_ref(), usual.time_constant),
+        friction: number(table.dead_band.as_ref(), usual.friction),
+        counts_per_unit: number(table.counts_per_unit.as_ref(), usual.counts_per_unit),
         counts_per_revolution: table
             .counts_per_index
             .unwrap_or(usual.counts_per_revolution),
-        inertia: number(&table.inertia, usual.inertia),
-        max_force: number(&table.max_force, usual.max_force),
-        drag: number(&table.friction, usual.drag),
+        inertia: number(table.inertia.as_ref(), usual.inertia),
+        max_force: number(table.max_force.as_ref(), usual.max_force),
+        drag: number(table.friction.as_ref(), usual.drag),
         stops: table
             .stops
             .as_ref()
             .map_or(usual.stops, |stops| *stops.get_ref()),
-        position: number(&table.position, usual.position),
+        position: number(table.position.as_ref(), usual.position),
     });
     let motor = made.map_err(|error| wrong_motor(lines, table, &error))?;
     match &table.position {
@@ -232,23 +232,23 @@ fn times<'a>(
 
 fn stepper_motor(lines: &Lines<'_>, table: &Axis) -> Result<Stepper, String> {
     let usual = StepperConfig::default();
-    let steps_per_unit = number(&table.steps_per_unit, usual.steps_per_unit);
+    let steps_per_unit = number(table.steps_per_unit.as_ref(), usual.steps_per_unit);
     let [min_pulse, min_space, dir_setup, dir_hold] = times(table, &usual)
         .map(|(_, value, usual)| value.as_ref().map_or(usual, |ns| (*ns.get_ref()).into()));
     let made = Stepper::new(StepperConfig {
         steps_per_unit,
-        counts_per_unit: number(&table.counts_per_unit, steps_per_unit),
+        counts_per_unit: number(table.counts_per_unit.as_ref(), steps_per_unit),
         counts_per_revolution: table
             .counts_per_index
             .unwrap_or(usual.counts_per_revolution),
-        max_acceleration: number(&table.max_acceleration, usual.max_acceleration),
-        start_speed: number(&table.start_speed, usual.start_speed),
-        max_speed: number(&table.max_speed, usual.max_speed),
+        max_acceleration: number(table.max_acceleration.as_ref(), usual.max_acceleration),
+        start_speed: number(table.start_speed.as_ref(), usual.start_speed),
+        max_speed: number(table.max_speed.as_ref(), usual.max_speed),
         min_pulse,
         min_space,
         dir_setup,
         dir_hold,
-        position: number(&table.position, usual.position),
+        position: number(table.position.as_ref(), usual.position),
     });
     made.map_err(|error| wrong_motor(lines, table, &error))
 }
