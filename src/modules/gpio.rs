@@ -130,9 +130,10 @@ impl GpioPins {
                 (made.is_opendrain, "is_opendrain"),
             ];
             for (param, name) in named {
-                let name = format!("{alias}.{name}");
-                // As in LinuxCNC, a name that would be too long is left out.
-                if let Some(param) = param.filter(|_| name.len() <= MAX_NAME) {
+                let mut name = format!("{alias}.{name}");
+                // LinuxCNC cuts second names one character before its limit.
+                name.truncate(MAX_NAME - 1);
+                if let Some(param) = param {
                     r.pins.add_alias(param, name)?;
                 }
             }
