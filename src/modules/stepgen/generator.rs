@@ -89,7 +89,12 @@ impl Generator {
         firmware: Firmware,
     ) -> Result<Self, RegisterError> {
         let stem = alloc::format!("stepgen.{number:02}.");
-        let mut pins = StepgenPins::new(r.maker(&stem), firmware)?;
+        let place = r
+            .board
+            .step_places(r.firmware, number)
+            .into_iter()
+            .collect();
+        let mut pins = StepgenPins::new(r.maker_at(&stem, place), firmware)?;
         let parameters = r.pins.add_part(r.group)?;
         let stem = alloc::format!("{}.{stem}", r.name);
         pins.add_parameters(PinMaker::new(r.pins, parameters, stem), firmware)?;

@@ -11,13 +11,13 @@ use mesa_hal::lbp16;
 use mesa_hal_sim::{FirmwareImage, Mishaps, SimFpga, machines};
 
 use super::control::Control;
-use super::file;
 use super::plan::Plan;
+use super::{devices, file};
 
 const AFTER_HELP: &str = "\
 The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I77 of a 7I92 or a
 7I80DB has 7i77-io on 0 and 7i77-analog on 1; 2 is its expansion connector. That of a 7I97 has the
-channels 1 to 3.
+channels 1 to 3. A 7I76 has 7i76 on 0, and its expansion connector is 1.
 
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
@@ -235,6 +235,16 @@ pub enum Board {
         help = "a 7I80DB with a 7I77 and firmware of 2016, whose registers are at other addresses"
     )]
     I7i80With7i77,
+    #[value(
+        name = "7i92-7i76",
+        help = "a 7I92 with a 7I76 on P2: five stepper axes"
+    )]
+    I7i92With7i76,
+    #[value(
+        name = "7i97-7i76",
+        help = "a 7I97 with a 7I76 on P1: six servo axes and five stepper axes"
+    )]
+    I7i97With7i76,
     /// Any board: its firmware is given as an image.
     #[value(skip)]
     Firmware,
@@ -258,6 +268,8 @@ impl Board {
             Self::I7i97t => machines::i7i97t(channels),
             Self::I7i92With7i77 => machines::i7i92_7i77(),
             Self::I7i80With7i77 => machines::i7i80_of_2016(),
+            Self::I7i92With7i76 => machines::i7i92_7i76(),
+            Self::I7i97With7i76 => machines::i7i97_7i76(),
         }
     }
 
@@ -267,33 +279,47 @@ impl Board {
             Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
             Self::I7i97With7i77 => 4,
             Self::I7i92With7i77 | Self::I7i80With7i77 => 3,
+            Self::I7i92With7i76 | Self::I7i97With7i76 => 2,
         }
     }
 
-    /// First channel of the 7I77 that is part of the board.
-    pub const fn card_7i77(self) -> Option<u8> {
+    /// Remotes of the card that is part of the board, with their channels.
+    pub const fn own_remotes(self) -> &'static [(u8, &'static str)] {
         match self {
-            Self::I7i97 | Self::I7i97t | Self::Firmware => None,
-            Self::I7i97With7i77 => Some(1),
-            Self::I7i92With7i77 | Self::I7i80With7i77 => Some(0),
+            Self::I7i97 | Self::I7i97t | Self::Firmware => &[],
+            Self::I7i97With7i77 => &[(1, devices::FIELD_IO), (2, devices::ANALOG)],
+            Self::I7i92With7i77 | Self::I7i80With7i77 => {
+                &[(0, devices::FIELD_IO), (1, devices::ANALOG)]
+            }
+            Self::I7i92With7i76 | Self::I7i97With7i76 => &[(0, devices::I7I76)],
         }
     }
 
     /// Number of analog outputs, from 0 on, that are on the board itself.
     pub const fn own_outputs(self) -> u8 {
         match self {
-            Self::I7i97 | Self::I7i97With7i77 | Self::I7i97t => 6,
-            Self::I7i92With7i77 | Self::I7i80With7i77 | Self::Firmware => 0,
+            Self::I7i97 | Self::I7i97With7i77 | Self::I7i97With7i76 | Self::I7i97t => 6,
+            Self::I7i92With7i77 | Self::I7i92With7i76 | Self::I7i80With7i77 | Self::Firmware => 0,
         }
     }
 
-    /// Number of axes, each with an analog output and an encoder. 0 for a firmware image, whose
-    /// axes are unknown.
-    pub const fn axes(self) -> usize {
+    /// Number of analog outputs, each with an encoder, of the board and its card: the last one of
+    /// a 7I76 is its spindle. 0 for a firmware image, whose axes are unknown.
+    pub const fn outputs(self) -> usize {
         match self {
+            Self::I7i97 | Self::I7i97t | Self::I7i92With7i77 | Self::I7i80With7i77 => 6,
             Self::I7i97With7i77 => 12,
+            Self::I7i97With7i76 => 7,
+            Self::I7i92With7i76 => 1,
             Self::Firmware => 0,
-            _ => 6,
+        }
+    }
+
+    /// Number of step generators.
+    pub const fn generators(self) -> usize {
+        match self {
+            Self::I7i92With7i76 | Self::I7i97With7i76 => 5,
+            _ => 0,
         }
     }
 }
