@@ -37,7 +37,7 @@ fn command(driver: &mut Driver<Faulty<SimFpga>>, all: &[StepgenPins], n: u32) {
         pins.set(generator.velocity_cmd, place - 3.0);
         pins.set(generator.control_type, (n / 1_000 + axis) % 2 == 1);
         pins.set(generator.enable, n % 300 > 5);
-        pins.set(generator.position_reset, n % 777 == 0);
+        pins.set(generator.position_reset, n.is_multiple_of(777));
         if let (Some(index), 0) = (generator.index_enable, n % 400) {
             pins.set(index, true);
         }
