@@ -12,7 +12,7 @@ use super::registers::Registers;
 use super::reports::Reports;
 use super::timing::PulseTimes;
 use super::{Firmware, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::hal::{GroupId, PinMaker, PinStore};
+use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::ModuleDescriptor;
 
 /// Rate register for one step per tick of the clock.
@@ -89,14 +89,13 @@ impl Generator {
         firmware: Firmware,
     ) -> Result<Self, RegisterError> {
         let stem = alloc::format!("stepgen.{number:02}.");
-        let place = r
-            .board
-            .step_places(r.firmware, number)
-            .into_iter()
-            .collect();
-        let mut pins = StepgenPins::new(r.maker_at(&stem, place), firmware)?;
+        let places = r.board.step_places(r.firmware, number);
+        let place: Place = places.into_iter().collect();
+        let mut pins = StepgenPins::new(r.maker_at(&stem, place.clone()), firmware)?;
         let parameters = r.pins.add_part(r.group)?;
         let stem = alloc::format!("{}.{stem}", r.name);
+        let make = PinMaker::new(r.pins, parameters, stem.clone());
+        pins.enable = make.at(place).output("enable", false)?;
         pins.add_parameters(PinMaker::new(r.pins, parameters, stem), firmware)?;
         r.pins.enabled_by(pins.position_cmd, pins.enable);
         r.pins.enabled_by(pins.velocity_cmd, pins.enable);

@@ -172,8 +172,8 @@ impl StepgenPins {
         Ok(pins)
     }
 
-    /// Makes parameters and switches, in a part of their own, so that only their changes are looked
-    /// at.
+    /// Makes parameters and switches except `enable`, in a part of their own, so that only their
+    /// changes are looked at.
     pub(super) fn add_parameters(
         &mut self,
         mut make: PinMaker<'_>,
@@ -184,7 +184,6 @@ impl StepgenPins {
             unit: "ns".into(),
             ..Spec::from(name)
         };
-        self.enable = make.output("enable", false)?;
         self.control_type = make.switch("control-type", false)?;
         self.position_reset = make.switch("position-reset", false)?;
         if firmware.has_latch {

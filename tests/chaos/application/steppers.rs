@@ -50,6 +50,15 @@ pub struct Jolts {
     pub is_lost: bool,
     /// The driver has no reason for doubts.
     pub is_calm: bool,
+    /// The network can repeat a write, or hold it back: a rate of before then moves the motor until the
+    /// next write.
+    pub has_old_writes: bool,
+}
+
+/// Steps of a time at the highest speed. The board is not looked at to the microsecond.
+fn at_full_speed(nanos: u64) -> i64 {
+    let steps = nanos as f64 * 1e-9 * SPEED * SCALE * 1.01;
+    steps.ceil() as i64 + 3
 }
 
 impl StepAxis {
@@ -131,9 +140,7 @@ impl StepAxis {
             return Ok(());
         };
         let moved = (steps - before).abs();
-        let longest = (now - since) as f64 * 1e-9 * SPEED * SCALE * 1.01;
-        // The board is not looked at to the microsecond.
-        let limit = longest.ceil() as i64 + 3 + edges;
+        let limit = at_full_speed(now - since) + edges;
         ensure(moved <= limit, Promise::Commanded, now, || {
             format!(
                 "stepper {number} makes {moved} steps in {} us, more than its speed allows",
@@ -154,9 +161,17 @@ impl StepAxis {
     /// Checks a motor of a board whose pins are off.
     pub(super) fn check_stands(&self, motor: &Stepper, now: u64, jolts: Jolts) -> Checked {
         let number = self.number;
-        let moved = self.seen.map_or(0, |(steps, _)| motor.commanded() - steps);
+        let Some((before, since)) = self.seen else {
+            return Ok(());
+        };
+        let moved = motor.commanded() - before;
         let edges = 2 * i64::from(jolts.edges);
-        ensure(moved.abs() <= edges, Promise::Safe, now, || {
+        let old = if jolts.has_old_writes {
+            at_full_speed(now - since)
+        } else {
+            0
+        };
+        ensure(moved.abs() <= edges + old, Promise::Safe, now, || {
             format!("stepper {number} makes {moved} steps, and the board is not armed")
         })
     }

@@ -1,6 +1,7 @@
 //! Stepper motors: what they do, and what is known about it.
 
 use mesa_hal::driver::{BoardState, Driver};
+use mesa_hal_sim::FaultKind;
 
 use super::super::application::{Application, Jolts};
 use super::super::journal::What;
@@ -27,7 +28,7 @@ impl StepperWatch {
     /// Takes an event of the board.
     pub(super) fn happened(&mut self, what: &What, is_before_set_up: bool) {
         let is_lost = matches!(what, What::Bite | What::Reset);
-        self.edges += u32::from(is_lost || matches!(what, What::Opened));
+        self.edges += u32::from(is_lost || matches!(what, What::Opened | What::Closed));
         self.is_lost |= is_lost && !is_before_set_up;
         self.was_lost |= is_lost;
     }
@@ -54,6 +55,12 @@ impl Scenario {
             edges: watch.edges,
             is_lost: watch.is_lost || self.watch.is_some(),
             is_calm,
+            has_old_writes: self.plan.faults.iter().any(|fault| {
+                matches!(
+                    fault.kind,
+                    FaultKind::NetworkDuplicate | FaultKind::NetworkLate
+                )
+            }),
         };
         let (motors, now) = (self.sim.steppers(), self.sim.now());
         application.check_steppers(driver, &motors, (self.took, now), (jolts, good))

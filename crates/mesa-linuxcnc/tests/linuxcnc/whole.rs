@@ -53,7 +53,8 @@ pub fn with_address(hal: &str) -> String {
 
 /// What `mesa hal` writes for a simulated machine, with other values in the INI file.
 pub fn written(machine: Machine, values: &str) -> Files {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("written");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("written-by-mesa");
+    let folder = folder.join(machine.toml.replace('/', "-"));
     let _ = fs::remove_dir_all(&folder);
     let mut hal = Command::new(mesa());
     hal.args(["hal", "--sim"]).arg(machine.path());
