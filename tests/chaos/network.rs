@@ -47,12 +47,13 @@ impl Sim {
         }
     }
 
-    /// The stepper motors.
-    pub fn steppers(&self) -> Vec<Stepper> {
+    /// The stepper motors, and the time of their board: it is ahead of the network's while the board
+    /// executes a packet.
+    pub fn steppers(&self) -> (Vec<Stepper>, u64) {
         let of = |fpga: &mut SimFpga| {
             let axes = 0..fpga.axes();
-            axes.filter_map(|axis| fpga.stepper(axis).copied())
-                .collect()
+            let motors = axes.filter_map(|axis| fpga.stepper(axis).copied());
+            (motors.collect(), SimFpga::now(fpga))
         };
         match self {
             Self::Embedded(fpga) => of(&mut fpga.borrow_mut()),

@@ -62,8 +62,9 @@ impl Scenario {
                 )
             }),
         };
-        let (motors, now) = (self.sim.steppers(), self.sim.now());
-        application.check_steppers(driver, &motors, (self.took, now), (jolts, good))
+        let (motors, at) = self.sim.steppers();
+        let took = self.took + at.saturating_sub(self.sim.now());
+        application.check_steppers(driver, &motors, (took, at), (jolts, good))
     }
 
     /// With all faults over, the motors go where they are commanded to.
@@ -72,7 +73,7 @@ impl Scenario {
         while self.plan.steppers.count > 0 {
             let Err(why) = process
                 .application
-                .steppers_have_arrived(&process.driver, &self.sim.steppers())
+                .steppers_have_arrived(&process.driver, &self.sim.steppers().0)
             else {
                 break;
             };
@@ -93,7 +94,7 @@ impl Scenario {
             return Ok(());
         }
         let steps = |scenario: &Self| -> Vec<i64> {
-            let motors = scenario.sim.steppers();
+            let (motors, _) = scenario.sim.steppers();
             motors
                 .iter()
                 .map(mesa_hal_sim::Stepper::commanded)
