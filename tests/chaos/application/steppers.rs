@@ -111,8 +111,10 @@ impl StepAxis {
         };
         let toggles = chance.one_in(if self.is_on { 60 } else { 30 });
         self.is_on = !is_wild || self.is_on != toggles;
-        self.is_resetting = pins.read(self.pins.position_unsure).value && chance.one_in(8);
-        pins.set(self.pins.position_reset, self.is_resetting);
+        let resets = pins.read(self.pins.position_unsure).value && chance.one_in(8);
+        // Until the next position that is looked at.
+        self.is_resetting |= resets;
+        pins.set(self.pins.position_reset, resets);
         pins.set(self.pins.enable, self.is_on);
         pins.set(self.pins.position_cmd, self.command);
         if self.is_on {
