@@ -20,6 +20,7 @@ const ROUGH: f64 = 2.5;
 const ARRIVED: u32 = 12;
 
 /// A step generator, and the knowledge about it.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub(super) struct StepAxis {
     number: usize,
     pins: StepgenPins,
