@@ -26,6 +26,8 @@ const MACHINES: [&str; 4] = ["three", "1", "8", "32"];
 /// Machines with step generators, followed by their number: used, and left out.
 const STEPPING: &str = "stepping-";
 const STANDING: &str = "standing-";
+/// The most instructions of a step generator in a cycle, with all its pins: more is a failure.
+const MOST: u64 = 840;
 /// Number of cycles that are counted.
 const CYCLES: u64 = 200;
 
@@ -53,10 +55,16 @@ fn main() -> ExitCode {
     }
     for generators in [5, 10] {
         match count_generators(generators) {
-            Ok((cycle, each)) => println!(
-                "{generators} step generators: {} instructions, {each} a generator",
-                thousands(cycle)
-            ),
+            Ok((cycle, each)) => {
+                println!(
+                    "{generators} step generators: {} instructions, {each} a generator",
+                    thousands(cycle)
+                );
+                if each > MOST {
+                    eprintln!("more than {MOST} a generator");
+                    return ExitCode::FAILURE;
+                }
+            }
             Err(output) => {
                 eprintln!("{generators} step generators: callgrind counted nothing:\n{output}");
                 return ExitCode::FAILURE;

@@ -59,7 +59,7 @@ fn step_generators_allocate_nothing_whatever_is_commanded_and_whatever_fails() {
     let mut events = driver.events();
     let (mut allocations, mut moved, mut bites, mut said) = (0, false, 0, 0);
     for n in 0..CYCLES {
-        if n % 97 == 0 {
+        if n.is_multiple_of(97) {
             let next = driver.bus().exchanges();
             let bus = driver.bus_mut();
             bus.fail_at(next, Fault::NotExecuted(BusErrorKind::Lost));
@@ -71,7 +71,7 @@ fn step_generators_allocate_nothing_whatever_is_commanded_and_whatever_fails() {
         command(&mut driver, &all, n);
         let info = measure(|| {
             let _ = std::hint::black_box(driver.read());
-            if n % 16 == 0 {
+            if n.is_multiple_of(16) {
                 let _ = std::hint::black_box(driver.rearm());
             }
             let _ = std::hint::black_box(driver.write());
