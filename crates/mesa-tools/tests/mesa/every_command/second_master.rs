@@ -163,7 +163,7 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
 
 #[test]
 fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
-    let driving = ["*.7i77.0.0.output-03", "--outputs", "--yes", "--for", "60"];
+    let driving = ["*.7i77.0.0.output-03", "--outputs", "--yes", "--for", "10"];
     for (arguments, waits) in [
         (&["*7i77.0.0.input-0?"][..], "actuate it now"),
         (&driving, "driven; did it come on?"),
