@@ -49,6 +49,7 @@ impl Scenario {
         (self.steppers.edges, self.steppers.is_lost) = (0, false);
         let is_calm = !watch.was_lost
             && self.stage.begun().is_empty()
+            && self.stage.happened().is_empty()
             && self.plan.spares_its_host()
             && self.is_armed;
         let jolts = Jolts {
