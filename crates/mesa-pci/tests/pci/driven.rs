@@ -1,0 +1,175 @@
+//! The driver on simulated boards in mapped memory, in real time.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use allocation_counter::measure;
+use mesa_hal::bus::{BusErrorKind, Clock};
+use mesa_hal::{CycleError, Driver, Settings};
+use mesa_hal_sim::devices::{SignalValue, find, find_mut};
+use mesa_hal_sim::{SimFpga, machines};
+use mesa_pci::PciBus;
+use mesa_pci::simulated::SimulatedRegisters;
+
+use crate::folder::{Folder, Fpga, Served, device};
+
+/// A board that the test can look at while it is served.
+#[derive(Clone)]
+struct Seen(Arc<Mutex<Fpga>>);
+
+impl Seen {
+    fn with<T>(&self, look: impl FnOnce(&mut SimFpga) -> T) -> T {
+        look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner).0)
+    }
+
+    fn output(&self, channel: usize, output: usize) -> bool {
+        let output = format!("output-{output:02}");
+        self.with(|fpga| {
+            let device = find(fpga.remote(0, channel).expect("a remote"));
+            let outputs = device.expect("a device").outputs();
+            outputs.contains(&(output, SignalValue::Bool(true)))
+        })
+    }
+
+    fn set_input(&self, channel: usize, input: usize, on: bool) {
+        self.with(|fpga| {
+            let device = find_mut(fpga.remote_mut(0, channel).expect("a remote"));
+            device
+                .expect("a device")
+                .set_input(input, on)
+                .expect("an input");
+        });
+    }
+}
+
+impl SimulatedRegisters for Seen {
+    fn advance_to(&mut self, nanos: u64) {
+        self.with(|fpga| fpga.advance_to(nanos));
+    }
+
+    fn read(&mut self, address: u16) -> u32 {
+        self.with(|fpga| fpga.read_register(address))
+    }
+
+    fn write(&mut self, address: u16, value: u32) {
+        self.with(|fpga| fpga.write_register(address, value));
+    }
+}
+
+/// Nothing is given up because a busy computer lets the simulator wait. A remote whose watchdog has
+/// bitten meanwhile comes back, and its outputs are armed again.
+fn settings() -> Settings {
+    let mut settings = Settings {
+        watchdog: Some(Duration::from_secs(4)),
+        ..Settings::default()
+    };
+    settings.fault_policy.stale_after = 1000;
+    settings
+}
+
+struct Bench {
+    driver: Driver<PciBus>,
+    board: Seen,
+    served: Served<Seen>,
+    _root: Folder,
+}
+
+impl Bench {
+    fn start() -> Self {
+        let root = Folder::new();
+        let mut fpga = machines::i5i25_7i77();
+        machines::plug_7i77(&mut fpga, 0, 0);
+        let board = Seen(Arc::new(Mutex::new(Fpga(fpga))));
+        let served = Served::start(root.path(), board.clone());
+        let bus = device(root.path()).open().expect("a board");
+        let driver = Driver::start(bus, settings()).expect("a machine");
+        Self {
+            driver,
+            board,
+            served,
+            _root: root,
+        }
+    }
+
+    /// Cycles until `done`; panics after 20 s.
+    fn until(&mut self, what: &str, mut done: impl FnMut(&mut Self) -> bool) {
+        for _ in 0..20_000 {
+            self.driver.read().expect("read");
+            if done(self) {
+                return;
+            }
+            let _ = self.driver.rearm().expect("rearmed");
+            self.driver.write().expect("written");
+            self.driver.bus_mut().wait(Duration::from_millis(1));
+        }
+        panic!("not within 20,000 cycles: {what}");
+    }
+}
+
+#[test]
+fn a_7i77_on_a_5i25_follows_its_outputs_and_shows_its_inputs() {
+    let mut bench = Bench::start();
+    let pins = bench.driver.pins();
+    let output = pins.output::<bool>("hm2_5i25.0.7i77.0.0.output-03");
+    let output = output.expect("an output");
+    let input = pins.input::<bool>("hm2_5i25.0.7i77.0.0.input-05");
+    let input = input.expect("an input");
+    for on in [true, false, true] {
+        // Inputs and outputs share their registers, so that the same word is often there already.
+        bench.board.set_input(0, 5, on);
+        bench.until("an output and an input", |bench| {
+            bench.driver.pins_mut().set(output, on);
+            let seen = bench.driver.pins().read(input);
+            bench.board.output(0, 3) == on && seen.valid && seen.value == on
+        });
+    }
+    let (bus, result) = bench.driver.shutdown();
+    result.expect("everything is off");
+    assert!(!bench.board.output(0, 3));
+    drop(bus);
+    drop(bench.served.end());
+}
+
+#[test]
+fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_stays_valid() {
+    let mut bench = Bench::start();
+    let name = "hm2_5i25.0.7i77.0.0.input-05";
+    let input = bench.driver.pins().input::<bool>(name).expect("an input");
+    bench.board.set_input(0, 5, true);
+    bench.until("an input", |bench| {
+        let seen = bench.driver.pins().read(input);
+        seen.valid && seen.value
+    });
+    bench.served.unplug(true);
+    let error = (0..20_000).find_map(|_| {
+        let error = bench.driver.read().err();
+        bench.driver.bus_mut().wait(Duration::from_millis(1));
+        error
+    });
+    match error {
+        Some(CycleError::Read { source, .. }) => {
+            assert_eq!(mesa_hal::bus::BusError::kind(&source), BusErrorKind::Lost);
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(bench.driver.pins().read(input).value, "its last good value");
+}
+
+#[test]
+fn a_cycle_makes_no_allocation_on_the_bus() {
+    let mut bench = Bench::start();
+    let mut cycles = 0;
+    bench.until("ten cycles", |_| {
+        cycles += 1;
+        cycles > 10
+    });
+    for _ in 0..100 {
+        let driver = &mut bench.driver;
+        let info = measure(|| {
+            driver.read().expect("read");
+            driver.write().expect("written");
+        });
+        assert_eq!(info.count_total, 0);
+        driver.bus_mut().wait(Duration::from_millis(1));
+    }
+}
