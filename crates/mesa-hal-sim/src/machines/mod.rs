@@ -50,6 +50,16 @@ pub fn i5i25_7i77() -> SimFpga {
     SimFpga::new(firmware_5i25_7i77())
 }
 
+/// A 5I25 for two 7I77, with nothing plugged in.
+pub fn i5i25_7i77x2() -> SimFpga {
+    SimFpga::new(firmware_5i25_7i77x2())
+}
+
+/// A 5I25 for a 7I77 and a 7I76, with nothing plugged in.
+pub fn i5i25_7i77_7i76() -> SimFpga {
+    SimFpga::new(firmware_5i25_7i77_7i76())
+}
+
 /// A 7I80DB with older firmware: see [`firmware_7i80_of_2016`]. Nothing is plugged in.
 pub fn i7i80_of_2016() -> SimFpga {
     SimFpga::new(firmware_7i80_of_2016())
