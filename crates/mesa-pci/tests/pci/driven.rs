@@ -94,7 +94,7 @@ impl Bench {
     /// Cycles until `done`; panics after 20 s.
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Self) -> bool) {
         for _ in 0..20_000 {
-            self.driver.read().expect("read");
+            let _ = self.driver.read().expect("read");
             if done(self) {
                 return;
             }
@@ -166,7 +166,7 @@ fn a_cycle_makes_no_allocation_on_the_bus() {
     for _ in 0..100 {
         let driver = &mut bench.driver;
         let info = measure(|| {
-            driver.read().expect("read");
+            let _ = driver.read().expect("read");
             driver.write().expect("written");
         });
         assert_eq!(info.count_total, 0);

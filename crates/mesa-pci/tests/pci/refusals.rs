@@ -116,7 +116,7 @@ fn without_rights_the_rule_for_udev_is_given() {
     let folder = plain(root.path(), BoardKind::I5i25);
     let path = folder.join("resource0");
     // Root may open all files; a folder it may not open as a file.
-    fs::set_permissions(&path, fs::Permissions::from_mode(0)).expect("rights");
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o0)).expect("rights");
     if fs::File::options().read(true).open(&path).is_ok() {
         fs::remove_file(&path).expect("removed");
         fs::create_dir(&path).expect("a folder");

@@ -254,16 +254,14 @@ fn name(fpga: &SimFpga) -> String {
 /// The requested remotes, and the board's own ones on channels where no other was requested.
 fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
     let mut wanted = options.remotes.clone();
-    if let Some(first) = options.board.card_7i77() {
-        for (channel, device) in [(first, devices::FIELD_IO), (first + 1, devices::ANALOG)] {
-            if wanted.iter().all(|remote| remote.channel != channel) {
-                wanted.push(RemoteOption {
-                    channel,
-                    device: device.to_owned(),
-                    mode: None,
-                    setup: false,
-                });
-            }
+    for &(channel, device) in options.board.own_remotes() {
+        if wanted.iter().all(|remote| remote.channel != channel) {
+            wanted.push(RemoteOption {
+                channel,
+                device: device.to_owned(),
+                mode: None,
+                setup: false,
+            });
         }
     }
     wanted.sort_by_key(|remote| remote.channel);

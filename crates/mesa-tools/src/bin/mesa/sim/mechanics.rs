@@ -18,6 +18,9 @@ use super::plan::{Plan, Wire, index_of};
 /// finite numbers.
 const FASTEST: f64 = 1e6;
 
+/// Analog outputs of a 7I77.
+const OUTPUTS_7I77: u8 = 6;
+
 /// Builds the mechanics of the machine's plan. Without axes, a motor on each analog output turns
 /// the encoder of the same number.
 pub fn build(machine: &mut Machine) -> Result<(), String> {
@@ -81,16 +84,20 @@ fn check_wires(machine: &mut Machine, plan: &Plan) -> Result<(), String> {
 }
 
 fn wire_motors(machine: &mut Machine, plan: &Plan) {
-    let analog = machine.remotes.iter().find(|r| r.device == devices::ANALOG);
-    let analog = analog.map(|remote| remote.channel);
+    let remotes = machine.remotes.iter();
+    let analog = remotes.filter(|remote| remote.device == devices::ANALOG);
+    let analog: Vec<_> = analog.map(|remote| remote.channel).collect();
     let (kind, own) = (machine.kind, machine.kind.own_outputs());
     let mut wire = |output: u8, encoder: usize, motor: Motor| {
-        let source = match (output.checked_sub(own), analog) {
-            (None, _) => DriveSource::Pwm {
+        let of_card = |output: u8| {
+            let card = analog.get(usize::from(output / OUTPUTS_7I77));
+            card.map(|&channel| machines::output_7i77(PORT, channel, output % OUTPUTS_7I77))
+        };
+        let source = match output.checked_sub(own) {
+            None => DriveSource::Pwm {
                 unit: output.into(),
             },
-            (Some(output), Some(channel)) => machines::output_7i77(PORT, channel, output),
-            _ => DriveSource::Nothing,
+            Some(output) => of_card(output).unwrap_or(DriveSource::Nothing),
         };
         machine.fpga().wire_axis(AxisWiring {
             source,
