@@ -150,6 +150,7 @@ type Texts = [AtomicPtr<c_char>; MAX_BOARDS];
 
 static BOARD_IP: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static CONFIG: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
+static SYSFS: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static DEBUG: AtomicI32 = AtomicI32::new(0);
 
 /// Place of the words of `board_ip=`.
@@ -171,6 +172,16 @@ pub static rtapi_info_type_config: &[u8; 2] = b"s\0";
 /// Largest number of words of `config=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_size_config: c_int = MAX_BOARDS as c_int;
+
+/// Place of the word of `sysfs=`: a folder of `mesa sim --pci` in place of /sys.
+#[unsafe(no_mangle)]
+pub static rtapi_info_address_sysfs: &Texts = &SYSFS;
+/// Type of `sysfs=`: a text.
+#[unsafe(no_mangle)]
+pub static rtapi_info_type_sysfs: &[u8; 2] = b"s\0";
+/// Largest number of words of `sysfs=`.
+#[unsafe(no_mangle)]
+pub static rtapi_info_size_sysfs: c_int = 1;
 
 /// Place of `debug=`, which hm2_eth has: accepted, and without effect.
 #[unsafe(no_mangle)]
@@ -201,10 +212,10 @@ mod panics {
 #[cfg(debug_assertions)]
 pub(crate) use panics::is_due as panic_is_due;
 
-/// The words of `board_ip=` and of `config=`, taken: a later load begins without them, even if the
+/// The words of `board_ip=`, of `config=` and of `sysfs=`, taken: a later load begins without them, even if the
 /// component stays in memory. Text that is not UTF-8 is replaced by the sign for that.
-pub(crate) fn take_parameters() -> [Vec<String>; 2] {
-    [&BOARD_IP, &CONFIG].map(|texts| {
+pub(crate) fn take_parameters() -> [Vec<String>; 3] {
+    [&BOARD_IP, &CONFIG, &SYSFS].map(|texts| {
         let taken = texts
             .iter()
             .map(|text| text.swap(core::ptr::null_mut(), Ordering::Relaxed));

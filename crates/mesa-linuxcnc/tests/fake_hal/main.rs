@@ -3,6 +3,7 @@
 
 mod board;
 mod hal;
+mod pci;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;
