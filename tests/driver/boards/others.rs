@@ -208,8 +208,9 @@ fn all_twelve_axes_of_a_5i25_with_two_7i77_have_their_encoders() {
             .map(|encoder| terminal(driver.pins(), encoder).0);
         let numbers = (0..6).map(|n| format!("hm2_5i25.0.encoder.{:02}.rawcounts", 2 * first + n));
         assert!(names.eq(numbers), "channel {first}");
-        let input = card.field.inputs[3];
-        assert!(driver.pins().read(input).valid);
+        let input = format!("hm2_5i25.0.7i77.0.{first}.input-03");
+        let input = driver.pins().input::<bool>(&input).expect("an input");
+        assert!(driver.pins().read(input).valid, "channel {first}");
     }
 }
 
