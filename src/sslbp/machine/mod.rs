@@ -270,8 +270,12 @@ impl PortMachine {
         let OperationTimes { usual, settle, .. } = operation.times();
         if !settle.is_zero() {
             let cleared = *pending.cleared.get_or_insert(now);
-            // COMMAND may have been 0 for a while when it is seen, but not for longer than that.
-            let latest = issued.after(usual.saturating_mul(SLOWEST));
+            // COMMAND may have been 0 for a while when it is seen, but not for longer than that. The
+            // pause after the stop of single channels is enough for the slowest port, too.
+            let latest = match operation {
+                PortOperation::Stop(_) => issued.after(usual),
+                _ => issued.after(usual.saturating_mul(SLOWEST)),
+            };
             let settled = cleared.min(latest).after(settle);
             if now < settled {
                 return PortEvent::Settling(settled);
