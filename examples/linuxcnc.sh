@@ -61,7 +61,7 @@ case " ${options[*]-} " in
   *) options+=(--board 7i97) ;;
 esac
 case " ${options[*]} " in
-  *" 7i92-7i77 "*) hal_name=hm2_7i92.0 ;;
+  *" 7i92-7i77 "* | *" 7i92-7i76 "*) hal_name=hm2_7i92.0 ;;
   *" 7i80-7i77 "*) hal_name=hm2_7i80.0 ;;
   *) hal_name=hm2_7i97.0 ;;
 esac

@@ -196,7 +196,7 @@ pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Configured, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
-pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
+pub use hal::{AnalogIn, AnalogOut, Axis, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 pub use hostmot2::RemoteId;
 pub use mesa_wire::{lbp, lbp16};

@@ -169,8 +169,8 @@ mod tests {
             (r#"{"pace": "nobody"}"#, "unknown variant `nobody`"),
             (r#"{"defaults": "mach3"}"#, "unknown variant `mach3`"),
             (
-                r#"{"instances": {"stepgen": 0}}"#,
-                "no module is 'stepgen'; known: 'encoder', 'pwmgen', ",
+                r#"{"instances": {"resolver": 0}}"#,
+                "no module is 'resolver'; known: 'encoder', 'pwmgen', 'stepgen', ",
             ),
             (
                 r#"{"serial_ports": {"0": {"channels": {"1": {"kind": "7I99"}}}}}"#,

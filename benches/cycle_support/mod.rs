@@ -11,7 +11,7 @@ use mesa_hal::bus::{
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::devices::FieldIo;
 use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
-use mesa_hal_sim::{SimFpga, machines};
+use mesa_hal_sim::{SimFpga, SimPinDescriptor, gtag, machines};
 
 /// A 7I92 with a 7I77 and a 7I72.
 pub fn three_remotes() -> SimFpga {
@@ -30,6 +30,25 @@ pub fn field_cards(count: usize) -> SimFpga {
         fpga.plug(n / 8, n % 8, Some(Box::new(card)));
     }
     fpga
+}
+
+/// Firmware of a 7I92 with a 7I76 on each of its connectors, or on the first only: five step
+/// generators for each, and no remotes.
+pub fn step_generators(cards: u8) -> SimFpga {
+    let mut firmware = machines::firmware_7i92_7i76();
+    let first = firmware.pins.iter().take(10).copied();
+    let second: Vec<_> = first
+        .map(|pin| SimPinDescriptor {
+            unit: pin.unit + 5,
+            ..pin
+        })
+        .collect();
+    let more = second.into_iter().take(10 * usize::from(cards - 1));
+    let connector = firmware.pins.iter_mut().skip(17);
+    connector.zip(more).for_each(|(pin, more)| *pin = more);
+    let module = firmware.module_mut(gtag::STEPGEN);
+    module.expect("step generators").instances = 5 * cards;
+    SimFpga::new(firmware)
 }
 
 /// Wraps a remote, and records the start of the last frame to it.
@@ -89,6 +108,8 @@ pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
 pub struct Frozen {
     sim: SimFpga,
     answers: Vec<Vec<u32>>,
+    /// Addresses of the words of the answers.
+    addresses: Vec<Vec<u16>>,
     stands_still: bool,
     /// Time since it was frozen, in nanoseconds: half a period for each exchange.
     passed: u64,
@@ -101,9 +122,20 @@ impl Frozen {
         Self {
             sim,
             answers: Vec::new(),
+            addresses: Vec::new(),
             stands_still: false,
             passed: 0,
             written: None,
+        }
+    }
+
+    /// Changes what a register answers from now on.
+    pub fn set_answer(&mut self, register: u16, word: u32) {
+        for (answer, addresses) in self.answers.iter_mut().zip(&self.addresses) {
+            let words = answer.iter_mut().zip(addresses);
+            words
+                .filter(|(_, address)| **address == register)
+                .for_each(|(answer, _)| *answer = word);
         }
     }
 }
@@ -117,6 +149,11 @@ impl RegisterBus for Frozen {
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
         self.answers.push(Vec::new());
+        let addresses = accesses.iter().flat_map(|access| {
+            let words = access.words().len();
+            (access.address..).step_by(4).take(words)
+        });
+        self.addresses.push(addresses.collect());
         Ok(AccessList::encoded(Answers {
             accesses: accesses.into(),
             place: self.answers.len() - 1,
@@ -192,8 +229,13 @@ const SETTLED: usize = 300;
 /// A driver of a board with `count` remotes in the middle of its cycles, whose bus no longer has a
 /// cost.
 pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
+    frozen_with(board, count, Settings::default())
+}
+
+/// The same with settings.
+pub fn frozen_with(board: SimFpga, count: usize, settings: Settings) -> Driver<Frozen> {
     let bus = Frozen::new(board);
-    let mut driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
+    let mut driver = Driver::start(bus, settings).expect("the machine is complete");
     for _ in 0..SETTLED {
         let _ = driver.read().expect("read");
         driver.write().expect("write");

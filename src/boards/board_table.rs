@@ -1,6 +1,6 @@
 //! Tables of the supported boards.
 
-use super::{BoardTable, FlashLayout, ModuleTerminals, PwmTable, i7i77, i7i97};
+use super::{BoardTable, FlashLayout, ModuleTerminals, PwmTable, i7i76, i7i77, i7i97};
 use crate::hal::Terminals;
 use crate::hostmot2::{Gtag, HostMot2, TickRate};
 
@@ -15,7 +15,7 @@ impl BoardTable {
         encoder_rate: TickRate::MUX_7I77,
         pwm: PwmTable::PLAIN,
         terminals: &[],
-        cards: &[&i7i77::CARD],
+        cards: &[&i7i77::CARD, &i7i76::CARD, &i7i76::CARD_MUXED],
         flash: None,
     };
 

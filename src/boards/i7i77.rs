@@ -93,6 +93,7 @@ pub const CARD: CardTable = CardTable {
         Terminals::encoders("TB3 pin ", 0),
         Terminals::encoders("TB4 pin ", 3),
     ],
+    steps: &[],
 };
 
 /// The terminals of channel 2 of each card, for a separate remote.

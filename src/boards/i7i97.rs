@@ -11,7 +11,7 @@ use alloc::format;
 
 use super::{
     AttachError, BoardHandles, BoardTable, DB25, Finder, FlashLayout, ModuleTerminals, PwmTable,
-    i7i77,
+    i7i76, i7i77,
 };
 use crate::hal::{
     AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins, Terminals,
@@ -44,7 +44,7 @@ pub const BOARD: BoardTable = BoardTable {
         ModuleTerminals::new(&[Gtag::SSERIAL, Gtag::SSERIAL_B], SERIAL_AT),
     ],
     // On P1, with suitable firmware.
-    cards: &[&i7i77::CARD],
+    cards: &[&i7i77::CARD, &i7i76::CARD, &i7i76::CARD_MUXED],
     flash: Some(&FlashLayout::I7I97),
 };
 

@@ -10,6 +10,7 @@ mod board_table;
 mod flash;
 pub mod i7i64;
 pub mod i7i72;
+pub mod i7i76;
 pub mod i7i77;
 pub mod i7i97;
 mod identity;

@@ -27,6 +27,7 @@ use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;
 use crate::modules::outputs::Outputs;
 use crate::modules::pwm::Pwm;
+use crate::modules::stepgen::{self, Stepgens};
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{Module, RegisterError, Registrar, undriven};
 
@@ -94,6 +95,16 @@ impl Plan {
     /// Prefix of the names of the board's pins, for example `hm2_7i92.0`.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Remarks on step generators that need newer firmware.
+    fn remark_old_stepgens(&mut self) {
+        let modules = self.firmware.modules_of(Gtag::STEPGEN);
+        let versions = modules.map(|(_, module)| module.version);
+        if let Some(version) = versions.min().filter(|version| stepgen::is_old(*version)) {
+            let kind = RemarkKind::OldStepgen { version };
+            self.remarks.push(Remark::of_board(kind));
+        }
     }
 
     /// All pins and parameters so far: those of the modules, and after [`Board::discover`] those of
@@ -269,6 +280,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         }
         self.add(Encoders::register)?;
         self.add(Pwm::register)?;
+        self.add(Stepgens::register)?;
         self.add(InMux::register)?;
         self.add(Outputs::register)?;
         self.add(Leds::register)
@@ -314,6 +326,9 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
+        if self.plan.settings.instances.get(&Gtag::STEPGEN) != Some(&0) {
+            self.plan.remark_old_stepgens();
+        }
         self.set_up()?;
         self.plan
             .image

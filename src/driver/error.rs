@@ -121,6 +121,16 @@ pub enum DriverError<E: BusError> {
          done, and everything is safe until re-armed"
     )]
     NotConfirmed,
+    /// A remote did not answer after it had been left without process data, so that nothing is
+    /// known of its watchdog. Everything is safe until it is re-armed.
+    #[error(
+        "{remote} did not answer after it had been left alone, so that its watchdog is not known to bite; \
+         everything is safe until re-armed"
+    )]
+    NotHeard {
+        /// The remote.
+        remote: RemoteId,
+    },
     /// The board is not set up, so that its serial lines are not connected.
     #[error("{state}, and no remote can be reached")]
     NotRunning {
@@ -160,6 +170,7 @@ impl<E: BusError> DriverError<E> {
             Self::WatchdogTooShort { .. } => Some(Advice::LengthenWatchdog),
             Self::PeriodTooShort { .. } => Some(Advice::LengthenPeriod),
             Self::NotConfirmed => Some(Advice::CheckLink),
+            Self::NotHeard { .. } => Some(Advice::CheckCardPower),
             Self::NotRunning { .. } => Some(Advice::RearmFirst),
         }
     }

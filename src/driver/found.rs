@@ -9,6 +9,7 @@ use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;
 use crate::modules::outputs::Outputs;
 use crate::modules::pwm::Pwm;
+use crate::modules::stepgen::Stepgens;
 
 /// The board, its remotes and what it drives, in a line:
 /// `hm2_7i92.0 (MESA7I92): 3 remotes (7i77.0.0, 7i77.0.1, 7i72.0.2), 6 encoders`.
@@ -37,6 +38,12 @@ impl<B: RegisterBus + Clock> fmt::Display for Driver<B> {
             (
                 self.modules::<Pwm>().map(|part| part.pins().len()).sum(),
                 "PWM generator",
+            ),
+            (
+                self.modules::<Stepgens>()
+                    .map(|part| part.pins().len())
+                    .sum(),
+                "step generator",
             ),
             (
                 self.modules::<InMux>()

@@ -77,7 +77,6 @@ mod trace;
 mod watchdogs;
 
 pub use crate::ParseError;
-pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::events::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::gpio::GpioConfig;
 pub use crate::modules::report::{BoardState, CycleReport};

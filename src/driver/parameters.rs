@@ -274,7 +274,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
-        // Repeated, because a long time that stays would look like a reset.
+        self.cycle.parts.watchdog.hold();
         let mut fed = self.bus.exchange(&accesses, &mut words);
         for _ in 1..TRIES {
             if fed.is_err() {

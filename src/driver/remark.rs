@@ -124,6 +124,13 @@ pub enum RemarkKind {
         /// Minor version.
         minor: u8,
     },
+    /// The step generators have a version with faults in the times of their pulses
+    /// ([`modules::stepgen`](crate::modules::stepgen)).
+    #[error("StepGen (05) version {version}: its pulse times have faults; pulses may be too short")]
+    OldStepgen {
+        /// Version of the module.
+        version: u8,
+    },
     /// A remote with the name of a card whose parts differ in the unit number, and with a unit
     /// number of no known part: it has no terminals and no safe values of its own.
     #[error(
@@ -152,7 +159,7 @@ impl RemarkKind {
             Self::Swapped => Some(Advice::ExchangeOnConnector),
             Self::PartSilent { .. } => Some(Advice::CheckCardPower),
             Self::SlowWatchdog { .. } => Some(Advice::SetRemoteWatchdog),
-            Self::OldSslbp { .. } => Some(Advice::LoadNewerFirmware),
+            Self::OldSslbp { .. } | Self::OldStepgen { .. } => Some(Advice::LoadNewerFirmware),
             Self::NoSuchChannel { .. } | Self::UnknownPart { .. } => None,
         }
     }

@@ -1,17 +1,20 @@
 //! Test of the remotes' own watchdogs.
 
+use alloc::vec::Vec;
+
 use super::{Driver, DriverError};
 use crate::bus::{Clock, RegisterBus};
+use crate::hostmot2::RemoteId;
 use crate::modules::serial::SerialPort;
 
 /// Number of queries for the remotes' reports: a transfer may be lost.
-const TRIES: u32 = 3;
+const TRIES: u32 = 6;
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Leaves all running remotes without process data for longer than the nominal time of their
     /// [watchdogs](super::RemoteWatchdog), with all outputs off, and checks that they report a
-    /// bite. A remote that does not report one counts as [off](super::RemoteWatchdog::Off) from now
-    /// on; a remote that was left for much longer than its own time, because of another remote or
+    /// bite. A remote that answers and reports none counts as [off](super::RemoteWatchdog::Off)
+    /// from now on; a remote that was left for much longer than its own time, because of another remote or
     /// because the host was late, is known to bite within the longer time.
     ///
     /// The parameter `NVWatchDogTimeout` contains the time that a remote uses from its next
@@ -27,7 +30,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// # Errors
     /// Those of the bus, [`DriverError::NotRunning`] and [`DriverError::NotConfirmed`]; then
-    /// nothing is known of any watchdog.
+    /// nothing is known of any watchdog. [`DriverError::NotHeard`] names a remote that did not
+    /// answer after the silence: nothing new is known of its watchdog, and all others are tested.
     ///
     /// # Real time
     /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.4 s at most.
@@ -44,11 +48,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let begin = self.bus.now();
         self.all_off()?;
         let asked = self.cycle.parts.ports.iter().map(SerialPort::running);
-        let asked: alloc::vec::Vec<_> = asked.collect();
+        let asked: Vec<_> = asked.collect();
         let usual = self.cycle.parts.watchdog.timeout();
         self.feed_for(super::parameters::UNFED)?;
         self.bus.sleep(silence);
         self.feed_for(usual)?;
+        let ports = self.cycle.parts.ports.iter().zip(asked);
+        let asked: Vec<_> = ports.map(|(port, asked)| port.query(asked)).collect();
         self.last_transfer()?;
         let took = self.bus.now().since(begin);
         for _ in 1..TRIES {
@@ -56,15 +62,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         self.cycle.make_safe();
         let now = self.bus.now();
-        for (port, asked) in self.cycle.parts.ports.iter_mut().zip(asked) {
-            port.judge_watchdogs(asked, took, &mut self.cycle.pins, now);
+        let mut not_heard = None;
+        for (port, asked) in self.cycle.parts.ports.iter_mut().zip(&asked) {
+            let channel = port.judge_watchdogs(asked, took, &mut self.cycle.pins, now);
+            let number = port.layout().instance;
+            let remote = channel.map(|channel| RemoteId::new(number, channel.index()));
+            not_heard = not_heard.or(remote);
         }
-        if self.cycle.is_running() {
-            Ok(())
-        } else {
-            Err(DriverError::NotRunning {
+        if !self.cycle.is_running() {
+            return Err(DriverError::NotRunning {
                 state: self.cycle.state(),
-            })
+            });
         }
+        not_heard.map_or(Ok(()), |remote| Err(DriverError::NotHeard { remote }))
     }
 }

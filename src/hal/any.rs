@@ -240,6 +240,40 @@ impl Pins {
         (!slot.bad && self.is_valid(group)).then_some(slot.bits)
     }
 
+    /// [`valid_bits_of`](Self::valid_bits_of) of many inputs, in less time where those of a group
+    /// follow each other: calls `each` with the position of each input that is valid, and its bits.
+    ///
+    /// # Real time
+    /// As [`valid_bits_of`](Self::valid_bits_of) for each; no allocation.
+    #[inline]
+    pub fn each_valid(&self, inputs: &[PinId], mut each: impl FnMut(usize, u64)) {
+        let mut group = None;
+        let mut is_valid = false;
+        for (position, input) in inputs.iter().enumerate() {
+            let Some(slot) = self.index(input.0).and_then(|index| self.slots.get(index)) else {
+                self.count_foreign();
+                continue;
+            };
+            if group != Some(slot.group) {
+                group = Some(slot.group);
+                let group = self.groups.get(usize::from(slot.group));
+                is_valid = group.is_some_and(|group| self.is_valid(group));
+            }
+            if is_valid && !slot.bad {
+                each(position, slot.bits);
+            }
+        }
+    }
+
+    /// A number that is another one when a parameter may have changed, or a pin that both sides set
+    /// and that the driver has changed; for programs that copy all values in every cycle.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub const fn parameters_version(&self) -> u64 {
+        self.settings
+    }
+
     /// Sets a pin or parameter as [`set_any`](Self::set_any) does, to the bits of a value of its
     /// type.
     ///
@@ -250,9 +284,14 @@ impl Pins {
     /// Constant time, no allocation; the description of an output is not needed.
     #[inline]
     pub fn set_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
-        let role = self.index(pin.0).and_then(|index| self.slots.get(index));
-        if let Some(Role::Output | Role::InOut) = role.map(|slot| slot.role) {
-            self.set(super::Output::<u64>::new(pin.0), bits);
+        let slot = self.index(pin.0);
+        let slot = slot.and_then(|index| self.slots.get_mut(index));
+        if let Some(slot) = slot
+            && let Role::Output | Role::InOut = slot.role
+        {
+            if core::mem::replace(&mut slot.bits, bits) != bits {
+                self.changed(pin.0);
+            }
             return Ok(());
         }
         let hal_type = self.info_of(pin).map_or(HalType::Bit, |info| info.hal_type);

@@ -32,6 +32,7 @@
 
 mod alias;
 mod any;
+mod axis;
 mod enabling;
 mod error;
 mod handle;
@@ -48,6 +49,7 @@ mod terminals;
 mod value;
 
 pub use any::PinId;
+pub use axis::Axis;
 pub use error::{PinError, ShortName};
 pub use handle::kind::{Readable, Settable};
 pub use handle::{GroupId, Handle, InOut, Input, Output, Param};

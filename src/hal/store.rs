@@ -13,7 +13,9 @@ use super::handle::Key;
 use super::handle::kind::{Publishable, Settable};
 use super::pins::{Awaited, Group, GroupPart};
 use super::rule::NONE;
-use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
+use super::{
+    AnyValue, GroupId, Handle, Input, Output, PinError, PinId, Pins, Rejection, Role, Value,
+};
 use crate::bus::Instant;
 
 /// Number of the next store; 0 belongs to none.
@@ -336,6 +338,19 @@ impl PinStore {
         let is_inverted =
             invert != NONE && self.slots.get(invert as usize).is_some_and(|s| s.bits != 0);
         if is_inverted { value.inverted() } else { value }
+    }
+
+    /// Changes the safe value of an output whose safe state depends on the machine: the command of a
+    /// position is safe where the axis stands. It is the value of the output while its group is not
+    /// armed, and when the group is armed again. It has to be within the limits of the output; a value
+    /// that is not finite changes nothing.
+    pub fn set_safe(&mut self, pin: Output<f64>, safe: f64) {
+        let index = self.index(pin.key).filter(|_| safe.is_finite());
+        if let Some(rule) = index.and_then(|index| self.rule_mut(index))
+            && core::mem::replace(&mut rule.safe, safe.to_bits()) != safe.to_bits()
+        {
+            self.changed(pin.key);
+        }
     }
 
     /// Counts a value of `pin` as out of range that a module has replaced in its register word.

@@ -20,7 +20,8 @@ pub struct BoardTable {
     pub pwm: PwmTable,
     /// The terminals of its modules.
     pub terminals: &'static [ModuleTerminals],
-    /// The cards that its encoders may be on; a card is recognised by the pins of its connector.
+    /// The cards that its encoders and step generators may be on; a card is recognised by the pins
+    /// of its connector.
     pub cards: &'static [&'static CardTable],
     /// Layout of its flash memory, if known.
     pub flash: Option<&'static FlashLayout>,
@@ -72,7 +73,7 @@ impl ModuleTerminals {
     }
 }
 
-/// A card with encoders; it occupies all pins of a connector.
+/// A card with encoders or step generators; it occupies all pins of a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CardTable {
     /// Its name.
@@ -84,6 +85,9 @@ pub struct CardTable {
     pub first_encoder_pin: usize,
     /// The terminals of its encoders.
     pub encoders: &'static [Terminals],
+    /// The terminals of its step generators, in the order of their step pins: two of step, then two
+    /// of direction.
+    pub steps: &'static [Terminals],
 }
 
 /// Layout of a board's flash memory.
@@ -192,7 +196,44 @@ impl BoardTable {
     }
 }
 
+impl BoardTable {
+    /// Terminals of step and direction of step generator `unit` on the card that occupies its pins.
+    /// If the board has terminals of its own besides I/O pins, those of a card begin with the card's
+    /// name: `7I76 TB2 pin 2`.
+    pub fn step_places(&self, firmware: &HostMot2, unit: u8) -> [Place; 2] {
+        let on_card = |card: &&'static CardTable| Some((card.generator(firmware, unit)?, *card));
+        let Some((on_card, card)) = self.cards.iter().find_map(on_card) else {
+            return Default::default();
+        };
+        let is_io = |entry: &ModuleTerminals| entry.modules == [Gtag::IO_PORT];
+        let is_alone = self.terminals.iter().all(is_io);
+        [0, 2].map(|first| {
+            let places = Terminals::each_of(card.steps, on_card).skip(first).take(2);
+            let place: Place = places.collect();
+            match &*place.terminal {
+                terminal if !is_alone && !terminal.is_empty() => Place {
+                    terminal: format!("{} {terminal}", card.name),
+                    ..place
+                },
+                _ => place,
+            }
+        })
+    }
+}
+
 impl CardTable {
+    /// Number on its card of step generator `unit` of a firmware: all pins of the connector must
+    /// match this card.
+    pub fn generator(&self, firmware: &HostMot2, unit: u8) -> Option<u16> {
+        const STEP: u8 = 0x81;
+        let mut pins = firmware.pins_of(Gtag::STEPGEN, unit);
+        let (step, _) = pins.find(|(_, pin)| pin.secondary_pin == STEP)?;
+        let connector = usize::from(step).checked_div(self.pins.len())?;
+        self.connector(firmware, connector)?;
+        let before = self.pins.iter().take(usize::from(step) % self.pins.len());
+        Some(before.filter(|pin| **pin == (Gtag::STEPGEN, STEP)).count() as u16)
+    }
+
     /// Number on its card of encoder `number` of a firmware: all pins of the connector, its own
     /// included, must match this card.
     ///

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
-use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
+use crate::hal::{DigitalIn, MAX_NAME, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, ModuleInstance, PinDescriptor, PinPlace, PortRegisters};
 
 pub use crate::hostmot2::GpioConfig;
@@ -130,8 +130,11 @@ impl GpioPins {
                 (made.is_opendrain, "is_opendrain"),
             ];
             for (param, name) in named {
+                let mut name = format!("{alias}.{name}");
+                // LinuxCNC cuts second names one character before its limit.
+                name.truncate(MAX_NAME - 1);
                 if let Some(param) = param {
-                    r.pins.add_alias(param, format!("{alias}.{name}"))?;
+                    r.pins.add_alias(param, name)?;
                 }
             }
         }
@@ -180,6 +183,11 @@ fn hal_name(pin: PinDescriptor) -> Option<(&'static str, String)> {
         (Gtag::PWM, 0x81) => ("pwmgen", "out0".into()),
         (Gtag::PWM, 0x82) => ("pwmgen", "out1".into()),
         (Gtag::PWM, 0x83) => ("pwmgen", "enable".into()),
+        (Gtag::STEPGEN, 0x81) => ("stepgen", "step".into()),
+        (Gtag::STEPGEN, 0x82) => ("stepgen", "direction".into()),
+        (Gtag::STEPGEN, output @ 0x83..=0x88) => {
+            ("stepgen", format!("table{}", output.saturating_sub(0x81)))
+        }
         (Gtag::MUX_SELECT, 0x81) => ("encoder", "sel0".into()),
         (Gtag::MUX_SELECT, 0x82) => ("encoder", "sel1".into()),
         (Gtag::SSERIAL | Gtag::SSERIAL_B, 0x81..=0x88) => ("sserial", format!("tx{channel}")),

@@ -20,6 +20,7 @@ mod registrar;
 pub(crate) mod report;
 pub mod serial;
 pub(crate) mod settings;
+pub mod stepgen;
 mod undriven;
 pub mod watchdog;
 

@@ -159,7 +159,7 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
 #[test]
 fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
     let mut bench = i7i97();
-    bench.settings.encoders.rate = Some(TickRate(0x1000));
+    bench.settings.encoder_rate = Some(TickRate(0x1000));
     let error = bench.register::<Encoders>(Encoders::register).unwrap_err();
     assert_eq!(error.advice(), Some(Advice::SetEncoderRate));
     assert_eq!(

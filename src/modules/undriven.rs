@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::{dpll, encoder, in_mux, led, outputs, pwm};
+use super::{dpll, encoder, in_mux, led, outputs, pwm, stepgen};
 use crate::advice::Advice;
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
@@ -110,6 +110,7 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
         Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::MUX_SELECT => Ok(()),
         Gtag::ENCODER | Gtag::MUXED_ENCODER => encoder::check(module),
         Gtag::PWM => pwm::check(module),
+        Gtag::STEPGEN => stepgen::check(module),
         Gtag::HM2DPLL => dpll::check(module),
         Gtag::IN_MUX | Gtag::IN_M => in_mux::check(module),
         Gtag::SSR | Gtag::OUT_M => outputs::check(module),

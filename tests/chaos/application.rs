@@ -6,16 +6,20 @@ mod field;
 mod pins;
 mod ports;
 mod queue;
+mod steppers;
 
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, RemoteState};
 use mesa_hal::hal::{GroupId, Input, Output, PinError, Pins};
 use mesa_hal::sslbp::Channel;
+use mesa_hal_sim::Stepper;
 
 use board::BoardOutputs;
 use encoders::Encoder;
 use pins::Remote;
 use queue::{Queue, is_queued};
+pub use steppers::Jolts;
+use steppers::StepAxis;
 
 use super::journal::{BoardCommand, Level};
 use super::machine::Gpio;
@@ -31,6 +35,9 @@ pub struct Application {
     gpio_inputs: Vec<Input<bool>>,
     isolated: Vec<(Input<bool>, Input<bool>)>,
     encoders: Vec<Encoder>,
+    steppers: Vec<StepAxis>,
+    /// The commands of the steppers, and true once they are set up.
+    steps: (Chance, bool),
     /// The output of each port that switches it on.
     runs: Vec<Output<bool>>,
     queue: Option<Queue>,
@@ -93,6 +100,8 @@ impl Application {
             encoders: (0..plan.extras.axes)
                 .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
                 .collect::<Result<_, _>>()?,
+            steppers: StepAxis::all(driver),
+            steps: (Chance(scrambled(plan.seed ^ 0x57E92)), false),
             queue: plan.extras.is_queued.then(|| Queue::new(driver)),
             sets_nan: plan.extras.sets_nan,
             timer: if plan.more.is_latched {
@@ -304,6 +313,55 @@ impl Application {
         if !is_armed {
             self.board.set = BoardCommand::default();
         }
+        let (chance, is_set_up) = &mut self.steps;
+        for stepper in &mut self.steppers {
+            if !*is_set_up {
+                let done = stepper.set_up(driver.pins_mut(), &self.plan);
+                done.expect("parameters within their limits");
+            }
+            stepper.command(driver.pins_mut(), chance, is_wild);
+        }
+        *is_set_up = true;
+    }
+
+    /// Compares the steppers with their motors, after a read that was `good` or not, and took that
+    /// long.
+    pub fn check_steppers<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &Driver<B>,
+        motors: &[Stepper],
+        (took, now): (u64, u64),
+        (jolts, good): (Jolts, bool),
+    ) -> Checked {
+        let pins = driver.pins();
+        let runs = driver.board_state() == BoardState::Running;
+        let armed = is_armed(driver, driver.group());
+        for (stepper, motor) in self.steppers.iter_mut().zip(motors) {
+            let is_off = matches!(
+                driver.board_state(),
+                BoardState::WatchdogBitten | BoardState::Reset
+            );
+            if is_off && !jolts.is_lost {
+                stepper.check_stands(motor, now, jolts)?;
+            }
+            stepper.check_motor(motor, now, (jolts, good && runs && armed))?;
+            if jolts.is_lost {
+                stepper.lost();
+            } else if good && runs {
+                stepper.check_position(pins, motor, (took, now), jolts)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// `Ok` if all steppers are where they were commanded to; otherwise the reason.
+    pub fn steppers_have_arrived<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+        motors: &[Stepper],
+    ) -> Result<(), String> {
+        let mut steppers = self.steppers.iter().zip(motors);
+        steppers.try_for_each(|(stepper, motor)| stepper.has_arrived(driver.pins(), motor))
     }
 
     /// Reports to the oracle the contents of the write that follows.

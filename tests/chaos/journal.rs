@@ -92,6 +92,8 @@ pub enum What {
     Written,
     /// A write drives the first pin, after none was driven.
     Opened,
+    /// No pin is driven any more.
+    Closed,
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -5,16 +5,17 @@ use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
 use mesa_hal_sim::{
     AxisWiring, DriveSource, Motor, MotorConfig, OUTPUT_PIN, SimFirmware, SimFpga,
-    SimPinDescriptor, gtag, machines,
+    SimModuleDescriptor, SimPinDescriptor, Stepper, StepperConfig, StepperWiring, gtag, machines,
 };
 
 use super::journal::{Journal, Outputs, PORTS, Recorder};
-use super::plan::{Board, Card, Plan};
+use super::plan::{Board, Card, Plan, Steppers};
 
 /// The machine of a plan, and those of its pins that the application uses.
 pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
-    let firmware = firmware(plan);
+    let mut firmware = firmware(plan);
     let gpio = Gpio::of(&firmware);
+    add_step_generators(&mut firmware, plan);
     let clocks = [firmware.clock_low, firmware.clock_high].map(nominal);
     let mut fpga = SimFpga::new(quickened(firmware, plan.extras.ppm));
     // The clocks according to the firmware.
@@ -40,7 +41,45 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
             motor: Motor::new(config).expect("a motor"),
         });
     }
+    for generator in 0..plan.steppers.count.into() {
+        fpga.wire_stepper(StepperWiring {
+            generator,
+            encoder: None,
+            motor: Stepper::new(StepperConfig {
+                max_acceleration: f64::INFINITY,
+                start_speed: f64::INFINITY,
+                max_speed: f64::INFINITY,
+                ..StepperConfig::default()
+            })
+            .expect("a motor"),
+        });
+    }
     (fpga, gpio)
+}
+
+/// Adds the step generators of a plan, on a connector of their own.
+fn add_step_generators(firmware: &mut SimFirmware, plan: &Plan) {
+    let Steppers { count, version, .. } = plan.steppers;
+    if count == 0 {
+        return;
+    }
+    let module = SimModuleDescriptor::new(gtag::STEPGEN, version, 1, count, 0x2000, 10, 0, 0x1FF);
+    firmware.modules.push(module);
+    let before = firmware.pins.len();
+    for unit in 0..count {
+        for output in [2, 1] {
+            let pin = SimPinDescriptor::new(gtag::STEPGEN, unit, OUTPUT_PIN | output);
+            firmware.pins.push(pin);
+        }
+    }
+    let width = firmware.port_width as usize;
+    firmware
+        .pins
+        .resize(before + width, SimPinDescriptor::gpio());
+    firmware.ports += 1;
+    if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
+        ports.instances += 1;
+    }
 }
 
 /// The words of the IDROM that contain the clock frequencies (FACTS 2.2).

@@ -9,7 +9,7 @@ use std::time::Duration;
 use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
 use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
-use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
+use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, Stepper, machines};
 
 use super::machine::{CLOCK_LOW, nominal};
 use super::plan::Stranger;
@@ -44,6 +44,20 @@ impl Sim {
         match self {
             Self::Embedded(fpga) => fpga.borrow().leds().is_lit(0),
             Self::Network(network) => network.borrow().link.board.gateware().leds().is_lit(0),
+        }
+    }
+
+    /// The stepper motors, and the time of their board: it is ahead of the network's while the board
+    /// executes a packet.
+    pub fn steppers(&self) -> (Vec<Stepper>, u64) {
+        let of = |fpga: &mut SimFpga| {
+            let axes = 0..fpga.axes();
+            let motors = axes.filter_map(|axis| fpga.stepper(axis).copied());
+            (motors.collect(), SimFpga::now(fpga))
+        };
+        match self {
+            Self::Embedded(fpga) => of(&mut fpga.borrow_mut()),
+            Self::Network(network) => of(network.borrow_mut().link.board.gateware_mut()),
         }
     }
 

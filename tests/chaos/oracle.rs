@@ -452,7 +452,7 @@ impl Oracle {
                 }
                 Ok(())
             }
-            What::Written | What::Opened => Ok(()),
+            What::Written | What::Opened | What::Closed => Ok(()),
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
                 self.remotes[remote].faulty_until = at + CLEARED;

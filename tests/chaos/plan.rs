@@ -2,9 +2,11 @@
 
 mod extras;
 mod more;
+mod steppers;
 
 pub use extras::{Extras, Stranger, WRITTEN_WATCHDOG};
 pub use more::{LOCKED_AFTER, More};
+pub use steppers::Steppers;
 
 use mesa_hal::boards::{i7i72, i7i77};
 use mesa_hal::discovery::RemoteTable;
@@ -120,6 +122,7 @@ pub struct Plan {
     pub field_mode: u8,
     pub extras: Extras,
     pub more: More,
+    pub steppers: Steppers,
 }
 
 impl Plan {
@@ -166,6 +169,7 @@ impl Plan {
             is_minute: false,
             extras: Extras::new(&mut Chance(0)),
             more: More::NOTHING,
+            steppers: Steppers::NONE,
         };
         if seed % MINUTE_EVERY == MINUTE_SEED {
             plan.absent_for_a_minute();
@@ -173,7 +177,7 @@ impl Plan {
         if plan.is_network && !plan.is_minute && chance.one_in(10) {
             plan.homes(&mut chance);
         }
-        plan.with_extras().with_more()
+        plan.with_extras().with_more().with_steppers()
     }
 
     /// Homing on a network that delays and duplicates, while settings are written all the time.

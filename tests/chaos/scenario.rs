@@ -5,6 +5,7 @@ mod faults;
 mod lock;
 mod process;
 mod runs;
+mod steppers;
 mod told;
 mod validity;
 mod watch;
@@ -28,6 +29,7 @@ use super::plan::{Board, MILLI, Plan, Planned, Stranger};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
 use lock::Lock;
+use steppers::StepperWatch;
 use told::{Others, Told};
 use validity::Validity;
 
@@ -59,6 +61,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         cycles: 0,
         without_data: 0,
         validity: Validity::default(),
+        steppers: StepperWatch::default(),
         what_is_told: Told::default(),
         waits: false,
         stranger: (u64::MAX, false),
@@ -140,6 +143,7 @@ struct Scenario {
     cycles: u64,
     without_data: u64,
     validity: Validity,
+    steppers: StepperWatch,
     what_is_told: Told,
     /// The next write is followed by a wait for its transfers.
     waits: bool,
@@ -216,6 +220,7 @@ impl Scenario {
             process = self.start(&connect)?;
         }
         self.comes_back(&mut process)?;
+        self.steppers_arrive(&mut process)?;
         let leaves = self.plan.habits.leaves;
         self.leave(process, leaves)
     }
@@ -295,6 +300,7 @@ impl Scenario {
         application.check_inputs(driver, &self.stage, (self.took, self.sampled_before))?;
         self.validity(driver, application, good)?;
         self.detected(driver, application, good)?;
+        self.steppers(driver, application, good)?;
         self.neighbours(driver, application)?;
         if is_wild {
             self.habits(driver, application)?;

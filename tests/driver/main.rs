@@ -14,4 +14,5 @@ mod parameters;
 mod remotes;
 mod reset;
 mod setup;
+mod steppers;
 mod stop;

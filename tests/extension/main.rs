@@ -1,6 +1,7 @@
 //! A board, a module of its gateware and a remote card that this crate does not know, in one driver
 //! and without a change to the crate. The module is that of the example `own_module`.
 
+mod axis;
 #[path = "../common/mod.rs"]
 mod common;
 mod drive;

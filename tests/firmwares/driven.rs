@@ -61,6 +61,8 @@ fn families(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     (0..encoders).for_each(|n| assert!(add(format!("encoder.{n:02}.count"))));
     let generators = truth.instances(tag::PWM);
     (0..generators).for_each(|n| assert!(add(format!("pwmgen.{n:02}.value"))));
+    let generators = truth.instances(tag::STEPGEN);
+    (0..generators).for_each(|n| assert!(add(format!("stepgen.{n:02}.position-fb"))));
     for (kind, name) in [(tag::IN_MUX, "inmux"), (tag::IN_M, "inm")] {
         for unit in 0..truth.instances(kind) {
             for input in 0..truth.inputs(kind, unit) {
@@ -84,7 +86,14 @@ fn families(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     }
     add("watchdog.has_bit".into());
     let prefix = format!("hm2_{}.0.", truth.linuxcnc_name());
-    let ends = [".count", ".value", ".run", ".has_bit", ".phase-error-us"];
+    let ends = [
+        ".count",
+        ".value",
+        ".position-fb",
+        ".run",
+        ".has_bit",
+        ".phase-error-us",
+    ];
     let is_numbered = |name: &str| {
         let numbered = name.rsplit_once('-').is_some_and(|(stem, number)| {
             let is_io = [".input", ".out"].iter().any(|kind| stem.ends_with(kind));
@@ -128,8 +137,11 @@ fn used(truth: &Truth) -> BTreeSet<u16> {
             } else {
                 module.instances
             };
-            let is_its = pin.unit < units || pin.tag == tag::SELECT;
-            is_its && is_driven(truth, module)
+            let is_shared = pin.tag == tag::STEPGEN && module.version == 0xC2 && pin.unit == 0x80;
+            let is_its = pin.unit < units || pin.tag == tag::SELECT || is_shared;
+            // Further outputs of step generators are for tables.
+            let is_of_table = pin.tag == tag::STEPGEN && pin.signal >= 0x83;
+            is_its && !is_of_table && is_driven(truth, module)
         });
         let is_serial = matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B);
         // No remote is plugged in, but the channels are still polled.
@@ -224,8 +236,15 @@ fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
         }
     }
     let mut found = BTreeMap::new();
-    let mut too_many = Vec::new();
+    let (mut too_many, mut old) = (Vec::new(), 0);
     for remark in driver.remarks() {
+        if let RemarkKind::OldStepgen { version } = remark.kind {
+            let mut modules = truth.modules.iter();
+            let is_its = modules.any(|m| m.tag == tag::STEPGEN && m.version == version);
+            same("old step generators", &(is_its, version < 2), &(true, true))?;
+            old += 1;
+            continue;
+        }
         let RemarkKind::Undriven(module) = &remark.kind else {
             return Err(format!("unexpected remark: {remark}"));
         };
@@ -246,6 +265,15 @@ fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
     });
     let channels: Vec<_> = channels.map(|(number, _)| number).collect();
     same("channels in the remarks", &too_many, &channels)?;
+    let old_modules = truth
+        .modules
+        .iter()
+        .any(|module| module.tag == tag::STEPGEN && module.version < 2 && module.instances > 0);
+    same(
+        "remarks on old step generators",
+        &old,
+        &usize::from(old_modules),
+    )?;
     Ok(driver.remarks().len())
 }
 

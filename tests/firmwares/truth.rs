@@ -39,6 +39,7 @@ pub struct Truth {
 /// Module tags.
 pub mod tag {
     pub const ENCODER: u8 = 0x04;
+    pub const STEPGEN: u8 = 0x05;
     pub const PWM: u8 = 0x06;
     pub const MUXED: u8 = 0x0C;
     pub const SELECT: u8 = 0x0D;
@@ -191,6 +192,7 @@ pub fn is_driven(truth: &Truth, module: &Module) -> bool {
         tag::ENCODER => matches!(version, 2 | 3),
         tag::MUXED => (2..=4).contains(&version),
         tag::PWM => module.version <= 1,
+        tag::STEPGEN => matches!(module.version, 0..=2 | 0x42 | 0xC2),
         tag::SELECT => truth
             .modules
             .iter()

@@ -4,4 +4,5 @@
 mod common;
 mod embedded;
 mod memory;
+mod steppers;
 mod udp;

@@ -122,6 +122,25 @@ fn events_are_as_they_are_written_and_come_back() {
             remote,
             parameter: 3,
         },
+        EventKind::StepRateLimited {
+            generator: 2,
+            asked: 60_000,
+            limit: 40_000,
+        },
+        EventKind::StepTimeClipped {
+            generator: 2,
+            asked: 200_000,
+            longest: 163_830,
+        },
+        EventKind::StepHoldShort {
+            generator: 2,
+            asked: 20_000,
+            left: 3_830,
+        },
+        EventKind::StepgenStands {
+            generator: 2,
+            rate: 5_000,
+        },
         EventKind::OfModule {
             module: 0x9A,
             code: 7,

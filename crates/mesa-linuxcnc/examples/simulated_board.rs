@@ -1,8 +1,8 @@
-//! Simulated boards, each with a 7I77 and a 7I72, for `examples/linuxcnc.sh`, in the place of `mesa sim`.
+//! Simulated boards, most with a 7I77 and a 7I72, for `examples/linuxcnc.sh`, in the place of `mesa sim`.
 //!
 //!     simulated_board [ANY WORDS] --board NAME [--second NAME] --listen ADDRESS
 //!
-//! NAME is 7i97 or 7i92-7i77. The second board is at port 27182 of the same address. Commands for the
+//! NAME is 7i97, 7i92-7i77, or 7i92-7i76 and 7i92-7i76-index, which have a 7I76 alone. The second board is at port 27182 of the same address. Commands for the
 //! first one on standard input, one a line, each answered by a line: `plug N`, `unplug N`,
 //! `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the
 //! 7I72 and 2 of the board.
@@ -21,7 +21,7 @@ fn main() {
     let address = address.expect("--listen ADDRESS");
     let board = |name: &str, port| {
         let board = Board::start_named(name, SocketAddrV4::new(address, port));
-        board.expect("7i97 or 7i92-7i77")
+        board.expect("7i97, 7i92-7i77, 7i92-7i76 or 7i92-7i76-index")
     };
     let _second = option("--second").map(|name| board(&name, 27_182));
     let board = board(&option("--board").expect("--board NAME"), 27_181);

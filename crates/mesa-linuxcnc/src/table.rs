@@ -35,7 +35,7 @@ struct Shared {
     entry: Entry,
     /// The value on which both sides agreed, as the driver's bits.
     agreed: u64,
-    /// HAL's value at the last look.
+    /// HAL's bits: those of `agreed`, or of a value that a remote was asked for.
     seen: u64,
 }
 
@@ -54,11 +54,15 @@ pub(crate) enum Change {
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     inputs: Vec<Entry>,
+    /// The same inputs.
+    input_ids: Vec<PinId>,
     outputs: Vec<Entry>,
     inouts: Vec<Shared>,
     settings: Vec<Shared>,
     properties: Vec<Shared>,
     in_remotes: Vec<Shared>,
+    /// The driver's version of its parameters in which `settings` are.
+    version: Option<u64>,
 }
 
 impl Table {
@@ -88,6 +92,12 @@ impl Table {
             }
             entry.store(memory, agreed);
         }
+        // Values of one type follow each other: the processor then predicts the access to each.
+        let hal_type = |entry: &Entry| entry.hal_type as u8;
+        table.inputs.sort_by_key(hal_type);
+        table.outputs.sort_by_key(hal_type);
+        table.settings.sort_by_key(|shared| hal_type(&shared.entry));
+        table.input_ids = table.inputs.iter().map(|entry| entry.id).collect();
         table
     }
 
@@ -105,11 +115,11 @@ impl Table {
 
     /// After `read`: properties, and inputs that are valid.
     pub fn after_read(&mut self, pins: &Pins, memory: &mut impl Memory) {
-        for entry in &self.inputs {
-            if let Some(bits) = pins.valid_bits_of(entry.id) {
+        pins.each_valid(&self.input_ids, |position, bits| {
+            if let Some(entry) = self.inputs.get(position) {
                 entry.store(memory, bits);
             }
-        }
+        });
         for shared in &mut self.properties {
             shared.show(pins, memory);
         }
@@ -123,8 +133,16 @@ impl Table {
         memory: &mut impl Memory,
         changes: &mut dyn FnMut(Change),
     ) {
-        for shared in self.inouts.iter_mut().chain(&mut self.settings) {
+        for shared in &mut self.inouts {
             shared.exchange(pins, memory, changes);
+        }
+        // There are hundreds, and they seldom change.
+        let version = pins.parameters_version();
+        let is_same = self.version.replace(version) == Some(version);
+        for shared in &mut self.settings {
+            if !is_same || shared.entry.load(memory) != shared.seen {
+                shared.exchange(pins, memory, changes);
+            }
         }
         for shared in &mut self.in_remotes {
             shared.request(pins, memory, changes);
@@ -170,17 +188,17 @@ impl Shared {
         let Self { entry, agreed, .. } = *self;
         let own = pins.bits_of(entry.id);
         if own != agreed {
-            self.agreed = own;
+            self.agree(own);
             entry.store(memory, own);
             return;
         }
         let set = entry.load(memory);
-        if set == entry.of_hal(agreed) {
+        if set == self.seen {
             return;
         }
         match pins.set_bits(entry.id, set) {
             Ok(()) => {
-                self.agreed = pins.bits_of(entry.id);
+                self.agree(pins.bits_of(entry.id));
                 changes(Change::Set(entry.id, set));
             }
             Err(error) => {
@@ -188,6 +206,11 @@ impl Shared {
                 changes(Change::Refused(error));
             }
         }
+    }
+
+    fn agree(&mut self, bits: u64) {
+        self.agreed = bits;
+        self.seen = self.entry.of_hal(bits);
     }
 
     /// Requests a value that HAL has for a remote, once; HAL gets each new value of the remote.
@@ -205,7 +228,7 @@ impl Shared {
     fn show(&mut self, pins: &Pins, memory: &mut impl Memory) {
         let own = pins.bits_of(self.entry.id);
         if own != self.agreed {
-            self.agreed = own;
+            self.agree(own);
             self.entry.store(memory, own);
         }
     }

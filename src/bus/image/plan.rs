@@ -90,6 +90,8 @@ pub(super) struct SettingRegister {
     pub word: u32,
     /// True if it drives pins, and a reset clears it.
     is_drive: bool,
+    /// It follows another setting of the same register.
+    is_next: bool,
     /// Slot in which it is read back as evidence, if the board reads it back.
     pub shown: Option<ReadSlot>,
 }
@@ -180,6 +182,25 @@ impl ImagePlan {
         self.add_setting(Some(stage), address, word, false)
     }
 
+    /// Registers settings of one register that takes several words, one after the other: a shift
+    /// register. They are written in this order. When one of them changes, all have to be
+    /// [repeated](super::Words::repeat) in the same write, so that lost or duplicated packets leave
+    /// the same content.
+    pub fn sequence<const N: usize>(
+        &mut self,
+        stage: Stage,
+        address: u16,
+        words: [u32; N],
+    ) -> [Setting; N] {
+        let settings = words.map(|word| self.setting(stage, address, word));
+        for setting in settings.iter().skip(1) {
+            if let Some(register) = self.settings.get_mut(usize::from(setting.0)) {
+                register.is_next = true;
+            }
+        }
+        settings
+    }
+
     /// Registers a setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
     pub(crate) fn drive(&mut self, address: u16, word: u32) -> Setting {
         self.add_setting(Some(Stage::Drive), address, word, true)
@@ -203,6 +224,7 @@ impl ImagePlan {
             address,
             word,
             is_drive,
+            is_next: false,
             shown: None,
         };
         let setting = Setting(push(&mut self.settings, register));
@@ -304,7 +326,8 @@ impl ImagePlan {
         reads.dedup();
         let reads: Vec<u16> = reads.into_iter().map(|(address, _)| address).collect();
         let writes = self.writes.iter().map(|write| write.address);
-        let settings = self.settings.iter().map(|setting| setting.address);
+        let settings = self.settings.iter().filter(|setting| !setting.is_next);
+        let settings = settings.map(|setting| setting.address);
         let written: Vec<u16> = writes.chain(settings).collect();
         let steps = self.steps.iter().map(|step| &step.address);
         let mut all = reads.iter().chain(&written).chain(steps);

@@ -26,17 +26,6 @@ pub use pins::EncoderPins;
 use pins::{EncoderBankPins, EncoderCommand};
 use state::{EncoderRates, EncoderReading, EncoderSample, EncoderState};
 
-/// Set-up of the encoders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
-pub struct EncoderSetup {
-    /// Rate of the multiplexer or of the filters, at the slowest [`TickRate::SLOWEST`]; `None` for
-    /// the rate of the board's table, or of LinuxCNC: see
-    /// [`Settings::defaults`](crate::Settings::defaults).
-    pub rate: Option<TickRate>,
-}
-
 /// All encoders of a firmware.
 #[derive(Debug)]
 pub struct Encoders {
@@ -272,7 +261,7 @@ fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRat
         }
         (Defaults::LinuxCnc, _) => TickRate((module.clock_hz / 25_000_000).saturating_sub(2)),
     };
-    let rate = r.settings.encoders.rate.unwrap_or(usual);
+    let rate = r.settings.encoder_rate.unwrap_or(usual);
     if rate.0 > TickRate::SLOWEST.0 {
         return Err(RegisterError::Setting {
             what: "rate of the encoders",

@@ -287,6 +287,53 @@ pub enum EventKind {
         /// Index in [`RemotePins::parameters`](crate::remote::RemotePins::parameters).
         parameter: u32,
     },
+    /// A step generator is asked for a higher rate than it may have, by its parameters or because of
+    /// the times of its pulses. Reported once for each change of its parameters.
+    [STEP_RATE_LIMITED = 25, fault; "step generator {generator}: {asked} steps/s are asked for, and its limit is {limit} steps/s; \
+         check maxvel, position-scale, steplen and stepspace"]
+    StepRateLimited {
+        /// The number of the generator.
+        generator: u32,
+        /// The rate that is asked for, in steps per second.
+        asked: u32,
+        /// The highest rate.
+        limit: u32,
+    },
+    /// A time of the pulses of a step generator is longer than its register holds, and became the
+    /// longest one.
+    [STEP_TIME_CLIPPED = 26, fault; "step generator {generator}: a pulse time of {asked} ns became {longest} ns, the longest that it can have; \
+         check steplen, stepspace, dirsetup and dirhold"]
+    StepTimeClipped {
+        /// The number of the generator.
+        generator: u32,
+        /// The time that is asked for, in ns.
+        asked: u32,
+        /// The longest time, in ns.
+        longest: u32,
+    },
+    /// The pulses of a step generator are so long that its register of the hold time, which includes
+    /// the pulse, has no room for `dirhold`. Reported once for each change of the times, when the
+    /// generator is enabled.
+    [STEP_HOLD_SHORT = 27, fault; "step generator {generator}: the direction can change {left} ns after a pulse, and dirhold is {asked} ns; \
+         check steplen and dirhold, which share a register"]
+    StepHoldShort {
+        /// The number of the generator.
+        generator: u32,
+        /// The hold time that is asked for, in ns.
+        asked: u32,
+        /// The time from the end of a pulse to a change of the direction, in ns.
+        left: u32,
+    },
+    /// The accumulator of a step generator stands still although it has a rate, so that its position is
+    /// not known: it is stopped until it has been disabled and enabled again.
+    [STEPGEN_STANDS = 28, fault; "step generator {generator}: its accumulator does not move at {rate} steps/s, so that it is stopped; \
+         check stepgen.timer-number and the timers of the DPLL"]
+    StepgenStands {
+        /// The number of the generator.
+        generator: u32,
+        /// Its rate in steps per second.
+        rate: u32,
+    },
     /// An event of a module outside of this crate, by
     /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
     [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]

@@ -9,7 +9,7 @@ use super::parameter_writer::WrittenParameter;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, RemoteSlot};
-use super::watchdog::OutputsState;
+use super::watchdog::{HEARD, OutputsState, Queried};
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
@@ -18,7 +18,7 @@ use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, DoitTime, MAX_CHANNELS, PerChannel,
-    Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults,
+    Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults, TransferResult,
 };
 use crate::tally::Tally;
 
@@ -237,34 +237,55 @@ impl SerialPort {
         }
     }
 
+    /// Notes the numbers of good transfers of the remotes to test, before they are queried.
+    pub(crate) fn query(&self, channels: ChannelMask) -> Queried {
+        let mut good = PerChannel::default();
+        for channel in channels.iter() {
+            good[channel] = self.port.machine.link(channel).good;
+        }
+        Queried { channels, good }
+    }
+
     /// Judges the watchdogs of remotes that got no frame for their [silence](Self::silence), and
-    /// were queried then: the watchdog of a remote that did not report its bite counts as off.
-    /// Remotes that did are restarted. `silence` is the duration; a remote with a much shorter time
-    /// of its own may use any time up to that.
+    /// were queried then: the watchdog of a remote that was heard and did not report its bite
+    /// counts as off. Remotes that did are restarted. `silence` is the duration; a remote with a
+    /// much shorter time of its own may use any time up to that.
+    ///
+    /// Returns the channel of a remote that was not heard, if there is one; nothing is known of its watchdog.
     pub(crate) fn judge_watchdogs(
         &mut self,
-        asked: ChannelMask,
+        asked: &Queried,
         silence: Duration,
         pins: &mut PinStore,
         now: Instant,
-    ) {
+    ) -> Option<Channel> {
+        let mut not_heard = None;
         for health in &mut self.recovery.remotes {
-            if !asked.contains(health.channel()) || health.watchdog.is_slow() {
+            let channel = health.channel();
+            if !asked.channels.contains(channel) || health.watchdog.is_slow() {
                 continue;
             }
             // Another fault may be the reason for going offline; the bite is reported beside it.
             let is_reported = health.faults.contains(RemoteFaults::WATCHDOG);
             let is_cause = health.cause == Some(OfflineReason::Watchdog);
             let has_bitten = (is_cause || is_reported) && !health.is_running();
+            let link = self.port.machine.link(channel);
+            let heard = link.good.saturating_sub(asked.good[channel]);
+            let is_faulty = matches!(link.verdict, TransferResult::Faulty(_));
             let own = health.watchdog.silence();
-            if !has_bitten {
+            if has_bitten {
+                if silence > own.fraction(5, 4) || health.watchdog == RemoteWatchdog::Assumed {
+                    health.watchdog = RemoteWatchdog::Known(silence);
+                }
+            } else if heard >= HEARD || is_faulty {
                 health.watchdog = RemoteWatchdog::Off;
-            } else if silence > own.fraction(5, 4) || health.watchdog == RemoteWatchdog::Assumed {
-                health.watchdog = RemoteWatchdog::Known(silence);
+            } else {
+                not_heard = Some(channel);
             }
         }
-        let not_running = asked.difference(self.recovery.running());
+        let not_running = asked.channels.difference(self.recovery.running());
         self.restart(not_running, pins, now);
+        not_heard
     }
 
     /// Arms the remotes that come up because the board has its set-up again, with their first good

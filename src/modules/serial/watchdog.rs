@@ -7,6 +7,7 @@ use super::remote::WATCHDOG_PARAMETER;
 use crate::bus::Instant;
 use crate::fraction::Fraction;
 use crate::remote::RemotePins;
+use crate::sslbp::{ChannelMask, PerChannel};
 
 /// The time for which a remote's outputs stay on without process data, as far as it is known.
 ///
@@ -22,7 +23,7 @@ pub enum RemoteWatchdog {
     /// The remote has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
     /// The watchdog never bites: its parameter is 0, or it did not bite in a
-    /// [test](crate::Driver::prove_watchdogs). Nothing switches the outputs off when the remote
+    /// [test](crate::Driver::prove_watchdogs) in which the remote was heard. Nothing switches the outputs off when the remote
     /// cannot be reached, or when it has a fault that START does not clear.
     Off,
 }
@@ -73,6 +74,18 @@ impl RemoteWatchdog {
             .map_or(Duration::ZERO, |time| time.fraction(6, 5))
     }
 }
+
+/// The remotes of a port that are tested for their watchdogs, with their numbers of good transfers
+/// before the first query.
+#[derive(Clone, Debug)]
+pub(crate) struct Queried {
+    pub(super) channels: ChannelMask,
+    pub(super) good: PerChannel<u64>,
+}
+
+/// Number of good transfers after the silence that show what a remote reports: the first can be of
+/// a transfer that was not read before the silence, the second the late reply to that one.
+pub(super) const HEARD: u64 = 3;
 
 /// State of a remote's outputs, as far as it is known from the frames sent to it and its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

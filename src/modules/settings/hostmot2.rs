@@ -11,9 +11,10 @@ use crate::hostmot2::Gtag;
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS};
 
 /// Words that count instances of modules that this crate drives, with LinuxCNC's name of the kind.
-const DRIVEN: [(&str, &str); 8] = [
+const DRIVEN: [(&str, &str); 9] = [
     ("num_encoders", "encoder"),
     ("num_pwmgens", "pwmgen"),
+    ("num_stepgens", "stepgen"),
     ("num_dplls", "dpll"),
     ("num_inmuxs", "inmux"),
     ("num_inms", "inm"),
@@ -29,8 +30,7 @@ macro_rules! not_driven {
 }
 
 /// Words that count instances of other modules, with the values that mean nothing.
-const NOT_DRIVEN: [(&str, &str); 10] = [
-    ("num_stepgens", not_driven!("step generators (StepGen)")),
+const NOT_DRIVEN: [(&str, &str); 9] = [
     ("num_resolvers", not_driven!("resolvers (Resolver)")),
     (
         "num_3pwmgens",
@@ -71,9 +71,9 @@ const ABSOLUTE: [(&str, &str); 3] = [
 ];
 
 /// All words, for an unknown one.
-const KNOWN: &str = "one of num_encoders, num_pwmgens, num_dplls, num_inmuxs, num_inms, num_ssrs, \
-     num_outms, num_leds, sserial_port_0 to sserial_port_3, stepgen_width, firmware, and for modules \
-     that this crate does not drive num_stepgens, num_resolvers, num_3pwmgens, num_rcpwmgens, \
+const KNOWN: &str = "one of num_encoders, num_pwmgens, num_stepgens, num_dplls, num_inmuxs, num_inms, \
+     num_ssrs, num_outms, num_leds, sserial_port_0 to sserial_port_3, stepgen_width, firmware, and for modules \
+     that this crate does not drive num_resolvers, num_3pwmgens, num_rcpwmgens, \
      num_bspis, num_uarts, num_pktuarts, num_xy2mods, num_oneshots and num_periodms, each with = \
      and a value";
 
@@ -91,12 +91,13 @@ impl Settings {
     ///
     /// | word | meaning |
     /// |---|---|
-    /// | `num_encoders=N`, `num_pwmgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Self::instances) in use; -1 for all |
+    /// | `num_encoders=N`, `num_pwmgens=N`, `num_stepgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Self::instances) in use; -1 for all |
     /// | `num_dplls=0` | the phase-locked loop is left alone |
     /// | `sserial_port_N=MODES` | as [`SerialConfig`]; ports behind the last one with a mode are not used |
-    /// | `num_stepgens=N` and others of modules that this crate does not drive | refused, unless N is 0 or -1 |
+    /// | `num_resolvers=N` and others of modules that this crate does not drive | refused, unless N is 0 or -1 |
     /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | refused: absolute encoders are not driven |
-    /// | `stepgen_width=N`, `firmware=F` | nothing: there are no step generators, and an Ethernet board has loaded its firmware |
+    /// | `stepgen_width=N` | [number of outputs](Self::stepgen_width) of a step generator |
+    /// | `firmware=F` | nothing: an Ethernet board has loaded its firmware |
     /// | `enable_raw` | refused: there are no pins `raw.*` |
     ///
     /// The values of pins and parameters are [those of LinuxCNC](Defaults::LinuxCnc), without any
@@ -109,7 +110,7 @@ impl Settings {
     /// use mesa_hal::driver::Defaults;
     /// use mesa_hal::hostmot2::Gtag;
     ///
-    /// let settings = Settings::from_hostmot2("num_encoders=4 num_stepgens=0 sserial_port_0=20xxxxxx")?;
+    /// let settings = Settings::from_hostmot2("num_encoders=4 num_resolvers=0 sserial_port_0=20xxxxxx")?;
     /// assert_eq!(settings.instances[&Gtag::ENCODER], 4);
     /// assert_eq!(settings.serial_ports[&0].channels[&0].mode, 2);
     /// assert_eq!(settings.defaults, Defaults::LinuxCnc);
@@ -156,7 +157,12 @@ impl Settings {
         }
         let number = number(value);
         if name == "stepgen_width" {
-            return number.map_or_else(|| refuse("a number"), |_| Ok(()));
+            let width = number.and_then(|width| u8::try_from(width).ok());
+            let Some(width) = width else {
+                return refuse("a number from 0 to 255");
+            };
+            self.stepgen_width = width;
+            return Ok(());
         }
         if let Some(expected) = named(&NOT_DRIVEN) {
             return match number {
@@ -289,7 +295,7 @@ mod tests {
         for config in [
             "",
             "  \t",
-            "num_encoders=-1 num_dplls=-1 num_stepgens=0 firmware=hm2/5i25/x.bit",
+            "num_encoders=-1 num_dplls=-1 num_stepgens=-1 stepgen_width=2 firmware=hm2/5i25/x.bit",
         ] {
             assert_eq!(format!("{:?}", parsed(config)), format!("{expected:?}"));
         }
@@ -345,7 +351,7 @@ mod tests {
             ("num_encoders=256", "num_encoders=256", "0 to 255"),
             ("num_pwmgens=-2", "num_pwmgens=-2", "-1 for all"),
             ("num_pwmgens=08", "num_pwmgens=08", "0 to 255"),
-            ("num_stepgens=5", "num_stepgens=5", "StepGen"),
+            ("num_stepgens=256", "num_stepgens=256", "0 to 255"),
             ("num_resolvers=1", "num_resolvers=1", "Resolver"),
             (
                 "ssi_chan_0=padding%2b",

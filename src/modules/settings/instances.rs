@@ -24,9 +24,10 @@ pub(crate) struct CountedKind {
 
 impl CountedKind {
     /// All kinds.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::new("encoder", &[Gtag::ENCODER, Gtag::MUXED_ENCODER]),
         Self::new("pwmgen", &[Gtag::PWM]),
+        Self::new("stepgen", &[Gtag::STEPGEN]),
         Self::new("sserial", &[Gtag::SSERIAL, Gtag::SSERIAL_B]),
         Self::new("dpll", &[Gtag::HM2DPLL]),
         Self::new("inmux", &[Gtag::IN_MUX]),

@@ -11,7 +11,6 @@ use core::str::FromStr;
 use core::time::Duration;
 
 use super::RegisterError;
-use super::encoder::EncoderSetup;
 use super::events::EventMask;
 use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
@@ -21,8 +20,8 @@ use crate::ParseError;
 use crate::advice::Advice;
 use crate::discovery::RemoteTable;
 use crate::hal::is_scale;
-use crate::hostmot2::Gtag;
 use crate::hostmot2::board_table::BoardTable;
+use crate::hostmot2::{Gtag, TickRate};
 use crate::sslbp::MAX_CHANNELS;
 
 pub(crate) use instances::CountedKind;
@@ -84,7 +83,7 @@ pub struct Settings {
     ///
     /// The keys, in a file with LinuxCNC's names: [`Gtag::ENCODER`] (`encoder`) counts encoders of
     /// both kinds together, [`Gtag::SSERIAL`] (`sserial`) serial ports, [`Gtag::LED`] (`led`) LEDs;
-    /// further ones are [`Gtag::PWM`] (`pwmgen`), [`Gtag::IN_MUX`] (`inmux`), [`Gtag::IN_M`] (`inm`),
+    /// further ones are [`Gtag::PWM`] (`pwmgen`), [`Gtag::STEPGEN`] (`stepgen`), [`Gtag::IN_MUX`] (`inmux`), [`Gtag::IN_M`] (`inm`),
     /// [`Gtag::SSR`] (`ssr`) and [`Gtag::OUT_M`] (`outm`). With 0 of [`Gtag::HM2DPLL`] (`dpll`) the
     /// phase-locked loop is left alone: for a period that it cannot follow.
     ///
@@ -102,8 +101,10 @@ pub struct Settings {
     pub instances: BTreeMap<Gtag, u8>,
     /// Limits at which remotes go offline, and their recovery.
     pub fault_policy: FaultPolicy,
-    /// Set-up of the encoders.
-    pub encoders: EncoderSetup,
+    /// Rate of the multiplexer or of the filters of all encoders, at the slowest
+    /// [`TickRate::SLOWEST`]; `None` for the rate of the board's table, or of LinuxCNC: see
+    /// [`defaults`](Self::defaults).
+    pub encoder_rate: Option<TickRate>,
     /// The PWM frequency of all generators in Hz. `None`, the default, is the board's usual
     /// frequency: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it (75 kHz on a
     /// 7I97T); else, and with [`Defaults::LinuxCnc`], 20 kHz. A frequency that the firmware's clock
@@ -114,6 +115,9 @@ pub struct Settings {
     /// [`Defaults::LinuxCnc`], with LinuxCNC's values: sign and magnitude, scale 1. A generator that
     /// the firmware does not have is refused.
     pub pwm: BTreeMap<u8, PwmConfig>,
+    /// Number of outputs of a step generator in use, the first ones: 2 by default, step and direction.
+    /// Further outputs of the firmware, for tables, are plain I/O.
+    pub stepgen_width: u8,
     /// Initial state of I/O pins that no module uses, by their number. Pins without an entry are
     /// inputs.
     pub gpio: Vec<(u16, GpioConfig)>,
@@ -151,9 +155,10 @@ impl Default for Settings {
             serial_ports: BTreeMap::new(),
             instances: BTreeMap::new(),
             fault_policy: FaultPolicy::default(),
-            encoders: EncoderSetup::default(),
+            encoder_rate: None,
             pwm_hz: None,
             pwm: BTreeMap::new(),
+            stepgen_width: 2,
             gpio: Vec::new(),
             bus_error_limit: 5,
             event_room: 255,

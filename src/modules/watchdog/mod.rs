@@ -31,7 +31,7 @@ pub struct Watchdog {
     /// The registers of the watchdog.
     pub registers: WatchdogRegisters,
     /// The pins of the watchdog.
-    pub pins: WatchdogPins,
+    pub(crate) pins: WatchdogPins,
     timeout_ns: u32,
     /// Lower limit of the time: two periods, because a shorter time could not be kept up by the
     /// cycle.
@@ -61,8 +61,7 @@ pub struct Watchdog {
 
 /// The watchdog's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct WatchdogPins {
+pub(crate) struct WatchdogPins {
     /// The watchdog has bitten; set to false to continue.
     pub has_bit: InOut<bool>,
     /// Nanoseconds without a write after which the watchdog bites. Values below two periods are
@@ -75,7 +74,7 @@ pub struct WatchdogPins {
 enum WatchdogStage {
     /// The first set-up was written, and the cycle has not begun: disabled.
     Disabled,
-    /// The board was set up again: the longest time.
+    /// The board was set up again, or was given a long time outside the cycle.
     Held,
     /// The cycle runs: a time of the cycle.
     Running,
@@ -160,6 +159,14 @@ impl Watchdog {
             usual_time(period)
         } else {
             Duration::from_nanos(set.into())
+        }
+    }
+
+    /// Takes that a long time may be in use, until the cycle has written its own: what the board was
+    /// given outside the cycle is no sign of a reset.
+    pub(crate) fn hold(&mut self) {
+        if self.stage == WatchdogStage::Running {
+            self.stage = WatchdogStage::Held;
         }
     }
 

@@ -164,6 +164,11 @@ impl Plan {
         self.extras.deeds_one_in + switches_one_in + proves_one_in > 0
     }
 
+    /// True if the host reads in each period, as far as the application can.
+    pub fn spares_its_host(&self) -> bool {
+        !self.has_deeds() && !self.extras.second_master && self.more.jitter == 0
+    }
+
     /// True if nothing happens to the board, to its host, or between the two.
     pub fn spares_the_board(&self) -> bool {
         use mesa_hal_sim::FaultPlace;

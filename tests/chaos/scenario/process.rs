@@ -288,6 +288,7 @@ impl Scenario {
             self.look()?;
             self.oracle.check(self.sim.now())?;
         }
+        self.steppers_stand()?;
         let why = "after the process ended and all watchdogs have bitten";
         if self.plan.is_without_watchdog() {
             self.only_these_are_on(application, left)?;

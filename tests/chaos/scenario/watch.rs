@@ -25,7 +25,9 @@ impl Scenario {
         let alone = begun.len() <= 1 && self.plan.faults.len() <= 1;
         events.iter().try_for_each(|event| {
             self.what_is_told.happened(event);
-            if self.is_before_set_up(event) {
+            let is_before = self.is_before_set_up(event);
+            self.steppers.happened(&event.what, is_before);
+            if is_before {
                 return Ok(());
             }
             self.expect_detection(event, alone);

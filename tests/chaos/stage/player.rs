@@ -505,10 +505,10 @@ impl Director for Player {
             ChangeCause::Write => {}
         }
         let is_open = (0..fpga.firmware().pins.len()).any(|pin| fpga.is_driven(pin));
-        if is_open && !std::mem::replace(&mut self.is_open, is_open) {
-            self.journal.note(now, What::Opened);
+        if std::mem::replace(&mut self.is_open, is_open) != is_open {
+            let what = if is_open { What::Opened } else { What::Closed };
+            self.journal.note(now, what);
         }
-        self.is_open = is_open;
         let driven = parts(fpga, &self.outputs);
         for (part, (seen, level)) in self.seen.iter_mut().zip(driven).enumerate() {
             if *seen != level {

@@ -6,13 +6,16 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use crate::common::once::Once;
+use mesa_hal::RemoteId;
 use mesa_hal::bus::{BusErrorKind, Clock};
-use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
+use mesa_hal::driver::{
+    Board, BoardState, Driver, DriverError, EventKind, RemoteWatchdog, Settings,
+};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{Device, Outputs48};
-use mesa_hal_sim::remote::SimRemote;
+use mesa_hal_sim::remote::{SimRemote, Toward, WireFault};
 
 const FIFTY: RemoteWatchdog = RemoteWatchdog::Known(Duration::from_millis(50));
 const NAME: &str = "nvwatchdogtimeout";
@@ -139,8 +142,10 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
                 Err(error) => {
                     has_failed += 1;
                     assert!(
-                        matches!(error, DriverError::NotRunning { .. })
-                            || error.to_string().contains("Lost, injected"),
+                        matches!(
+                            error,
+                            DriverError::NotRunning { .. } | DriverError::NotHeard { .. }
+                        ) || error.to_string().contains("Lost, injected"),
                         "{error}"
                     );
                 }
@@ -151,6 +156,103 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
         }
     }
     assert!(has_failed > 2, "{has_failed}");
+}
+
+/// Without an answer nothing is known: neither that it bites, nor that it is off. Late replies are
+/// an answer as soon as they are to queries after the silence.
+#[test]
+fn a_remote_that_is_not_heard_in_the_test_is_named_and_keeps_its_time() {
+    let mut not_heard = 0;
+    for (late, used) in (0..20).flat_map(|n| [(n * 50_000, 50), (n * 50_000, 0)]) {
+        let what = format!("replies {late} ns late, {used} ms in use");
+        let started = Driver::start(board(used, 50), Settings::default());
+        let mut machine = Machine::with(started.expect("all of them run"));
+        runs(&mut machine);
+        if late == 0 {
+            machine.cable(OUTPUTS).unplug();
+        } else {
+            let fault = WireFault::Late(late);
+            machine
+                .cable(OUTPUTS)
+                .inject_by_chance(Toward::Fpga, fault, 1.0);
+        }
+        let truth = if used == 0 {
+            RemoteWatchdog::Off
+        } else {
+            FIFTY
+        };
+        let found = machine.driver.prove_watchdogs();
+        let watchdog = machine.status(OUTPUTS).watchdog;
+        match found {
+            Ok(()) => assert_eq!(watchdog, truth, "{what}"),
+            Err(DriverError::NotHeard { remote }) => {
+                not_heard += 1;
+                assert_eq!(remote, RemoteId::new(0, OUTPUTS as u8), "{what}");
+                assert_eq!(watchdog, FIFTY, "{what}");
+            }
+            Err(error) => panic!("{what}: {error}"),
+        }
+        assert!(late > 0 || found.is_err(), "{what}");
+        for channel in [FIELD, ANALOG] {
+            assert_eq!(machine.status(channel).watchdog, FIFTY, "{what}");
+        }
+        machine.cable(OUTPUTS).replug();
+        machine.cable(OUTPUTS).heal();
+        machine.cycles(100);
+        runs(&mut machine);
+        machine.driver.prove_watchdogs().expect("all are heard");
+        assert_eq!(machine.status(OUTPUTS).watchdog, truth, "{what}");
+    }
+    println!("{not_heard} of 40 tests without an answer");
+    assert!(not_heard > 10, "{not_heard}");
+}
+
+/// The board keeps the long time that it got for the operation until a write of the cycle arrives:
+/// that is no sign of a reset, or of another program.
+#[test]
+fn a_long_time_of_the_boards_watchdog_that_stays_is_not_taken_for_a_reset() {
+    let mut has_stayed = [0; 2];
+    let exchanges = (0..600).step_by(3);
+    for (exchange, proves) in exchanges.flat_map(|exchange| [(exchange, true), (exchange, false)]) {
+        let bus = Faulty::new(fpga(), 1);
+        let settings = Settings {
+            bus_error_limit: 20,
+            ..Settings::default()
+        };
+        let driver = Driver::start(bus, settings).expect("all of them run");
+        let mut machine = Machine::with(driver);
+        machine.rearm_all(100);
+        let mut events = machine.driver.events();
+        while events.next().is_some() {}
+        let bus = machine.driver.bus_mut();
+        for failing in bus.exchanges() + exchange..bus.exchanges() + exchange + 6 {
+            bus.fail_at(failing, Fault::NotExecuted(BusErrorKind::Lost));
+        }
+        let done = if proves {
+            machine.driver.prove_watchdogs()
+        } else {
+            let outputs = (0, OUTPUTS as u8);
+            machine.driver.write_remote_parameter(outputs, NAME, 50)
+        };
+        let time = |machine: &mut Machine<Faulty<SimFpga>>| {
+            machine.driver.bus_mut().fpga().read_register(0x0C00)
+        };
+        let usual = (Settings::default().watchdog_time().as_nanos() / 10) as u32;
+        let longer = usual + 1..1 << 31;
+        has_stayed[usize::from(proves)] += u32::from(longer.contains(&time(&mut machine)));
+        for _ in 0..20 {
+            // Exchanges that fail can be left.
+            let _ = (machine.driver.read(), machine.driver.write());
+            machine.pass_nanos(1_000_000);
+        }
+        let what = format!("{done:?}, exchange {exchange}, proves: {proves}");
+        for event in events.by_ref() {
+            assert_ne!(event.kind, EventKind::BoardReset, "{what}");
+        }
+        assert_eq!(machine.driver.board_state(), BoardState::Running, "{what}");
+        assert!(time(&mut machine) <= usual, "{what}");
+    }
+    assert!(!has_stayed.contains(&0), "{has_stayed:?}");
 }
 
 #[test]

@@ -43,12 +43,12 @@ pub fn logged(level: Level, work: impl FnOnce()) -> Vec<String> {
 #[test]
 fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
     let mut firmware = machines::firmware_7i92_7i77();
-    // Two step generators, on the last three pins.
-    let stepgen = SimModuleDescriptor::new(0x05, 2, 1, 2, 0x2000, 10, 0x00, 0x1FF);
-    firmware.modules.insert(2, stepgen);
+    // Two resolvers, on the last three pins.
+    let resolver = SimModuleDescriptor::new(0xC0, 2, 1, 2, 0xC000, 10, 0x00, 0x1FF);
+    firmware.modules.insert(2, resolver);
     let pins = firmware.pins.len();
     for (pin, secondary) in firmware.pins[pins - 3..].iter_mut().zip([0x81, 0x82, 0x83]) {
-        *pin = SimPinDescriptor::new(0x05, 0, secondary);
+        *pin = SimPinDescriptor::new(0xC0, 0, secondary);
     }
     let mut remarks = Vec::new();
     let warnings = logged(Level::Warn, || {
@@ -58,7 +58,7 @@ fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
     let [remark] = &remarks[..] else {
         panic!("{remarks:?}");
     };
-    let said = ["StepGen", "(05)", "2 "].map(|text| remark.contains(text));
+    let said = ["Resolver", "(C0)", "2 "].map(|text| remark.contains(text));
     assert_eq!(said, [true; 3], "{remark}");
     let expected = format!("hm2_7i92.0: {remark}");
     assert!(warnings.contains(&expected), "{warnings:?}");

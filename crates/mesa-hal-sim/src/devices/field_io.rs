@@ -6,6 +6,7 @@ use super::{
     drivers::{Drivers, FieldPower},
     spindle::Spindle,
 };
+use crate::fpga::DriveSignal;
 use crate::remote::{SimMemory, SimRemote};
 use mesa_wire::lbp::RemoteFaults;
 
@@ -152,6 +153,12 @@ impl FieldIo {
     /// cards.
     pub fn spindle_volts(&self) -> Option<f64> {
         self.spindle.as_ref().map(Spindle::volts)
+    }
+
+    /// The spindle output of a 7I76 as a drive sees it: negative while its direction output is on;
+    /// `None` for other cards.
+    pub fn spindle(&self) -> Option<DriveSignal> {
+        self.spindle.as_ref().map(Spindle::signal)
     }
 
     /// True if the outputs sink (7I77D) instead of source.

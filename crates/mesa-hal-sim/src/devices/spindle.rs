@@ -1,6 +1,7 @@
 //! The spindle output of a 7I76: an analog output, an enable and a direction.
 
 use super::{SignalValue, SimLayout};
+use crate::fpga::DriveSignal;
 use crate::remote::SimMemory;
 
 /// Addresses and state of `SpinOut`, `SpinEna` and `SpinDir`. The names are those of LinuxCNC's
@@ -42,6 +43,15 @@ impl Spindle {
             f64::from(self.raw) / 4096.0 * 10.0
         } else {
             0.0
+        }
+    }
+
+    /// The signal to a drive, which the direction output reverses.
+    pub(super) fn signal(&self) -> DriveSignal {
+        let volts = self.volts();
+        DriveSignal {
+            volts: if self.reverse { -volts } else { volts },
+            enabled: self.enable,
         }
     }
 

@@ -7,6 +7,8 @@
 //! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, at 0 | [motor] |
 //! | its encoder | 1000 counts per unit, an index every 4000 counts | [motor] |
 //! | its axis | no friction, no hard stops, unlimited force | [motor] |
+//! | each of five stepper motors | 1000 steps per unit, at most 100 units/s, at 0 | [stepper] |
+//! | the spindle of a 7I76 | a motor on its analog output | [motor] |
 //! | field power of a remote | 24 V; its inputs at 0 V | manual: 7I77 |
 //! | an FPGA's clocks | ClockLow 100 MHz (5I25: 33.33 MHz), ClockHigh 200 MHz | FACTS 9.3 |
 //! | multiplexed encoders | sampled at ClockLow/8 (7I77) or ClockLow/16 (7I97) | the manuals |
@@ -16,6 +18,7 @@
 //! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`] |
 //!
 //! [motor]: crate::MotorConfig::default
+//! [stepper]: crate::StepperConfig::default
 //! [`DEFAULT_ACCESS_COST`]: crate::DEFAULT_ACCESS_COST
 //! [`BoardConfig`]: crate::BoardConfig
 //! [`Mishaps`]: crate::Mishaps
@@ -25,10 +28,10 @@ mod firmware;
 pub use firmware::*;
 
 use crate::devices::{Analog, DescriptionError, Device, FieldIo, Outputs48};
-use crate::fpga::{AxisWiring, DriveSignal, DriveSource, SimFpga, device};
+use crate::fpga::{AxisWiring, DriveSignal, DriveSource, SimFpga, StepperWiring, device};
 use crate::remote::{Application, Cable, SimRemote};
 use crate::wire::RemoteEnd;
-use crate::world::Motor;
+use crate::world::{Motor, Stepper};
 
 /// Channel of a 7I77's field I/O, counted from the card's first channel. FACTS 8.1.
 pub const FIELD_IO: usize = 0;
@@ -133,6 +136,18 @@ pub fn twelve_axes_7i97(motor: impl Fn(usize) -> Motor) -> SimFpga {
     fpga
 }
 
+/// A 7I92 with a 7I76, a stepper motor on each of its five step generators, and a spindle. `motor`
+/// is called with the number of each.
+pub fn five_axes_7i92(motor: impl Fn(usize) -> Stepper) -> SimFpga {
+    with_7i76(i7i92_7i76(), motor, 0)
+}
+
+/// A 7I97 with a 7I76 on P1, a stepper motor on each of the card's five step generators, and a
+/// spindle. `motor` is called with the number of each.
+pub fn five_axes_7i97(motor: impl Fn(usize) -> Stepper) -> SimFpga {
+    with_7i76(i7i97_7i76(), motor, 6)
+}
+
 /// Ports with the given numbers of channels, at most four of eight, and a 7I72 on each channel.
 pub fn outputs_everywhere(channels: &[u8]) -> SimFpga {
     let mut fpga = SimFpga::new(firmware_serial(channels));
@@ -184,6 +199,34 @@ pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
     }
 }
 
+/// Plugs a 7I76 into a channel of a port.
+pub fn plug_7i76(fpga: &mut SimFpga, port: usize, channel: usize) {
+    plug(fpga, port, channel, FieldIo::i7i76());
+}
+
+/// Wires a stepper motor without an encoder to each of the five step generators of a 7I76, from
+/// generator `first` on. `motor` is called with the number of each.
+pub fn wire_7i76(fpga: &mut SimFpga, first: usize, motor: impl Fn(usize) -> Stepper) {
+    for number in 0..5 {
+        fpga.wire_stepper(StepperWiring {
+            generator: first + number,
+            encoder: None,
+            motor: motor(number),
+        });
+    }
+}
+
+/// The spindle output of the 7I76 on a channel, as the source of a drive: negative while `spindir`
+/// is on.
+pub fn spindle_7i76(port: usize, channel: usize) -> DriveSource {
+    DriveSource::Remote {
+        port,
+        channel,
+        output: 0,
+        readout: spindle_output,
+    }
+}
+
 /// Wires a motor to each of the six analog outputs of a 7I97, and its encoder to the board's
 /// inputs. `motor` is called with the number of each.
 pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> Motor) {
@@ -199,6 +242,18 @@ pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> Motor) {
 fn with_cards(mut fpga: SimFpga) -> SimFpga {
     plug_7i77(&mut fpga, 0, 0);
     plug_7i72(&mut fpga, 0, EXPANSION);
+    fpga
+}
+
+/// Plugs a 7I76 into channel 0 and wires its motors; its own encoder is on the spindle.
+fn with_7i76(mut fpga: SimFpga, motor: impl Fn(usize) -> Stepper, encoder: usize) -> SimFpga {
+    plug_7i76(&mut fpga, 0, FIELD_IO);
+    wire_7i76(&mut fpga, 0, motor);
+    fpga.wire_axis(AxisWiring {
+        source: spindle_7i76(0, FIELD_IO),
+        encoder,
+        motor: Motor::default(),
+    });
     fpga
 }
 
@@ -232,6 +287,13 @@ fn analog_output(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
         volts: analog.volts(output.into()).unwrap_or(0.0),
         enabled: analog.enable(output.into()).unwrap_or(false),
     }
+}
+
+/// Reads the spindle output of a 7I76, as a frequency converter sees it.
+fn spindle_output(end: &dyn RemoteEnd, _: u8) -> DriveSignal {
+    let remote = device::<SimRemote<Device<FieldIo>>>(end);
+    let spindle = remote.and_then(|remote| remote.application().world().spindle());
+    spindle.unwrap_or_default()
 }
 
 #[cfg(test)]

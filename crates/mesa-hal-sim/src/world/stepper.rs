@@ -84,8 +84,10 @@ struct Step {
 /// The drive detects a step at each rising edge of STEP, upwards while DIR is low. It ignores a step
 /// whose pulse, space, set-up or hold is too short. The rotor follows the pulses with limited
 /// acceleration: while its speed differs too much from theirs, steps are lost and the rotor slows
-/// down, until the pulses are slow enough again. If the pulses stop at a speed from which the rotor
-/// cannot stop, it overshoots by the steps it needs to.
+/// down, until the pulses are slow enough again. A step against the one before cancels it: the speed
+/// of the pulses between the two is 0, however close they are, as the inertia of a rotor lets it take
+/// no part in both. If the pulses stop at a speed from which the rotor cannot stop, it overshoots by
+/// the steps it needs to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stepper {
     config: StepperConfig,
@@ -97,9 +99,9 @@ pub struct Stepper {
     dir_since: Option<Nanos>,
     fallen: Option<Nanos>,
     pending: Option<Step>,
-    /// Speed of the rotor in steps/s, and the time of the last step.
+    /// Speed of the rotor in steps/s, and the last step.
     speed: f64,
-    last: Option<Nanos>,
+    last: Option<Step>,
     commanded: i64,
     steps: i64,
     lost: u64,
@@ -278,8 +280,14 @@ impl Stepper {
     fn follow(&mut self, step: Step, at: Nanos, moved: &mut impl FnMut(&Segment, [f64; 2])) {
         self.overshoot(step.at, moved);
         let seconds = self.seconds_since_step(step.at);
-        self.last = Some(step.at);
-        let pulses = step.way as f64 / seconds;
+        let turns = self.last.is_some_and(|last| last.way != step.way);
+        self.last = Some(step);
+        // At a turn, the two steps are at the same place.
+        let pulses = if turns {
+            0.0
+        } else {
+            step.way as f64 / seconds
+        };
         let change = self.acceleration() * seconds;
         let speed = self.speed + (pulses - self.speed).clamp(-change, change);
         let follows = (pulses - speed).abs() <= self.per_second(self.config.start_speed)
@@ -331,7 +339,7 @@ impl Stepper {
 
     /// Time since the last step; a step after none is a start.
     fn seconds_since_step(&self, at: Nanos) -> f64 {
-        let since = |last: Nanos| at.saturating_sub(last) as f64 * 1e-9;
+        let since = |last: Step| at.saturating_sub(last.at) as f64 * 1e-9;
         self.last.map_or(f64::INFINITY, since)
     }
 

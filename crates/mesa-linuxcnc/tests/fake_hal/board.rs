@@ -13,7 +13,9 @@ use mesa_hal_sim::devices::{
     Analog, Device, FieldIo, Outputs48, SignalValue, SimDevice, World, find, find_cable, find_mut,
 };
 use mesa_hal_sim::remote::{Cable, SimRemote};
-use mesa_hal_sim::{BoardConfig, Mishaps, SimBoard, SimFpga, UdpFace, machines};
+use mesa_hal_sim::{
+    BoardConfig, Mishaps, SimBoard, SimFirmware, SimFpga, SimPinDescriptor, UdpFace, gtag, machines,
+};
 
 type Work = Box<dyn FnOnce(&mut SimBoard<SimFpga>, &mut UdpFace) + Send>;
 
@@ -41,6 +43,8 @@ impl Board {
         let fpga = match name {
             "7i97" => i7i97,
             "7i92-7i77" => i7i92,
+            "7i92-7i76" => i7i92_7i76,
+            "7i92-7i76-index" => i7i92_7i76_index,
             _ => return None,
         };
         Some(Self::serve(address, fpga))
@@ -163,6 +167,30 @@ pub fn i7i97() -> SimFpga {
 
 pub fn i7i92() -> SimFpga {
     with_cards(machines::i7i92_7i77())
+}
+
+/// A 7I92 with a 7I76.
+pub fn i7i92_7i76() -> SimFpga {
+    with_7i76(machines::firmware_7i92_7i76())
+}
+
+/// The same with step generators that have index, probe and tables: version C2, and two more outputs
+/// of the first generator on the free connector.
+pub fn i7i92_7i76_index() -> SimFpga {
+    let mut firmware = machines::firmware_7i92_7i76();
+    if let Some(steps) = firmware.module_mut(gtag::STEPGEN) {
+        steps.version = 0xC2;
+    }
+    for (pin, output) in firmware.pins.iter_mut().skip(17).zip([0x83, 0x84]) {
+        *pin = SimPinDescriptor::new(gtag::STEPGEN, 0, output);
+    }
+    with_7i76(firmware)
+}
+
+fn with_7i76(firmware: SimFirmware) -> SimFpga {
+    let mut fpga = SimFpga::new(firmware);
+    plug(&mut fpga, FIELD, FieldIo::i7i76().expect("a 7I76"));
+    fpga
 }
 
 fn with_cards(mut fpga: SimFpga) -> SimFpga {

@@ -375,11 +375,11 @@ fn wrong_words_are_refused_by_name_and_leave_nothing() {
     machine.until("valid", |machine| machine.is_on("valid"));
 }
 
-/// A public firmware with step generators.
+/// A public firmware with absolute encoders.
 #[test]
 fn a_module_that_is_not_driven_is_named_at_the_load() {
     const FIRMWARE: &str =
-        include_str!("../../../../tests/transcripts/firmwares/7I92-G540x2D_34.txt");
+        include_str!("../../../../tests/transcripts/firmwares/7I92-7I74_SSI_SSx2_34.txt");
     let hal = hal();
     let board = on_time(Board::start_with(|| {
         let image = FirmwareImage::parse(FIRMWARE).expect("a firmware");
@@ -389,7 +389,7 @@ fn a_module_that_is_not_driven_is_named_at_the_load() {
     let loaded = hal.load(&[("board_ip", address.as_str())]);
     assert!(loaded.is_ok(), "{}", hal.messages());
     let messages = hal.messages();
-    let is_note = |line: &str| line.starts_with("0 mesa_eth: hm2_7i92.0: StepGen (05) version 2");
+    let is_note = |line: &str| line.starts_with("0 mesa_eth: hm2_7i92.0: SSI (08) version 0");
     assert!(messages.lines().any(is_note), "{messages}");
 }
 

@@ -12,6 +12,23 @@ const I7I92: Setup = Setup {
     options: &["--board", "7i92-7i77", "--second", "7i97"],
     prefix: "hm2_7i92.0",
     words: "board_ip=10.97.0.2 config=sserial_port_0=000xxxxx",
+    last: "7i72.0.2.output-47",
+};
+
+/// A 7I92 with a 7I76.
+const STEPPERS: Setup = Setup {
+    options: &["--board", "7i92-7i76"],
+    prefix: "hm2_7i92.0",
+    words: "board_ip=10.97.0.2 config=sserial_port_0=0xxxxxxx",
+    last: "7i76.0.0.output-15",
+};
+
+/// The same with index, probe and tables. The last two generators are not in use, and the outputs of
+/// tables are, as far as the first of them.
+const STEPPERS_WITH_INDEX: Setup = Setup {
+    options: &["--board", "7i92-7i76-index"],
+    words: "board_ip=10.97.0.2 config=\"num_stepgens=3 stepgen_width=3 sserial_port_0=0xxxxxxx\"",
+    ..STEPPERS
 };
 
 /// Loads hostmot2 and `mesa_eth`, each in a LinuxCNC of its own, and compares what HAL has.
@@ -44,6 +61,16 @@ fn a_7i97_has_what_hostmot2_makes_and_a_cycle_costs_what_is_printed() {
     let mut both = loaded_by_both(&I7I97, 600);
     cost::measure(&mut both);
     stop(both);
+}
+
+#[test]
+fn the_step_generators_of_a_7i76_are_those_that_hostmot2_makes() {
+    if skipped() {
+        return;
+    }
+    let _alone = alone();
+    stop(loaded_by_both(&STEPPERS, 300));
+    stop(loaded_by_both(&STEPPERS_WITH_INDEX, 300));
 }
 
 #[test]

@@ -15,10 +15,12 @@ mod names;
 mod passive;
 mod servo;
 mod session;
+mod stepper;
 mod threads;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;
+mod whole;
 
 use std::time::Duration;
 

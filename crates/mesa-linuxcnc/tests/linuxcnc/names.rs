@@ -8,7 +8,13 @@ use super::session::List;
 /// Differences that are as they should be, with reasons. `*` stands for any characters.
 type Reasons = &'static [(&'static str, &'static str)];
 
-const ONLY_THEIRS: Reasons = &[("0.debug", "of the hostmot2 module, not of a board")];
+const ONLY_THEIRS: Reasons = &[
+    ("0.debug", "of the hostmot2 module, not of a board"),
+    (
+        "stepgen.*.table-data-*",
+        "here only in firmware with pins for tables: without them no table turns a motor",
+    ),
+];
 
 const ONLY_OURS: Reasons = &[
     ("valid", "of the component: inputs of the board are valid"),
@@ -30,6 +36,19 @@ const ONLY_OURS: Reasons = &[
     (
         "encoder.*.probe-*",
         "latch on probe, made for every encoder",
+    ),
+    (
+        "stepgen.*.position-unsure",
+        "hostmot2 goes on after a bite as if nothing were lost",
+    ),
+    (
+        "stepgen.*.near-max-rate",
+        "beyond the highest rate no step is lost and the position lags: hostmot2 does not report it",
+    ),
+    ("stepgen.*.position-lag", "as near-max-rate"),
+    (
+        "stepgen.*.disable-ramp",
+        "hostmot2 stops at once when a generator is disabled",
     ),
     ("7i*.fault-*", "each fault of a remote is a pin"),
     ("7i*.running", "remotes go offline alone"),

@@ -25,12 +25,15 @@ pub struct Setup {
     pub prefix: &'static str,
     /// The words of an existing line for it.
     pub words: &'static str,
+    /// A pin of the last remote.
+    pub last: &'static str,
 }
 
 pub const I7I97: Setup = Setup {
     options: &["--board", "7i97"],
     prefix: "hm2_7i97.0",
     words: WORDS,
+    last: "7i72.0.2.output-47",
 };
 
 /// Type, direction and value of each name.
@@ -156,7 +159,7 @@ impl Session {
             session.hal("loadrt hostmot2");
             match session.try_hal(&format!("loadrt {driver} {}", setup.words)) {
                 // A packet that comes late can leave a remote out.
-                Ok(_) if session.list().contains_key("7i72.0.2.output-47") => {
+                Ok(_) if session.list().contains_key(setup.last) => {
                     println!("{driver} loaded at attempt {attempt}");
                     return session;
                 }

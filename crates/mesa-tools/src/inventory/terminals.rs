@@ -4,24 +4,43 @@ use mesa_hal::boards::{BoardTable, DB25};
 use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, ModuleInstance, PinDescriptor};
 
-/// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector.
-/// Empty for a pin without a direct way to a terminal.
+/// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector; and
+/// those of a card on it. Empty for a pin without a direct way to a terminal.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
+    let card = of_card(board, firmware, pin);
     if !board.terminals.is_empty() {
         let number = u16::try_from(number).unwrap_or(u16::MAX);
         let ports = ModuleInstance::new(Gtag::IO_PORT, 0);
         let expansion = board.place(firmware, ports, number);
         if expansion != Place::default() {
-            return list(&[expansion]);
+            return list(&[expansion, card]);
         }
         return list(&of_module(board, firmware, pin));
     }
     let width = firmware.idrom.port_width.max(1) as usize;
     let (connector, pin) = (number / width, number % width);
-    match DB25.get(pin) {
+    let terminal = match DB25.get(pin) {
         Some(db25) if width == DB25.len() => format!("connector {connector} DB25 pin {db25}"),
         _ => format!("connector {connector} pin {pin}"),
+    };
+    if card == Place::default() {
+        terminal
+    } else {
+        format!("{terminal}, {}", list(&[card]))
+    }
+}
+
+/// Terminals of a step or direction pin on a card.
+fn of_card(board: &BoardTable, firmware: &HostMot2, pin: PinDescriptor) -> Place {
+    let [step, direction] = match pin.secondary {
+        Gtag::STEPGEN => board.step_places(firmware, pin.unit),
+        _ => return Place::default(),
+    };
+    match pin.secondary_pin {
+        0x81 => step,
+        0x82 => direction,
+        _ => Place::default(),
     }
 }
 
@@ -55,6 +74,7 @@ fn of_module(board: &BoardTable, firmware: &HostMot2, pin: PinDescriptor) -> Vec
 fn list(places: &[Place]) -> String {
     let texts: Vec<String> = places
         .iter()
+        .filter(|place| **place != Place::default())
         .map(|place| format!("{} {}", place.terminal, place.signal))
         .collect();
     texts.join(", ")

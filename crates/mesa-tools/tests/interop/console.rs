@@ -34,10 +34,12 @@ impl Console {
 
     /// Waits for a line that contains `text`.
     pub fn wait_for(&self, text: &str) -> String {
+        let mut heard = Vec::new();
         loop {
-            let line = self.line();
-            if line.contains(text) {
-                return line;
+            match self.lines.recv_timeout(PATIENCE) {
+                Ok(line) if line.contains(text) => return line,
+                Ok(line) => heard.push(line),
+                Err(error) => panic!("{error}: no line with {text:?} after {heard:#?}"),
             }
         }
     }

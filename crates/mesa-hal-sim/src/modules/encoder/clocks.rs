@@ -119,12 +119,17 @@ impl Divider {
 
     /// Advances by the number of loads up to `to`, rounded down to a multiple of `by`.
     pub fn skip(&mut self, to: Clocks, by: u64) {
+        self.skip_at_most(to, by, u64::MAX);
+    }
+
+    /// The same, by at most `most` loads. Returns their number.
+    pub fn skip_at_most(&mut self, to: Clocks, by: u64, most: u64) -> u64 {
         let (present, since, _) = self.register;
         let [last, ..] = self.loaded;
         if last <= since || self.period != present || to <= last {
-            return;
+            return 0;
         }
-        let loads = (to - last) / self.period / by * by;
+        let loads = ((to - last) / self.period).min(most) / by * by;
         let at = |load: u64| last + load * self.period;
         // The earlier loads may have been periods of another rate.
         self.loaded = match (loads, self.loaded) {
@@ -133,6 +138,7 @@ impl Divider {
             (loads, _) => [at(loads), at(loads - 1), at(loads - 2)],
         };
         self.count += loads;
+        loads
     }
 }
 

@@ -148,9 +148,35 @@ impl Filters {
         self.samples -= (!lines & filled) >> 7;
     }
 
-    fn are_settled(self, lines: Lanes, length: u8) -> bool {
+    /// Number of samples of these lines that only move the filters toward their ends: none of them
+    /// ends a filter, and no level changes. `None` for any number: all filters are settled.
+    fn uniform(self, lines: Lanes, length: u8) -> Option<u32> {
         let [full, filled] = self.ends(length);
-        self.levels == lines && lines & !full == 0 && filled & !lines == 0
+        let moving = (lines & !full) | (filled & !lines);
+        // The levels of filters at their ends follow with the next sample.
+        if (self.levels | full) & filled != self.levels {
+            return Some(0);
+        }
+        if moving == 0 {
+            return None;
+        }
+        let lanes = self.samples.to_le_bytes().into_iter();
+        let lanes = lanes.zip(lines.to_le_bytes()).zip(moving.to_le_bytes());
+        let left = lanes
+            .filter(|(_, moves)| *moves != 0)
+            .map(
+                |((sample, line), _)| {
+                    if line == 0 { sample } else { length - sample }
+                },
+            );
+        left.map(u32::from).min()
+    }
+
+    /// Takes a number of samples at once, at most as many as are [uniform](Self::uniform).
+    fn take_uniform(&mut self, lines: Lanes, length: u8, samples: u32) {
+        let [full, filled] = self.ends(length);
+        self.samples += samples * ((lines & !full) >> 7);
+        self.samples -= samples * ((!lines & filled) >> 7);
     }
 }
 
@@ -304,9 +330,7 @@ impl Counter {
     fn tick_to(&mut self, to: Clocks, stamps: &Stamps) {
         let delay = self.of_place(TO_TICK);
         loop {
-            if self.pending == 0 && self.is_settled() {
-                self.divider.skip(to.saturating_sub(delay), 2);
-            }
+            self.skip(to.saturating_sub(delay));
             let mut divider = self.divider;
             divider.step();
             // Multiplexed encoders count once in two loads, all of them at the same time.
@@ -340,10 +364,28 @@ impl Counter {
         }
     }
 
-    /// True if samples of the present lines change nothing.
-    fn is_settled(&self) -> bool {
+    /// Skips samples up to `to` of which only the filters' contents depend: the lines do not change,
+    /// and nothing is counted.
+    fn skip(&mut self, to: Clocks) {
+        if self.pending > 0 || self.due.is_some() || !self.is_started {
+            return;
+        }
         let (lines, length) = (self.inputs(), self.filter_length());
-        self.is_started && self.due.is_none() && self.filters.are_settled(lines, length)
+        let loads = if self.place == CountPlace::Plain {
+            1
+        } else {
+            2
+        };
+        match self.filters.uniform(lines, length) {
+            None => {
+                self.divider.skip(to, 2);
+            }
+            Some(samples) => {
+                let most = u64::from(samples) * loads;
+                let samples = self.divider.skip_at_most(to, loads, most) / loads;
+                self.filters.take_uniform(lines, length, samples as u32);
+            }
+        }
     }
 
     /// Takes the lines at the clock edge of a sample.
@@ -466,5 +508,37 @@ fn quarter(ab: [bool; 2]) -> u8 {
         [true, false] => 1,
         [true, true] => 2,
         [false, true] => 3,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_that_are_taken_at_once_are_those_that_are_taken_one_by_one() {
+        for length in [3_u8, 15] {
+            for case in 0..=u16::MAX {
+                // A and B with any contents, all lines with any levels.
+                let [contents, bits] = case.to_le_bytes();
+                let (a, b) = (contents & 0xF, contents >> 4);
+                let spread = |bits: u8| lanes([0, 1, 2, 3].map(|bit| bits >> bit & 1 != 0));
+                let before = Filters {
+                    samples: u32::from_le_bytes([a, b, 0, 15]),
+                    levels: spread(bits),
+                };
+                let lines = spread(bits >> 4);
+                let most = before.uniform(lines, length);
+                let mut one_by_one = before;
+                for samples in 1..=most.unwrap_or(20) {
+                    one_by_one.take(lines, length);
+                    let mut at_once = before;
+                    at_once.take_uniform(lines, length, if most.is_some() { samples } else { 0 });
+                    let what = format!("{before:?}, lines {lines:08X}, {samples} of {length}");
+                    assert_eq!(at_once.levels, one_by_one.levels, "{what}");
+                    assert_eq!(at_once.samples, one_by_one.samples, "{what}");
+                }
+            }
+        }
     }
 }

@@ -132,6 +132,45 @@ fn a_ramp_within_the_acceleration_loses_nothing_and_a_steeper_one_does() {
     }
 }
 
+/// A turn on the boundary of a step: 7 us from the step up to the step down.
+#[test]
+fn two_opposite_steps_close_together_lose_nothing() {
+    let mut bench = bench(StepperConfig::default());
+    for turn in 0..10 {
+        let at = 10_000_000 * (turn + 1);
+        bench.pulses([at], false);
+        bench.set(at + 3_000, false, true);
+        bench.pulses([at + 7_000], true);
+        bench.set(at + 10_000, false, false);
+    }
+    bench.settle(200_000_000);
+    assert_eq!(bench.counts(), (0, 0, 0));
+    assert_eq!(bench.moved.len(), 20);
+    assert_eq!(bench.motor.velocity(), 0.0);
+}
+
+#[test]
+fn pulses_that_turn_at_speed_or_go_on_too_fast_after_a_turn_lose_steps() {
+    // 20 steps/ms, and 1 step/ms to which the motor starts.
+    for (after, loses) in [(50_000, true), (1_100_000, false)] {
+        let mut bench = bench(StepperConfig::default());
+        bench.pulses([10_000_000], false);
+        bench.set(10_005_000, false, true);
+        bench.pulses((0..5).map(|n| 10_007_000 + n * after), true);
+        bench.settle(30_000_000);
+        let (commanded, _, lost) = bench.counts();
+        assert_eq!((commanded, lost > 0), (-4, loses), "{after}: {lost}");
+    }
+    let mut bench = bench(StepperConfig::default());
+    let times = ramp(1_000_000, 900_000.0, 500);
+    let last = times[499];
+    bench.pulses(times, false);
+    bench.set(last + 5_000, false, true);
+    bench.pulses([last + 7_000], true);
+    bench.settle(last + 20_000);
+    assert!(bench.motor.lost() > 0);
+}
+
 #[test]
 fn a_motor_that_has_lost_steps_follows_again_after_a_stop() {
     let mut bench = bench(StepperConfig::default());

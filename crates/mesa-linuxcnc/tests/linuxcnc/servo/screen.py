@@ -7,6 +7,8 @@ and a line `= STATUS`.
     off                         switches it off
     home JOINT                  homes a joint
     jog JOINT DISTANCE SPEED    moves a joint; prints the following error of each moment
+    joints                      prints the number of joints
+    mdi CODE...                 moves with G-code, and ends in the mode for joints
     COMMAND...                  any other command is halcmd's
 """
 
@@ -91,6 +93,25 @@ def jog(joint, distance, speed):
     return " ".join(map(str, found))
 
 
+def joints():
+    stat.poll()
+    return str(stat.joints)
+
+
+def mdi(*words):
+    until(
+        "the mode is that for G-code",
+        lambda: stat.task_mode == linuxcnc.MODE_MDI,
+        lambda: command.mode(linuxcnc.MODE_MDI),
+    )
+    command.mdi(" ".join(words))
+    done = command.wait_complete(PATIENCE)
+    if done != linuxcnc.RCS_DONE:
+        raise RuntimeError(f"{words} ends with {done}")
+    until("the machine stands", lambda: stat.inpos and stat.interp_state == linuxcnc.INTERP_IDLE)
+    on()
+
+
 def halcmd(*words):
     done = subprocess.run(["halcmd", *words], capture_output=True, text=True)
     if done.returncode != 0:
@@ -99,7 +120,7 @@ def halcmd(*words):
 
 
 def answer(words):
-    own = {"on": on, "off": off, "home": home, "jog": jog}.get(words[0])
+    own = {"on": on, "off": off, "home": home, "jog": jog, "joints": joints, "mdi": mdi}.get(words[0])
     return own(*words[1:]) if own else halcmd(*words)
 
 

@@ -163,7 +163,8 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
 
 #[test]
 fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
-    let driving = ["*.7i77.0.0.output-03", "--outputs", "--yes", "--for", "10"];
+    // Long enough for a busy computer: ten outputs, 10 s each.
+    let driving = ["*.7i77.0.0.output-0?", "--outputs", "--yes", "--for", "10"];
     for (arguments, waits) in [
         (&["*7i77.0.0.input-0?"][..], "actuate it now"),
         (&driving, "driven; did it come on?"),
@@ -173,7 +174,7 @@ fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
         let keep = ["--json", "--report", file.path()];
         let guided = Guided::begin(&board, &[arguments, &keep].concat());
         guided.says(waits);
-        let is_on = |board: &mut Board| board.console.show("0")["remote.0.output-03"] == "1";
+        let is_on = |board: &mut Board| board.console.show("0")["remote.0.output-00"] == "1";
         wait_until("it is driven", || arguments.len() == 1 || is_on(&mut board));
         let master = Master::start(board.address);
         let said = guided.says(SAID);

@@ -25,9 +25,8 @@ pin bit IN 7i72.0.0.output-{NN} 48
 param u32 RW watchdog.timeout_ns
 ";
 
-/// Step generators and packet UARTs are not driven: without them LinuxCNC has their pins as plain
-/// I/O as well.
-const CONFIG: &str = "num_stepgens=0 num_pktuarts=0 sserial_port_0=0xxxxxxx";
+/// Packet UARTs are not driven: without them LinuxCNC has their pins as plain I/O as well.
+const CONFIG: &str = "num_pktuarts=0 sserial_port_0=0xxxxxxx";
 
 #[test]
 fn six_public_firmwares_have_the_names_that_linuxcnc_gives_them() {

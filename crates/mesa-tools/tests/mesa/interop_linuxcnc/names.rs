@@ -18,6 +18,10 @@ const ONLY_LINUXCNC: Reasons = &[
     ),
     ("*.tmax*", "how long LinuxCNC's own functions take"),
     (
+        "stepgen.*.table-data-*",
+        "here only in firmware with pins for tables",
+    ),
+    (
         "pwmgen.p*_frequency",
         "of a descriptor without instances, where there are no generators",
     ),
@@ -60,6 +64,19 @@ const ONLY_OURS: Reasons = &[
     (
         "encoder.*.probe-invert",
         "latch on probe, made for every encoder",
+    ),
+    (
+        "stepgen.*.position-unsure",
+        "LinuxCNC goes on after a bite as if nothing were lost",
+    ),
+    (
+        "stepgen.*.near-max-rate",
+        "beyond the highest rate the position lags, and LinuxCNC does not notice it",
+    ),
+    ("stepgen.*.position-lag", "as near-max-rate"),
+    (
+        "stepgen.*.disable-ramp",
+        "LinuxCNC stops at once when a generator is disabled",
     ),
     ("7i*.fault-*", "each fault of a remote is a pin of its own"),
     ("7i*.running", "remotes go offline alone"),

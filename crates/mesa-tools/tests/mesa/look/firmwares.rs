@@ -12,25 +12,20 @@ fn image(name: &str) -> String {
     format!("{directory}/{name}.txt")
 }
 
-/// The image has ten step generators at I/O pins 0 to 9 and 17 to 26, two encoders and a serial
-/// module.
-const STEPPERS: &str = "StepGen (05) version 2, 10 instances: this crate does not drive it; I/O pins 0-9, \
-    17-26 are plain I/O";
+/// The image has a galvanometer interface at I/O pins 6 to 9 and 14, beside modules that are driven.
+const MIRRORS: &str = "XY2Mod (2B) version 0, 1 instance: this crate does not drive it; I/O pins 6-9, 14 are \
+    plain I/O";
 
 #[test]
 fn a_module_that_is_not_driven_is_named_with_its_pins_by_info_and_hal() {
-    let path = image("7I92-7I76x2D_34");
+    let path = image("7I92-7I76XY2Modx1D_34");
     let found = json(&["info", "--sim", &path]);
-    assert_eq!(found["findings"], Value::from(vec![STEPPERS]));
+    assert_eq!(found["findings"], Value::from(vec![MIRRORS]));
     assert_eq!(found["firmware"]["pins"][1]["function"], "StepGen 0 Step");
     let hal = run(&["hal", "--sim", &path]);
     assert_eq!(hal.code, Some(0), "{hal:?}");
-    assert!(
-        hal.err.contains(&format!("Note: {STEPPERS}")),
-        "{}",
-        hal.err
-    );
-    assert!(hal.out.contains(&format!("# {STEPPERS}\n")), "{}", hal.out);
+    assert!(hal.err.contains(&format!("Note: {MIRRORS}")), "{}", hal.err);
+    assert!(hal.out.contains(&format!("# {MIRRORS}\n")), "{}", hal.out);
 }
 
 #[test]

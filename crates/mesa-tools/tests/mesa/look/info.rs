@@ -30,6 +30,41 @@ fn json(arguments: &[&str]) -> Value {
 }
 
 #[test]
+fn step_and_direction_have_the_terminals_of_the_card_on_the_connector() {
+    let of = |machine: &str, pin: &str| {
+        let text = done(&["info", "--sim", machine]);
+        let mut lines = text.lines().filter(|line| line.contains(pin));
+        lines.next().unwrap_or_default().to_owned()
+    };
+    let on_7i92 = of("7i92-7i76", "StepGen 1 Step ");
+    assert!(
+        on_7i92.ends_with("P2 DB25 pin 15 IO3, TB2 pin 8, TB2 pin 9 STEP1-, STEP1+"),
+        "{on_7i92}"
+    );
+    // A 7I97 has terminals of its own with these names.
+    let on_7i97 = of("7i97-7i76", "StepGen 4 Dir ");
+    assert!(
+        on_7i97.contains("7I76 TB3 pin 4, TB3 pin 5 DIR4-, DIR4+"),
+        "{on_7i97}"
+    );
+    let images = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/transcripts/firmwares/"
+    );
+    let public = of(
+        &format!("{images}7I76E-7I76x1_BSTECHx2D_51.txt"),
+        "StepGen 0 Step ",
+    );
+    assert!(
+        public.contains("TB2 pin 2, TB2 pin 3 STEP0-, STEP0+"),
+        "{public}"
+    );
+    // The pins of another connector are no 7I76's.
+    let other = of(&format!("{images}7I96S-7I96S_G540D.txt"), "StepGen 0 Step ");
+    assert!(!other.contains("TB2 pin 2"), "{other}");
+}
+
+#[test]
 fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
     let output = info(&["--sim", SIM]);
     assert!(output.status.success(), "{output:?}");

@@ -150,6 +150,61 @@ fn a_board_without_servo_outputs_has_a_joint_that_follows_itself() {
 }
 
 #[test]
+fn step_generators_are_joints_with_their_settings_and_are_not_enabled() {
+    let found = json(&["hal", "--sim", "7i92-7i76"]);
+    let board = text(&found, "board.hal");
+    has(
+        &board,
+        &[
+            "\n# port 0, channel 0: 7I76, mode 0\n",
+            "\nsetp hm2_7i92.0.stepgen.04.position-scale [JOINT_4]STEP_SCALE\n",
+            "\nsetp hm2_7i92.0.stepgen.04.dirhold [JOINT_4]DIRHOLD\n",
+            "\nnet stepgen-01-position-fb <= hm2_7i92.0.stepgen.01.position-fb  # TB2 pin 8, 9, 10, 11 ",
+            "\n# net joint-0-enable => hm2_7i92.0.stepgen.00.enable  # TB2 pin 2, 3, 4, 5 ",
+            "\nnet 7i76-0-0-spinout => hm2_7i92.0.7i76.0.0.spinout",
+            "\nnet encoder-00-position <= hm2_7i92.0.encoder.00.position\n",
+        ],
+    );
+    let mut nets = board.lines().filter(|line| line.starts_with("net "));
+    assert!(!nets.any(|line| line.contains(".enable")), "{board}");
+    let motion = text(&found, "motion.hal");
+    has(
+        &motion,
+        &[
+            "\nnet stepgen-04-position-cmd <= joint.4.motor-pos-cmd\n",
+            "\nnet stepgen-04-position-fb => joint.4.motor-pos-fb\n",
+        ],
+    );
+    assert!(!motion.contains("pid"), "{motion}");
+    let ini = text(&found, "machine.ini");
+    has(&ini, &["\nJOINTS = 5\n", "\nSTEPGEN_MAXACCEL = 1.25\n"]);
+    assert!(!ini.contains("ENCODER_SCALE"), "{ini}");
+    let program = text(&found, "main.rs");
+    has(
+        &program,
+        &["stepgen_00_position_cmd: pins.output(\"hm2_7i92.0.stepgen.00.position-cmd\")?"],
+    );
+    // Servo axes come first, and LinuxCNC has letters for nine.
+    let both = json(&["hal", "--sim", "7i97-7i76"]);
+    let motion = text(&both, "motion.hal");
+    has(
+        &motion,
+        &[
+            "\nnet pwmgen-05-value <= pid.5.output\n",
+            "\nnet stepgen-02-position-cmd <= joint.8.motor-pos-cmd\n",
+        ],
+    );
+    assert!(!motion.contains("pid.6"), "{motion}");
+    has(
+        &text(&both, "board.hal"),
+        &[
+            "# 7I76 TB2 pin 2, ",
+            "\n# net joint-6-enable => hm2_7i97.0.stepgen.00.enable",
+        ],
+    );
+}
+
+#[test]
 fn the_program_is_the_one_that_is_compiled_here() {
     let found = json(&["hal", "--sim", "7i92-7i77"]);
     let (text, file) = (

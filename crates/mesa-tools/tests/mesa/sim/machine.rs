@@ -12,6 +12,7 @@ use crate::interop::{PATIENCE, Scratch};
 use crate::run::{done, json, patient, run};
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
+const ROUTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/router.toml");
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn mill() -> Board {
@@ -148,6 +149,110 @@ fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
         let refused = board.console.command(bad).unwrap_err();
         assert!(refused.contains(said), "{bad}: {refused}");
     }
+    board.stop("TERM");
+}
+
+/// A driver of the router whose first generator has pulses, spaces and times of this length in ns.
+fn stepper_driver(board: &Board, ns: u32) -> Driver<UdpBus> {
+    let bus = UdpBus::connect(board.address, patient()).unwrap();
+    let settings = Settings {
+        watchdog: Some(Duration::from_secs(4)),
+        ..Settings::default()
+    };
+    let mut driver = Driver::start(bus, settings).unwrap();
+    let pins = driver.pins_mut();
+    let name = |name: &str| format!("hm2_7i92.0.stepgen.00.{name}");
+    for (parameter, value) in [
+        ("position-scale", 200.0),
+        ("maxvel", 20.0),
+        ("maxaccel", 100.0),
+    ] {
+        let parameter = pins.parameter::<f64>(&name(parameter)).unwrap();
+        pins.set_param(parameter, value).unwrap();
+    }
+    for parameter in ["steplen", "stepspace", "dirsetup", "dirhold"] {
+        let parameter = pins.parameter::<u32>(&name(parameter)).unwrap();
+        pins.set_param(parameter, ns).unwrap();
+    }
+    driver
+}
+
+/// Sends the first generator to a position and runs the spindle backwards, for 20 cycles.
+fn run_router(driver: &mut Driver<UdpBus>, position: f64) {
+    let pins = driver.pins();
+    let enable = pins.output::<bool>("hm2_7i92.0.stepgen.00.enable");
+    let command = pins.output::<f64>("hm2_7i92.0.stepgen.00.position-cmd");
+    let volts = pins.output::<f64>("hm2_7i92.0.7i76.0.0.spinout");
+    let of_spindle = ["spinena", "spindir"];
+    let switch = |name| pins.output::<bool>(&format!("hm2_7i92.0.7i76.0.0.{name}"));
+    let [enable_spindle, reverse] = of_spindle.map(|name| switch(name).unwrap());
+    let (enable, command, volts) = (enable.unwrap(), command.unwrap(), volts.unwrap());
+    for _ in 0..20 {
+        let _ = driver.read();
+        // A busy host is late now and then, and a watchdog bites.
+        let _ = driver.rearm();
+        let pins = driver.pins_mut();
+        for switch in [enable, enable_spindle, reverse] {
+            pins.set(switch, true);
+        }
+        pins.set(command, position);
+        pins.set(volts, 5.0);
+        let _ = driver.write();
+        std::thread::sleep(PERIOD);
+    }
+}
+
+#[test]
+fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+    // The drive needs 2500 ns.
+    let mut driver = stepper_driver(&board, 1_000);
+    let start = Instant::now();
+    while board.console.show("motors")["motor.0.commanded-steps"] != "100" {
+        assert!(start.elapsed() < PATIENCE);
+        run_router(&mut driver, 0.5025);
+    }
+    // On a busy host it may have gone further, and back.
+    let motors = board.console.show("motors");
+    let lost: u64 = motors["motor.0.lost-steps"].parse().unwrap();
+    assert!(lost >= 100, "{lost}");
+    assert_eq!(motors["motor.0.position"], "10.0000");
+    let _ = driver.shutdown();
+    board.stop("TERM");
+}
+
+#[test]
+fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
+    let mut driver = stepper_driver(&board, 5_000);
+    let start = Instant::now();
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    loop {
+        let motors = board.console.show("motors");
+        let spindle = number(&motors["motor.3.velocity"]);
+        // From 10 to the home switch. `spindir` is on, and a motor has 50 turns/s at 10 V.
+        if motors["motor.0.steps"] == "-2000"
+            && motors["motor.0.position"] == "0.0000"
+            && motors["switch.x-home"] == "1"
+            && (spindle + 25.0).abs() < 1.0
+        {
+            break;
+        }
+        assert!(start.elapsed() < PATIENCE, "{motors:?}");
+        // Whole steps are rounded down: this is half a step above the end.
+        run_router(&mut driver, -9.9975);
+    }
+    let motors = board.console.show("motors");
+    assert_eq!(motors["motor.0.name"], "x");
+    assert_eq!(motors["motor.0.lost-steps"], "0");
+    assert_eq!(motors["motor.1.steps"], "0");
+    let volts = number(&motors["motor.3.volts"]);
+    assert!((volts + 5.0).abs() < 0.01, "{volts}");
+    for command in ["turn x 5", "stall y"] {
+        let refused = board.console.command(command).unwrap_err();
+        assert!(refused.contains("stepper motor"), "{refused}");
+    }
+    let _ = driver.shutdown();
     board.stop("TERM");
 }
 

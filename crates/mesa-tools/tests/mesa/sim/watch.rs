@@ -18,6 +18,8 @@ use crate::terminal::Terminal;
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");
 
+const ROUTER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/router.toml");
+
 /// Words of the line that begins with a text, without the frame around it.
 fn words<'a>(text: &'a str, begin: &str) -> Vec<&'a str> {
     let lines = text.lines().map(|line| line.trim_matches(['│', ' ']));
@@ -91,6 +93,21 @@ impl Drop for Controller {
             let _ = cycle.join();
         }
     }
+}
+
+#[test]
+fn the_screen_shows_stepper_motors_with_their_steps() {
+    let arguments = format!("sim --machine {ROUTER} --port 0 --watch");
+    let Some(terminal) = Terminal::start("sim-steppers", &arguments) else {
+        return;
+    };
+    let of_x = ["x", "10.0000", "0.0000", "0", "steps", "powered"];
+    let text = terminal.wait_for("the axes", |text| {
+        words(text, "x ").starts_with(&of_x) && text.contains("spindle ")
+    });
+    assert_eq!(number(&text, "z", 1), Some(-10.0), "{text}");
+    let of_spindle = words(&text, "spindle ");
+    assert!(of_spindle.contains(&"V"), "{of_spindle:?}");
 }
 
 #[test]

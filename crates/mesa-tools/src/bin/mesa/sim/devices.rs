@@ -17,7 +17,7 @@ pub const ANALOG: &str = "7i77-analog";
 const I7I72: &str = "7i72";
 const I7I64: &str = "7i64";
 const I7I84: &str = "7i84";
-/// Field I/O of a 7I76.
+/// Field I/O and spindle of a 7I76.
 pub const I7I76: &str = "7i76";
 const I7I76E: &str = "7i76e";
 const KNOWN: [&str; 7] = [FIELD_IO, ANALOG, I7I72, I7I64, I7I84, I7I76, I7I76E];

@@ -5,14 +5,15 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use mesa_hal_sim::{
-    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SimTerminal, SwitchConfig,
-    WheelConfig, machines,
+    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SimFpga, SimTerminal, Stepper,
+    StepperWiring, SwitchConfig, WheelConfig, machines,
 };
 
 use super::console::{line, number, on_off};
 use super::devices;
 use super::machine::{Machine, PORT};
-use super::plan::{Plan, Wire, index_of};
+use super::options::Board;
+use super::plan::{MoverPlan, Plan, Wire, index_of};
 
 /// Speed limit of a motor turned by hand: above any real one, and low enough that positions stay
 /// finite numbers.
@@ -22,7 +23,7 @@ const FASTEST: f64 = 1e6;
 const OUTPUTS_7I77: u8 = 6;
 
 /// Builds the mechanics of the machine's plan. Without axes, a motor on each analog output turns
-/// the encoder of the same number.
+/// the encoder of the same number, and each step generator has a stepper motor.
 pub fn build(machine: &mut Machine) -> Result<(), String> {
     let plan = machine.plan.clone();
     wire_motors(machine, &plan);
@@ -84,35 +85,86 @@ fn check_wires(machine: &mut Machine, plan: &Plan) -> Result<(), String> {
 }
 
 fn wire_motors(machine: &mut Machine, plan: &Plan) {
-    let remotes = machine.remotes.iter();
-    let analog = remotes.filter(|remote| remote.device == devices::ANALOG);
-    let analog: Vec<_> = analog.map(|remote| remote.channel).collect();
-    let (kind, own) = (machine.kind, machine.kind.own_outputs());
-    let mut wire = |output: u8, encoder: usize, motor: Motor| {
-        let of_card = |output: u8| {
-            let card = analog.get(usize::from(output / OUTPUTS_7I77));
-            card.map(|&channel| machines::output_7i77(PORT, channel, output % OUTPUTS_7I77))
-        };
-        let source = match output.checked_sub(own) {
-            None => DriveSource::Pwm {
-                unit: output.into(),
-            },
-            Some(output) => of_card(output).unwrap_or(DriveSource::Nothing),
-        };
-        machine.fpga().wire_axis(AxisWiring {
-            source,
-            encoder,
-            motor,
-        });
-    };
     if plan.axes.is_empty() {
-        for output in 0..kind.axes() as u8 {
-            wire(output, output.into(), Motor::default());
+        for mover in usual_axes(machine.kind) {
+            wire_motor(machine, &mover);
         }
     }
     for axis in &plan.axes {
-        wire(axis.output, axis.encoder, axis.motor);
+        wire_motor(machine, &axis.mover);
     }
+}
+
+/// A motor on each output and generator: first the outputs of the board and of its 7I77, then the
+/// generators and the spindle of its 7I76.
+fn usual_axes(kind: Board) -> Vec<MoverPlan> {
+    let servo = |output| MoverPlan::Servo {
+        output,
+        encoder: output.into(),
+        motor: Motor::default(),
+    };
+    let stepper = |generator| MoverPlan::Stepper {
+        generator,
+        encoder: None,
+        motor: Stepper::default(),
+    };
+    let outputs = kind.outputs() as u8;
+    let spindle = kind.spindle();
+    let servos = (0..outputs).filter(|&output| Some(output) != spindle);
+    let steppers = (0..kind.generators()).map(stepper);
+    let servos = servos.map(servo).chain(steppers);
+    servos.chain(spindle.map(servo)).collect()
+}
+
+fn wire_motor(machine: &mut Machine, mover: &MoverPlan) {
+    match *mover {
+        MoverPlan::Servo {
+            output,
+            encoder,
+            motor,
+        } => {
+            let source = source(machine, output);
+            machine.fpga().wire_axis(AxisWiring {
+                source,
+                encoder,
+                motor,
+            });
+        }
+        MoverPlan::Stepper {
+            generator,
+            encoder,
+            motor,
+        } => {
+            machine.fpga().wire_stepper(StepperWiring {
+                generator,
+                encoder,
+                motor,
+            });
+        }
+    }
+}
+
+/// An analog output of the board or of its cards.
+fn source(machine: &Machine, output: u8) -> DriveSource {
+    let kind = machine.kind;
+    let Some(of_card) = output.checked_sub(kind.own_outputs()) else {
+        return DriveSource::Pwm {
+            unit: output.into(),
+        };
+    };
+    let on = |device: &str, card: u8| {
+        let remotes = machine.remotes.iter();
+        let mut found = remotes.filter(|remote| remote.device == device);
+        found.nth(card.into()).map(|remote| remote.channel)
+    };
+    let source = if kind.spindle() == Some(output) {
+        let spindle = on(devices::I7I76, 0);
+        spindle.map(|at| machines::spindle_7i76(PORT, at))
+    } else {
+        let analog = on(devices::ANALOG, of_card / OUTPUTS_7I77);
+        analog.map(|at| machines::output_7i77(PORT, at, of_card % OUTPUTS_7I77))
+    };
+    source.unwrap_or(DriveSource::Nothing)
 }
 
 /// Checks that an input exists.
@@ -147,11 +199,13 @@ fn check(machine: &mut Machine, terminal: SimTerminal) -> Result<(), String> {
 /// Readable list of the plan's items.
 pub fn inventory(plan: &Plan, text: &mut String) {
     for (number, axis) in plan.axes.iter().enumerate() {
-        let (name, output, encoder) = (&axis.name, axis.output, axis.encoder);
-        let _ = writeln!(
-            text,
-            "axis {number}: {name}, analog output {output}, encoder {encoder}"
-        );
+        let driven = match axis.mover {
+            MoverPlan::Servo { output, .. } => format!("analog output {output}"),
+            MoverPlan::Stepper { generator, .. } => format!("step generator {generator}"),
+        };
+        let encoder = axis.mover.encoder();
+        let encoder = encoder.map_or_else(String::new, |n| format!(", encoder {n}"));
+        let _ = writeln!(text, "axis {number}: {}, {driven}{encoder}", axis.name);
     }
     for switch in &plan.switches {
         let axis = plan.axes.get(switch.axis).map_or("", |axis| &axis.name);
@@ -186,19 +240,14 @@ pub fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<(), String
     if speed.is_some_and(|speed| !(-FASTEST..=FASTEST).contains(&speed)) {
         return Err(format!("expected a speed from -{FASTEST} to {FASTEST}"));
     }
-    let axis = axis_of(machine, axis)?;
-    if let Some(motor) = machine.fpga().motor(axis) {
-        motor.turn_by_hand(speed);
-    }
+    servo(machine, axis)?.turn_by_hand(speed);
     Ok(())
 }
 
 /// Jams an axis, or releases it.
 pub fn stall(machine: &mut Machine, axis: &str, state: &str) -> Result<(), String> {
-    let (axis, blocked) = (axis_of(machine, axis)?, on_off(state)?);
-    if let Some(motor) = machine.fpga().motor(axis) {
-        motor.block(blocked);
-    }
+    let blocked = on_off(state)?;
+    servo(machine, axis)?.block(blocked);
     Ok(())
 }
 
@@ -224,10 +273,51 @@ pub fn estop(machine: &mut Machine, state: &str) -> Result<(), String> {
     }
 }
 
+/// The motor of an axis, which is no stepper motor.
+fn servo<'a>(machine: &'a mut Machine, axis: &str) -> Result<&'a mut Motor, String> {
+    let number = axis_of(machine, axis)?;
+    let motor = machine.fpga().motor(number);
+    motor.ok_or_else(|| format!("axis {axis} has a stepper motor, which pulses alone turn"))
+}
+
 fn axis_of(machine: &mut Machine, word: &str) -> Result<usize, String> {
     let count = machine.fpga().axes();
     let names = machine.plan.axes.iter().map(|axis| axis.name.as_str());
     index_of("axis", word, names, count)
+}
+
+/// The motor of an axis, of either kind.
+fn show_motor(text: &mut String, fpga: &mut SimFpga, axis: usize) {
+    let name = |what: &str| format!("motor.{axis}.{what}");
+    let mut number = |what: &str, value: f64| line(text, &name(what), format_args!("{value:.4}"));
+    if let Some(motor) = fpga.stepper(axis).copied() {
+        number("position", motor.position());
+        number("velocity", motor.velocity());
+        number("counts", motor.counts());
+        line(text, &name("steps"), motor.steps());
+        line(text, &name("commanded-steps"), motor.commanded());
+        line(text, &name("lost-steps"), motor.lost());
+        line(text, &name("overshot-steps"), motor.overshot());
+        line(text, &name("powered"), u8::from(motor.is_powered()));
+        return;
+    }
+    let signal = fpga.drive_signal(axis).unwrap_or_default();
+    let Some(motor) = fpga.motor(axis) else {
+        return;
+    };
+    number("position", motor.position());
+    number("velocity", motor.velocity());
+    number("counts", motor.counts());
+    number("volts", signal.volts);
+    let states = [
+        ("enabled", signal.enabled),
+        ("powered", motor.is_powered()),
+        ("stalled", motor.is_blocked()),
+        ("at-stop", motor.is_at_stop()),
+    ];
+    for (what, state) in states {
+        line(text, &name(what), u8::from(state));
+    }
 }
 
 /// Motors, switches, handwheels and emergency stop.
@@ -235,31 +325,10 @@ pub fn show(text: &mut String, machine: &mut Machine) {
     let plan = machine.plan.clone();
     let fpga = machine.fpga();
     for axis in 0..fpga.axes() {
-        let signal = fpga.drive_signal(axis).unwrap_or_default();
-        let Some(motor) = fpga.motor(axis) else {
-            continue;
-        };
-        let name = |what: &str| format!("motor.{axis}.{what}");
         if let Some(plan) = plan.axes.get(axis) {
-            line(text, &name("name"), &plan.name);
+            line(text, &format!("motor.{axis}.name"), &plan.name);
         }
-        for (what, value) in [
-            ("position", motor.position()),
-            ("velocity", motor.velocity()),
-            ("counts", motor.counts()),
-            ("volts", signal.volts),
-        ] {
-            line(text, &name(what), format_args!("{value:.4}"));
-        }
-        let states = [
-            ("enabled", signal.enabled),
-            ("powered", motor.is_powered()),
-            ("stalled", motor.is_blocked()),
-            ("at-stop", motor.is_at_stop()),
-        ];
-        for (what, state) in states {
-            line(text, &name(what), u8::from(state));
-        }
+        show_motor(text, fpga, axis);
     }
     for (switch, plan) in fpga.switches().iter().zip(&plan.switches) {
         let state = u8::from(switch.is_actuated());

@@ -17,7 +17,7 @@ use super::plan::Plan;
 const AFTER_HELP: &str = "\
 The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I77 of a 7I92 or a
 7I80DB has 7i77-io on 0 and 7i77-analog on 1; 2 is its expansion connector. That of a 7I97 has the
-channels 1 to 3.
+channels 1 to 3. A 7I76 has 7i76 on 0, and its expansion connector is 1.
 
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
@@ -265,13 +265,23 @@ pub enum Board {
         help = "a 7I80DB with a 7I77 and firmware of 2016, whose registers are at other addresses"
     )]
     I7i80With7i77,
+    #[value(
+        name = "7i92-7i76",
+        help = "a 7I92 with a 7I76 on P2: five stepper axes"
+    )]
+    I7i92With7i76,
+    #[value(
+        name = "7i97-7i76",
+        help = "a 7I97 with a 7I76 on P1: six servo axes and five stepper axes"
+    )]
+    I7i97With7i76,
     #[value(name = "5i25-7i77", help = "a 5I25 (PCI) with a 7I77 on P3")]
     I5i25With7i77,
     #[value(name = "5i25-7i77x2", help = "a 5I25 (PCI) with two 7I77: twelve axes")]
     I5i25With7i77x2,
     #[value(
         name = "5i25-7i77-7i76",
-        help = "a 5I25 (PCI) with a 7I77 on P3 and a 7I76 on P2"
+        help = "a 5I25 (PCI) with a 7I77 on P3 and a 7I76 on P2: six servo axes and five stepper axes"
     )]
     I5i25With7i77And7i76,
     /// Any board: its firmware is given as an image.
@@ -297,6 +307,8 @@ impl Board {
             Self::I7i97t => machines::i7i97t(channels),
             Self::I7i92With7i77 => machines::i7i92_7i77(),
             Self::I7i80With7i77 => machines::i7i80_of_2016(),
+            Self::I7i92With7i76 => machines::i7i92_7i76(),
+            Self::I7i97With7i76 => machines::i7i97_7i76(),
             Self::I5i25With7i77 => machines::i5i25_7i77(),
             Self::I5i25With7i77x2 => machines::i5i25_7i77x2(),
             Self::I5i25With7i77And7i76 => machines::i5i25_7i77_7i76(),
@@ -309,6 +321,7 @@ impl Board {
             Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
             Self::I7i97With7i77 => 4,
             Self::I7i92With7i77 | Self::I7i80With7i77 | Self::I5i25With7i77 => 3,
+            Self::I7i92With7i76 | Self::I7i97With7i76 => 2,
             Self::I5i25With7i77And7i76 => 5,
             Self::I5i25With7i77x2 => 6,
         }
@@ -323,6 +336,7 @@ impl Board {
             Self::I7i92With7i77 | Self::I7i80With7i77 | Self::I5i25With7i77 => {
                 &[(0, FIELD_IO), (1, ANALOG)]
             }
+            Self::I7i92With7i76 | Self::I7i97With7i76 => &[(0, I7I76)],
             Self::I5i25With7i77x2 => &[(0, FIELD_IO), (1, ANALOG), (3, FIELD_IO), (4, ANALOG)],
             Self::I5i25With7i77And7i76 => &[(0, FIELD_IO), (1, ANALOG), (3, I7I76)],
         }
@@ -339,18 +353,40 @@ impl Board {
     /// Number of analog outputs, from 0 on, that are on the board itself.
     pub const fn own_outputs(self) -> u8 {
         match self {
-            Self::I7i97 | Self::I7i97With7i77 | Self::I7i97t => 6,
+            Self::I7i97 | Self::I7i97With7i77 | Self::I7i97With7i76 | Self::I7i97t => 6,
             _ => 0,
         }
     }
 
-    /// Number of axes, each with an analog output and an encoder. 0 for a firmware image, whose
-    /// axes are unknown.
-    pub const fn axes(self) -> usize {
+    /// Number of analog outputs, each with an encoder, of the board and its card: the last one of
+    /// a 7I76 is its spindle. 0 for a firmware image, whose axes are unknown.
+    pub const fn outputs(self) -> usize {
         match self {
+            Self::I7i97
+            | Self::I7i97t
+            | Self::I7i92With7i77
+            | Self::I7i80With7i77
+            | Self::I5i25With7i77 => 6,
             Self::I7i97With7i77 | Self::I5i25With7i77x2 => 12,
+            Self::I7i97With7i76 | Self::I5i25With7i77And7i76 => 7,
+            Self::I7i92With7i76 => 1,
             Self::Firmware => 0,
-            _ => 6,
+        }
+    }
+
+    /// Number of step generators.
+    pub const fn generators(self) -> usize {
+        match self {
+            Self::I7i92With7i76 | Self::I7i97With7i76 | Self::I5i25With7i77And7i76 => 5,
+            _ => 0,
+        }
+    }
+
+    /// The output that is the spindle of a 7I76.
+    pub const fn spindle(self) -> Option<u8> {
+        match self.generators() {
+            0 => None,
+            _ => Some(self.outputs() as u8 - 1),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal_sim::{Motor, SimTerminal};
+use mesa_hal_sim::{Motor, SimTerminal, Stepper};
 
 /// Axes, switches, handwheels and emergency stop. Without axes, each axis of the board has its
 /// usual motor.
@@ -20,9 +20,34 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisPlan {
     pub name: String,
-    pub output: u8,
-    pub encoder: usize,
-    pub motor: Motor,
+    pub mover: MoverPlan,
+}
+
+/// The motor of an axis, and what drives it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MoverPlan {
+    /// A motor on an analog output, with its encoder.
+    Servo {
+        output: u8,
+        encoder: usize,
+        motor: Motor,
+    },
+    /// A stepper motor on a step generator.
+    Stepper {
+        generator: usize,
+        encoder: Option<usize>,
+        motor: Stepper,
+    },
+}
+
+impl MoverPlan {
+    /// The encoder on the motor.
+    pub const fn encoder(&self) -> Option<usize> {
+        match *self {
+            Self::Servo { encoder, .. } => Some(encoder),
+            Self::Stepper { encoder, .. } => encoder,
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::Component;
-use super::machine::{Host, Joint, LETTERS, Machine, is_enable, remark};
+use super::machine::{Host, Joint, LETTERS, Machine, Servo, Stepper, is_enable, remark};
 use mesa_hal::hal::Role;
 
 /// Settings of a servo loop: name in the INI file, parameter of `pid`, and default.
@@ -17,6 +17,17 @@ const LOOP: [(&str, &str, &str); 9] = [
     ("FF2", "FF2", "0"),
     ("DEADBAND", "deadband", "0"),
     ("MAX_OUTPUT", "maxoutput", "10"),
+];
+
+/// Settings of a step generator: name in the INI file, parameter, and default.
+const STEPS: [(&str, &str, &str); 7] = [
+    ("STEP_SCALE", "position-scale", "1000"),
+    ("STEPGEN_MAXVEL", "maxvel", "1.25"),
+    ("STEPGEN_MAXACCEL", "maxaccel", "1.25"),
+    ("STEPLEN", "steplen", "5000"),
+    ("STEPSPACE", "stepspace", "5000"),
+    ("DIRSETUP", "dirsetup", "10000"),
+    ("DIRHOLD", "dirhold", "10000"),
 ];
 
 /// `board.hal`: the board's driver, and a signal for each pin.
@@ -131,10 +142,10 @@ fn signals(machine: &Machine) -> String {
         let module = own.rsplit_once('.').map_or(own, |(module, _)| module);
         if module != last {
             text.push('\n');
-            let encoder = format!("{}.{module}", machine.board);
+            let module = format!("{}.{module}", machine.board);
             let mut joints = machine.joints.iter();
-            if let Some(joint) = joints.position(|joint| joint.encoder == encoder) {
-                let _ = writeln!(text, "setp {encoder}.scale [JOINT_{joint}]ENCODER_SCALE");
+            if let Some(joint) = joints.position(|joint| joint.module() == module) {
+                text.push_str(&scales(&machine.joints[joint], joint));
             }
         }
         last = module;
@@ -155,6 +166,21 @@ fn signals(machine: &Machine) -> String {
     text + &enables
 }
 
+/// Settings of the encoder or step generator of a joint.
+fn scales(joint: &Joint, number: usize) -> String {
+    match joint {
+        Joint::Servo(Servo { encoder, .. }) => {
+            format!("setp {encoder}.scale [JOINT_{number}]ENCODER_SCALE\n")
+        }
+        Joint::Stepper(Stepper { stepgen, .. }) => {
+            let line = |(name, parameter, _)| {
+                format!("setp {stepgen}.{parameter} [JOINT_{number}]{name}\n")
+            };
+            STEPS.into_iter().map(line).collect()
+        }
+    }
+}
+
 fn signal(machine: &Machine, name: &str) -> String {
     machine.own(name).replace('.', "-")
 }
@@ -169,14 +195,15 @@ pub fn motion(machine: &Machine) -> String {
          loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS\n\
          loadrt estop_latch count=3\n"
     );
-    if !joints.is_empty() {
+    let servos = joints.iter().filter_map(Joint::servo).count();
+    if servos > 0 {
         text.push_str("loadrt pid num_chan=[KINS]JOINTS\n");
     }
     text.push_str(
         "\naddf motion-command-handler servo-thread\n\
          addf motion-controller servo-thread\n",
     );
-    for number in 0..joints.len() {
+    for number in 0..servos {
         let _ = writeln!(text, "addf pid.{number}.do-pid-calcs servo-thread");
     }
     for latch in 0..3 {
@@ -189,11 +216,14 @@ pub fn motion(machine: &Machine) -> String {
          net tool-change <= iocontrol.0.tool-change => iocontrol.0.tool-changed\n",
     );
     for (number, joint) in joints.iter().enumerate() {
-        text.push_str(&servo(machine, number, joint));
+        text.push_str(&match joint {
+            Joint::Servo(joint) => servo(machine, number, joint),
+            Joint::Stepper(joint) => stepper(machine, number, joint),
+        });
     }
     if joints.is_empty() {
         text.push_str(
-            "\n# TODO: no encoder with an analog output was found. This joint's feedback is its command.\n\
+            "\n# TODO: no encoder with an analog output and no step generator was found. This joint's feedback is its command.\n\
              net joint-0-enable <= joint.0.amp-enable-out\n\
              net joint-0-command <= joint.0.motor-pos-cmd => joint.0.motor-pos-fb\n",
         );
@@ -227,7 +257,7 @@ fn emergency_stop(machine: &Machine) -> String {
 }
 
 /// The servo loop of a joint.
-fn servo(machine: &Machine, number: usize, joint: &Joint) -> String {
+fn servo(machine: &Machine, number: usize, joint: &Servo) -> String {
     let encoder = signal(machine, &joint.encoder);
     let volts = signal(machine, &joint.volts);
     let mut text = format!("\n# Joint {number}: {encoder}, {volts}\n");
@@ -243,6 +273,24 @@ fn servo(machine: &Machine, number: usize, joint: &Joint) -> String {
          net {encoder}-index-enable <=> joint.{number}.index-enable pid.{number}.index-enable\n\
          net {volts} <= pid.{number}.output\n"
     );
+    text
+}
+
+/// The step generator of a joint, which follows positions.
+fn stepper(machine: &Machine, number: usize, joint: &Stepper) -> String {
+    let stepgen = signal(machine, &joint.stepgen);
+    let mut text = format!(
+        "\n# Joint {number}: {stepgen}\n\
+         net joint-{number}-enable <= joint.{number}.amp-enable-out\n\
+         net {stepgen}-position-cmd <= joint.{number}.motor-pos-cmd\n\
+         net {stepgen}-position-fb => joint.{number}.motor-pos-fb\n"
+    );
+    if joint.has_index {
+        let _ = writeln!(
+            text,
+            "net {stepgen}-index-enable <=> joint.{number}.index-enable"
+        );
+    }
     text
 }
 
@@ -301,32 +349,42 @@ pub fn ini(machine: &Machine) -> String {
          # Time without a write after which the board turns its outputs off: five periods\n\
          WATCHDOG_NS = 5000000\n{limit}SSERIAL_FAULT_LIMIT = 200\n\n\
          [HAL]\nHALUI = halui\nHALFILE = motion.hal\nHALFILE = board.hal\n\n\
-         [KINS]\n# TODO: fewer, if an analog output is a spindle's\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
+         [KINS]\n# TODO: fewer, if an output is a spindle's or has no drive\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
          [TRAJ]\nCOORDINATES = {letters}\nLINEAR_UNITS = mm\nANGULAR_UNITS = degree\n\
          # TODO\nMAX_LINEAR_VELOCITY = 1\n"
     );
     for (number, letter) in letters.chars().enumerate() {
-        text.push_str(&axis(number, letter));
+        text.push_str(&axis(number, letter, machine.joints.get(number)));
     }
     text
 }
 
 /// The sections of an axis and its joint.
-fn axis(number: usize, letter: char) -> String {
+fn axis(number: usize, letter: char, joint: Option<&Joint>) -> String {
     let limits = "MIN_LIMIT = -1\nMAX_LIMIT = 1\nMAX_VELOCITY = 1\nMAX_ACCELERATION = 1\n";
     let kind = if "ABC".contains(letter) {
         "ANGULAR"
     } else {
         "LINEAR"
     };
+    let (remark, settings) = match joint {
+        Some(Joint::Stepper(_)) => (
+            "# TODO: steps for one unit; what the generator may do, a quarter more than the joint; and\n\
+             # times of the drive in ns\n",
+            &STEPS[..],
+        ),
+        _ => (
+            "# TODO: counts of the encoder for one unit\nENCODER_SCALE = 1000\n\
+             # TODO: the servo loop, in volts\n",
+            &LOOP[..],
+        ),
+    };
     let mut text = format!(
         "\n[AXIS_{letter}]\n# TODO: units, and units a second\n{limits}\n\
          [JOINT_{number}]\nTYPE = {kind}\n# TODO: units, and units a second\n{limits}\
-         FERROR = 0.1\nMIN_FERROR = 0.01\n\
-         # TODO: counts of the encoder for one unit\nENCODER_SCALE = 1000\n\
-         # TODO: the servo loop, in volts\n"
+         FERROR = 0.1\nMIN_FERROR = 0.01\n{remark}"
     );
-    for (name, _, value) in LOOP {
+    for (name, _, value) in settings {
         let _ = writeln!(text, "{name} = {value}");
     }
     text

@@ -20,12 +20,17 @@ use crate::place;
 use mesa_pci::PciAddress;
 
 /// Pins of the board's own modules that a controller connects to, without the board's name.
-const OF_MODULES: [&str; 10] = [
+const OF_MODULES: [&str; 15] = [
     "encoder.??.position",
     "encoder.??.velocity",
     "encoder.??.index-enable",
     "pwmgen.??.value",
     "pwmgen.??.enable",
+    "stepgen.??.position-cmd",
+    "stepgen.??.position-fb",
+    "stepgen.??.velocity-fb",
+    "stepgen.??.enable",
+    "stepgen.??.index-enable",
     "in*.??.input-??",
     "in*.??.enc?-count",
     "ssr.??.out-??",
@@ -61,7 +66,8 @@ pub struct Machine {
     pub pins: Vec<PinInfo>,
     /// Settings with their values in LinuxCNC's format.
     pub settings: Vec<(String, String)>,
-    /// Encoders, each with an analog output.
+    /// Encoders, each with an analog output, and then step generators; at most as many as LinuxCNC
+    /// has letters of axes.
     pub joints: Vec<Joint>,
     /// Configuration of each serial port for LinuxCNC: the software mode of each channel, or `x`.
     pub ports: BTreeMap<u8, String>,
@@ -71,9 +77,18 @@ pub struct Machine {
     pub undriven: Vec<String>,
 }
 
-/// A servo axis: the names of its pins.
+/// An axis: the names of its pins.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Joint {
+pub enum Joint {
+    /// An encoder and an analog output.
+    Servo(Servo),
+    /// A step generator.
+    Stepper(Stepper),
+}
+
+/// The pins of a servo axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Servo {
     /// Prefix of the names of the encoder's pins.
     pub encoder: String,
     /// Pin of the analog output.
@@ -102,6 +117,43 @@ impl Host {
 
     pub const fn is_pci(self) -> bool {
         matches!(self, Self::Pci(_))
+    }
+}
+
+/// The pins of a stepper axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stepper {
+    /// Prefix of the names of the step generator's pins.
+    pub stepgen: String,
+    /// Pin that enables the generator.
+    pub enable: String,
+    /// True if the generator has an index input.
+    pub has_index: bool,
+}
+
+impl Joint {
+    /// Prefix of the pins of its encoder or step generator.
+    pub fn module(&self) -> &str {
+        match self {
+            Self::Servo(servo) => &servo.encoder,
+            Self::Stepper(stepper) => &stepper.stepgen,
+        }
+    }
+
+    /// Pin that enables it.
+    pub fn enable(&self) -> Option<&String> {
+        match self {
+            Self::Servo(servo) => servo.enable.as_ref(),
+            Self::Stepper(stepper) => Some(&stepper.enable),
+        }
+    }
+
+    /// The servo axis.
+    pub const fn servo(&self) -> Option<&Servo> {
+        match self {
+            Self::Servo(servo) => Some(servo),
+            Self::Stepper(_) => None,
+        }
     }
 }
 
@@ -166,7 +218,7 @@ impl Machine {
     /// The number of the joint whose drive a pin enables.
     pub fn enabled_by(&self, pin: &PinInfo) -> Option<usize> {
         let mut joints = self.joints.iter();
-        joints.position(|joint| joint.enable.as_ref() == Some(&pin.name))
+        joints.position(|joint| joint.enable() == Some(&pin.name))
     }
 }
 
@@ -208,7 +260,8 @@ fn ports(board: &Configured<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>),
     Ok((ports.collect(), remotes))
 }
 
-/// Pairs of the first encoder and the first analog output, the second ones, and so on.
+/// Pairs of the first encoder and the first analog output, the second ones, and so on; then the step
+/// generators.
 fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {
@@ -216,23 +269,35 @@ fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
         encoder.starts_with(&of_fpga).then(|| encoder.to_owned())
     });
     let volts = pins.iter().filter(|pin| is_analog_output(pin));
-    let pairs = encoders.zip(volts).take(LETTERS.len());
-    let joint = |(encoder, volts): (String, &PinInfo)| {
+    let servo = |(encoder, volts): (String, &PinInfo)| {
         let id = board.pins().id(&volts.name).ok();
         let enable = id.and_then(|id| board.pins().enables(id).next());
         let enable = enable.and_then(|enable| board.pins().info_of(enable));
-        Joint {
+        Joint::Servo(Servo {
             encoder,
             volts: volts.name.clone(),
             enable: enable.map(|enable| enable.name.clone()),
-        }
+        })
     };
-    pairs.map(joint).collect()
+    let stepper = |pin: &PinInfo| {
+        let stepgen = pin.name.strip_suffix(".position-cmd")?.to_owned();
+        let index = format!("{stepgen}.index-enable");
+        Some(Joint::Stepper(Stepper {
+            enable: format!("{stepgen}.enable"),
+            has_index: pins.iter().any(|pin| pin.name == index),
+            stepgen,
+        }))
+    };
+    let servos = encoders.zip(volts).map(servo);
+    let joints = servos.chain(pins.iter().filter_map(stepper));
+    joints.take(LETTERS.len()).collect()
 }
 
+/// True for an analog output of an axis: that of a 7I76 is for a spindle.
 fn is_analog_output(pin: &PinInfo) -> bool {
+    let is_spindle = pin.name.ends_with(".spinout");
     let is_voltage = pin.unit.to_lowercase().starts_with('v');
-    pin.role == Role::Output && pin.hal_type == HalType::Float && is_voltage
+    pin.role == Role::Output && pin.hal_type == HalType::Float && is_voltage && !is_spindle
 }
 
 /// True if a pin can turn a drive on.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::machine::{Host, Joint, Machine, remark};
+use super::machine::{Host, Joint, Machine, Servo, remark};
 use mesa_hal::hal::{HalType, PinInfo, Role};
 
 /// A program that runs the cycle with a handle for each pin, and enables no drive.
@@ -19,6 +19,7 @@ pub fn program(machine: &Machine) -> String {
     let joints: Vec<_> = machine
         .joints
         .iter()
+        .filter_map(Joint::servo)
         .filter(|it| it.enable.is_some())
         .collect();
     let others: Vec<_> = machine
@@ -58,7 +59,7 @@ pub fn program(machine: &Machine) -> String {
     text
 }
 
-fn is_of(joints: &[&Joint], pin: &PinInfo) -> bool {
+fn is_of(joints: &[&Servo], pin: &PinInfo) -> bool {
     joints.iter().any(|joint| {
         let module = pin.name.rsplit_once('.').map(|(module, _)| module);
         let is_encoder = module == Some(&*joint.encoder) && !pin.name.ends_with(".velocity");
@@ -67,7 +68,7 @@ fn is_of(joints: &[&Joint], pin: &PinInfo) -> bool {
 }
 
 /// Types of the program.
-fn types(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
+fn types(machine: &Machine, joints: &[&Servo], others: &[&PinInfo]) -> String {
     let mut text = String::new();
     if !joints.is_empty() {
         text.push_str(
@@ -97,7 +98,7 @@ fn types(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
 }
 
 /// `Machine::find`, which makes the handles.
-fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
+fn find(machine: &Machine, joints: &[&Servo], others: &[&PinInfo]) -> String {
     let mut text =
         "impl Machine {\n    #[allow(clippy::too_many_lines, reason = \"a line for each pin\")]\n    fn find(pins: &Pins) -> Result<Self, PinError> {\n".to_owned();
     if !joints.is_empty() {
@@ -111,7 +112,7 @@ fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
     text.push_str("        Ok(Self {\n");
     if !joints.is_empty() {
         text.push_str("            joints: [\n");
-        for Joint {
+        for Servo {
             encoder,
             volts,
             enable,
@@ -136,7 +137,7 @@ fn find(machine: &Machine, joints: &[&Joint], others: &[&PinInfo]) -> String {
 }
 
 /// `Machine::control`, which runs in each cycle, and the functions it calls.
-fn control(joints: &[&Joint]) -> String {
+fn control(joints: &[&Servo]) -> String {
     let (servo, loops) = if joints.is_empty() {
         ("", "        // TODO\n        let _ = may_move;\n")
     } else {

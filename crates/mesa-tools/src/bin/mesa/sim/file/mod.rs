@@ -1,8 +1,9 @@
 //! A machine described in a TOML file.
 //!
 //! An error contains its line, its key and the allowed values; an unknown key is an error.
-//! `examples/mill.toml` has every key.
+//! `examples/mill.toml` and `examples/router.toml` have every key.
 
+mod axis;
 mod check;
 #[cfg(test)]
 mod tests;
@@ -11,7 +12,7 @@ use std::net::Ipv4Addr;
 use std::path::Path;
 
 use clap::ValueEnum;
-use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimTerminal};
+use mesa_hal_sim::SimTerminal;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -20,6 +21,7 @@ use super::machine::{Machine as Built, PORT};
 use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
 use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
 use crate::files::bounded;
+use axis::Axis;
 use check::{Lines, Range};
 
 /// Size limit of a description; no real one comes near it.
@@ -55,25 +57,6 @@ struct Remote {
     mode: Option<Spanned<u8>>,
     #[serde(default)]
     setup: bool,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Axis {
-    name: Spanned<String>,
-    output: Option<Spanned<i64>>,
-    encoder: Option<Spanned<i64>>,
-    max_speed: Option<Spanned<f64>>,
-    full_scale: Option<Spanned<f64>>,
-    time_constant: Option<Spanned<f64>>,
-    dead_band: Option<Spanned<f64>>,
-    counts_per_unit: Option<Spanned<f64>>,
-    counts_per_index: Option<u32>,
-    inertia: Option<Spanned<f64>>,
-    max_force: Option<Spanned<f64>>,
-    friction: Option<Spanned<f64>>,
-    stops: Option<Spanned<[f64; 2]>>,
-    position: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -142,7 +125,7 @@ fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
         .mac
         .as_ref()
         .map(|mac| parse_mac(mac.get_ref()).map_err(|reason| lines.wrong(mac, "mac", &reason)));
-    let axes = axes(&lines, &file.axis, board.axes())?;
+    let axes = axis::plans(&lines, &file.axis, board)?;
     let plan = Plan {
         switches: switches(&lines, &file.switch, &axes)?,
         axes,
@@ -195,106 +178,6 @@ fn remotes(
             .map_err(|reason| lines.wrong(&table.channel, "remote.channel", &reason))?;
     }
     Ok(remotes)
-}
-
-/// The axes of a board that has outputs and encoders for `count`.
-fn axes(lines: &Lines<'_>, tables: &[Axis], count: usize) -> Result<Vec<AxisPlan>, String> {
-    let mut axes: Vec<AxisPlan> = Vec::new();
-    for (number, table) in tables.iter().enumerate() {
-        let names = axes.iter().map(|axis| axis.name.as_str());
-        let name = lines.name(&table.name, "axis.name", names)?;
-        let place = |value: &Option<Spanned<i64>>, key: &str| {
-            let Some(value) = value else {
-                return Ok(number);
-            };
-            let index = usize::try_from(*value.get_ref()).ok();
-            let allowed = format!("allowed are 0 to {}", count - 1);
-            index
-                .filter(|&index| index < count)
-                .ok_or_else(|| lines.wrong(value, key, &allowed))
-        };
-        let output = place(&table.output, "axis.output")?;
-        let encoder = place(&table.encoder, "axis.encoder")?;
-        let is_taken =
-            |other: &AxisPlan| usize::from(other.output) == output || other.encoder == encoder;
-        if let Some(other) = axes.iter().find(|other| is_taken(other)) {
-            let reason = format!(
-                "output {output} or encoder {encoder} belongs to axis {} already",
-                other.name
-            );
-            return Err(lines.wrong(&table.name, "axis.name", &reason));
-        }
-        if output >= count || encoder >= count {
-            let reason = format!("there are {count} outputs and {count} encoders");
-            return Err(lines.wrong(&table.name, "axis.name", &reason));
-        }
-        axes.push(AxisPlan {
-            name,
-            output: output as u8,
-            encoder,
-            motor: motor(lines, table)?,
-        });
-    }
-    Ok(axes)
-}
-
-/// The motor of an axis. The library checks the motor's values; this function finds the key and the
-/// line of a refused one.
-fn motor(lines: &Lines<'_>, table: &Axis) -> Result<Motor, String> {
-    let usual = MotorConfig::default();
-    let number =
-        |value: &Option<Spanned<f64>>, usual: f64| value.as_ref().map_or(usual, |v| *v.get_ref());
-    let made = Motor::new(MotorConfig {
-        max_speed: number(&table.max_speed, usual.max_speed),
-        full_scale: number(&table.full_scale, usual.full_scale),
-        time_constant: number(&table.time_constant, usual.time_constant),
-        friction: number(&table.dead_band, usual.friction),
-        counts_per_unit: number(&table.counts_per_unit, usual.counts_per_unit),
-        counts_per_revolution: table
-            .counts_per_index
-            .unwrap_or(usual.counts_per_revolution),
-        inertia: number(&table.inertia, usual.inertia),
-        max_force: number(&table.max_force, usual.max_force),
-        drag: number(&table.friction, usual.drag),
-        stops: table
-            .stops
-            .as_ref()
-            .map_or(usual.stops, |stops| *stops.get_ref()),
-        position: number(&table.position, usual.position),
-    });
-    let motor = made.map_err(|error| wrong_motor(lines, table, &error))?;
-    match &table.position {
-        Some(value) if motor.position() != *value.get_ref() => {
-            Err(lines.wrong(value, "axis.position", "it must be between the stops"))
-        }
-        _ => Ok(motor),
-    }
-}
-
-/// Error text, with its line, for a value that the motor refused.
-fn wrong_motor(lines: &Lines<'_>, table: &Axis, error: &MotorError) -> String {
-    let MotorError::OutOfRange { field, allowed, .. } = *error else {
-        let stops = table.stops.as_ref();
-        let allowed = "allowed are two positions, the lower one first; -inf and inf for none";
-        let wrong = |stops| lines.wrong(stops, "axis.stops", allowed);
-        return stops.map_or_else(|| error.to_string(), wrong);
-    };
-    let (key, value) = match field {
-        "max_speed" => ("axis.max_speed", &table.max_speed),
-        "full_scale" => ("axis.full_scale", &table.full_scale),
-        "time_constant" => ("axis.time_constant", &table.time_constant),
-        "friction" => ("axis.dead_band", &table.dead_band),
-        "counts_per_unit" => ("axis.counts_per_unit", &table.counts_per_unit),
-        "inertia" => ("axis.inertia", &table.inertia),
-        "max_force" => ("axis.max_force", &table.max_force),
-        "drag" => ("axis.friction", &table.friction),
-        "position" => ("axis.position", &table.position),
-        _ => return lines.wrong(&table.name, "axis", &error.to_string()),
-    };
-    let Some(value) = value else {
-        return lines.wrong(&table.name, "axis", &error.to_string());
-    };
-    lines.wrong(value, key, &format!("allowed is {allowed}"))
 }
 
 fn switches(

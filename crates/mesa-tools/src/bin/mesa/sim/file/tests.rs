@@ -1,6 +1,11 @@
 use super::*;
 
+use mesa_hal_sim::{MotorConfig, StepperConfig};
+
+use crate::sim::plan::MoverPlan;
+
 const MILL: &str = include_str!("../../../../../../../examples/mill.toml");
+const ROUTER: &str = include_str!("../../../../../../../examples/router.toml");
 
 fn parsed(text: &str) -> Result<MachineOptions, String> {
     parse(text, Path::new("."))
@@ -12,13 +17,16 @@ fn the_example_is_read_as_its_comments_say() {
     assert_eq!(mill.board, Board::I7i97);
     assert_eq!(mill.mac, Some([0x00, 0x60, 0x1B, 0x1B, 0x00, 0x97]));
     assert_eq!((mill.remotes.len(), mill.plan.axes.len()), (1, 3));
-    let x = &mill.plan.axes[0];
-    assert_eq!((x.output, x.encoder), (0, 0));
-    assert_eq!(x.motor.config().stops, [-8.0, 508.0]);
-    assert_eq!(
-        (x.motor.config().inertia, x.motor.config().drag),
-        (0.08, 30.0)
-    );
+    let MoverPlan::Servo {
+        output: 0,
+        encoder: 0,
+        motor,
+    } = mill.plan.axes[0].mover
+    else {
+        panic!("a motor on output 0: {:?}", mill.plan.axes[0]);
+    };
+    assert_eq!(motor.config().stops, [-8.0, 508.0]);
+    assert_eq!((motor.config().inertia, motor.config().drag), (0.08, 30.0));
     let limit = &mill.plan.switches[1];
     assert_eq!((limit.from, limit.to), (502.0, f64::INFINITY));
     assert!(limit.normally_closed);
@@ -27,23 +35,65 @@ fn the_example_is_read_as_its_comments_say() {
 }
 
 #[test]
-fn what_the_example_calls_defaults_are_the_defaults() {
-    let line = |line: &&str| line.contains("# ") && line.contains("Default: ");
+fn the_stepper_example_is_read_as_its_comments_say() {
+    let router = parsed(ROUTER).unwrap();
+    assert_eq!(router.board, Board::I7i92With7i76);
+    let MoverPlan::Stepper {
+        generator: 0,
+        encoder: None,
+        motor,
+    } = router.plan.axes[0].mover
+    else {
+        panic!("a stepper motor: {:?}", router.plan.axes[0]);
+    };
+    let config = motor.config();
+    assert_eq!((config.steps_per_unit, config.max_speed), (200.0, 250.0));
+    assert_eq!((config.min_pulse, config.dir_hold), (2_500, 5_000));
+    // Without an encoder a count is a step.
+    assert_eq!(config.counts_per_unit, 200.0);
+    let spindle = &router.plan.axes[3].mover;
+    assert!(matches!(spindle, MoverPlan::Servo { output: 0, .. }));
+}
+
+#[test]
+fn what_the_examples_call_defaults_are_the_defaults() {
     let motor = MotorConfig::default();
-    let known = [
-        ("counts_per_unit", motor.counts_per_unit),
-        ("counts_per_index", motor.counts_per_revolution.into()),
-        ("max_speed", motor.max_speed),
-        ("full_scale", motor.full_scale),
-        ("time_constant", motor.time_constant),
-        ("dead_band", motor.friction),
-        ("inertia", motor.inertia),
-        ("max_force", motor.max_force),
-        ("friction", motor.drag),
-        ("position", motor.position),
-    ];
-    for (key, value) in known {
-        let mut lines = MILL.lines().filter(line);
+    are_the_defaults(
+        MILL,
+        &[
+            ("counts_per_unit", motor.counts_per_unit),
+            ("counts_per_index", motor.counts_per_revolution.into()),
+            ("max_speed", motor.max_speed),
+            ("full_scale", motor.full_scale),
+            ("time_constant", motor.time_constant),
+            ("dead_band", motor.friction),
+            ("inertia", motor.inertia),
+            ("max_force", motor.max_force),
+            ("friction", motor.drag),
+            ("position", motor.position),
+        ],
+    );
+    let stepper = StepperConfig::default();
+    are_the_defaults(
+        ROUTER,
+        &[
+            ("steps_per_unit", stepper.steps_per_unit),
+            ("max_acceleration", stepper.max_acceleration),
+            ("start_speed", stepper.start_speed),
+            ("max_speed", stepper.max_speed),
+            ("min_pulse", stepper.min_pulse as f64),
+            ("min_space", stepper.min_space as f64),
+            ("dir_setup", stepper.dir_setup as f64),
+            ("dir_hold", stepper.dir_hold as f64),
+            ("position", stepper.position),
+        ],
+    );
+}
+
+fn are_the_defaults(example: &str, known: &[(&str, f64)]) {
+    let line = |line: &&str| line.contains("# ") && line.contains("Default: ");
+    for &(key, value) in known {
+        let mut lines = example.lines().filter(line);
         let found = lines.find(|line| line.starts_with(&format!("{key} ")));
         let found = found.unwrap_or_else(|| panic!("{key} has no default in the example"));
         let (_, said) = found.rsplit_once("Default: ").unwrap();
@@ -51,11 +101,11 @@ fn what_the_example_calls_defaults_are_the_defaults() {
     }
 }
 
-/// The example with one line replaced.
-fn changed(from: &str, to: &str) -> (usize, String) {
-    let line = MILL.lines().position(|line| line.starts_with(from));
+/// An example with one line replaced.
+fn changed(example: &str, from: &str, to: &str) -> (usize, String) {
+    let line = example.lines().position(|line| line.starts_with(from));
     let line = line.unwrap_or_else(|| panic!("no line `{from}`"));
-    let lines = MILL.lines().enumerate();
+    let lines = example.lines().enumerate();
     let text: Vec<_> = lines
         .map(|(number, old)| if number == line { to } else { old })
         .collect();
@@ -156,13 +206,54 @@ const MISTAKES: &[(&str, &str, &str, &str)] = &[
     ("cuts_drives", "cuts_drives = 1", "cuts_drives", "boolean"),
 ];
 
+/// The same for the stepper example.
+const STEPPER_MISTAKES: &[(&str, &str, &str, &str)] = &[
+    ("stepgen = 0", "stepgen = 5", "axis.stepgen", "0 to 4"),
+    (
+        "stepgen = 1",
+        "stepgen = 0",
+        "axis.name",
+        "belongs to axis x",
+    ),
+    ("output", "stepgen = 2", "axis.name", "belongs to axis z"),
+    ("output", "output = 1", "axis.output", "0 to 0"),
+    ("output", "start_speed = 1", "axis.start_speed", "`stepgen`"),
+    ("output", "dir_hold = 1", "axis.dir_hold", "`stepgen`"),
+    ("min_pulse", "min_pulse = -1", "min_pulse", "u32"),
+    ("min_space", "stops = [0, 1]", "axis.stops", "does not have"),
+    ("min_space", "output = 0", "axis.output", "does not have"),
+    ("min_space", "encoder = 1", "axis.encoder", "0 to 0"),
+    ("min_space", "inertia = 1", "axis.inertia", "does not have"),
+    (
+        "steps_per_unit",
+        "steps_per_unit = 0",
+        "axis.steps_per_unit",
+        "not 0",
+    ),
+    (
+        "max_acceleration",
+        "max_acceleration = 0",
+        "axis.max_acceleration",
+        "more than 0",
+    ),
+    (
+        "start_speed",
+        "start_speed = nan",
+        "axis.start_speed",
+        "more than 0",
+    ),
+    ("board", "board = \"7i97\"", "axis.stepgen", "has none"),
+];
+
 #[test]
 fn an_error_names_its_line_its_key_and_what_is_allowed() {
-    for &(from, to, key, allowed) in MISTAKES {
-        let (line, text) = changed(from, to);
+    let all = MISTAKES.iter().map(|mistake| (MILL, mistake));
+    let all = all.chain(STEPPER_MISTAKES.iter().map(|mistake| (ROUTER, mistake)));
+    for (example, &(from, to, key, allowed)) in all {
+        let (line, text) = changed(example, from, to);
         let error = parsed(&text).unwrap_err();
         // These conflicts with another line may be reported at that line.
-        if !["axis.name", "switch.name", "input 15"].contains(&key) {
+        if !["axis.name", "axis.stepgen", "switch.name", "input 15"].contains(&key) {
             assert!(
                 error.starts_with(&format!("line {line}: ")),
                 "{to}: {error}"

@@ -212,24 +212,33 @@ impl BoardView {
             "" => axis,
             name => name,
         };
+        let is_stepper = self.values.has(&format!("{of}.steps"));
         let (drive, color) = if !is_on("powered") {
             ("NO POWER", Color::Red)
+        } else if is_stepper {
+            ("powered", Color::Reset)
         } else if is_on("enabled") {
             ("enabled", Color::Green)
         } else {
             ("disabled", Color::Reset)
         };
+        let lost = number("lost-steps") + number("overshot-steps");
         let held = match (is_on("stalled"), is_on("at-stop")) {
-            (true, _) => "JAMMED",
-            (false, true) => "AT STOP",
-            _ => "",
+            (true, _) => "JAMMED".to_owned(),
+            (false, true) => "AT STOP".to_owned(),
+            _ if is_stepper && lost > 0.0 => format!("{lost} LOST"),
+            _ => String::new(),
+        };
+        let command = if is_stepper {
+            format!("{:>7} steps", number("commanded-steps"))
+        } else {
+            format!("{:>11.4} V", number("volts"))
         };
         Line::from(vec![
             Span::raw(format!(
-                "  {name:<9} {:>13.4} {:>13.4} {:>11.4} V  ",
+                "  {name:<9} {:>13.4} {:>13.4} {command}  ",
                 number("position"),
                 number("velocity"),
-                number("volts"),
             )),
             Span::styled(format!("{drive:<9}"), palette.style(color)),
             Span::styled(format!("{held:<7}"), palette.style(Color::Red)),

@@ -1,0 +1,155 @@
+//! The position of a generator: its accumulator without wrap-around.
+//!
+//! Source: FACTS 14.4.
+
+use core::time::Duration;
+
+/// Number of steps between two reads that is the same in either direction, less one.
+pub(super) const AMBIGUOUS: f64 = 32_767.0;
+
+/// Sub-counts of a step.
+pub(super) const SUB_COUNTS: f64 = 65_536.0;
+
+/// The position in sub-counts: 65536 for each step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct StepCounts {
+    /// Sub-counts since the start, the last reset or the last index.
+    pub sub_counts: i64,
+    /// The motor may stand elsewhere: steps were made while its pins were no outputs, or the
+    /// accumulator may have wrapped around unseen. Kept until the next reset or index.
+    pub is_unsure: bool,
+    /// The accumulator of the last read; `None` if the next one is the origin.
+    last: Option<u32>,
+}
+
+impl StepCounts {
+    /// Takes the accumulator; returns its movement since the last read.
+    pub fn read(&mut self, accumulator: u32) -> i64 {
+        let last = self.last.replace(accumulator).unwrap_or(accumulator);
+        let moved = i64::from(accumulator.wrapping_sub(last) as i32);
+        self.sub_counts = self.sub_counts.wrapping_add(moved);
+        moved
+    }
+
+    /// Takes the time since the last read, before the next one: with the highest rate of that time
+    /// in steps per second, the accumulator may have wrapped around. Returns true if so.
+    pub fn observe_gap(&mut self, gap: Duration, fastest: f64) -> bool {
+        let is_ambiguous = self.last.is_some() && gap.as_secs_f64() * fastest >= AMBIGUOUS;
+        self.is_unsure |= is_ambiguous;
+        is_ambiguous
+    }
+
+    /// Makes the present position 0.
+    pub fn reset(&mut self) {
+        (self.sub_counts, self.is_unsure) = (0, false);
+    }
+
+    /// Makes the position 0 where the accumulator had a latched value.
+    pub fn restart_at(&mut self, latched: u32) {
+        let behind = self.behind(latched);
+        (self.sub_counts, self.is_unsure) = (behind, false);
+    }
+
+    /// The position at which the accumulator had a latched value: its upper 24 bits.
+    pub fn position_at(&self, latched: u32) -> i64 {
+        self.sub_counts.wrapping_sub(self.behind(latched))
+    }
+
+    /// Distance of a latched value behind the present position.
+    fn behind(&self, latched: u32) -> i64 {
+        let accumulator = self.last.unwrap_or(0);
+        i64::from(accumulator.wrapping_sub(latched << 8) as i32)
+    }
+
+    /// Takes the next accumulator as the origin: the position continues from here, whatever steps
+    /// were made meanwhile.
+    pub fn resume(&mut self) {
+        self.is_unsure |= self.last.is_some();
+        self.last = None;
+    }
+
+    /// Whole steps, rounded down.
+    pub const fn steps(&self) -> i32 {
+        (self.sub_counts >> 16) as i32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    proptest! {
+        #[test]
+        fn the_position_is_that_of_a_wide_accumulator_over_any_walk(
+            start: u32, moves in prop::collection::vec(i32::MIN..=i32::MAX, 1..200),
+        ) {
+            let mut counts = StepCounts::default();
+            counts.read(start);
+            let mut wide = i64::from(start);
+            for change in moves {
+                wide += i64::from(change);
+                prop_assert_eq!(counts.read(wide as u32), i64::from(change));
+                prop_assert_eq!(counts.sub_counts, wide - i64::from(start));
+                prop_assert_eq!(counts.steps(), (counts.sub_counts >> 16) as i32);
+            }
+            prop_assert!(!counts.is_unsure);
+        }
+
+        #[test]
+        fn a_latched_point_is_found_on_both_sides_of_a_wrap_around(
+            start: u32, before in -1_000_000_000i64..1_000_000_000, after in -1_000_000_000i64..1_000_000_000,
+        ) {
+            let mut counts = StepCounts::default();
+            counts.read(start);
+            let at = i64::from(start) + before;
+            let end = at + after;
+            // In two reads, because of the distance.
+            counts.read(at as u32);
+            counts.read(end as u32);
+            let latched = at as u32 >> 8;
+            let below = at & 0xFF;
+            prop_assert_eq!(counts.position_at(latched), before - below);
+            counts.is_unsure = true;
+            counts.restart_at(latched);
+            prop_assert_eq!((counts.sub_counts, counts.is_unsure), (after + below, false));
+        }
+    }
+
+    #[test]
+    fn a_gap_in_which_the_accumulator_can_wrap_around_is_unsure_until_a_reset() {
+        let mut counts = StepCounts::default();
+        assert!(!counts.observe_gap(MS * 9, 4e6));
+        counts.read(5);
+        assert!(!counts.observe_gap(MS * 8, 4e6));
+        assert!(!counts.is_unsure);
+        assert!(counts.observe_gap(MS * 9, 4e6));
+        counts.read(7);
+        assert!(!counts.observe_gap(MS, 4e6));
+        assert!(counts.is_unsure);
+        counts.reset();
+        assert_eq!((counts.sub_counts, counts.is_unsure), (0, false));
+        counts.read(u32::MAX);
+        assert_eq!(
+            (counts.sub_counts, counts.steps()),
+            (-8, -1),
+            "rounded down"
+        );
+    }
+
+    #[test]
+    fn the_position_goes_on_where_it_was_after_steps_that_nobody_saw() {
+        let mut counts = StepCounts::default();
+        counts.resume();
+        assert!(!counts.is_unsure, "nothing to lose");
+        counts.read(0);
+        counts.read(9 << 16);
+        counts.resume();
+        assert_eq!(counts.read(500 << 16), 0);
+        assert_eq!((counts.steps(), counts.is_unsure), (9, true));
+        counts.read(501 << 16);
+        assert_eq!(counts.steps(), 10);
+    }
+}

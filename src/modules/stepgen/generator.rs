@@ -1,0 +1,429 @@
+//! One generator: its registers, and its cycle.
+
+use core::time::Duration;
+
+use super::control::{ControlLaw, ControlLimits};
+use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
+use super::latch::{AccumulatorLatch, LatchRequest};
+use super::pins::{StepgenPins, Switches};
+use super::pulses::PulseChange;
+use super::rate::RateRegister;
+use super::registers::Registers;
+use super::reports::Reports;
+use super::timing::PulseTimes;
+use super::{Firmware, ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::hal::{GroupId, PinMaker, PinStore, Place};
+use crate::hostmot2::ModuleDescriptor;
+
+/// Rate register for one step per tick of the clock.
+const STEP_PER_TICK: f64 = 4_294_967_296.0;
+/// Part of the highest rate from which on it counts as near.
+const NEAR: f64 = 0.9;
+/// A command is too fast when it is so much faster than the highest speed.
+const TOO_FAST: f64 = 1.000_1;
+/// Sub-counts in a period from which on a movement must be seen.
+const VISIBLE: f64 = 4.0;
+
+/// What all generators have in common in a write.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moment {
+    /// The part of the period since the sample of the positions.
+    pub delay: f64,
+    pub period: Duration,
+}
+
+/// Factors that follow from the parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Factors {
+    /// Units of position for a sub-count.
+    units: f64,
+    /// Rate register for a move of one unit in a period.
+    rate: f64,
+    /// Periods in a second, and its inverse.
+    periods: f64,
+    seconds: f64,
+    /// The highest rate of the gateware in steps per second.
+    highest: f64,
+    /// Rate register from which on the rate is near the highest.
+    near: u32,
+    /// Rate register from which on each read shows a movement.
+    visible: u32,
+    /// A shorter time between two reads cannot be ambiguous.
+    safe_gap: Duration,
+    /// The speed that `maxvel` asks for, in steps per second.
+    asked: f64,
+}
+
+/// A step generator.
+#[derive(Debug)]
+pub(super) struct Generator {
+    pins: StepgenPins,
+    /// The part of the group that has the parameters.
+    parameters: GroupId,
+    /// Its version when they were read last.
+    version: Option<u64>,
+    clock_hz: u32,
+    registers: Registers,
+    law: ControlLaw,
+    limits: ControlLimits,
+    factors: Factors,
+    counts: StepCounts,
+    latch: AccumulatorLatch,
+    change: PulseChange,
+    rate: RateRegister,
+    reports: Reports,
+    /// The position, as it was read or as it is expected without a read.
+    position: f64,
+    is_read: bool,
+    switches: Switches,
+    /// The generator follows its commands.
+    is_enabled: bool,
+}
+
+impl Generator {
+    pub fn new(
+        r: &mut Registrar<'_>,
+        module: &ModuleDescriptor,
+        instance: u8,
+        number: u8,
+        firmware: Firmware,
+    ) -> Result<Self, RegisterError> {
+        let stem = alloc::format!("stepgen.{number:02}.");
+        let places = r.board.step_places(r.firmware, number);
+        let place: Place = places.into_iter().collect();
+        let mut pins = StepgenPins::new(r.maker_at(&stem, place.clone()), firmware)?;
+        let parameters = r.pins.add_part(r.group)?;
+        let stem = alloc::format!("{}.{stem}", r.name);
+        let make = PinMaker::new(r.pins, parameters, stem.clone());
+        pins.enable = make.at(place).output("enable", false)?;
+        pins.add_parameters(PinMaker::new(r.pins, parameters, stem), firmware)?;
+        r.pins.enabled_by(pins.position_cmd, pins.enable);
+        r.pins.enabled_by(pins.velocity_cmd, pins.enable);
+        let clock_hz = firmware.clock_hz;
+        let pulses = pins.pulses(r.pins, clock_hz);
+        Ok(Self {
+            pins,
+            parameters,
+            version: None,
+            clock_hz,
+            registers: Registers::new(r, module, instance, &pulses, firmware)?,
+            law: ControlLaw::default(),
+            limits: ControlLimits::new(0.0, 0.0, 1.0),
+            factors: Factors::default(),
+            counts: StepCounts::default(),
+            latch: AccumulatorLatch::default(),
+            change: PulseChange::new(pulses),
+            rate: RateRegister::new(),
+            reports: Reports::new(number),
+            position: 0.0,
+            is_read: false,
+            switches: Switches::default(),
+            is_enabled: false,
+        })
+    }
+
+    pub const fn pins(&self) -> StepgenPins {
+        self.pins
+    }
+
+    /// Takes the outcome of a write. If it did not arrive, the generator goes on with the rate of
+    /// before.
+    #[inline]
+    pub fn written(&mut self, arrived: bool) {
+        self.rate.written(arrived);
+        if arrived {
+            self.change.sent();
+        }
+        self.law.written(arrived);
+    }
+
+    /// Stops the generator with the next write.
+    pub fn halt(&mut self) {
+        self.law.halt(self.law.command());
+        self.is_enabled = false;
+    }
+
+    /// The period has changed: factors and limits are prepared again.
+    pub const fn period_changed(&mut self) {
+        self.version = None;
+    }
+
+    /// The board has its set-up again, with a rate of 0.
+    pub fn restored(&mut self) {
+        self.counts.resume();
+        self.latch.forget();
+        self.halt();
+        self.rate = RateRegister::new();
+        self.change.restored();
+    }
+}
+
+/// The read.
+impl Generator {
+    /// Takes the accumulator. `gap` is the time since the last good read.
+    pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap: Duration) {
+        self.reports.tell(cycle);
+        let certain = cycle.certain;
+        if self.change.read(certain) && self.rate.may_have_moved() {
+            self.counts.is_unsure = true;
+        }
+        let is_ambiguous = gap >= self.factors.safe_gap && self.observe_gap(gap, certain);
+        self.rate.read(certain);
+        let moved = self
+            .counts
+            .read(cycle.words.word(self.registers.accumulator));
+        if self.rate.observe(moved, certain, self.factors.visible) {
+            self.counts.is_unsure = true;
+            self.reports.stands(self.steps_per_second(self.rate.word));
+        }
+        let is_still = self.rate.word == 0 && moved == 0 && certain;
+        self.change.observe_rest(cycle.now, is_still, self.clock_hz);
+        if let Some(slot) = self.registers.shown_mode {
+            if is_ambiguous {
+                // The distance to a latched value is not known.
+                self.latch.forget();
+            }
+            let mode = cycle.words.word(slot);
+            self.take_latch(mode, certain, cycle.pins);
+        }
+        if self.switches.resets {
+            self.counts.reset();
+        }
+        self.position = self.counts.sub_counts as f64 * self.factors.units;
+        self.is_read = true;
+        let (pins, to) = (&self.pins, &mut *cycle.pins);
+        to.publish(pins.counts, self.counts.steps());
+        to.publish(pins.position_fb, self.position);
+        to.publish(pins.position_unsure, self.counts.is_unsure);
+        if !self.is_enabled {
+            to.set_safe(pins.position_cmd, self.position);
+        }
+    }
+
+    /// After a doubtful exchange an older rate than that of the last writes may have been in force.
+    fn observe_gap(&mut self, gap: Duration, certain: bool) -> bool {
+        let fastest = if certain {
+            f64::from(self.rate.fastest()) / STEP_PER_TICK * f64::from(self.clock_hz)
+        } else {
+            self.factors.highest
+        };
+        self.counts.observe_gap(gap, fastest)
+    }
+
+    /// The rate of a word of the rate register.
+    fn steps_per_second(&self, word: i32) -> f64 {
+        f64::from(word.unsigned_abs()) / STEP_PER_TICK * f64::from(self.clock_hz)
+    }
+
+    fn take_latch(&mut self, mode: u32, certain: bool, pins: &mut PinStore) {
+        let Some((event, latched)) = self.latch.observe(mode, certain) else {
+            return;
+        };
+        let done = if event == LatchRequest::Index {
+            self.counts.restart_at(latched);
+            self.pins.index_enable
+        } else {
+            let at = self.counts.position_at(latched) as f64 * self.factors.units;
+            if let Some(pin) = self.pins.position_latch {
+                pins.publish(pin, at);
+            }
+            self.pins.probe_enable
+        };
+        if let Some(pin) = done {
+            pins.publish(pin, false);
+        }
+    }
+}
+
+/// The write.
+impl Generator {
+    pub fn write(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) {
+        let version = cycle.pins.output_version(self.parameters);
+        let has_changed = version != self.version;
+        if !cycle.changed && !has_changed && self.is_idle() {
+            return;
+        }
+        if has_changed {
+            self.configure(cycle.pins);
+            self.version = cycle.pins.output_version(self.parameters);
+        }
+        let has_changed = self.set_pulses(cycle) || has_changed;
+        if has_changed {
+            self.prepare(cycle.pins, moment.period);
+        }
+        if has_changed || self.latch.is_unsettled() {
+            self.set_mode(cycle);
+        }
+        if !core::mem::take(&mut self.is_read) {
+            self.position += self.law.step();
+        }
+        self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
+        self.control(cycle, moment);
+        self.rate.put((self.law.step() * self.factors.rate) as i32);
+        let word = self.rate.word;
+        cycle.words.put(self.registers.rate, word as u32);
+        self.publish(cycle.pins);
+    }
+
+    /// True if a write changes nothing as long as no pin does.
+    fn is_idle(&self) -> bool {
+        let is_still = self.rate.word == 0 && self.law.step() == 0.0;
+        is_still && self.change.is_settled() && !self.is_enabled && !self.latch.is_unsettled()
+    }
+
+    /// Takes the switches, and the pulses that the parameters ask for.
+    fn configure(&mut self, pins: &mut PinStore) {
+        if let Some(asked) = self.pins.clip_times(pins, self.clock_hz) {
+            let longest = PulseTimes::longest(self.clock_hz);
+            self.reports.clipped(asked, longest);
+        }
+        self.switches = self.pins.switches(pins);
+        if !self.switches.is_on {
+            self.rate.disabled();
+        }
+        let wanted = self.pins.pulses(pins, self.clock_hz);
+        let times = self.pins.times(pins);
+        self.reports
+            .observe_times(times, &wanted.ticks, self.clock_hz);
+        self.change.want(wanted);
+    }
+
+    /// Prepares factors and limits, with the pulses that the board makes.
+    fn prepare(&mut self, pins: &PinStore, period: Duration) {
+        let (seconds, clock) = (period.as_secs_f64(), f64::from(self.clock_hz));
+        let scale = pins.param(self.pins.position_scale);
+        let highest = self.change.board().ticks.highest_rate(self.clock_hz);
+        let [speed, acceleration] =
+            [self.pins.maxvel, self.pins.maxaccel].map(|limit| pins.param(limit).abs());
+        let fastest = highest / scale.abs();
+        let asked = speed * scale.abs();
+        let is_limited = speed > 0.0 && speed < fastest;
+        let speed = if is_limited { speed } else { fastest };
+        let units = 1.0 / (SUB_COUNTS * scale);
+        let limits = ControlLimits::new(speed, acceleration, seconds).with_grain(units.abs());
+        let factors = Factors {
+            units,
+            rate: scale * STEP_PER_TICK / (clock * seconds),
+            periods: 1.0 / seconds,
+            seconds,
+            highest,
+            near: (NEAR * highest * STEP_PER_TICK / clock) as u32,
+            visible: (VISIBLE * SUB_COUNTS / (clock * seconds)) as u32,
+            safe_gap: Duration::try_from_secs_f64(AMBIGUOUS / highest).unwrap_or(Duration::ZERO),
+            asked,
+        };
+        // The version changes with each arming as well, and a change of the pulses has a limit of its
+        // own.
+        if (limits, factors) != (self.limits, self.factors) {
+            (self.limits, self.factors) = (limits, factors);
+            self.reports.limit_changed();
+        }
+        if !self.change.is_due() && asked > highest * TOO_FAST {
+            self.reports.limited(asked, highest);
+        }
+        // The units may have changed.
+        self.position = self.counts.sub_counts as f64 * self.factors.units;
+    }
+
+    /// Writes changed pulses to a generator that rests; returns true if it did.
+    fn set_pulses(&mut self, cycle: &mut WriteCycle<'_>) -> bool {
+        if cycle.hold {
+            return false;
+        }
+        let change = self.change.take();
+        if let Some((before, after)) = &change {
+            self.registers.set(cycle, before, after);
+        }
+        change.is_some()
+    }
+
+    /// Sets the mode of the pulses and the request of the latch.
+    fn set_mode(&mut self, cycle: &mut WriteCycle<'_>) {
+        self.latch.request(self.switches.request);
+        let mode = self.change.board().mode | self.latch.bits() | self.switches.edges;
+        cycle.words.set(self.registers.mode, mode);
+        if self.latch.is_unsettled() {
+            cycle.words.repeat(self.registers.mode);
+        }
+    }
+
+    /// Lets the law make the next move.
+    fn control(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) {
+        let command = self.command(cycle.pins);
+        let by_speed = self.switches.by_speed;
+        let mut lag = 0.0;
+        if self.is_enabled && !by_speed {
+            lag = self.law.command() - self.position;
+        }
+        if cycle.hold || self.change.holds(self.rate.word == 0) {
+            self.law.halt(command);
+        } else if !self.is_enabled {
+            let has_ramp = cycle.pins.param(self.pins.disable_ramp) && !self.rate.stands();
+            if has_ramp && self.law.step() != 0.0 {
+                self.law.brake(&self.limits, command);
+            } else {
+                self.law.halt(command);
+            }
+        } else {
+            self.reports.enabled();
+            if by_speed {
+                let step = cycle.pins.fetch(self.pins.velocity_cmd) * self.factors.seconds;
+                self.check_limit(step);
+                self.law.track(&self.limits, step, command);
+            } else {
+                self.law
+                    .follow(&self.limits, command, self.position, moment.delay);
+                self.check_limit(self.law.feed());
+                self.publish_debug(cycle.pins, -lag);
+            }
+        }
+        cycle.pins.publish(self.pins.position_lag, lag);
+    }
+
+    /// The commanded position; that of before if it is not finite, which is counted.
+    fn command(&self, pins: &mut PinStore) -> f64 {
+        let command = pins.commanded(self.pins.position_cmd);
+        if !command.is_finite() {
+            // Counts the value.
+            let _ = pins.fetch(self.pins.position_cmd);
+        }
+        command
+    }
+
+    /// Reports a command that is faster than the limit, once.
+    #[inline]
+    fn check_limit(&mut self, step: f64) {
+        if step.abs() > self.limits.top() * TOO_FAST && !self.change.is_due() {
+            let steps = self.factors.rate * f64::from(self.clock_hz) / STEP_PER_TICK;
+            let steps = steps.abs();
+            self.reports
+                .limited(step.abs() * steps, self.limits.top() * steps);
+        }
+    }
+
+    fn publish(&self, to: &mut PinStore) {
+        let pins = &self.pins;
+        let speed = match self.rate.word {
+            // A move that is less than the register can make.
+            0 => 0.0,
+            _ => self.law.step() * self.factors.periods,
+        };
+        to.publish(pins.velocity_fb, speed);
+        let is_near = self.rate.word.unsigned_abs() >= self.factors.near;
+        to.publish(pins.near_max_rate, is_near);
+        to.publish(pins.debug.step_rate, self.rate.word);
+    }
+
+    fn publish_debug(&self, to: &mut PinStore, beyond: f64) {
+        let (debug, factors) = (&self.pins.debug, &self.factors);
+        let (feed, step) = (self.law.feed(), self.law.step());
+        let error = step - feed;
+        // Periods until the speed is that of the command.
+        let periods = error.abs() * self.limits.per_ramp();
+        to.publish(debug.ff_vel, feed * factors.periods);
+        to.publish(debug.pos_minus_prev_cmd, beyond);
+        to.publish(debug.s_to_match, periods * factors.seconds);
+        to.publish(debug.vel_error, error * factors.periods);
+        to.publish(debug.err_at_match, beyond + 0.5 * error * periods);
+    }
+}

@@ -1,0 +1,135 @@
+//! The rates that may be in force, and whether the accumulator follows them.
+
+/// Number of reads in which an accumulator may stand still although it has a rate: it waits for the
+/// timers of a step for less than 1 ms, which a cycle of 20 us reads 50 times.
+const STANDING_READS: u32 = 60;
+
+/// The rate register of a generator.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RateRegister {
+    /// The word that was put last.
+    pub word: i32,
+    /// The magnitude of the fastest rate that may have been in force since the last read.
+    fastest: u32,
+    /// The last write was sent.
+    has_arrived: bool,
+    /// Number of consecutive reads without a movement, at a rate at which there is one in each.
+    standing: u32,
+}
+
+impl RateRegister {
+    /// The rate 0 of the set-up.
+    pub const fn new() -> Self {
+        Self {
+            word: 0,
+            fastest: 0,
+            has_arrived: true,
+            standing: 0,
+        }
+    }
+
+    /// Takes the word of the next write.
+    #[inline]
+    pub fn put(&mut self, word: i32) {
+        self.word = word;
+        self.fastest = self.fastest.max(word.unsigned_abs());
+    }
+
+    /// Takes the outcome of a write.
+    #[inline]
+    pub const fn written(&mut self, arrived: bool) {
+        self.has_arrived = arrived;
+    }
+
+    /// True if the generator may have moved since the last read.
+    pub const fn may_have_moved(&self) -> bool {
+        self.fastest > 0
+    }
+
+    /// The fastest rate that may have been in force since the last read, in ticks for 2^32 steps.
+    pub const fn fastest(&self) -> u32 {
+        self.fastest
+    }
+
+    /// Takes a read. After a write in doubt, the rate of before may still be in force.
+    #[inline]
+    pub fn read(&mut self, certain: bool) {
+        let newest = self.word.unsigned_abs();
+        self.fastest = if certain && self.has_arrived {
+            newest
+        } else {
+            self.fastest.max(newest)
+        };
+    }
+
+    /// Takes a movement of the accumulator. Returns true when it has stood still for too long at a
+    /// rate of at least `visible`.
+    #[inline]
+    pub fn observe(&mut self, moved: i64, certain: bool, visible: u32) -> bool {
+        if moved != 0 || self.word.unsigned_abs() < visible {
+            if !self.stands() {
+                self.standing = 0;
+            }
+            return false;
+        }
+        if !certain || self.stands() {
+            return false;
+        }
+        self.standing = self.standing.saturating_add(1);
+        self.stands()
+    }
+
+    /// True if the accumulator does not follow its rate: the generator stays off until it has been
+    /// disabled.
+    pub const fn stands(&self) -> bool {
+        self.standing >= STANDING_READS
+    }
+
+    /// The application has disabled the generator.
+    pub const fn disabled(&mut self) {
+        self.standing = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn after_a_write_in_doubt_the_faster_rate_of_before_still_counts() {
+        let mut rate = RateRegister::new();
+        rate.put(-900);
+        rate.written(true);
+        rate.read(true);
+        rate.put(10);
+        assert_eq!(rate.fastest(), 900);
+        rate.written(false);
+        rate.read(true);
+        assert_eq!(rate.fastest(), 900, "not sent");
+        rate.written(true);
+        rate.read(false);
+        assert_eq!(rate.fastest(), 900, "perhaps lost");
+        rate.read(true);
+        assert_eq!(rate.fastest(), 10);
+    }
+
+    #[test]
+    fn an_accumulator_that_does_not_follow_its_rate_is_found_once() {
+        let mut rate = RateRegister::new();
+        rate.put(1_000);
+        for _ in 0..STANDING_READS - 1 {
+            assert!(!rate.observe(0, true, 500));
+        }
+        assert!(!rate.observe(1, true, 500), "it moves");
+        let found = (0..200).filter(|_| rate.observe(0, true, 500)).count();
+        assert_eq!((found, rate.stands()), (1, true));
+        rate.put(0);
+        rate.observe(5, true, 500);
+        assert!(rate.stands(), "until it is disabled");
+        rate.disabled();
+        assert!(!rate.stands());
+        for _ in 0..200 {
+            assert!(!rate.observe(0, true, 500), "slower than can be seen");
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! Step generators: positions against the steps that arrive at the motors.
+
+use mesa_hal::hal::{PinError, Pins};
+use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
+
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::Driver;
+use mesa_hal_sim::Stepper;
+
+use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::{MICRO, Plan};
+use crate::common::chance::Chance;
+
+/// Steps for a unit, and the greatest speed in units per second.
+const SCALE: f64 = 1_000.0;
+const SPEED: f64 = 5.0;
+/// Steps by which a good position may differ from the motor's: rounding, and a pulse that waits.
+const ROUGH: f64 = 2.5;
+/// Good cycles after which the command to stand still has arrived, whatever was lost.
+const ARRIVED: u32 = 12;
+
+/// A step generator, and the knowledge about it.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
+pub(super) struct StepAxis {
+    number: usize,
+    pins: StepgenPins,
+    /// The commanded position, and where it goes.
+    command: f64,
+    target: f64,
+    is_on: bool,
+    is_resetting: bool,
+    /// Steps of the motor while the position is 0: the least and the greatest that all reads permit.
+    zero: Option<[f64; 2]>,
+    /// The driver has read it.
+    is_begun: bool,
+    /// The board was set up again since, and the position was not reset.
+    must_doubt: bool,
+    /// Steps at the last look, and its time.
+    seen: Option<(i64, u64)>,
+    /// Good cycles since it was switched off.
+    off_for: u32,
+}
+
+/// What has happened since the last look.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Jolts {
+    /// Number of bites, resets and set-ups: each makes edges on pins that are driven or released.
+    pub edges: u32,
+    /// The board has bitten or was reset, and this may not have been detected.
+    pub is_lost: bool,
+    /// The driver has no reason for doubts.
+    pub is_calm: bool,
+    /// The network can repeat a write, or hold it back: a rate of before then moves the motor until the
+    /// next write.
+    pub has_old_writes: bool,
+}
+
+/// Steps of a time at the highest speed. The board is not looked at to the microsecond.
+fn at_full_speed(nanos: u64) -> i64 {
+    let steps = nanos as f64 * 1e-9 * SPEED * SCALE * 1.01;
+    steps.ceil() as i64 + 3
+}
+
+impl StepAxis {
+    /// All axes of a driver.
+    pub(super) fn all<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Self> {
+        let pins = driver.modules::<Stepgens>().flat_map(Stepgens::pins);
+        let all = pins.enumerate().map(|(number, pins)| Self {
+            number,
+            pins,
+            command: 0.0,
+            target: 0.0,
+            is_on: false,
+            is_resetting: false,
+            zero: None,
+            is_begun: false,
+            must_doubt: false,
+            seen: None,
+            off_for: 0,
+        });
+        all.collect()
+    }
+
+    /// Sets the generator up, as each process does.
+    pub(super) fn set_up(&self, pins: &mut Pins, plan: &Plan) -> Result<(), PinError> {
+        pins.set_param(self.pins.position_scale, SCALE)?;
+        pins.set_param(self.pins.maxvel, SPEED)?;
+        pins.set_param(self.pins.maxaccel, plan.steppers.acceleration)?;
+        let times = [
+            self.pins.steplen,
+            self.pins.stepspace,
+            self.pins.dirsetup,
+            self.pins.dirhold,
+        ];
+        times
+            .into_iter()
+            .try_for_each(|time| pins.set_param(time, 2_500))
+    }
+
+    /// Commands a position, which moves to one target after the other.
+    pub(super) fn command(&mut self, pins: &mut Pins, chance: &mut Chance, is_wild: bool) {
+        if is_wild && chance.one_in(40) {
+            self.target = chance.below(400) as f64 / SCALE - 0.2;
+        }
+        let jumps = is_wild && chance.one_in(100);
+        let way = (self.target - self.command).clamp(-0.003, 0.003);
+        self.command = if jumps {
+            self.target
+        } else {
+            self.command + way
+        };
+        let toggles = chance.one_in(if self.is_on { 60 } else { 30 });
+        self.is_on = !is_wild || self.is_on != toggles;
+        let resets = pins.read(self.pins.position_unsure).value && chance.one_in(8);
+        // Until the next position that is looked at.
+        self.is_resetting |= resets;
+        pins.set(self.pins.position_reset, resets);
+        pins.set(self.pins.enable, self.is_on);
+        pins.set(self.pins.position_cmd, self.command);
+        if self.is_on {
+            self.off_for = 0;
+        }
+    }
+
+    /// The board has been set up again, or will be: its steps meanwhile are not known.
+    pub(super) fn lost(&mut self) {
+        self.must_doubt |= self.is_begun;
+        self.zero = None;
+    }
+
+    /// Checks the movement of the motor since the last look.
+    pub(super) fn check_motor(
+        &mut self,
+        motor: &Stepper,
+        now: u64,
+        (jolts, is_good): (Jolts, bool),
+    ) -> Checked {
+        let (number, steps) = (self.number, motor.commanded());
+        let edges = 2 * i64::from(jolts.edges);
+        let seen = self.seen.replace((steps, now));
+        let Some((before, since)) = seen else {
+            return Ok(());
+        };
+        let moved = (steps - before).abs();
+        let limit = at_full_speed(now - since) + edges;
+        ensure(moved <= limit, Promise::Commanded, now, || {
+            format!(
+                "stepper {number} makes {moved} steps in {} us, more than its speed allows",
+                (now - since) / MICRO
+            )
+        })?;
+        if self.off_for > ARRIVED {
+            ensure(moved <= edges, Promise::Commanded, now, || {
+                format!("stepper {number} makes {moved} steps although it is off")
+            })?;
+        }
+        if is_good && !self.is_on {
+            self.off_for += 1;
+        }
+        Ok(())
+    }
+
+    /// Checks a motor of a board whose pins are off.
+    pub(super) fn check_stands(&self, motor: &Stepper, now: u64, jolts: Jolts) -> Checked {
+        let number = self.number;
+        let Some((before, since)) = self.seen else {
+            return Ok(());
+        };
+        let moved = motor.commanded() - before;
+        let edges = 2 * i64::from(jolts.edges);
+        let old = if jolts.has_old_writes {
+            at_full_speed(now - since)
+        } else {
+            0
+        };
+        ensure(moved.abs() <= edges + old, Promise::Safe, now, || {
+            format!("stepper {number} makes {moved} steps, and the board is not armed")
+        })
+    }
+
+    /// Compares a position that was read within the last `took` with the steps of the motor.
+    pub(super) fn check_position(
+        &mut self,
+        pins: &Pins,
+        motor: &Stepper,
+        (took, now): (u64, u64),
+        jolts: Jolts,
+    ) -> Checked {
+        let number = self.number;
+        self.is_begun = true;
+        let is_unsure = pins.read(self.pins.position_unsure).value;
+        if std::mem::take(&mut self.is_resetting) {
+            (self.must_doubt, self.zero) = (false, None);
+            return Ok(());
+        }
+        ensure(is_unsure || !self.must_doubt, Promise::Inputs, now, || {
+            format!("stepper {number} has no doubts, but the board was set up anew")
+        })?;
+        ensure(!is_unsure || !jolts.is_calm, Promise::Inputs, now, || {
+            format!("stepper {number} has doubts without a reason")
+        })?;
+        if is_unsure {
+            self.zero = None;
+            return Ok(());
+        }
+        let shown = pins.read(self.pins.position_fb).value * SCALE;
+        let rough = ROUGH + (took + 20 * MICRO) as f64 * 1e-9 * SPEED * SCALE;
+        let at = motor.commanded() as f64 - shown;
+        let [least, most] = self.zero.unwrap_or([f64::MIN, f64::MAX]);
+        let zero = [least.max(at - rough), most.min(at + rough)];
+        self.zero = Some(zero);
+        ensure(zero[0] <= zero[1], Promise::Inputs, now, || {
+            format!(
+                "stepper {number} shows {shown} steps, its motor has made {}, and its zero was at {least} to {most}",
+                motor.commanded()
+            )
+        })
+    }
+
+    /// `Ok` if the motor is where it was commanded to; otherwise the reason.
+    pub(super) fn has_arrived(&self, pins: &Pins, motor: &Stepper) -> Result<(), String> {
+        let number = self.number;
+        let Some([least, most]) = self.zero else {
+            return Err(format!("the zero of stepper {number} is not known"));
+        };
+        let wanted = self.target * SCALE;
+        let steps = motor.commanded() as f64;
+        let is_there = (least - 1.0..=most + 1.0).contains(&(steps - wanted));
+        let shown = pins.read(self.pins.position_fb).value * SCALE;
+        if is_there && (shown - wanted).abs() < 0.01 {
+            return Ok(());
+        }
+        Err(format!(
+            "stepper {number} is to be at {wanted}, shows {shown}, and its motor is at {steps}, with its zero at {least} to {most}"
+        ))
+    }
+}

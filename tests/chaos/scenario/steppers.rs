@@ -1,0 +1,112 @@
+//! Stepper motors: what they do, and what is known about it.
+
+use mesa_hal::driver::{BoardState, Driver};
+use mesa_hal_sim::FaultKind;
+
+use super::super::application::{Application, Jolts};
+use super::super::journal::What;
+use super::super::network::Host;
+use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::MILLI;
+use super::Scenario;
+
+/// Longest time until all motors are where they were commanded to.
+const ARRIVE_IN: u64 = 500 * MILLI;
+
+/// Events of the board for its motors.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StepperWatch {
+    /// Bites, resets and set-ups since the last look.
+    edges: u32,
+    /// The board has bitten or was reset since the last look.
+    is_lost: bool,
+    /// It has at any time.
+    was_lost: bool,
+}
+
+impl StepperWatch {
+    /// Takes an event of the board.
+    pub(super) fn happened(&mut self, what: &What, is_before_set_up: bool) {
+        let is_lost = matches!(what, What::Bite | What::Reset);
+        self.edges += u32::from(is_lost || matches!(what, What::Opened | What::Closed));
+        self.is_lost |= is_lost && !is_before_set_up;
+        self.was_lost |= is_lost;
+    }
+}
+
+impl Scenario {
+    /// After a read: `good` if it succeeded.
+    pub(super) fn steppers<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &mut Application,
+        good: bool,
+    ) -> Checked {
+        if self.plan.steppers.count == 0 {
+            return Ok(());
+        }
+        let watch = self.steppers;
+        (self.steppers.edges, self.steppers.is_lost) = (0, false);
+        let is_calm = !watch.was_lost
+            && self.stage.begun().is_empty()
+            && self.stage.happened().is_empty()
+            && self.plan.spares_its_host()
+            && self.is_armed;
+        let jolts = Jolts {
+            edges: watch.edges,
+            is_lost: watch.is_lost || self.watch.is_some(),
+            is_calm,
+            has_old_writes: self.plan.faults.iter().any(|fault| {
+                matches!(
+                    fault.kind,
+                    FaultKind::NetworkDuplicate | FaultKind::NetworkLate
+                )
+            }),
+        };
+        let (motors, at) = self.sim.steppers();
+        let took = self.took + at.saturating_sub(self.sim.now());
+        application.check_steppers(driver, &motors, (took, at), (jolts, good))
+    }
+
+    /// With all faults over, the motors go where they are commanded to.
+    pub(super) fn steppers_arrive<B: Host>(&mut self, process: &mut super::Process<B>) -> Checked {
+        let until = self.sim.now() + ARRIVE_IN;
+        while self.plan.steppers.count > 0 {
+            let Err(why) = process
+                .application
+                .steppers_have_arrived(&process.driver, &self.sim.steppers().0)
+            else {
+                break;
+            };
+            let now = self.sim.now();
+            ensure(now < until, Promise::ComesBack, now, || why)?;
+            self.cycle(process, false)?;
+            let is_down = process.driver.board_state() != BoardState::Running;
+            ensure(!is_down, Promise::ComesBack, now, || {
+                "the board is down although all is well".to_owned()
+            })?;
+        }
+        Ok(())
+    }
+
+    /// The process has ended: the motors stand still.
+    pub(super) fn steppers_stand(&mut self) -> Checked {
+        if self.plan.steppers.count == 0 {
+            return Ok(());
+        }
+        let steps = |scenario: &Self| -> Vec<i64> {
+            let (motors, _) = scenario.sim.steppers();
+            motors
+                .iter()
+                .map(mesa_hal_sim::Stepper::commanded)
+                .collect()
+        };
+        let before = steps(self);
+        self.sim.pass(50 * MILLI);
+        let now = self.sim.now();
+        let after = steps(self);
+        ensure(before == after, Promise::Safe, now, || {
+            format!("the motors go from {before:?} to {after:?} after the process ended")
+        })
+    }
+}
