@@ -6,7 +6,7 @@ use std::time::Duration;
 use mesa_hal::bus::{AccessList, Clock};
 use mesa_hal::{Driver, Settings};
 use mesa_hal_sim::devices::FieldIo;
-use mesa_hal_sim::{SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, Stepper, machines};
 
 const PAGE: &str = include_str!("../../../../docs/pci.md");
 const CYCLES: u64 = 100;
@@ -82,6 +82,10 @@ fn the_table_of_the_page_has_the_reads_and_writes_of_a_cycle_and_no_register_is_
         (
             "a 5I25 with two 7I77 and twelve encoders: 4",
             with_7i77(machines::i5i25_7i77x2(), &[0, 3]),
+        ),
+        (
+            "a 5I25 with a 7I77, a 7I76 and its five step generators: 3",
+            machines::eleven_axes_5i25(Motor::default(), Stepper::default()),
         ),
     ] {
         let (reads, writes) = cost(fpga);

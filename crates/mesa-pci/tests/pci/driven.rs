@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use allocation_counter::measure;
 use mesa_hal::bus::{BusErrorKind, Clock};
+use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
 use mesa_hal::{CycleError, Driver, Settings};
 use mesa_hal_sim::devices::{SignalValue, find, find_mut};
-use mesa_hal_sim::{SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, Stepper, machines};
 use mesa_pci::PciBus;
 use mesa_pci::simulated::SimulatedRegisters;
 
@@ -76,9 +77,13 @@ struct Bench {
 
 impl Bench {
     fn start() -> Self {
-        let root = Folder::new();
         let mut fpga = machines::i5i25_7i77();
         machines::plug_7i77(&mut fpga, 0, 0);
+        Self::with(fpga)
+    }
+
+    fn with(fpga: SimFpga) -> Self {
+        let root = Folder::new();
         let board = Seen(Arc::new(Mutex::new(Fpga(fpga))));
         let served = Served::start(root.path(), board.clone());
         let bus = device(root.path()).open().expect("a board");
@@ -130,15 +135,60 @@ fn a_7i77_on_a_5i25_follows_its_outputs_and_shows_its_inputs() {
     drop(bench.served.end());
 }
 
+/// Pulses are counted, and not what a rotor makes of them: on a busy computer a rate is in force for
+/// longer than a period, and its correction is more than a motor follows.
 #[test]
-fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_stays_valid() {
+fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
+    let board = machines::eleven_axes_5i25(Motor::default(), Stepper::default());
+    let mut bench = Bench::with(board);
+    assert_eq!(bench.driver.remarks(), []);
+    let module = bench.driver.modules::<Stepgens>().next();
+    let generators: Vec<StepgenPins> = module.expect("generators").pins().collect();
+    assert_eq!(generators.len(), 5);
+    for one in &generators {
+        let pins = bench.driver.pins_mut();
+        for (param, value) in [
+            (one.position_scale, 1000.0),
+            (one.maxvel, 2.0),
+            (one.maxaccel, 10.0),
+        ] {
+            pins.set_param(param, value).expect("a value");
+        }
+    }
+    for target in [0.5, -0.25] {
+        bench.until("all are there", |bench| {
+            let pins = bench.driver.pins_mut();
+            for (n, one) in (0..).zip(&generators) {
+                pins.set(one.enable, true);
+                pins.set(one.position_cmd, target + 0.01 * f64::from(n));
+            }
+            (0..).zip(&generators).all(|(n, one)| {
+                let shown = bench.driver.pins().read(one.position_fb);
+                let motor = bench
+                    .board
+                    .with(|fpga| fpga.stepper(6 + n).map(|motor| *motor));
+                let command = target + 0.01 * n as f64;
+                let near = |position: f64| (position - command).abs() <= 0.001;
+                let motor = motor.expect("a motor");
+                shown.valid && near(shown.value) && near(motor.commanded() as f64 / 1000.0)
+            })
+        });
+    }
+    let (_, result) = bench.driver.shutdown();
+    result.expect("everything is off");
+}
+
+#[test]
+fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
     let mut bench = Bench::start();
-    let name = "hm2_5i25.0.7i77.0.0.input-05";
-    let input = bench.driver.pins().input::<bool>(name).expect("an input");
+    let [on, off] = ["05", "06"].map(|number| {
+        let name = format!("hm2_5i25.0.7i77.0.0.input-{number}");
+        bench.driver.pins().input::<bool>(&name).expect("an input")
+    });
     bench.board.set_input(0, 5, true);
     bench.until("an input", |bench| {
-        let seen = bench.driver.pins().read(input);
-        seen.valid && seen.value
+        let seen = [on, off].map(|input| bench.driver.pins().read(input));
+        seen.iter().all(|seen| seen.valid) && seen.map(|seen| seen.value) == [true, false]
     });
     bench.served.unplug(true);
     let error = (0..20_000).find_map(|_| {
@@ -152,7 +202,16 @@ fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_stays_valid() {
         }
         other => panic!("{other:?}"),
     }
-    assert!(bench.driver.pins().read(input).value, "its last good value");
+    // All ones would be true, and its age that of this cycle.
+    let seen = [on, off].map(|input| bench.driver.pins().read(input));
+    assert_eq!(seen.map(|seen| seen.value), [true, false]);
+    assert!(seen.iter().all(|seen| seen.age.cycles > 0));
+    let stale_after = settings().fault_policy.stale_after;
+    for _ in 0..=stale_after {
+        assert!(bench.driver.read().is_err());
+    }
+    let seen = bench.driver.pins().read(on);
+    assert!(!seen.valid && seen.value, "{seen:?}");
 }
 
 #[test]

@@ -161,6 +161,28 @@ fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
     assert!(device(root.path()).open().is_ok());
 }
 
+/// `kill -9` leaves a program no time to release anything.
+#[test]
+fn the_lock_of_a_program_that_is_killed_is_gone() {
+    let root = Folder::new();
+    let folder = plain(root.path(), BoardKind::I5i25);
+    let mut other = Command::new("flock")
+        .args(["--no-fork", "--exclusive"])
+        .arg(folder.join("resource0"))
+        .args(["sh", "-c", "echo locked; exec sleep 1000"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("flock of util-linux");
+    let mut line = String::new();
+    let output = other.stdout.take().expect("its output");
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(output), &mut line).expect("a line");
+    let error = refused(root.path());
+    assert!(matches!(error, PciOpenError::Occupied { .. }), "{error}");
+    other.kill().expect("killed");
+    other.wait().expect("it ends");
+    assert!(device(root.path()).open().is_ok());
+}
+
 #[test]
 fn linuxcnc_has_no_lock_and_is_found_by_its_mappings() {
     let root = Folder::new();

@@ -3,7 +3,7 @@
 use mesa_pci::search;
 
 use super::PciBoard;
-use crate::run::{hold_against_schema, json, run};
+use crate::run::{done, hold_against_schema, json, run};
 
 #[test]
 fn the_inventory_has_the_remotes_of_the_card_and_no_ethernet_side() {
@@ -76,6 +76,41 @@ fn pins_registers_and_files_for_linuxcnc_come_over_the_bus() {
     let accesses = board.console.show("network");
     let count: u64 = accesses["network.pci.accesses"].parse().expect("a count");
     assert!(count > 1000, "{count}");
+}
+
+#[test]
+fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i76() {
+    let board = PciBoard::start(&["--board", "5i25-7i77-7i76"]);
+    let text = done(&["info", "--pci", board.folder()]);
+    let line = |pin: &str| {
+        let mut lines = text.lines().filter(|line| line.contains(pin));
+        lines.next().unwrap_or_default().to_owned()
+    };
+    assert!(
+        line("StepGen 1 Step ")
+            .ends_with("P2 DB25 pin 15 IO20, TB2 pin 8, TB2 pin 9 STEP1-, STEP1+"),
+        "{text}"
+    );
+    assert!(
+        line("StepGen 4 Dir ").ends_with("TB3 pin 4, TB3 pin 5 DIR4-, DIR4+"),
+        "{text}"
+    );
+    assert!(!text.contains("not driven"), "{text}");
+    let pins = done(&["pins", "stepgen.04.*", "--pci", board.folder()]);
+    assert!(
+        pins.contains("hm2_5i25.0.stepgen.04.position-cmd"),
+        "{pins}"
+    );
+    let hal = done(&["hal", "--pci", board.folder(), "--driver", "mesa_pci"]);
+    for line in [
+        "loadrt mesa_pci config=[HOSTMOT2]CONFIG",
+        "net analogout5 <= pid.5.output",
+        "net stepgen-02-position-cmd <= joint.8.motor-pos-cmd",
+        "KINEMATICS = trivkins coordinates=XYZABCUVW",
+    ] {
+        assert!(hal.lines().any(|one| one.contains(line)), "{line}: {hal}");
+    }
+    assert!(!hal.contains("not driven"), "{hal}");
 }
 
 #[test]

@@ -22,6 +22,12 @@ const SLOW: Duration = Duration::from_micros(5);
 /// Accesses of one exchange while times are measured.
 const AT_A_TIME: u16 = 16;
 
+/// The reads that are measured: the cookie and what follows it.
+const READS: Access = Access::read(0x0100, 0, AT_A_TIME);
+
+/// The write that is measured: 1 while the flash memory is not selected. FACTS 15.2.
+const NOT_SELECTED: Access = Access::write(0x0070, 0, 1);
+
 /// Register of the configuration port of newer firmware. FACTS 15.2.
 const ICAP: u16 = 0x0078;
 
@@ -67,7 +73,7 @@ pub fn ask(bus: &mut Bus, exchanges: u32, findings: &mut Vec<Finding>) -> Result
     let name = firmware.idrom.board().to_uppercase();
     findings.push(Finding::good("firmware", format!("HostMot2 for a {name}")));
     findings.push(bite(bus, &firmware)?);
-    let read = median(bus, exchanges, Access::read(0x0100, 0, AT_A_TIME))?;
+    let read = median(bus, exchanges, READS, 0)?;
     let figure = format!("{:.2} us", read.as_secs_f64() * 1e6);
     findings.push(match bus {
         Bus::Pci(bus) if bus.is_simulated() => Finding::good("bus: time of a read", figure),
@@ -83,10 +89,10 @@ pub fn ask(bus: &mut Bus, exchanges: u32, findings: &mut Vec<Finding>) -> Result
     Ok(())
 }
 
-/// Median time of one register of an access.
-fn median(bus: &mut Bus, exchanges: u32, access: Access) -> Result<Duration, Failure> {
+/// Median time of one register of an access; `word` is written.
+fn median(bus: &mut Bus, exchanges: u32, access: Access, word: u32) -> Result<Duration, Failure> {
     let list = bus.prepare(&[access], None)?;
-    let mut words = vec![0; access.words().end];
+    let mut words = vec![word; access.words().end];
     let mut times = Vec::new();
     for _ in 0..exchanges.max(1) {
         let begun = bus.now();
@@ -99,7 +105,7 @@ fn median(bus: &mut Bus, exchanges: u32, access: Access) -> Result<Duration, Fai
 }
 
 impl PciFacts {
-    /// Reads the data. The write that is measured is to 0x0000, which has no register.
+    /// Reads the data. The write that is measured changes nothing: the flash memory stays not selected.
     pub fn gather(bus: &mut Bus, device: &PciDevice) -> Result<Self, Failure> {
         let path = device.path();
         let names = [
@@ -123,8 +129,8 @@ impl PciFacts {
             simulated: device.is_simulated(),
             sysfs: sysfs.into(),
             configuration,
-            read_ns: median(bus, 1000, Access::read(0x0100, 0, AT_A_TIME))?.as_nanos() as u64,
-            write_ns: median(bus, 1000, Access::write(0x0000, 0, 1))?.as_nanos() as u64,
+            read_ns: median(bus, 1000, READS, 0)?.as_nanos() as u64,
+            write_ns: median(bus, 1000, NOT_SELECTED, 1)?.as_nanos() as u64,
             flash_id: id.map_or_else(|error| told(&error), |id| format!("0x{id:02X}")),
             icap: bus.read(ICAP)?,
         })
