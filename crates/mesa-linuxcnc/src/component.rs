@@ -10,11 +10,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use mesa_hal::bus::DynBus;
 use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
+use mesa_pci::PciDevice;
 
 use crate::MAX_BOARDS;
 use crate::advice::WithAdvice;
 use crate::cycle::{Cycle, wanted};
-use crate::ffi::{self, ComponentId, HalError};
+use crate::ffi::{self, ComponentId, HalError, RootRights};
 use crate::interface::Interface;
 use crate::memory::{HalMemory, MemoryError};
 use crate::parameters::{self, BoardParameters, BoardPlace};
@@ -149,13 +150,21 @@ fn open(place: &BoardPlace) -> Result<DynBus, LoadError> {
             let bus = bus.map_err(|error| failed(&error, error.advice()))?;
             Ok(DynBus::new(bus))
         }
+        // The kernel shows registers of a board, and the mappings of other programs, to root only.
         BoardPlace::Pci(device) => {
-            let bus = device.open().map_err(|error| {
-                LoadError::new(ENODEV, format_args!("{error}; {}", error.remedy()))
-            })?;
-            Ok(DynBus::new(bus))
+            let _rights = RootRights::take();
+            open_on_pci(device)
         }
+        // What the user names is opened with the user's rights.
+        BoardPlace::InFolder(device) => open_on_pci(device),
     }
+}
+
+fn open_on_pci(device: &PciDevice) -> Result<DynBus, LoadError> {
+    let bus = device.open();
+    let bus =
+        bus.map_err(|error| LoadError::new(ENODEV, format_args!("{error}; {}", error.remedy())))?;
+    Ok(DynBus::new(bus))
 }
 
 /// An error of the driver, with its advice.

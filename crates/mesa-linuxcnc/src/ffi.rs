@@ -12,7 +12,7 @@
     reason = "symbols of an interface in C; each block has its reason"
 )]
 
-use core::ffi::{CStr, c_char, c_int, c_long, c_void};
+use core::ffi::{CStr, c_char, c_int, c_long, c_uint, c_void};
 use core::ptr::NonNull;
 use core::sync::atomic::{AtomicI32, AtomicPtr, Ordering};
 
@@ -49,6 +49,18 @@ unsafe extern "C" {
     ) -> c_int;
     fn hal_param_alias(name: *const c_char, alias: *const c_char) -> c_int;
     fn rtapi_print_msg(level: c_int, format: *const c_char, ...);
+    // Of the C library.
+    fn dladdr(address: *const c_void, symbol: *mut Symbol) -> c_int;
+    safe fn setfsuid(user: c_uint) -> c_int;
+}
+
+/// `Dl_info` of the C library.
+#[repr(C)]
+struct Symbol {
+    file: *const c_char,
+    base: *mut c_void,
+    name: *const c_char,
+    address: *mut c_void,
 }
 
 /// A function of HAL has failed: its negative error number.
@@ -119,6 +131,48 @@ pub(crate) fn print(level: Level, text: &CStr) {
     // SAFETY: both texts end with NUL; the format takes one text, which is copied before the
     // function returns.
     unsafe { rtapi_print_msg(level as c_int, c"%s\n".as_ptr(), text.as_ptr()) }
+}
+
+/// The file that this code was loaded from, as `rtapi_app` has named it. `/proc/self/maps` has it as
+/// well, but not for a program with more rights than its user, which `rtapi_app` is.
+pub(crate) fn own_file() -> Option<String> {
+    let code = own_file as fn() -> Option<String> as *const c_void;
+    let mut symbol = Symbol {
+        file: core::ptr::null(),
+        base: core::ptr::null_mut(),
+        name: core::ptr::null(),
+        address: core::ptr::null_mut(),
+    };
+    // SAFETY: the function writes all fields of a structure of its own type, or none.
+    let found = unsafe { dladdr(code, &raw mut symbol) };
+    if found == 0 || symbol.file.is_null() {
+        return None;
+    }
+    // SAFETY: the name ends with NUL, and stays while the file is loaded, as it is now.
+    let file = unsafe { CStr::from_ptr(symbol.file) };
+    Some(file.to_string_lossy().into_owned())
+}
+
+/// Root's rights to files, while the value exists, if the program has them: `rtapi_app` does, and lets
+/// its user have them for what its drivers need. Only for this thread.
+#[derive(Debug)]
+pub(crate) struct RootRights {
+    user: c_uint,
+}
+
+impl RootRights {
+    pub fn take() -> Self {
+        // The result is the user so far.
+        Self {
+            user: setfsuid(0) as c_uint,
+        }
+    }
+}
+
+impl Drop for RootRights {
+    fn drop(&mut self) {
+        setfsuid(self.user);
+    }
 }
 
 extern "C" fn read(board: *mut c_void, period: c_long) {

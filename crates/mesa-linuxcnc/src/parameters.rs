@@ -19,13 +19,17 @@ pub(crate) enum BoardPlace {
     Ethernet(SocketAddrV4),
     /// On the PCI bus.
     Pci(PciDevice),
+    /// In a folder of the user's in place of /sys.
+    InFolder(PciDevice),
 }
 
 impl fmt::Display for BoardPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Ethernet(address) => write!(f, "board_ip={address}"),
-            Self::Pci(device) => write!(f, "{} at {}", device.board().name, device.address()),
+            Self::Pci(device) | Self::InFolder(device) => {
+                write!(f, "{} at {}", device.board().name, device.address())
+            }
         }
     }
 }
@@ -117,13 +121,20 @@ pub(crate) fn take(interface: Interface) -> Result<Vec<BoardParameters>, WordErr
             if let Some(word) = boards.into_iter().find(|word| !word.is_empty()) {
                 return Err(WordError::NotOnPci { word });
             }
-            find(sysfs.first().map_or(SYSFS, String::as_str), &configs)
+            match sysfs.first() {
+                None => find(SYSFS, BoardPlace::Pci, &configs),
+                Some(folder) => find(folder, BoardPlace::InFolder, &configs),
+            }
         }
     }
 }
 
 /// The boards on the PCI bus, each with its configuration.
-fn find(root: &str, configs: &[String]) -> Result<Vec<BoardParameters>, WordError> {
+fn find(
+    root: &str,
+    place: fn(PciDevice) -> BoardPlace,
+    configs: &[String],
+) -> Result<Vec<BoardParameters>, WordError> {
     let found = mesa_pci::search(Path::new(root)).map_err(|error| WordError::Sysfs {
         root: root.into(),
         error: error.to_string(),
@@ -139,7 +150,7 @@ fn find(root: &str, configs: &[String]) -> Result<Vec<BoardParameters>, WordErro
     }
     let boards = found.into_iter().enumerate();
     boards
-        .map(|(number, device)| BoardParameters::new(BoardPlace::Pci(device), configs, number))
+        .map(|(number, device)| BoardParameters::new(place(device), configs, number))
         .collect()
 }
 

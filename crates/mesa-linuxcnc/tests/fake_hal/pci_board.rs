@@ -63,7 +63,7 @@ pub struct PciBoard {
 }
 
 impl PciBoard {
-    /// Any user may drive it: LinuxCNC is not root.
+    /// As the kernel makes the files: only root may open them.
     pub fn start(name: &str, fpga: SimFpga) -> Self {
         let name = format!("mesa-linuxcnc-{name}-{}", std::process::id());
         let root = std::env::temp_dir().join(name);
@@ -73,7 +73,7 @@ impl PciBoard {
         let mut device = device.expect("a folder");
         for name in ["resource0", "mesa_simulated"] {
             let path = device.folder().join(name);
-            fs::set_permissions(path, Permissions::from_mode(0o666)).expect("rights");
+            fs::set_permissions(path, Permissions::from_mode(0o600)).expect("rights");
         }
         let ends = Arc::new(AtomicBool::new(false));
         let (mut board, ended) = (seen.clone(), Arc::clone(&ends));

@@ -1,8 +1,8 @@
 #!/bin/bash
 # LinuxCNC's HAL with the component under the name mesa_pci, for a session of commands: no network, and
-# the board in a folder that the caller serves.
+# boards of a folder, which the caller serves, in the place of those of the computer.
 #
-#   on_pci.sh LIBRARY SESSION
+#   on_pci.sh FOLDER LIBRARY SESSION
 #
 # Namespaces as in examples/linuxcnc.sh, so that several runs do not meet.
 set -e
@@ -12,6 +12,9 @@ fi
 home=$(mktemp -d)
 chown 65534 "$home"
 trap 'rm -rf "$home"' EXIT
+mount --bind "$1/bus/pci" /sys/bus/pci
+mount --bind "$1/devices" /sys/devices
+shift
 mount -t tmpfs tmpfs /run/lock 2> /dev/null || true
 export RTAPI_UID=65534 HOME=$home
 env -u DISPLAY "$(dirname "$0")/with_component.sh" "$@"

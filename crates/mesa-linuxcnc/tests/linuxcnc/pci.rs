@@ -15,10 +15,12 @@ const SCALE: f64 = 1_000.0;
 /// The first stepper motor among the axes of the board.
 const STEPPERS: usize = 6;
 
-fn start(folder: &Path) -> Halcmd {
+/// LinuxCNC with the board in place of those of the computer.
+fn start(folder: &Path, sysfs: &str) -> Halcmd {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut sandbox = realtime(package.join("tests/linuxcnc/on_pci.sh"));
     sandbox
+        .arg(sysfs)
         .arg(built("libmesa_eth.so"))
         .arg(package.join("../mesa-tools/tests/mesa/interop_linuxcnc/session.sh"));
     std::fs::create_dir_all(folder).expect("a folder");
@@ -44,12 +46,13 @@ fn a_5i25_with_a_7i77_and_a_7i76_is_driven_in_the_place_of_hm2_pci() {
     let board = PciBoard::start("in-linuxcnc", fpga);
     board.seen.set_input(7, true);
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mesa_pci");
-    let mut hal = start(&folder);
+    let mut hal = start(&folder, board.root());
     hal.hal("loadrt hostmot2");
-    hal.hal(&format!(
-        "loadrt mesa_pci sysfs={} config=\"num_encoders=6 num_stepgens=5 sserial_port_0=00x0xxxx\"",
-        board.root()
-    ));
+    let words = "config=\"num_encoders=6 num_stepgens=5 sserial_port_0=00x0xxxx\"";
+    // The user has no rights to the files, and what the user names is not opened as root.
+    let sysfs = format!("loadrt mesa_pci {words} sysfs={}", board.root());
+    assert!(hal.try_hal(&sysfs).is_err());
+    hal.hal(&format!("loadrt mesa_pci {words}"));
     hal.hal("loadrt threads name1=servo period1=1000000");
     hal.set("watchdog.timeout_ns", "1000000000");
     for (name, value) in [
