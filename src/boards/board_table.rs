@@ -15,7 +15,12 @@ impl BoardTable {
         encoder_rate: TickRate::MUX_7I77,
         pwm: PwmTable::PLAIN,
         terminals: &[],
-        cards: &[&i7i77::CARD, &i7i76::CARD, &i7i76::CARD_MUXED],
+        cards: &[
+            &i7i77::CARD,
+            &i7i76::CARD,
+            &i7i76::CARD_MUXED,
+            &i7i76::CARD_BESIDE_7I77,
+        ],
         flash: None,
     };
 

@@ -88,11 +88,11 @@ fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i
     };
     assert!(
         line("StepGen 1 Step ")
-            .ends_with("P2 DB25 pin 15 IO20, TB2 pin 8, TB2 pin 9 STEP1-, STEP1+"),
+            .ends_with("P2 DB25 pin 15 IO20, 7I76 TB2 pin 8, TB2 pin 9 STEP1-, STEP1+"),
         "{text}"
     );
     assert!(
-        line("StepGen 4 Dir ").ends_with("TB3 pin 4, TB3 pin 5 DIR4-, DIR4+"),
+        line("StepGen 4 Dir ").ends_with("7I76 TB3 pin 4, TB3 pin 5 DIR4-, DIR4+"),
         "{text}"
     );
     assert!(!text.contains("not driven"), "{text}");
@@ -104,7 +104,7 @@ fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i
     let hal = done(&["hal", "--pci", board.folder(), "--driver", "mesa_pci"]);
     for line in [
         "loadrt mesa_pci config=[HOSTMOT2]CONFIG",
-        "net analogout5 <= pid.5.output",
+        "net 7i77-0-1-analogout5 <= pid.5.output",
         "net stepgen-02-position-cmd <= joint.8.motor-pos-cmd",
         "KINEMATICS = trivkins coordinates=XYZABCUVW",
     ] {
