@@ -45,6 +45,8 @@ pub struct PciFacts {
     write_ns: u64,
     /// Electronic signature of the flash memory, or why it could not be read.
     flash_id: String,
+    /// Time of a byte of the flash memory, with the three accesses that it takes, in nanoseconds.
+    flash_byte_ns: u64,
     /// Register 0x0078.
     icap: u32,
 }
@@ -123,7 +125,9 @@ impl PciFacts {
             let _ = write!(text, "{byte:02x}");
             text
         });
-        let id = SpiFlash::new(bus).id();
+        let mut flash = SpiFlash::new(bus);
+        let id = flash.id();
+        let flash_byte_ns = if id.is_ok() { byte_time(bus)? } else { 0 };
         Ok(Self {
             board: device.board().name,
             simulated: device.is_simulated(),
@@ -131,6 +135,7 @@ impl PciFacts {
             configuration,
             read_ns: median(bus, 1000, READS, 0)?.as_nanos() as u64,
             write_ns: median(bus, 1000, NOT_SELECTED, 1)?.as_nanos() as u64,
+            flash_byte_ns,
             flash_id: id.map_or_else(|error| told(&error), |id| format!("0x{id:02X}")),
             icap: bus.read(ICAP)?,
         })
@@ -149,9 +154,13 @@ impl PciFacts {
             ),
             (
                 "FACTS 15.2",
-                "signature of the flash memory, and the register of the configuration port",
-                "these registers",
-                found(format!("{}, {:08X}", self.flash_id, self.icap)),
+                "signature of the flash memory, the time of a byte of it, and the register of the \
+                 configuration port",
+                "these registers, and a read of 256 bytes",
+                found(format!(
+                    "{}, {} ns, {:08X}",
+                    self.flash_id, self.flash_byte_ns, self.icap
+                )),
             ),
             (
                 "docs/pci.md",
@@ -161,6 +170,16 @@ impl PciFacts {
             ),
         ]
     }
+}
+
+/// Time of a byte of the flash memory, in nanoseconds.
+fn byte_time(bus: &mut Bus) -> Result<u64, Failure> {
+    let mut bytes = [0; 256];
+    let begun = bus.now();
+    SpiFlash::new(bus).read(0, &mut bytes)?;
+    let time = bus.now().since(begun);
+    // With the command and its address.
+    Ok(time.as_nanos() as u64 / (bytes.len() as u64 + 4))
 }
 
 fn text(path: &Path) -> String {

@@ -131,12 +131,12 @@ pub fn gather(
         ]);
     }
     for (space, address, count) in spaces {
-        let values = if space == Space::HostMot2 {
+        let values = if bus.is_on_ethernet() {
+            EthernetBoard::new(bus).peek(space, address, count)?
+        } else {
             let mut words = vec![0; usize::from(count)];
             bus.exchange(&[Access::read(address, 0, count)], &mut words)?;
             words
-        } else {
-            EthernetBoard::new(bus).peek(space, address, count)?
         };
         memory.push(Memory {
             space: space as u8,

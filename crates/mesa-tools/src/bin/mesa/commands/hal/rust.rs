@@ -173,7 +173,8 @@ fn main(machine: &Machine) -> String {
     };
     let open = if machine.host.is_pci() {
         "let device = PciDevice::at(SYSFS.as_ref(), address)?;\n    \
-         let bus = device.open().map_err(|error| format!(\"{error}; {}\", error.remedy()))?;\n    "
+         let bus = device\n        .open()\n        \
+         .map_err(|error| format!(\"{error}; {}\", error.remedy()))?;\n    "
     } else {
         "let bus = UdpBus::connect(address, UdpConfig::default())?;\n    "
     };
