@@ -185,12 +185,11 @@ impl BoardTable {
         let is_alone = own.is_empty() && !self.has_card_beside(firmware, card);
         [0, 1, 2].map(|signal| {
             let places = Terminals::of_signal(card.encoders, on_card, signal);
-            let named = places.map(|place| match is_alone {
-                true => place,
-                false => Place {
-                    terminal: format!("{} {}", card.name, place.terminal),
-                    ..place
-                },
+            let named = places.map(|mut place| {
+                if !is_alone {
+                    place.terminal = format!("{} {}", card.name, place.terminal);
+                }
+                place
             });
             named.collect()
         })
