@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use allocation_counter::measure;
 use mesa_hal::bus::{BusErrorKind, Clock};
+use mesa_hal::driver::Events;
 use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
 use mesa_hal::{CycleError, Driver, Settings};
 use mesa_hal_sim::devices::{SignalValue, find, find_mut};
@@ -13,6 +14,7 @@ use mesa_pci::PciBus;
 use mesa_pci::simulated::SimulatedRegisters;
 
 use crate::folder::{Folder, Fpga, Served, device};
+use crate::tools::realtime_thread;
 
 /// A board that the test can look at while it is served.
 #[derive(Clone)]
@@ -70,6 +72,8 @@ fn settings() -> Settings {
 
 struct Bench {
     driver: Driver<PciBus>,
+    /// For the reason of a failure.
+    events: Events,
     board: Seen,
     served: Served<Seen>,
     _root: Folder,
@@ -83,13 +87,16 @@ impl Bench {
     }
 
     fn with(fpga: SimFpga) -> Self {
+        realtime_thread();
         let root = Folder::new();
         let board = Seen(Arc::new(Mutex::new(Fpga(fpga))));
         let served = Served::start(root.path(), board.clone());
         let bus = device(root.path()).open().expect("a board");
         let driver = Driver::start(bus, settings()).expect("a machine");
+        let events = driver.events();
         Self {
             driver,
+            events,
             board,
             served,
             _root: root,
@@ -107,7 +114,8 @@ impl Bench {
             self.driver.write().expect("written");
             self.driver.bus_mut().wait(Duration::from_millis(1));
         }
-        panic!("not within 20,000 cycles: {what}");
+        let events: Vec<_> = self.events.by_ref().collect();
+        panic!("not within 20,000 cycles: {what}; {events:#?}");
     }
 }
 
@@ -153,6 +161,14 @@ fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
             (one.maxaccel, 10.0),
         ] {
             pins.set_param(param, value).expect("a value");
+        }
+        for (param, ns) in [
+            (one.steplen, 5_000),
+            (one.stepspace, 5_000),
+            (one.dirsetup, 10_000),
+            (one.dirhold, 10_000),
+        ] {
+            pins.set_param(param, ns).expect("a time");
         }
     }
     for target in [0.5, -0.25] {

@@ -11,6 +11,8 @@ use mesa_hal_sim::SimFpga;
 use mesa_pci::simulated::{SimulatedDevice, SimulatedRegisters};
 use mesa_pci::{BoardKind, PciAddress, PciDevice};
 
+use crate::tools::realtime_thread;
+
 /// A folder of a test, which is removed at its end.
 pub struct Folder(PathBuf);
 
@@ -110,6 +112,7 @@ struct Flags {
     is_unplugged: AtomicBool,
 }
 
+/// Simulator and driver answer in time on a busy computer, where the user may have that.
 impl<B: SimulatedRegisters + Send + 'static> Served<B> {
     pub fn start(root: &Path, mut board: B) -> Self {
         let made = SimulatedDevice::new(root, address(), BoardKind::I5i25);
@@ -117,6 +120,7 @@ impl<B: SimulatedRegisters + Send + 'static> Served<B> {
         let flags = Arc::new(Flags::default());
         let seen = Arc::clone(&flags);
         let thread = thread::spawn(move || {
+            realtime_thread();
             while !seen.ends.load(Ordering::Relaxed) {
                 device.set_unplugged(seen.is_unplugged.load(Ordering::Acquire));
                 device.step(&mut board, Duration::from_millis(1));

@@ -6,4 +6,7 @@ mod driven;
 mod exchanges;
 mod folder;
 mod refusals;
+#[path = "../../../mesa-tools/tests/interop/tools.rs"]
+#[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
+mod tools;
 mod unsafe_code;
