@@ -3,9 +3,10 @@
 //!
 //! The program runs itself under callgrind, which counts only inside [`counted_cycle`]. Prints a
 //! line for each machine: `three` is a 7I92 with a 7I77 (field I/O and analog) and a 7I72, a number
-//! is that many field I/O cards. Then for a 7I92 with five and with ten step generators, which follow
-//! a moving command: the cycle, and what each generator adds to that of the same firmware without
-//! them. Counts do not depend on the machine or on its load.
+//! is that many field I/O cards. A second line has the registers that a cycle reads and writes, which
+//! decide its cost on the PCI bus. Then for a 7I92 with five and with ten step generators, which
+//! follow a moving command: the cycle, and what each generator adds to that of the same firmware
+//! without them. Counts do not depend on the machine or on its load.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
@@ -15,6 +16,7 @@ use std::env;
 use std::process::{Command, ExitCode, Stdio};
 
 use cycle_support::{Frozen, field_cards, frozen, frozen_with, step_generators, three_remotes};
+use mesa_hal::bus::AccessList;
 use mesa_hal::driver::Driver;
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
@@ -22,7 +24,7 @@ use mesa_hal::{Output, Settings};
 
 /// The argument with which the program runs cycles to be counted, before the name of a machine.
 const COUNTED: &str = "--cycles-of";
-const MACHINES: [&str; 4] = ["three", "1", "8", "32"];
+const MACHINES: [&str; 5] = ["three", "1", "2", "8", "32"];
 /// Machines with step generators, followed by their number: used, and left out.
 const STEPPING: &str = "stepping-";
 const STANDING: &str = "standing-";
@@ -46,7 +48,11 @@ fn main() -> ExitCode {
     }
     for machine in MACHINES {
         match count(machine) {
-            Ok(instructions) => println!("{machine}: {} instructions", thousands(instructions)),
+            Ok(instructions) => {
+                println!("{machine}: {} instructions", thousands(instructions));
+                let (reads, writes) = accesses(machine);
+                println!("{machine}: {reads} reads and {writes} writes on the bus");
+            }
             Err(output) => {
                 eprintln!("{machine}: callgrind counted nothing:\n{output}");
                 return ExitCode::FAILURE;
@@ -72,6 +78,28 @@ fn main() -> ExitCode {
         }
     }
     ExitCode::SUCCESS
+}
+
+/// Registers that a cycle of a machine reads and writes.
+fn accesses(machine: &str) -> (u32, u32) {
+    let driver = start(machine);
+    let lists = driver.lists();
+    let count = |list: &AccessList| {
+        let accesses = list.as_ref().iter();
+        accesses.map(|access| u32::from(access.count)).sum()
+    };
+    (count(lists.read), count(lists.write))
+}
+
+/// A machine that answers from memory.
+fn start(machine: &str) -> Driver<Frozen> {
+    match machine {
+        "three" => frozen(three_remotes(), 3),
+        count => {
+            let count = count.parse().expect("a number of field I/O cards");
+            frozen(field_cards(count), count)
+        }
+    }
 }
 
 /// Instructions of one cycle with step generators, and those of each generator.
@@ -130,13 +158,7 @@ fn run(machine: &str) {
             },
         );
     }
-    let mut driver = match machine {
-        "three" => frozen(three_remotes(), 3),
-        count => {
-            let count = count.parse().expect("a number of field I/O cards");
-            frozen(field_cards(count), count)
-        }
-    };
+    let mut driver = start(machine);
     let analog: Vec<Output<f64>> = (0..6)
         .filter_map(|n| {
             let name = format!("hm2_7i92.0.7i77.0.1.analogout{n}");

@@ -15,7 +15,12 @@ impl BoardTable {
         encoder_rate: TickRate::MUX_7I77,
         pwm: PwmTable::PLAIN,
         terminals: &[],
-        cards: &[&i7i77::CARD, &i7i76::CARD, &i7i76::CARD_MUXED],
+        cards: &[
+            &i7i77::CARD,
+            &i7i76::CARD,
+            &i7i76::CARD_MUXED,
+            &i7i76::CARD_BESIDE_7I77,
+        ],
         flash: None,
     };
 
@@ -33,8 +38,29 @@ impl BoardTable {
         ..Self::CONNECTORS
     };
 
+    /// The 5I25: two connectors, P3 before P2. FACTS 15.1.
+    pub const I5I25: Self = Self {
+        name: "5I25",
+        terminals: &[ModuleTerminals {
+            modules: &[Gtag::IO_PORT],
+            terminals: &[
+                Terminals::new("P3 DB25 pin ", 0, &["IO#"], &DB25),
+                Terminals::new("P2 DB25 pin ", 17, &["IO#"], &DB25),
+            ],
+        }],
+        flash: Some(&FlashLayout::I5I25),
+        ..Self::CONNECTORS
+    };
+
+    /// The 6I25, a 5I25 on PCI Express.
+    pub const I6I25: Self = Self {
+        name: "6I25",
+        flash: Some(&FlashLayout::I6I25),
+        ..Self::I5I25
+    };
+
     /// The built-in tables.
-    pub const KNOWN: [&'static Self; 2] = [&i7i97::BOARD, &Self::I7I92];
+    pub const KNOWN: [&'static Self; 4] = [&i7i97::BOARD, &Self::I7I92, &Self::I5I25, &Self::I6I25];
 
     /// The table for a firmware: the first matching one of `added` and then of the built-in ones;
     /// [`CONNECTORS`](Self::CONNECTORS) if none matches.

@@ -21,6 +21,22 @@ impl FlashLayout {
         ..Self::I7I97
     };
 
+    /// The 5I25: 8 Mbit, and the same FPGA. FACTS 15.3.
+    pub const I5I25: Self = Self {
+        board: "5I25",
+        id: 0x13,
+        size: 0x10_0000,
+        user: (0x08_0000, 0x0E_0000),
+        application: (0x0E_0000, 0x10_0000),
+        ..Self::I7I97
+    };
+
+    /// The 6I25, like the 5I25.
+    pub const I6I25: Self = Self {
+        board: "6I25",
+        ..Self::I5I25
+    };
+
     /// The layout for the board with this name, as in
     /// [`Identity::card`](crate::ethernet::Identity::card). `None` for boards with an unknown
     /// layout; a 7I97T, for example, does not have the layout of a 7I97.

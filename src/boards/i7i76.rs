@@ -35,6 +35,18 @@ pub const CARD_MUXED: CardTable = CardTable {
     ],
 };
 
+/// The card beside a 7I77, as on a 5I25: its multiplexed encoder begins with the index.
+///
+/// Source: Mesa's public pin file PIN_7I77_7I76_34.
+pub const CARD_BESIDE_7I77: CardTable = CardTable {
+    pins: &with_encoder([
+        (Gtag::MUXED_ENCODER, 3),
+        (Gtag::MUXED_ENCODER, 2),
+        (Gtag::MUXED_ENCODER, 1),
+    ]),
+    ..CARD_MUXED
+};
+
 const SIGNALS: &[&str] = &["STEP#-", "STEP#+", "DIR#-", "DIR#+"];
 
 /// Direction and step of each generator, TX0, RX0, TX1, RX1, and the pins of the encoder.

@@ -150,7 +150,8 @@ impl<'a> Bitfile<'a> {
     /// Several boards have the same FPGA, so the part does not distinguish them. The design name
     /// does, where it names a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface (Mesa's
     /// top levels: `TopPCIHostMot2.ncd`). A file whose design name contains neither
-    /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another Ethernet board.
+    /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another board with the same
+    /// interface.
     ///
     /// # Errors
     /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`], [`BitfileError::Multiboot`] and
@@ -189,7 +190,13 @@ impl<'a> Bitfile<'a> {
         // Names of daughter cards may appear beside the board's own.
         let is_own = name.contains(&expected.to_ascii_lowercase());
         let other = HOST_CARDS.iter().find(|card| named(card));
-        let interface = INTERFACES.iter().find(|(top, _)| named(top));
+        let own = if ON_PCI.contains(&&*expected.to_ascii_lowercase()) {
+            "toppci"
+        } else {
+            "topethernet"
+        };
+        let mut tops = INTERFACES.iter().filter(|(top, _)| *top != own);
+        let interface = tops.find(|(top, _)| named(top));
         let found = match (other, interface) {
             (Some(card), _) if !is_own => card.to_string(),
             (_, Some((_, interface))) => format!("board on {interface}"),
@@ -213,8 +220,12 @@ const HOST_CARDS: [&str; 28] = [
     "7i98", "7c80", "7c81", "6c51",
 ];
 
-/// Names of Mesa's top levels for other host interfaces, in lower case: their sources are public.
-const INTERFACES: [(&str, &str); 6] = [
+/// Boards whose FPGA is on the PCI bus itself, in lower case.
+const ON_PCI: [&str; 5] = ["4i74", "5i24", "5i25", "6i24", "6i25"];
+
+/// Names of Mesa's top levels for host interfaces, in lower case: their sources are public.
+const INTERFACES: [(&str, &str); 7] = [
+    ("topethernet", "Ethernet"),
     ("toppci", "PCI"),
     ("top9030", "PCI"),
     ("top9054", "PCI"),

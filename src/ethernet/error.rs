@@ -1,6 +1,7 @@
 //! Errors of queries and changes of a board.
 
 use alloc::string::String;
+use core::time::Duration;
 
 use super::{Area, BitfileError};
 use crate::advice::Advice;
@@ -130,6 +131,20 @@ pub enum EthernetError<E> {
         /// Data that the area accepts.
         expected: String,
     },
+    /// The registers of the flash memory do not complete a byte.
+    #[error(
+        "the flash memory does not answer: its control register reads {control:08X} all the time"
+    )]
+    ChipSilent {
+        /// The last value of the control register.
+        control: u32,
+    },
+    /// The chip has not finished a change.
+    #[error("the flash memory is still busy after {waited:?}")]
+    ChipBusy {
+        /// Time waited.
+        waited: Duration,
+    },
     /// A byte read back is not as expected.
     #[error("at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}")]
     Differs {
@@ -149,8 +164,8 @@ impl<E: BusError> EthernetError<E> {
             Self::Bus(error) => return error.advice().map(Advice::Bus),
             Self::Lbp16(_) => return None,
             Self::Firmware { .. } => Advice::UpdateBoard,
-            Self::NotKept { .. } => Advice::TryAgainThenUpdate,
-            Self::NotRestarted { .. } => Advice::TryAgain,
+            Self::NotKept { .. } | Self::ChipSilent { .. } => Advice::TryAgainThenUpdate,
+            Self::NotRestarted { .. } | Self::ChipBusy { .. } => Advice::TryAgain,
             Self::NoRegister { .. } => Advice::SeeBoardManual,
             Self::Bitfile(error) => return error.advice(),
             Self::WrongBoard { .. } => Advice::UseLayoutOfBoard,

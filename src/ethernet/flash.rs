@@ -7,15 +7,16 @@ use core::time::Duration;
 
 mod backup;
 mod boot_block;
+mod chip;
+mod spi;
 
 pub use backup::FlashDifference;
+pub use chip::{FlashChange, FlashChip};
+pub use spi::SpiFlash;
 
-use super::packets::QUICK;
 use super::{Bitfile, EthernetBoard, EthernetError, Lbp16Board};
 use crate::boards::FlashLayout;
-use crate::lbp16::{Command, Space, registers};
-use registers::flash::{PAGE, SECTOR};
-use registers::{control, flash};
+use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
 /// A sector of an M25P16 is erased within 3 s.
 const ERASE: Duration = Duration::from_secs(4);
@@ -23,10 +24,8 @@ const ERASE: Duration = Duration::from_secs(4);
 const WRITE: Duration = Duration::from_millis(100);
 /// Bytes of a sector, in the type of an address.
 const SECTOR_BYTES: u32 = SECTOR as u32;
-/// Bytes read by one command, as in the manual's examples.
-const BLOCK: usize = 256;
-/// Bytes read by one packet.
-const PACKET: usize = 4 * BLOCK;
+/// Bytes read at a time.
+const PACKET: usize = 1024;
 
 impl FlashLayout {
     /// The addresses of an area.
@@ -82,22 +81,13 @@ pub enum FlashStep {
 
 /// The flash memory of a board, guarded by its layout.
 #[derive(Debug)]
-pub struct Flash<'a, B> {
-    board: EthernetBoard<'a, B>,
+pub struct Flash<C> {
+    chip: C,
     layout: FlashLayout,
     needs_fallback: bool,
 }
 
-/// A change of the chip, at an address.
-#[derive(Clone, Copy, Debug)]
-enum FlashChange<'a> {
-    /// Erases the sector that begins at the address.
-    EraseSector,
-    /// Writes an erased page.
-    WritePage(&'a [u8; PAGE]),
-}
-
-impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
+impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// The board's flash memory, after a check that the board and its chip are those that the
     /// layout is for.
     ///
@@ -106,7 +96,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     pub fn into_flash(
         mut self,
         layout: FlashLayout,
-    ) -> Result<Flash<'a, B>, EthernetError<B::Error>> {
+    ) -> Result<Flash<Self>, EthernetError<B::Error>> {
         let found = self.identity()?.card;
         if !found.eq_ignore_ascii_case(layout.board) {
             return Err(EthernetError::WrongBoard {
@@ -118,19 +108,17 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     }
 }
 
-impl<'a, B: Lbp16Board> Flash<'a, B> {
-    fn open(
-        mut board: EthernetBoard<'a, B>,
-        layout: FlashLayout,
-    ) -> Result<Self, EthernetError<B::Error>> {
-        let mut id = [0; 4];
-        board.run(&mut id, QUICK, |request| {
-            request.read(Space::Flash, flash::ID, 1)
-        })?;
-        let (found, expected) = (u32::from_le_bytes(id), layout.id);
+impl<C: FlashChip> Flash<C> {
+    /// The memory of a board, after a check that its chip is the one that the layout is for. The
+    /// caller has checked the board.
+    ///
+    /// # Errors
+    /// [`EthernetError::WrongBoard`], and errors of the bus.
+    pub fn open(mut chip: C, layout: FlashLayout) -> Result<Self, EthernetError<C::Error>> {
+        let (found, expected) = (chip.id()?, layout.id);
         if found == expected {
             return Ok(Self {
-                board,
+                chip,
                 layout,
                 needs_fallback: true,
             });
@@ -157,29 +145,10 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     ///
     /// # Errors
     /// [`EthernetError::OutsideArea`] beyond the chip's end, and errors of the bus.
-    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
+    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<C::Error>> {
         self.check(Area::Whole, address, bytes.len(), false)?;
         for (part, at) in bytes.chunks_mut(PACKET).zip((address..).step_by(PACKET)) {
-            // Addresses and sizes of the memory are multiples of 4; those of the request need not
-            // be.
-            let skip = at % 4;
-            let wanted = part.len().saturating_add(skip as usize);
-            let wanted = wanted.next_multiple_of(4);
-            let mut buffer = [0; PACKET + 4];
-            let reply = buffer.get_mut(..wanted).unwrap_or_default();
-            self.board.run(reply, QUICK, |request| {
-                let start = at.saturating_sub(skip).to_le_bytes();
-                request.write(Space::Flash, flash::ADDRESS, &start)?;
-                for done in (0..wanted).step_by(BLOCK) {
-                    let count = wanted.saturating_sub(done).min(BLOCK) / 4;
-                    let read = Command::read(Space::Flash, count as u8).standing();
-                    request.command(read, flash::DATA, &[])?;
-                }
-                Ok(())
-            })?;
-            for (target, byte) in part.iter_mut().zip(reply.iter().skip(skip as usize)) {
-                *target = *byte;
-            }
+            self.chip.read(at, part)?;
         }
         Ok(())
     }
@@ -202,7 +171,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         bitfile: &Bitfile<'_>,
         area: Area,
         progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check_program(bitfile, area)?;
         let range = self.layout.addresses(area);
         self.write(area, range.start, bitfile.configuration, progress)
@@ -216,7 +185,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         &mut self,
         bitfile: &Bitfile<'_>,
         area: Area,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check_file(bitfile, area)?;
         self.check_boot_block()?;
         self.need_other(area)
@@ -231,13 +200,13 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         &mut self,
         bitfile: &Bitfile<'_>,
         area: Area,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check_file(bitfile, area)?;
         self.need_other(area)
     }
 
     /// Checks that a file is a configuration for this board and fits into the area.
-    fn check_file(&self, bitfile: &Bitfile<'_>, area: Area) -> Result<(), EthernetError<B::Error>> {
+    fn check_file(&self, bitfile: &Bitfile<'_>, area: Area) -> Result<(), EthernetError<C::Error>> {
         if !matches!(area, Area::User | Area::Fallback) {
             return Err(EthernetError::NotForConfigurations { area });
         }
@@ -247,7 +216,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     }
 
     /// Checks that the FPGA can still start when the area is erased.
-    fn need_other(&mut self, area: Area) -> Result<(), EthernetError<B::Error>> {
+    fn need_other(&mut self, area: Area) -> Result<(), EthernetError<C::Error>> {
         let FlashLayout { fallback, user, .. } = self.layout;
         match area {
             Area::User if self.needs_fallback && !self.begins(Area::Fallback)? => {
@@ -268,7 +237,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError<B::Error>> {
+    pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError<C::Error>> {
         let mut head = [0; Bitfile::SYNC_WITHIN];
         self.read(self.layout.addresses(area).start, &mut head)?;
         Ok(Bitfile::has_sync(&head))
@@ -283,7 +252,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         bitfile: &Bitfile<'_>,
         area: Area,
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let start = self.layout.addresses(area).start;
         self.check(area, start, bitfile.configuration.len(), false)?;
         self.compare(start, bitfile.configuration, &mut progress)
@@ -306,7 +275,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         address: u32,
         data: &[u8],
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check(area, address, data.len(), true)?;
         self.put(address, data, &mut progress)
     }
@@ -317,7 +286,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         address: u32,
         data: &[u8],
         progress: &mut impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let mut erased = 0_usize;
         for (_, sector) in data.chunks(SECTOR).zip((address..).step_by(SECTOR)) {
             self.change(sector, FlashChange::EraseSector)?;
@@ -346,30 +315,12 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         &mut self,
         address: u32,
         change: FlashChange<'_>,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let deadline = match change {
             FlashChange::EraseSector => ERASE,
             FlashChange::WritePage(_) => WRITE,
         };
-        let mut echo = [0; 4];
-        self.board.run(&mut echo, deadline, |request| {
-            // Cleared at the end of every packet, so it is part of each packet that writes.
-            let enable = control::ENABLE_FLASH.to_le_bytes();
-            request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
-            request.write(Space::Flash, flash::ADDRESS, &address.to_le_bytes())?;
-            match change {
-                FlashChange::EraseSector => {
-                    request.write(Space::Flash, flash::SECTOR_ERASE, &[0; 4])?;
-                }
-                FlashChange::WritePage(page) => {
-                    let write = Command::write(Space::Flash, (PAGE / 4) as u8).standing();
-                    request.command(write, flash::DATA, page)?;
-                }
-            }
-            // Reading the address starts the write of a page, and waits for the end of any
-            // operation.
-            request.read(Space::Flash, flash::ADDRESS, 1)
-        })
+        self.chip.change(address, change, deadline)
     }
 
     /// Checks that the bytes are inside of the area and, for a write, that no others are erased
@@ -380,7 +331,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         address: u32,
         bytes: usize,
         is_write: bool,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let Range { start, end } = self.layout.addresses(area);
         let (size, within) = (self.layout.size, address % SECTOR_BYTES);
         let behind = u64::from(address).saturating_add(bytes as u64);
@@ -407,7 +358,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         start: u32,
         data: &[u8],
         progress: &mut impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let mut buffer = [0; PACKET];
         let mut verified = 0_usize;
         for (chunk, at) in data.chunks(PACKET).zip((start..).step_by(PACKET)) {

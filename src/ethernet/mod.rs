@@ -19,7 +19,7 @@ mod spartan6;
 
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Flash, FlashDifference, FlashStep};
+pub use flash::{Area, Flash, FlashChange, FlashChip, FlashDifference, FlashStep, SpiFlash};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

@@ -174,39 +174,49 @@ impl BoardTable {
     }
 
     /// Terminals of A, B and index of encoder `number`: on the board itself, or on the card that
-    /// occupies its pins. If the board has terminals for encoders as well, those of a card begin
-    /// with the card's name: `7I77 TB3 pin 1`.
+    /// occupies its pins. If the board has terminals for encoders as well, or a card of another
+    /// kind, those of a card begin with the card's name: `7I77 TB3 pin 1`.
     pub fn encoder_places(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> [Place; 3] {
         let own = self.ranges(firmware, gtag);
         let on_card = |card: &&'static CardTable| Some((card.encoder(firmware, number)?, *card));
         let Some((on_card, card)) = self.cards.iter().find_map(on_card) else {
             return [0, 1, 2].map(|signal| Terminals::of_signal(own, number, signal).collect());
         };
+        let is_alone = own.is_empty() && !self.has_card_beside(firmware, card);
         [0, 1, 2].map(|signal| {
             let places = Terminals::of_signal(card.encoders, on_card, signal);
-            let named = places.map(|place| match own {
-                [] => place,
-                _ => Place {
-                    terminal: format!("{} {}", card.name, place.terminal),
-                    ..place
-                },
+            let named = places.map(|mut place| {
+                if !is_alone {
+                    place.terminal = format!("{} {}", card.name, place.terminal);
+                }
+                place
             });
             named.collect()
+        })
+    }
+
+    /// True if a card of another kind is on a connector as well: the terminal blocks of both have
+    /// the same names.
+    fn has_card_beside(&self, firmware: &HostMot2, card: &CardTable) -> bool {
+        let mut others = self.cards.iter().filter(|other| other.name != card.name);
+        others.any(|other| {
+            let connectors = firmware.pins.len().checked_div(other.pins.len());
+            (0..connectors.unwrap_or(0)).any(|n| other.connector(firmware, n).is_some())
         })
     }
 }
 
 impl BoardTable {
     /// Terminals of step and direction of step generator `unit` on the card that occupies its pins.
-    /// If the board has terminals of its own besides I/O pins, those of a card begin with the card's
-    /// name: `7I76 TB2 pin 2`.
+    /// If the board has terminals of its own besides I/O pins, or a card of another kind, those of a
+    /// card begin with the card's name: `7I76 TB2 pin 2`.
     pub fn step_places(&self, firmware: &HostMot2, unit: u8) -> [Place; 2] {
         let on_card = |card: &&'static CardTable| Some((card.generator(firmware, unit)?, *card));
         let Some((on_card, card)) = self.cards.iter().find_map(on_card) else {
             return Default::default();
         };
         let is_io = |entry: &ModuleTerminals| entry.modules == [Gtag::IO_PORT];
-        let is_alone = self.terminals.iter().all(is_io);
+        let is_alone = self.terminals.iter().all(is_io) && !self.has_card_beside(firmware, card);
         [0, 2].map(|first| {
             let places = Terminals::each_of(card.steps, on_card).skip(first).take(2);
             let place: Place = places.collect();

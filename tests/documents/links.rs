@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::{collections::BTreeSet, fs};
 
 /// Pages beside those of `docs`.
-const PAGES: [&str; 7] = [
+const PAGES: [&str; 8] = [
     "README.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "ARCHITECTURE.md",
     "crates/mesa-hal-sim/README.md",
+    "crates/mesa-pci/README.md",
     "crates/mesa-tools/README.md",
     "crates/mesa-wire/README.md",
 ];

@@ -29,7 +29,7 @@ fn bus() -> Bus {
     connect(link())
 }
 
-fn flash(bus: &mut Bus) -> Flash<'_, Bus> {
+fn flash(bus: &mut Bus) -> Flash<EthernetBoard<'_, Bus>> {
     let board = EthernetBoard::new(bus);
     board.into_flash(FlashLayout::I7I97).expect("an M25P16")
 }
@@ -54,7 +54,7 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 
 /// Flash memory with a boot block and a fallback, as delivered: without them nothing is written to
 /// the user area.
-fn as_it_comes(mut flash: Flash<'_, Bus>) -> Flash<'_, Bus> {
+fn as_it_comes(mut flash: Flash<EthernetBoard<'_, Bus>>) -> Flash<EthernetBoard<'_, Bus>> {
     flash.write_boot_block(|_, _| {}).expect("it is written");
     let start = flash.layout().addresses(Area::Fallback).start;
     flash

@@ -9,3 +9,4 @@ mod common;
 mod network_stack;
 mod other_board;
 mod registers;
+mod spi;

@@ -7,6 +7,7 @@ mod dither;
 mod encoders;
 mod identity;
 mod modules;
+mod pci;
 mod remotes;
 mod serial_ports;
 mod six_axes;

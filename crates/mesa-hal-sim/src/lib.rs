@@ -43,8 +43,8 @@ pub mod wire;
 mod world;
 
 pub use board::{
-    AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, StateError,
-    Tap, UdpClient, UdpCounters, UdpFace,
+    AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, SimPciBus,
+    StateError, Tap, UdpClient, UdpCounters, UdpFace,
 };
 pub use faults::{FaultKind, FaultPlace};
 pub use fpga::{

@@ -43,7 +43,7 @@ impl Words {
             Advice::LeaveDpll => {
                 "choose another period of the thread, or add num_dplls=0 to config="
             }
-            Advice::SetPeriodFirst | Advice::StartAnew => "load mesa_eth again",
+            Advice::SetPeriodFirst | Advice::StartAnew => "load the component again",
             Advice::LengthenWatchdog => {
                 "set a longer time (watchdog.timeout_ns is that of the board), or choose a shorter period of \
                  the thread"
@@ -57,7 +57,7 @@ impl Words {
             }
             Advice::RearmFirst => "set watchdog.has_bit or io_error to FALSE",
             Advice::StopAll | Advice::StopAllFirst | Advice::IdentifyPort => {
-                "load mesa_eth again; if that does not help, switch the board off and on"
+                "load the component again; if that does not help, switch the board off and on"
             }
             _ => return Self::OfLibrary,
         })

@@ -8,14 +8,17 @@ use std::ffi::CString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
+use mesa_hal::bus::DynBus;
 use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
+use mesa_pci::PciDevice;
 
 use crate::MAX_BOARDS;
 use crate::advice::WithAdvice;
 use crate::cycle::{Cycle, wanted};
-use crate::ffi::{self, ComponentId, HalError};
+use crate::ffi::{self, ComponentId, HalError, RootRights};
+use crate::interface::Interface;
 use crate::memory::{HalMemory, MemoryError};
-use crate::parameters::{self, BoardParameters};
+use crate::parameters::{self, BoardParameters, BoardPlace};
 use crate::say::{Level, Say, at_set_up};
 
 /// A function of a board.
@@ -39,11 +42,11 @@ impl Step {
     }
 }
 
-type UdpCycle = Cycle<UdpBus, HalMemory>;
+type BoardCycle = Cycle<DynBus, HalMemory>;
 
 /// The boards that are loaded. A lock is poisoned by a panic in the cycle of its board, which does
 /// nothing any more then.
-static BOARDS: [Mutex<Option<UdpCycle>>; MAX_BOARDS] = [const { Mutex::new(None) }; MAX_BOARDS];
+static BOARDS: [Mutex<Option<BoardCycle>>; MAX_BOARDS] = [const { Mutex::new(None) }; MAX_BOARDS];
 
 /// The component, while it is loaded.
 static COMPONENT: Mutex<Option<ComponentId>> = Mutex::new(None);
@@ -74,7 +77,7 @@ pub(crate) fn load() -> c_int {
     let loaded = loaded.unwrap_or_else(|_| {
         Err(LoadError::new(
             ENODEV,
-            "this is an error of mesa_eth itself: a panic, whose text is above",
+            "this is an error of the component itself: a panic, whose text is above",
         ))
     });
     match loaded {
@@ -88,8 +91,9 @@ pub(crate) fn load() -> c_int {
 }
 
 fn try_load() -> Result<(), LoadError> {
-    let boards = parameters::take().map_err(|error| LoadError::new(EINVAL, error))?;
-    let component = ComponentId::new(c"mesa_eth");
+    let interface = Interface::own();
+    let boards = parameters::take(interface).map_err(|error| LoadError::new(EINVAL, error))?;
+    let component = ComponentId::new(interface.name());
     let component = component.map_err(|HalError(result)| {
         LoadError::new(
             result,
@@ -99,21 +103,21 @@ fn try_load() -> Result<(), LoadError> {
     *locked(&COMPONENT) = Some(component);
     let mut of_kind = BTreeMap::new();
     for (number, board) in boards.into_iter().enumerate() {
-        let (address, config) = (board.address, board.config.clone());
+        let (place, config) = (board.place.to_string(), board.config.clone());
         let of_board = |error: LoadError| {
             let words = match &*config {
-                "" => format!("board_ip={address}"),
-                config => format!("board_ip={address} config={config}"),
+                "" => place.clone(),
+                config => format!("{place} config={config}"),
             };
             LoadError::new(error.result, format_args!("{words}: {}", error.text))
         };
         let driver = start(board, &mut of_kind).map_err(of_board)?;
         let name = driver.name().to_owned();
         let cycle = add(component, number, driver).map_err(of_board)?;
-        if let Some(place) = BOARDS.get(number) {
-            *locked(place) = Some(cycle);
+        if let Some(slot) = BOARDS.get(number) {
+            *locked(slot) = Some(cycle);
         }
-        at_set_up(Level::Info, &format_args!("board_ip={address}: {name}"));
+        at_set_up(Level::Info, &format_args!("{place}: {name}"));
     }
     let ready = component.ready();
     ready.map_err(|HalError(result)| LoadError::new(result, "HAL does not accept the component"))
@@ -123,12 +127,11 @@ fn try_load() -> Result<(), LoadError> {
 fn start(
     board: BoardParameters,
     of_kind: &mut BTreeMap<String, u8>,
-) -> Result<Driver<UdpBus>, LoadError> {
+) -> Result<Driver<DynBus>, LoadError> {
     let BoardParameters {
-        address, settings, ..
+        place, settings, ..
     } = board;
-    let bus = UdpBus::connect(address, UdpConfig::default());
-    let bus = bus.map_err(|error| failed(&error, error.advice()))?;
+    let bus = open(&place)?;
     let board = Board::identify_with(bus, settings, |firmware, settings| {
         let kind = firmware.idrom.board();
         let next = of_kind.entry(kind).or_default();
@@ -137,6 +140,31 @@ fn start(
     });
     let driver = board.and_then(Board::start);
     driver.map_err(|error| failed(&error, error.advice()))
+}
+
+/// Opens the bus of a board.
+fn open(place: &BoardPlace) -> Result<DynBus, LoadError> {
+    match place {
+        BoardPlace::Ethernet(address) => {
+            let bus = UdpBus::connect(*address, UdpConfig::default());
+            let bus = bus.map_err(|error| failed(&error, error.advice()))?;
+            Ok(DynBus::new(bus))
+        }
+        // The kernel shows registers of a board, and the mappings of other programs, to root only.
+        BoardPlace::Pci(device) => {
+            let _rights = RootRights::take();
+            open_on_pci(device)
+        }
+        // What the user names is opened with the user's rights.
+        BoardPlace::InFolder(device) => open_on_pci(device),
+    }
+}
+
+fn open_on_pci(device: &PciDevice) -> Result<DynBus, LoadError> {
+    let bus = device.open();
+    let bus =
+        bus.map_err(|error| LoadError::new(ENODEV, format_args!("{error}; {}", error.remedy())))?;
+    Ok(DynBus::new(bus))
 }
 
 /// An error of the driver, with its advice.
@@ -148,8 +176,8 @@ fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadErr
 fn add(
     component: ComponentId,
     number: usize,
-    driver: Driver<UdpBus>,
-) -> Result<UdpCycle, LoadError> {
+    driver: Driver<DynBus>,
+) -> Result<BoardCycle, LoadError> {
     let wanted = wanted(&driver);
     let of_memory = |name: &str, error: MemoryError| {
         let result = match error {
@@ -186,7 +214,7 @@ fn add(
 }
 
 /// Prints what a user should know about the remotes and modules of a board.
-fn report_remarks(driver: &Driver<UdpBus>) {
+fn report_remarks(driver: &Driver<DynBus>) {
     let name = driver.name();
     let missing = driver.missing().iter();
     let (silent, missing): (Vec<_>, Vec<_>) = missing.partition(|remark| remark.is_silent());
@@ -260,8 +288,8 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
         at_set_up(
             Level::Error,
             &format_args!(
-                "a panic in {name}.{step}, whose text is above, is an error of mesa_eth itself: the board is \
-                 not driven any more, and its watchdog switches its outputs off; load mesa_eth again"
+                "a panic in {name}.{step}, whose text is above, is an error of the component itself: the board \
+                 is not driven any more, and its watchdog switches its outputs off; load it again"
             ),
         );
     }
@@ -277,7 +305,7 @@ pub(crate) fn unload() {
     }
 }
 
-fn stop(place: &Mutex<Option<UdpCycle>>) {
+fn stop(place: &Mutex<Option<BoardCycle>>) {
     match place.lock() {
         Ok(mut cycle) => {
             if let Some(cycle) = cycle.take() {

@@ -12,7 +12,7 @@
     reason = "symbols of an interface in C; each block has its reason"
 )]
 
-use core::ffi::{CStr, c_char, c_int, c_long, c_void};
+use core::ffi::{CStr, c_char, c_int, c_long, c_uint, c_void};
 use core::ptr::NonNull;
 use core::sync::atomic::{AtomicI32, AtomicPtr, Ordering};
 
@@ -49,6 +49,18 @@ unsafe extern "C" {
     ) -> c_int;
     fn hal_param_alias(name: *const c_char, alias: *const c_char) -> c_int;
     fn rtapi_print_msg(level: c_int, format: *const c_char, ...);
+    // Of the C library.
+    fn dladdr(address: *const c_void, symbol: *mut Symbol) -> c_int;
+    safe fn setfsuid(user: c_uint) -> c_int;
+}
+
+/// `Dl_info` of the C library.
+#[repr(C)]
+struct Symbol {
+    file: *const c_char,
+    base: *mut c_void,
+    name: *const c_char,
+    address: *mut c_void,
 }
 
 /// A function of HAL has failed: its negative error number.
@@ -121,6 +133,48 @@ pub(crate) fn print(level: Level, text: &CStr) {
     unsafe { rtapi_print_msg(level as c_int, c"%s\n".as_ptr(), text.as_ptr()) }
 }
 
+/// The file that this code was loaded from, as `rtapi_app` has named it. `/proc/self/maps` has it as
+/// well, but not for a program with more rights than its user, which `rtapi_app` is.
+pub(crate) fn own_file() -> Option<String> {
+    let code = own_file as fn() -> Option<String> as *const c_void;
+    let mut symbol = Symbol {
+        file: core::ptr::null(),
+        base: core::ptr::null_mut(),
+        name: core::ptr::null(),
+        address: core::ptr::null_mut(),
+    };
+    // SAFETY: the function writes all fields of a structure of its own type, or none.
+    let found = unsafe { dladdr(code, &raw mut symbol) };
+    if found == 0 || symbol.file.is_null() {
+        return None;
+    }
+    // SAFETY: the name ends with NUL, and stays while the file is loaded, as it is now.
+    let file = unsafe { CStr::from_ptr(symbol.file) };
+    Some(file.to_string_lossy().into_owned())
+}
+
+/// Root's rights to files, while the value exists, if the program has them: `rtapi_app` does, and lets
+/// its user have them for what its drivers need. Only for this thread.
+#[derive(Debug)]
+pub(crate) struct RootRights {
+    user: c_uint,
+}
+
+impl RootRights {
+    pub fn take() -> Self {
+        // The result is the user so far.
+        Self {
+            user: setfsuid(0) as c_uint,
+        }
+    }
+}
+
+impl Drop for RootRights {
+    fn drop(&mut self) {
+        setfsuid(self.user);
+    }
+}
+
 extern "C" fn read(board: *mut c_void, period: c_long) {
     component::run(board.addr(), Step::Read, period);
 }
@@ -150,6 +204,7 @@ type Texts = [AtomicPtr<c_char>; MAX_BOARDS];
 
 static BOARD_IP: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static CONFIG: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
+static SYSFS: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static DEBUG: AtomicI32 = AtomicI32::new(0);
 
 /// Place of the words of `board_ip=`.
@@ -171,6 +226,16 @@ pub static rtapi_info_type_config: &[u8; 2] = b"s\0";
 /// Largest number of words of `config=`.
 #[unsafe(no_mangle)]
 pub static rtapi_info_size_config: c_int = MAX_BOARDS as c_int;
+
+/// Place of the word of `sysfs=`: a folder of `mesa sim --pci` in place of /sys.
+#[unsafe(no_mangle)]
+pub static rtapi_info_address_sysfs: &Texts = &SYSFS;
+/// Type of `sysfs=`: a text.
+#[unsafe(no_mangle)]
+pub static rtapi_info_type_sysfs: &[u8; 2] = b"s\0";
+/// Largest number of words of `sysfs=`.
+#[unsafe(no_mangle)]
+pub static rtapi_info_size_sysfs: c_int = 1;
 
 /// Place of `debug=`, which hm2_eth has: accepted, and without effect.
 #[unsafe(no_mangle)]
@@ -201,10 +266,10 @@ mod panics {
 #[cfg(debug_assertions)]
 pub(crate) use panics::is_due as panic_is_due;
 
-/// The words of `board_ip=` and of `config=`, taken: a later load begins without them, even if the
+/// The words of `board_ip=`, of `config=` and of `sysfs=`, taken: a later load begins without them, even if the
 /// component stays in memory. Text that is not UTF-8 is replaced by the sign for that.
-pub(crate) fn take_parameters() -> [Vec<String>; 2] {
-    [&BOARD_IP, &CONFIG].map(|texts| {
+pub(crate) fn take_parameters() -> [Vec<String>; 3] {
+    [&BOARD_IP, &CONFIG, &SYSFS].map(|texts| {
         let taken = texts
             .iter()
             .map(|text| text.swap(core::ptr::null_mut(), Ordering::Relaxed));

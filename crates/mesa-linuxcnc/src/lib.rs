@@ -7,12 +7,17 @@
 //! addf hm2_7i97.0.write servo-thread
 //! ```
 //!
+//! A copy of the library under the name `mesa_pci.so` is the component `mesa_pci`, in the place of
+//! `hm2_pci`: it drives the boards on the PCI bus, in the order of their addresses, each with its word
+//! of `config=`.
+//!
 //! [The page for LinuxCNC users](mesa_hal::guides::linuxcnc) describes what differs. From the outside in:
 //!
 //! | module | contains |
 //! |---|---|
 //! | `ffi` | the functions of HAL and RTAPI, and the symbols that `rtapi_app` looks up; unsafe |
 //! | `memory` | pins and parameters in HAL's shared memory; unsafe |
+//! | `interface` | `mesa_eth` or `mesa_pci`, by the name of the file |
 //! | `parameters` | the words of the `loadrt` line |
 //! | `component` | loading, the functions of the cycle, the end, and panics |
 //! | `cycle` | a board's cycle: HAL to the driver and back |
@@ -34,6 +39,7 @@ mod advice;
 mod component;
 mod cycle;
 mod ffi;
+mod interface;
 mod memory;
 mod parameters;
 mod rearm;

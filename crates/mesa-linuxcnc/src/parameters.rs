@@ -3,16 +3,42 @@
 use std::net::{Ipv4Addr, SocketAddrV4};
 
 use crate::ffi;
+use crate::interface::Interface;
+use core::fmt;
 use mesa_hal::{ParseError, Settings};
+use mesa_pci::{PciDevice, SYSFS};
+use std::path::Path;
 
 /// Port of the boards.
 const PORT: u16 = 27_181;
 
+/// Where a board is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum BoardPlace {
+    /// On the network.
+    Ethernet(SocketAddrV4),
+    /// On the PCI bus.
+    Pci(PciDevice),
+    /// In a folder of the user's in place of /sys.
+    InFolder(PciDevice),
+}
+
+impl fmt::Display for BoardPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ethernet(address) => write!(f, "board_ip={address}"),
+            Self::Pci(device) | Self::InFolder(device) => {
+                write!(f, "{} at {}", device.board().name, device.address())
+            }
+        }
+    }
+}
+
 /// A board of the `loadrt` line.
 #[derive(Clone, Debug)]
 pub(crate) struct BoardParameters {
-    /// Its address.
-    pub address: SocketAddrV4,
+    /// Its place.
+    pub place: BoardPlace,
     /// Its word of `config=`.
     pub config: String,
     /// The same, as settings.
@@ -40,13 +66,44 @@ pub(crate) enum WordError {
         word: String,
     },
     /// More configurations than boards.
-    #[error("config={word}: there are more words in config= than boards in board_ip=")]
+    #[error("config={word}: there are more words in config= than boards")]
     Surplus {
         /// The first word without a board.
         word: String,
     },
+    /// Addresses for a component that finds its boards.
+    #[error(
+        "board_ip={word}: mesa_pci takes the boards on the PCI bus in the order of their addresses"
+    )]
+    NotOnPci {
+        /// The word.
+        word: String,
+    },
+    /// No board on the PCI bus.
+    #[error("no board on the PCI bus below {root}: `mesa list --pci` shows what is there")]
+    NoPciBoard {
+        /// `/sys`, or the folder in its place.
+        root: String,
+    },
+    /// More boards than a component takes.
+    #[error(
+        "{count} boards on the PCI bus, and at most {} are driven",
+        crate::MAX_BOARDS
+    )]
+    TooMany {
+        /// Number of boards.
+        count: usize,
+    },
+    /// The folder of the bus cannot be read.
+    #[error("sysfs={root}: {error}")]
+    Sysfs {
+        /// The folder.
+        root: String,
+        /// Why.
+        error: String,
+    },
     /// Error in a configuration.
-    #[error("config= of board_ip={board}: {error}")]
+    #[error("config= of {board}: {error}")]
     Config {
         /// The address of the board.
         board: String,
@@ -56,9 +113,61 @@ pub(crate) enum WordError {
 }
 
 /// Takes the words of the `loadrt` line.
-pub(crate) fn take() -> Result<Vec<BoardParameters>, WordError> {
-    let [boards, configs] = ffi::take_parameters();
-    parse(&boards, &configs)
+pub(crate) fn take(interface: Interface) -> Result<Vec<BoardParameters>, WordError> {
+    let [boards, configs, sysfs] = ffi::take_parameters();
+    match interface {
+        Interface::Ethernet => parse(&boards, &configs),
+        Interface::Pci => {
+            if let Some(word) = boards.into_iter().find(|word| !word.is_empty()) {
+                return Err(WordError::NotOnPci { word });
+            }
+            match sysfs.first() {
+                None => find(SYSFS, BoardPlace::Pci, &configs),
+                Some(folder) => find(folder, BoardPlace::InFolder, &configs),
+            }
+        }
+    }
+}
+
+/// The boards on the PCI bus, each with its configuration.
+fn find(
+    root: &str,
+    place: fn(PciDevice) -> BoardPlace,
+    configs: &[String],
+) -> Result<Vec<BoardParameters>, WordError> {
+    let found = mesa_pci::search(Path::new(root)).map_err(|error| WordError::Sysfs {
+        root: root.into(),
+        error: error.to_string(),
+    })?;
+    if found.is_empty() {
+        return Err(WordError::NoPciBoard { root: root.into() });
+    }
+    if found.len() > crate::MAX_BOARDS {
+        return Err(WordError::TooMany { count: found.len() });
+    }
+    if let Some(word) = configs.get(found.len()) {
+        return Err(WordError::Surplus { word: word.clone() });
+    }
+    let boards = found.into_iter().enumerate();
+    boards
+        .map(|(number, device)| BoardParameters::new(place(device), configs, number))
+        .collect()
+}
+
+impl BoardParameters {
+    /// The board with a number, and its word of `config=`.
+    fn new(place: BoardPlace, configs: &[String], number: usize) -> Result<Self, WordError> {
+        let config = configs.get(number).map_or("", String::as_str);
+        let settings = Settings::from_hostmot2(config).map_err(|error| WordError::Config {
+            board: place.to_string(),
+            error,
+        })?;
+        Ok(Self {
+            place,
+            config: config.into(),
+            settings,
+        })
+    }
 }
 
 fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, WordError> {
@@ -72,19 +181,11 @@ fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, 
     for (number, word) in boards.iter().enumerate() {
         let word = word.trim();
         let address = address(word).ok_or_else(|| WordError::Address { word: word.into() })?;
-        if parsed.iter().any(|board| board.address == address) {
+        let place = BoardPlace::Ethernet(address);
+        if parsed.iter().any(|board| board.place == place) {
             return Err(WordError::Twice { word: word.into() });
         }
-        let config = configs.get(number).map_or("", String::as_str);
-        let settings = Settings::from_hostmot2(config).map_err(|error| WordError::Config {
-            board: word.into(),
-            error,
-        })?;
-        parsed.push(BoardParameters {
-            address,
-            config: config.into(),
-            settings,
-        });
+        parsed.push(BoardParameters::new(place, configs, number)?);
     }
     Ok(parsed)
 }
@@ -118,8 +219,12 @@ mod tests {
             "sserial_port_0=xx",
         ]);
         let parsed = parse(&boards, &configs).expect("words");
-        let ports: Vec<_> = parsed.iter().map(|board| board.address.port()).collect();
-        assert_eq!(ports, [27_181, 1234, 27_181]);
+        let places: Vec<_> = parsed.iter().map(|board| board.place.to_string()).collect();
+        let expected = ["10.10.10.10:27181", "127.0.0.1:1234", "10.10.10.12:27181"];
+        assert_eq!(
+            places,
+            expected.map(|address| format!("board_ip={address}"))
+        );
         assert_eq!(parsed[0].settings.instances[&Gtag::ENCODER], 3);
         assert_eq!(parsed[1].settings.instances[&Gtag::SSERIAL], 0);
         assert!(parsed[2].settings.serial_ports.is_empty());

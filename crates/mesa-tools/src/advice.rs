@@ -21,6 +21,7 @@ use mesa_hal::sslbp::{PortError, StartFailure, StartFailureReason};
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Advice, CycleError, DriverError, Remark};
 
+use crate::BoardBusError;
 use crate::inventory::InventoryError;
 use crate::passive::PassiveError;
 use crate::setup::update::UpdateError;
@@ -98,6 +99,15 @@ macro_rules! first_of {
 pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
     first_of!(
         error,
+        DriverError<BoardBusError>,
+        StopError<BoardBusError>,
+        CycleError<BoardBusError>,
+        EthernetError<BoardBusError>,
+        InventoryError<BoardBusError>,
+        IdentifyError<BoardBusError>,
+        PortError<BoardBusError>,
+        BoardBusError,
+        UpdateError<PortError<BoardBusError>>,
         DriverError<UdpError>,
         StopError<UdpError>,
         CycleError<UdpError>,
@@ -143,6 +153,8 @@ pub fn told(error: &(dyn Error + 'static)) -> String {
     let text = with_advice(error, advice);
     let stop = error.downcast_ref::<StopError<UdpError>>();
     let failed = stop.and_then(|error| error.failed.as_ref()?.advice());
+    let either = error.downcast_ref::<StopError<BoardBusError>>();
+    let failed = failed.or_else(|| either.and_then(|error| error.failed.as_ref()?.advice()));
     with_advice(text, failed.filter(|failed| Some(*failed) != advice))
 }
 

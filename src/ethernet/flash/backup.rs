@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::{Area, Flash, PACKET, SECTOR_BYTES};
 use crate::ethernet::spartan6::BootBlock;
-use crate::ethernet::{Bitfile, EthernetError, FlashStep, Lbp16Board};
+use crate::ethernet::{Bitfile, EthernetError, FlashChip, FlashStep};
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
 /// Sectors in which a chip differs from a backup, and which are written together.
@@ -28,7 +28,7 @@ const AREAS: [Area; 4] = [
     Area::BootBlock,
 ];
 
-impl<B: Lbp16Board> Flash<'_, B> {
+impl<C: FlashChip> Flash<C> {
     /// Reads the whole chip. `progress` receives the number of bytes read, and cancels by returning
     /// `false`; the result is then `None`.
     ///
@@ -37,7 +37,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     pub fn backup(
         &mut self,
         mut progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<u8>>, EthernetError<B::Error>> {
+    ) -> Result<Option<Vec<u8>>, EthernetError<C::Error>> {
         let size = self.layout.size as usize;
         let mut bytes = Vec::with_capacity(size);
         let mut part = [0; PACKET];
@@ -59,7 +59,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     /// [`EthernetError::OutsideArea`] if its size is wrong, [`EthernetError::NoBootBlock`], and
     /// [`EthernetError::NoUserConfiguration`] if it has neither a user configuration nor a
     /// fallback.
-    pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError<B::Error>> {
+    pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError<C::Error>> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let (address, _) = self.layout.boot_block;
         let head = self.of(Area::BootBlock, backup).get(..PAGE);
@@ -82,7 +82,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::NoBootBlock`] and [`EthernetError::OtherBootBlock`].
-    pub fn check_backup_boot_block(&self, backup: &[u8]) -> Result<(), EthernetError<B::Error>> {
+    pub fn check_backup_boot_block(&self, backup: &[u8]) -> Result<(), EthernetError<C::Error>> {
         let head = self.of(Area::BootBlock, backup).get(..BootBlock::BYTES);
         self.check_boot_head(head.unwrap_or_default())
     }
@@ -101,7 +101,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         &mut self,
         backup: &[u8],
         progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<FlashDifference>>, EthernetError<B::Error>> {
+    ) -> Result<Option<Vec<FlashDifference>>, EthernetError<C::Error>> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let Some(found) = self.backup(progress)? else {
             return Ok(None);
@@ -151,7 +151,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         &mut self,
         backup: &[u8],
         part: &FlashDifference,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check_backup(backup)?;
         if part.area == Some(Area::BootBlock) {
             self.check_backup_boot_block(backup)?;
@@ -168,7 +168,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         backup: &[u8],
         part: &FlashDifference,
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         self.check_restore(backup, part)?;
         let bytes = part.start as usize..part.end as usize;
         let expected = || alloc::format!("whole sectors up to 0x{:06X}", self.layout.size);

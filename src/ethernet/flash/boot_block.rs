@@ -3,7 +3,7 @@
 use super::{Area, Flash, FlashStep};
 use crate::boards::FlashLayout;
 use crate::ethernet::spartan6::BootBlock;
-use crate::ethernet::{EthernetError, Lbp16Board};
+use crate::ethernet::{EthernetError, FlashChip};
 
 impl FlashLayout {
     /// The content of a valid boot block, to be written at its start: a header that makes the FPGA
@@ -15,14 +15,14 @@ impl FlashLayout {
     }
 }
 
-impl<B: Lbp16Board> Flash<'_, B> {
+impl<C: FlashChip> Flash<C> {
     /// Checks the boot block as mesaflash does: its first 64 bytes are those of
     /// [`boot_page`](FlashLayout::boot_page).
     ///
     /// # Errors
     /// [`EthernetError::NoBootBlock`] if it is erased, [`EthernetError::OtherBootBlock`] if it
     /// differs, and errors of the bus.
-    pub fn check_boot_block(&mut self) -> Result<(), EthernetError<B::Error>> {
+    pub fn check_boot_block(&mut self) -> Result<(), EthernetError<C::Error>> {
         let mut head = [0; BootBlock::BYTES];
         self.read(self.layout.boot_block.0, &mut head)?;
         self.check_boot_head(&head)
@@ -37,13 +37,13 @@ impl<B: Lbp16Board> Flash<'_, B> {
     pub fn write_boot_block(
         &mut self,
         progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError<C::Error>> {
         let page = self.layout.boot_page();
         self.write(Area::BootBlock, self.layout.boot_block.0, &page, progress)
     }
 
     /// Checks the first bytes of a boot block.
-    pub(super) fn check_boot_head(&self, head: &[u8]) -> Result<(), EthernetError<B::Error>> {
+    pub(super) fn check_boot_head(&self, head: &[u8]) -> Result<(), EthernetError<C::Error>> {
         let (address, _) = self.layout.boot_block;
         if head.iter().all(|&byte| byte == 0xFF) {
             return Err(EthernetError::NoBootBlock { address });

@@ -3,7 +3,8 @@ mod backup;
 use super::super::BitfileError;
 use super::*;
 use crate::bus::{Clock, Instant};
-use crate::lbp16::Operations;
+use crate::lbp16::registers::{control, flash};
+use crate::lbp16::{Operations, Space};
 use alloc::{vec, vec::Vec};
 
 /// A chip as described in its data sheet: erasing sets bits, writing clears them.
@@ -113,7 +114,7 @@ impl Chip {
     }
 }
 
-fn open(chip: &mut Chip) -> Result<Flash<'_, Chip>, EthernetError<NoPower>> {
+fn open(chip: &mut Chip) -> Result<Flash<EthernetBoard<'_, Chip>>, EthernetError<NoPower>> {
     Flash::open(EthernetBoard::new(chip), FlashLayout::I7I97)
 }
 
@@ -232,8 +233,9 @@ fn a_boot_block_that_mesaflash_refuses_is_refused_until_it_is_written() {
             expected,
             found: byte,
         };
-        let program =
-            |flash: &mut Flash<'_, Chip>| flash.program(&bitfile(&data), Area::User, |_, _| {});
+        let program = |flash: &mut Flash<EthernetBoard<'_, Chip>>| {
+            flash.program(&bitfile(&data), Area::User, |_, _| {})
+        };
         assert_eq!(program(&mut flash), Err(refused.clone()));
         assert_eq!(flash.check_boot_block(), Err(refused));
         flash.write_boot_block(|_, _| {}).unwrap();

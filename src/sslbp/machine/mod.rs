@@ -153,6 +153,9 @@ pub struct PortMachine {
 /// Number of busy reads, however far apart, before a busy COMMAND is considered stuck.
 const MIN_BUSY_READS: u32 = 3;
 
+/// Factor of the times of the slowest port, of 33 MHz, against the recorded ones.
+const SLOWEST: u32 = 3;
+
 impl PortMachine {
     /// A port with these channels, in an unknown state.
     pub fn new(channels: ChannelMask) -> Self {
@@ -267,7 +270,13 @@ impl PortMachine {
         let OperationTimes { usual, settle, .. } = operation.times();
         if !settle.is_zero() {
             let cleared = *pending.cleared.get_or_insert(now);
-            let settled = cleared.min(issued.after(usual)).after(settle);
+            // COMMAND may have been 0 for a while when it is seen, but not for longer than that. The
+            // pause after the stop of single channels is enough for the slowest port, too.
+            let latest = match operation {
+                PortOperation::Stop(_) => issued.after(usual),
+                _ => issued.after(usual.saturating_mul(SLOWEST)),
+            };
+            let settled = cleared.min(latest).after(settle);
             if now < settled {
                 return PortEvent::Settling(settled);
             }

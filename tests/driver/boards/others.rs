@@ -190,6 +190,30 @@ fn a_7i97t_is_a_7i97_with_another_clock() {
     assert!(!usual.firmware().idrom.is_7i97t());
 }
 
+/// A port of six channels takes 270 us for a STOPALL at 33 MHz, and wipes its registers after that.
+#[test]
+fn all_twelve_axes_of_a_5i25_with_two_7i77_have_their_encoders() {
+    let mut fpga = machines::i5i25_7i77x2();
+    for first in [0, 3] {
+        machines::plug_7i77(&mut fpga, 0, first);
+    }
+    let mut driver = started(fpga);
+    assert_eq!(driver.name(), "hm2_5i25.0");
+    cycles(&mut driver, 10);
+    for first in [0, 3] {
+        let card: I7i77 = driver.attach_card((0, first)).expect("a 7I77");
+        let names = card
+            .encoders
+            .iter()
+            .map(|encoder| terminal(driver.pins(), encoder).0);
+        let numbers = (0..6).map(|n| format!("hm2_5i25.0.encoder.{:02}.rawcounts", 2 * first + n));
+        assert!(names.eq(numbers), "channel {first}");
+        let input = format!("hm2_5i25.0.7i77.0.{first}.input-03");
+        let input = driver.pins().input::<bool>(&input).expect("an input");
+        assert!(driver.pins().read(input).valid, "channel {first}");
+    }
+}
+
 /// A 5I25 of 2012 printed SSLBP 1.38: FACTS 2.3.
 #[test]
 fn old_serial_firmware_is_reported_in_a_remark() {

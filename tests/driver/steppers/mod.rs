@@ -14,6 +14,7 @@ const SCALE: f64 = 1_000.0;
 
 mod alike;
 mod at_rest;
+mod host_5i25;
 
 struct Machine {
     driver: Driver<Faulty<SimFpga>>,

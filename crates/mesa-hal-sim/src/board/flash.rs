@@ -10,8 +10,8 @@ pub(super) const FLASH_SIZE: usize = 2 << 20;
 const FLASH_ID: u32 = 0x14;
 
 /// Typical times of an M25P16 for a page and for a sector.
-const PAGE_PROGRAM: Nanos = 640_000;
-const ERASE: Nanos = 600_000_000;
+pub(super) const PAGE_PROGRAM: Nanos = 640_000;
+pub(super) const ERASE: Nanos = 600_000_000;
 
 /// A refused access of the flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,10 +107,7 @@ impl Flash {
             }
             SECTOR_ERASE if enabled => {
                 let time = self.program();
-                let start = (self.address as usize % FLASH_SIZE) & !(SECTOR - 1);
-                let sector = self.memory.get_mut(start..start + SECTOR);
-                sector.unwrap_or_default().fill(0xFF);
-                self.changes += 1;
+                self.erase_sector(self.address as usize % FLASH_SIZE);
                 Ok(time + ERASE)
             }
             DATA | SECTOR_ERASE => Err(FlashError::NotEnabled),
@@ -138,12 +135,25 @@ impl Flash {
         let Some(page) = self.page.take() else {
             return 0;
         };
-        let cells = self.memory.get_mut(page.base..page.base + PAGE);
-        for (cell, byte) in cells.unwrap_or_default().iter_mut().zip(page.bytes) {
+        self.program_page(page.base, &page.bytes);
+        PAGE_PROGRAM
+    }
+
+    /// Programs bytes of a page that begins at `base`: bits can only become 0.
+    pub(super) fn program_page(&mut self, base: usize, bytes: &[u8; PAGE]) {
+        let cells = self.memory.get_mut(base..base + PAGE);
+        for (cell, byte) in cells.unwrap_or_default().iter_mut().zip(bytes) {
             *cell &= byte;
         }
         self.changes += 1;
-        PAGE_PROGRAM
+    }
+
+    /// Erases the sector around an address.
+    pub(super) fn erase_sector(&mut self, address: usize) {
+        let start = address & !(SECTOR - 1);
+        let sector = self.memory.get_mut(start..start + SECTOR);
+        sector.unwrap_or_default().fill(0xFF);
+        self.changes += 1;
     }
 }
 

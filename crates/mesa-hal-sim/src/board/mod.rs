@@ -9,6 +9,7 @@ mod ethernet_chip;
 mod flash;
 mod gateware;
 mod icap;
+mod pci;
 mod pointers;
 mod state;
 #[cfg(test)]
@@ -18,6 +19,7 @@ mod udp;
 pub use capture::{Endpoint, PcapWriter, Tap};
 pub use config::{AddressJumpers, BoardConfig};
 pub use gateware::Gateware;
+pub use pci::SimPciBus;
 pub use state::StateError;
 pub use udp::{Mishaps, UdpClient, UdpCounters, UdpFace};
 
@@ -28,6 +30,7 @@ use self::{
     ethernet_chip::EthernetChip,
     flash::{Flash, FlashError},
     icap::Icap,
+    pci::Spi,
     pointers::AddressPointers,
 };
 use super::wire::Nanos;
@@ -61,6 +64,7 @@ pub struct SimBoard<G> {
     status: Words,
     card: Words,
     icap: Icap,
+    spi: Spi,
     time: Nanos,
     silent_until: Nanos,
     reload: Option<u32>,
@@ -80,6 +84,7 @@ impl<G: Gateware> SimBoard<G> {
             status: status_after_reset(eeprom.led_mode()),
             card: control::card(&config),
             icap: Icap::default(),
+            spi: Spi::default(),
             eeprom,
             config,
             gateware,

@@ -85,7 +85,7 @@ impl Clock for SimFpga {
     }
 }
 
-fn check(access: Access, len: usize) -> Result<(), SimError> {
+pub(crate) fn check(access: Access, len: usize) -> Result<(), SimError> {
     let Access {
         address,
         first,

@@ -12,6 +12,7 @@ mod reload;
 mod world_side;
 
 pub use bus::SimError;
+pub(crate) use bus::check;
 pub use director::{ChangeCause, Director};
 pub use firmware::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};
 pub use image::{FirmwareImage, FirmwareImageError};

@@ -1,5 +1,9 @@
 //! The firmware of the machines.
 
+mod i5i25;
+
+pub use i5i25::*;
+
 use super::MAX_CHANNELS;
 use crate::fpga::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};
 use crate::sslbp::MINOR_REVISION;
@@ -200,11 +204,6 @@ pub fn firmware_7i92_7i76() -> SimFirmware {
         *pin = SimPinDescriptor::new(gtag::ENCODER, 0, signal);
     }
     firmware
-}
-
-/// The firmware of a 5I25 (PCI, ClockLow 33.33 MHz) with a 7I77 on its first connector.
-pub fn firmware_5i25_7i77() -> SimFirmware {
-    two_connectors(*b"MESA5I25", 33_333_333, 1)
 }
 
 /// The firmware of a 7I97. FACTS 9.2.

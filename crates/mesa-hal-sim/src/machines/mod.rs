@@ -53,6 +53,16 @@ pub fn i5i25_7i77() -> SimFpga {
     SimFpga::new(firmware_5i25_7i77())
 }
 
+/// A 5I25 for two 7I77, with nothing plugged in.
+pub fn i5i25_7i77x2() -> SimFpga {
+    SimFpga::new(firmware_5i25_7i77x2())
+}
+
+/// A 5I25 for a 7I77 and a 7I76, with nothing plugged in.
+pub fn i5i25_7i77_7i76() -> SimFpga {
+    SimFpga::new(firmware_5i25_7i77_7i76())
+}
+
 /// A 7I80DB with older firmware: see [`firmware_7i80_of_2016`]. Nothing is plugged in.
 pub fn i7i80_of_2016() -> SimFpga {
     SimFpga::new(firmware_7i80_of_2016())
@@ -129,13 +139,22 @@ pub fn twelve_axes_7i97(motor: impl Fn(usize) -> Motor) -> SimFpga {
 /// A 7I92 with a 7I76, a stepper motor on each of its five step generators, and a spindle. `motor`
 /// is called with the number of each.
 pub fn five_axes_7i92(motor: impl Fn(usize) -> Stepper) -> SimFpga {
-    with_7i76(i7i92_7i76(), motor, 0)
+    with_7i76(i7i92_7i76(), FIELD_IO, motor, 0)
 }
 
 /// A 7I97 with a 7I76 on P1, a stepper motor on each of the card's five step generators, and a
 /// spindle. `motor` is called with the number of each.
 pub fn five_axes_7i97(motor: impl Fn(usize) -> Stepper) -> SimFpga {
-    with_7i76(i7i97_7i76(), motor, 6)
+    with_7i76(i7i97_7i76(), FIELD_IO, motor, 6)
+}
+
+/// A 5I25 with a 7I77 on P3 and a 7I76 on P2: axes 0 to 5 are motors on the 7I77's analog outputs, 6
+/// to 10 stepper motors on the step generators, and 11 is the 7I76's spindle with encoder 6.
+pub fn eleven_axes_5i25(servo: Motor, stepper: Stepper) -> SimFpga {
+    let mut fpga = i5i25_7i77_7i76();
+    plug_7i77(&mut fpga, 0, FIELD_IO);
+    wire_7i77(&mut fpga, 0, ANALOG, 0, |_| servo);
+    with_7i76(fpga, 3, |_| stepper, 6)
 }
 
 /// Ports with the given numbers of channels, at most four of eight, and a 7I72 on each channel.
@@ -235,12 +254,17 @@ fn with_cards(mut fpga: SimFpga) -> SimFpga {
     fpga
 }
 
-/// Plugs a 7I76 into channel 0 and wires its motors; its own encoder is on the spindle.
-fn with_7i76(mut fpga: SimFpga, motor: impl Fn(usize) -> Stepper, encoder: usize) -> SimFpga {
-    plug_7i76(&mut fpga, 0, FIELD_IO);
+/// Plugs a 7I76 into a channel of port 0 and wires its motors; its own encoder is on the spindle.
+fn with_7i76(
+    mut fpga: SimFpga,
+    channel: usize,
+    motor: impl Fn(usize) -> Stepper,
+    encoder: usize,
+) -> SimFpga {
+    plug_7i76(&mut fpga, 0, channel);
     wire_7i76(&mut fpga, 0, motor);
     fpga.wire_axis(AxisWiring {
-        source: spindle_7i76(0, FIELD_IO),
+        source: spindle_7i76(0, channel),
         encoder,
         motor: Motor::default(),
     });

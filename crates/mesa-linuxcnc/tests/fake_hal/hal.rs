@@ -127,8 +127,21 @@ pub fn hal() -> Hal {
 impl Hal {
     /// `loadrt mesa_eth` with these words. The error is the result of the component.
     pub fn load(&self, words: &[(&str, &str)]) -> Result<Loaded<'_>, c_int> {
+        self.load_file(&folder().join("libmesa_eth.so"), words)
+    }
+
+    /// `loadrt` of a copy of the component under another name.
+    pub fn load_as(&self, name: &str, words: &[(&str, &str)]) -> Result<Loaded<'_>, c_int> {
+        let copy = std::env::temp_dir().join(format!("{}-{name}", std::process::id()));
+        if !copy.exists() {
+            std::fs::copy(folder().join("libmesa_eth.so"), &copy).expect("copied");
+        }
+        self.load_file(&copy, words)
+    }
+
+    fn load_file(&self, file: &Path, words: &[(&str, &str)]) -> Result<Loaded<'_>, c_int> {
         fake();
-        let component = Library::open(&folder().join("libmesa_eth.so"), RTLD_GLOBAL);
+        let component = Library::open(file, RTLD_GLOBAL);
         for (name, value) in words {
             set_parameter(component, name, value);
         }

@@ -3,6 +3,9 @@
 
 mod board;
 mod hal;
+mod pci;
+#[allow(unreachable_pub, reason = "shared with the tests in LinuxCNC")]
+mod pci_board;
 #[path = "../../../mesa-tools/tests/interop/tools.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;

@@ -13,6 +13,10 @@ mod names;
 #[path = "../../../mesa-tools/tests/interop/passive.rs"]
 #[allow(unreachable_pub, reason = "shared with mesa-tools")]
 mod passive;
+mod pci;
+#[path = "../fake_hal/pci_board.rs"]
+#[allow(unreachable_pub, reason = "shared with the tests without LinuxCNC")]
+mod pci_board;
 mod servo;
 mod session;
 mod stepper;

@@ -14,7 +14,9 @@ work=$(mktemp -d)
 mkdir "$work/installed" "$work/modules"
 mount --bind "$modules" "$work/installed"
 cp --symbolic-link "$work/installed"/*.so "$work/modules"
-cp "$library" "$work/modules/mesa_eth.so"
+for name in mesa_eth mesa_pci; do
+  cp "$library" "$work/modules/$name.so"
+done
 chmod -R a+rX "$work"
 mount --bind "$work/modules" "$modules"
 exec "$@"

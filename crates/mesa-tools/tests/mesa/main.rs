@@ -11,6 +11,7 @@ mod interop_linuxcnc;
 mod interop_mesaflash;
 mod interop_servo_loop;
 mod look;
+mod pci;
 mod pty;
 mod run;
 mod setup;

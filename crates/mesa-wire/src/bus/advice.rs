@@ -42,6 +42,7 @@ kinds! {
     ShortenList: "use shorter lists",
     StartList: "start the list, and run nothing else before its reply is taken",
     PrepareList: "prepare the list on this bus",
+    CheckSlot: "check that the board is seated in its slot and has power; after a reload of its FPGA the computer must be restarted",
     ShortenPeriod: "use a shorter period, or let the host pace the cycle",
 }
 

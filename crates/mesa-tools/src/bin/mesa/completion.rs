@@ -14,9 +14,10 @@ use mesa_hal::hal::{PinInfo, Role};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{Board, Settings};
 
+use crate::bus::Bus;
 use crate::command_line;
 use crate::commands::set::{Hazard, hazard};
-use crate::link::{BoardLink, Bus};
+use crate::link::BoardLink;
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::sim::options;
 use crate::simulated::Simulated;
@@ -183,8 +184,13 @@ fn machine(words: Vec<OsString>) -> Option<MachineOptions> {
 /// All pins of a simulated machine, which no cycle has driven.
 fn pins(options: &MachineOptions) -> Option<Vec<PinInfo>> {
     let machine = Machine::new(options).ok()?;
-    let link = BoardLink::Simulated(Simulated::new(machine.board).link());
-    let bus: Bus = UdpBus::new(link, UdpConfig::default()).ok()?;
+    let simulated = Simulated::new(machine.board);
+    let bus = if options.is_on_pci() {
+        Bus::Embedded(simulated.on_pci())
+    } else {
+        let link = BoardLink::Simulated(simulated.link());
+        Bus::Ethernet(UdpBus::new(link, UdpConfig::default()).ok()?.into())
+    };
     let board = Board::identify(bus, Settings::default()).ok()?;
     let board = board.discover().ok()?;
     Some(board.pins().infos().to_vec())

@@ -2,7 +2,6 @@
 
 use std::fmt::{self, Display};
 use std::io::{self, IsTerminal};
-use std::net::SocketAddrV4;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
@@ -10,6 +9,7 @@ use std::time::Duration;
 use clap::Args;
 use serde::Serialize;
 
+use crate::address::BoardAddress;
 use crate::context::{Context, Failure};
 use crate::files;
 use crate::output::complain;
@@ -40,7 +40,7 @@ pub struct Plan {
 struct Planned<'a> {
     /// Always true: nothing was done.
     dry_run: bool,
-    address: SocketAddrV4,
+    address: BoardAddress,
     would: &'a str,
 }
 

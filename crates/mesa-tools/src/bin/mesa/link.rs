@@ -3,12 +3,9 @@
 use std::time::Duration;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpLink};
+use mesa_hal::transport::udp::{PacketLink, SocketError, UdpLink};
 
 use crate::simulated::SimulatedLink;
-
-/// The bus of all commands.
-pub type Bus = UdpBus<BoardLink>;
 
 /// A link to a board.
 #[derive(Debug)]

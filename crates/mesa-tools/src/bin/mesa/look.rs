@@ -1,7 +1,6 @@
 //! A look at a board that another program drives: the bus, its errors, and the time between looks.
 
 use std::error::Error;
-use std::net::SocketAddrV4;
 use std::time::Duration;
 
 use mesa_hal::Advice;
@@ -9,6 +8,7 @@ use mesa_hal::bus::{BusAdvice, Clock, Instant};
 use mesa_tools::advice::advice_of;
 use mesa_tools::passive::PassiveBus;
 
+use crate::address::BoardAddress;
 use crate::context::{Context, Failure, told};
 use crate::link::BoardLink;
 use crate::number;
@@ -17,13 +17,17 @@ use crate::number;
 pub type LookBus = PassiveBus<BoardLink>;
 
 /// Longest wait for a signal to be noticed.
-const NOTICE: Duration = Duration::from_millis(100);
+pub const NOTICE: Duration = Duration::from_millis(100);
 
 /// Failure of a look, with the way through the firewall that LinuxCNC's own driver sets up for the
 /// interface of its board.
-pub fn failed(address: SocketAddrV4, error: &(dyn Error + 'static)) -> Failure {
+pub fn failed(address: BoardAddress, error: &(dyn Error + 'static)) -> Failure {
+    let of_error = || Failure::of(error, format_args!("{address}: {}", told(error)));
+    let Some(address) = address.on_ethernet() else {
+        return of_error();
+    };
     if advice_of(error) != Some(Advice::Bus(BusAdvice::OpenFirewall)) {
-        return Failure::of(error, format_args!("{address}: {}", told(error)));
+        return of_error();
     }
     let (ip, port) = (address.ip(), address.port());
     let advice = format!(

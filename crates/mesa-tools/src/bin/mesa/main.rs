@@ -2,6 +2,8 @@
 //!
 //! The work is done by libraries; this binary has the arguments, texts and screens.
 
+mod address;
+mod bus;
 mod commands;
 mod completion;
 mod computer;
@@ -51,7 +53,7 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Commands for one board take --addr IP, or --sim 7i92-7i77 or --sim 7i97 to try them without a board:
+Commands for one board take --addr IP or --pci [ADDRESS], or --sim 7i92-7i77 or --sim 7i97 to try them without a board:
   mesa info --sim 7i97
 
 Without --addr and --sim, the address of the board is taken from MESA_ADDR. `list`, `sim`,

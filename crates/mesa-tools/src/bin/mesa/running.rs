@@ -7,14 +7,13 @@ use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, Pace, StopError};
 use mesa_hal::runner::Ended;
-use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
-use mesa_tools::Counted;
 use mesa_tools::advice::with_advice;
 use mesa_tools::diagnosis::{PacketMark, Packets};
+use mesa_tools::{BoardBusError, Counted};
 
+use crate::bus::Bus;
 use crate::context::{Failure, told};
-use crate::link::Bus;
 use crate::output::complain;
 
 /// Starts everything on a board with all outputs off. Reports on standard error which remotes were
@@ -126,7 +125,7 @@ impl Keeper {
 }
 
 /// Remotes with an output that may still be on after the stop; fails if the stop failed otherwise.
-pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<String>, Failure> {
+pub fn not_reached(stopped: Result<(), StopError<BoardBusError>>) -> Result<Vec<String>, Failure> {
     match stopped {
         Ok(()) => Ok(Vec::new()),
         Err(error) if error.failed.is_some() => Err(error.into()),

@@ -4,10 +4,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use mesa_hal::bus::{Clock, HostClock, Instant};
+use mesa_hal::bus::{Access, BusStatistics, Clock, Direction, HostClock, Instant, RegisterBus};
 use mesa_hal::transport::udp::{PacketLink, SocketError};
 use mesa_hal_sim::wire::Nanos;
-use mesa_hal_sim::{SimBoard, SimFpga};
+use mesa_hal_sim::{DEFAULT_ACCESS_COST, SimBoard, SimFpga};
+use mesa_pci::PciError;
 
 /// Time of a packet on the wire, in each direction.
 const WIRE: Nanos = 20_000;
@@ -72,6 +73,14 @@ impl Simulated {
         world.now = world.now.max(host);
     }
 
+    /// A new bus to it, as a board on the PCI bus.
+    pub fn on_pci(&self) -> EmbeddedPci {
+        EmbeddedPci {
+            world: Arc::clone(&self.0),
+            exchanges: 0,
+        }
+    }
+
     /// A new link to it.
     pub fn link(&self) -> SimulatedLink {
         SimulatedLink {
@@ -102,6 +111,18 @@ impl World {
             self.now = now;
         }
         self.now
+    }
+
+    /// Makes an access on the PCI bus.
+    fn access(&mut self, direction: Direction, address: u16, word: &mut u32) {
+        let done = self.now() + DEFAULT_ACCESS_COST;
+        self.wait_until(done, false);
+        let now = self.now() - self.paused;
+        self.board.advance_to(now);
+        match direction {
+            Direction::Read => *word = self.board.read_on_pci(address),
+            Direction::Write => self.board.write_on_pci(address, *word),
+        }
     }
 
     /// Returns when it is `until`; on the host's clock without using a CPU if `is_sleeping`.
@@ -175,6 +196,54 @@ impl PacketLink for SimulatedLink {
 
     fn sleep_until(&mut self, deadline: Instant) {
         lock(&self.world).wait_until(deadline.as_nanos(), false);
+    }
+
+    fn sleep(&mut self, duration: Duration) {
+        let mut world = lock(&self.world);
+        let until = Instant::from_nanos(world.now()).after(duration);
+        world.wait_until(until.as_nanos(), true);
+    }
+}
+
+/// The registers of a [`Simulated`] machine on the PCI bus: no packets, and 600 ns for an access.
+#[derive(Debug)]
+pub struct EmbeddedPci {
+    world: Arc<Mutex<World>>,
+    exchanges: u64,
+}
+
+impl RegisterBus for EmbeddedPci {
+    type Error = PciError;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), PciError> {
+        for &access in accesses {
+            mesa_pci::check(access, words.len())?;
+        }
+        self.exchanges += 1;
+        let mut world = lock(&self.world);
+        for access in accesses {
+            let targets = words.get_mut(access.words()).unwrap_or_default();
+            for (word, address) in targets.iter_mut().zip((access.address..).step_by(4)) {
+                world.access(access.direction, address, word);
+            }
+        }
+        Ok(())
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        BusStatistics::of_exchanges(self.exchanges)
+    }
+}
+
+impl Clock for EmbeddedPci {
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(lock(&self.world).now())
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        let mut world = lock(&self.world);
+        let until = Instant::from_nanos(world.now()).after(duration);
+        world.wait_until(until.as_nanos(), false);
     }
 
     fn sleep(&mut self, duration: Duration) {

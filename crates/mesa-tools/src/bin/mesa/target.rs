@@ -12,12 +12,15 @@ use mesa_hal::lbp16;
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink};
 
+use crate::address::{BoardAddress, PciPlace};
+use crate::bus::Bus;
 use crate::consent::Asks;
 use crate::context::{Failure, told};
-use crate::link::{BoardLink, Bus};
+use crate::link::BoardLink;
 use crate::look::LookBus;
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
+use mesa_pci::{PciDevice, PciOpenError};
 use mesa_tools::Counted;
 
 /// Timeout of an answer when the identity of a board is checked again.
@@ -40,7 +43,7 @@ const STALE_AFTER: u32 = 50;
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
 
-/// Target board of a command: one on the network, or an embedded simulated one.
+/// Target board of a command: one on the network or on the PCI bus, or an embedded simulated one.
 #[derive(Clone, Debug, Args)]
 pub struct Target {
     /// Address of an Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
@@ -52,6 +55,12 @@ pub struct Target {
     /// image that ends in .txt (`mesa sim --firmware`)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
+    /// A board on the PCI bus (5I25, 6I25): its address, as `mesa list --pci` prints it; without
+    /// one the only board. With a folder in place of /sys (or FOLDER/ADDRESS), a board that `mesa
+    /// sim --pci FOLDER` simulates
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "",
+        conflicts_with_all = ["addr", "sim"])]
+    pci: Option<PciPlace>,
 }
 
 /// Target board of a command that changes it.
@@ -77,7 +86,9 @@ impl ChangedTarget {
 #[derive(Debug)]
 pub struct Found {
     /// Address of the board.
-    pub address: SocketAddrV4,
+    pub address: BoardAddress,
+    /// The board in sysfs, if it is on the PCI bus.
+    device: Option<PciDevice>,
     /// The first board that answered at the address.
     who: OnceCell<Identity>,
     /// Simulated machine in place of a board.
@@ -87,24 +98,85 @@ pub struct Found {
 impl Target {
     /// Determines the address of the board; builds the simulated machine if that is the board.
     pub fn find(&self) -> Result<Found, Failure> {
+        if let Some(place) = &self.pci {
+            let device = find_on_pci(place)?;
+            let address = BoardAddress::Pci(device.address());
+            return Ok(Found::new(address, Some(device), None));
+        }
         let (address, simulated) = match (&self.sim, self.addr) {
             (Some(options), _) => {
                 let machine = Machine::new(options)?;
-                let address = SocketAddrV4::new(Ipv4Addr::LOCALHOST, lbp16::PORT);
+                let address = if options.is_on_pci() {
+                    BoardAddress::Embedded
+                } else {
+                    SocketAddrV4::new(Ipv4Addr::LOCALHOST, lbp16::PORT).into()
+                };
                 (address, Some(Simulated::new(machine.board)))
             }
-            (None, Some(address)) => (address, None),
-            (None, None) => (from_environment()?, None),
+            (None, Some(address)) => (address.into(), None),
+            (None, None) => (from_environment()?.into(), None),
         };
-        Ok(Found {
-            address,
-            who: OnceCell::new(),
-            simulated,
-        })
+        Ok(Found::new(address, None, simulated))
     }
 }
 
+/// The board at a place on the PCI bus.
+fn find_on_pci(place: &PciPlace) -> Result<PciDevice, Failure> {
+    let root = place.root.display();
+    if let Some(address) = place.address {
+        return PciDevice::at(&place.root, address).map_err(|error| not_opened(&error));
+    }
+    let found = mesa_pci::search(&place.root)
+        .map_err(|error| Failure::refused(format_args!("{root}: {error}")))?;
+    match &found[..] {
+        [device] => Ok(device.clone()),
+        [] => {
+            let advice = "`lspci -D -d 2718:` lists Mesa's boards; one that is missing there is not seated or \
+                          has no power";
+            let what = format_args!("no board of Mesa's on the PCI bus below {root}; {advice}");
+            Err(Failure::refused(what).advising(advice))
+        }
+        several => {
+            let all = several.iter();
+            let all = all.map(|device| format!("{} ({})", device.address(), device.board().name));
+            let all: Vec<_> = all.collect();
+            let what = format_args!("which board? There are {}", all.join(", "));
+            Err(Failure::usage(what).advising("give --pci ADDRESS"))
+        }
+    }
+}
+
+/// A board on the PCI bus is refused, with the remedy.
+fn not_opened(error: &PciOpenError) -> Failure {
+    let remedy = error.remedy();
+    Failure::refused(format_args!("{error}; {remedy}")).advising(remedy)
+}
+
 impl Found {
+    fn new(address: BoardAddress, device: Option<PciDevice>, simulated: Option<Simulated>) -> Self {
+        Self {
+            address,
+            device,
+            who: OnceCell::new(),
+            simulated,
+        }
+    }
+
+    /// The board in sysfs, if it is on the PCI bus.
+    pub const fn on_pci(&self) -> Option<&PciDevice> {
+        self.device.as_ref()
+    }
+
+    /// Fails for a board on the PCI bus: the command is for the Ethernet side of a board.
+    pub fn need_ethernet(&self, what: &str) -> Result<SocketAddrV4, Failure> {
+        self.address.on_ethernet().ok_or_else(|| {
+            Failure::refused(format_args!(
+                "{}: {what} is for boards on Ethernet; this one is on the PCI bus",
+                self.address
+            ))
+        })
+    }
+
     /// Sets how the time of a simulated machine passes; the default is virtual time.
     pub fn pass_time(self, passage: Passage) -> Self {
         if let Some(simulated) = &self.simulated {
@@ -118,32 +190,39 @@ impl Found {
         self.who.get()
     }
 
-    /// The same board at another IP address; `None` for an embedded simulated one, which has none.
+    /// The same board at another IP address; `None` for an embedded simulated one, which has none,
+    /// and on the PCI bus.
     pub fn moved_to(&self, ip: Ipv4Addr) -> Option<Self> {
+        let address = self.address.on_ethernet()?;
         let is_real = self.simulated.is_none();
         is_real.then(|| Self {
-            address: SocketAddrV4::new(ip, self.address.port()),
             who: self.who.clone(),
-            simulated: None,
+            ..Self::new(SocketAddrV4::new(ip, address.port()).into(), None, None)
         })
     }
 
-    /// A link to the board. Nothing is sent.
-    pub fn link(&self) -> Result<BoardLink, SocketError> {
+    /// A link to a board on Ethernet. Nothing is sent.
+    pub fn link(&self) -> Result<BoardLink, Failure> {
+        let address = self.need_ethernet("this command")?;
+        Ok(self.link_to(address)?)
+    }
+
+    fn link_to(&self, address: SocketAddrV4) -> Result<BoardLink, SocketError> {
         match &self.simulated {
             Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
-            None => UdpLink::connect(self.address).map(BoardLink::Socket),
+            None => UdpLink::connect(address).map(BoardLink::Socket),
         }
     }
 
     /// A bus for a look at the board beside a program that drives it. Nothing is sent.
     pub fn look(&self) -> Result<LookBus, Failure> {
+        let address = self.need_ethernet("a look beside a program that drives the board")?;
         let deadline = if self.is_on_this_host() {
             ON_THIS_HOST
         } else {
             LOOK
         };
-        Ok(LookBus::new(self.link()?, deadline))
+        Ok(LookBus::new(self.link_to(address)?, deadline))
     }
 
     /// Opens the bus of the board. Fails if another program drives the board, which is not
@@ -155,19 +234,35 @@ impl Found {
     /// As [`open`](Self::open), with the deadlines of `config`; longer ones if the board is a
     /// program on this host.
     pub fn open_with(&self, config: UdpConfig) -> Result<Bus, Failure> {
+        match (self.address, &self.device, &self.simulated) {
+            (BoardAddress::Ethernet(address), ..) => self.open_on_ethernet(address, config),
+            (_, Some(device), _) => {
+                let bus = device.open().map_err(|error| not_opened(&error))?;
+                Ok(Bus::Pci(bus.into()))
+            }
+            (_, None, Some(simulated)) => Ok(Bus::Embedded(simulated.on_pci())),
+            (_, None, None) => Err(Failure::refused("no board")),
+        }
+    }
+
+    fn open_on_ethernet(&self, address: SocketAddrV4, config: UdpConfig) -> Result<Bus, Failure> {
         let config = self.patient(config);
         let tries = config.setup_tries;
-        let link = self.link().map_err(UdpError::from);
+        let link = self.link_to(address).map_err(UdpError::from);
         let bus = link.and_then(|link| UdpBus::new(link, config));
         let mut bus = bus.map_err(|error| self.refuses(tries, error))?;
         let is = EthernetBoard::new(&mut bus).identity()?;
         self.check_same(is)?;
-        Ok(bus)
+        Ok(Bus::Ethernet(bus.into()))
     }
 
     /// True if the board is simulated, in this program or in another one on this host.
     fn is_on_this_host(&self) -> bool {
-        self.address.ip().is_loopback()
+        match (self.address.ip(), &self.device) {
+            (Some(ip), _) => ip.is_loopback(),
+            (None, Some(device)) => device.is_simulated(),
+            (None, None) => true,
+        }
     }
 
     fn patient(&self, mut config: UdpConfig) -> UdpConfig {
@@ -206,8 +301,12 @@ impl Found {
     /// Checks again, before an action, that no other program drives the board and that it is still
     /// the same one. Changes nothing on the board.
     pub fn check_free(&self) -> Result<(), Failure> {
+        // The lock of a board on the PCI bus is taken when it is opened.
+        let Some(address) = self.address.on_ethernet() else {
+            return Ok(());
+        };
         let config = self.patient(UdpConfig::default());
-        let link = self.link().map_err(UdpError::from);
+        let link = self.link_to(address).map_err(UdpError::from);
         let free = link.and_then(|link| UdpBus::check_free(link, config));
         free.map_err(|error| self.refuses(config.setup_tries, error))?;
         if self.who.get().is_none() || self.simulated.is_some() {
@@ -215,12 +314,11 @@ impl Found {
         }
         // Without opening a bus, which would clear counters that another program relies on.
         for _ in 0..config.setup_tries {
-            let asked = search::ask(&[self.address], AGAIN)?;
+            let asked = search::ask(&[address], AGAIN)?;
             if let Some(AddressResult { found: Ok(is), .. }) = asked.into_iter().next() {
                 return self.check_same(is);
             }
         }
-        let address = self.address;
         Err(Failure::refused(format_args!(
             "{address}: no board answers any more; nothing was done"
         )))
@@ -241,7 +339,7 @@ impl Found {
 
 fn from_environment() -> Result<SocketAddrV4, Failure> {
     let Ok(text) = std::env::var(ADDRESS) else {
-        let advice = "Give --addr IP, --sim MACHINE, or the environment variable MESA_ADDR";
+        let advice = "Give --addr IP, --pci, --sim MACHINE, or the environment variable MESA_ADDR";
         return Err(Failure::usage(format_args!("which board? {advice}")).advising(advice));
     };
     parse_address(&text).map_err(|error| {

@@ -206,19 +206,19 @@ fn step_generators_are_joints_with_their_settings_and_are_not_enabled() {
 
 #[test]
 fn the_program_is_the_one_that_is_compiled_here() {
-    let found = json(&["hal", "--sim", "7i92-7i77"]);
-    let (text, file) = (
-        text(&found, "main.rs"),
-        concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/mesa/setup/hal_skeleton.rs"
-        ),
-    );
-    if std::env::var_os("BLESS").is_some() {
-        fs::write(file, &text).expect("it can be written");
+    for (machine, name) in [
+        ("7i92-7i77", "hal_skeleton"),
+        ("5i25-7i77", "hal_skeleton_pci"),
+    ] {
+        let text = text(&json(&["hal", "--sim", machine]), "main.rs");
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/mesa/setup");
+        let file = format!("{folder}/{name}.rs");
+        if std::env::var_os("BLESS").is_some() {
+            fs::write(&file, &text).expect("it can be written");
+        }
+        let expected = fs::read_to_string(&file).expect("the program");
+        assert_eq!(text, expected, "BLESS=1 writes {file} anew");
     }
-    let expected = fs::read_to_string(file).expect("the program");
-    assert_eq!(text, expected, "BLESS=1 writes {file} anew");
 }
 
 #[test]

@@ -269,7 +269,8 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
         serial_ports: [(0, "00xxxxxx".parse()?)].into(),
         ..Settings::default()
     };
-    let driver = Driver::start(UdpBus::connect(address, UdpConfig::default())?, settings)?;
+    let bus = UdpBus::connect(address, UdpConfig::default())?;
+    let driver = Driver::start(bus, settings)?;
     for missing in driver.missing() {
         let missing = WithAdvice::new(missing, missing.advice());
         eprintln!("MISSING: {missing}");

@@ -1,6 +1,6 @@
 //! Commands that set up a board or its remotes.
 
-mod flash;
+pub mod flash;
 mod flash_boot_block;
 mod hal;
 mod ip;

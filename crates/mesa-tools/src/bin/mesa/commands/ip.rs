@@ -7,9 +7,9 @@ use clap::Args;
 use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use serde::Serialize;
 
+use crate::bus::Bus;
 use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure, told};
-use crate::link::Bus;
 use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
@@ -52,6 +52,7 @@ struct Addresses {
 impl Ip {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
+        let own = *found.need_ethernet("an IP address")?.ip();
         let mut bus = found.open()?;
         let mut board = EthernetBoard::new(&mut bus);
         let before = board.identity()?;
@@ -89,7 +90,7 @@ impl Ip {
             board.identity()?
         };
         context.print(&Addresses {
-            next: next(&shown, *found.address.ip(), is_change),
+            next: next(&shown, own, is_change),
             board: shown.card,
             address_from: shown.address_from,
             eeprom_ip: shown.eeprom_ip,

@@ -100,6 +100,7 @@ impl Raw {
             return self.print(context, &request, None, lines(&[])?);
         }
         let found = self.target.find()?;
+        found.need_ethernet("a packet")?;
         // Before the question: fails if another program drives the board.
         drop(found.open()?);
         self.consent(context, &found, &lines(&[])?)?;

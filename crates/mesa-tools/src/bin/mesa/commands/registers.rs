@@ -12,12 +12,13 @@ use mesa_hal::lbp16::{ElementSize, Space};
 use mesa_tools::passive::{PassiveError, Read, RegisterMap};
 use serde::Serialize;
 
+use crate::bus::Bus;
 use crate::context::{Context, Ending, Failure, told};
-use crate::link::Bus;
 use crate::look;
 use crate::output;
 use crate::simulated::Passage;
 use crate::target::{ChangedTarget, Found, Target};
+use mesa_hal::hostmot2::HostMot2;
 
 const PLACES: &str = "\
 SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash registers, 32 bits),
@@ -121,6 +122,9 @@ impl Peek {
             Some(_) => found.pass_time(Passage::Paced),
             None => found,
         };
+        if found.address.on_ethernet().is_none() {
+            return self.read_on_pci(context, &found);
+        }
         let mut bus = found.look()?;
         let at = |error: &(dyn Error + 'static)| look::failed(found.address, error);
         bus.identify().map_err(|error| at(&error))?;
@@ -169,6 +173,37 @@ impl Peek {
             (_, addresses) => addresses.iter().map(|&at| Read::hostmot2(at, 1)).collect(),
         };
         Ok((Space::HostMot2, reads))
+    }
+
+    /// Reads registers on the PCI bus. The lock of the board shows that no other program drives it.
+    fn read_on_pci(&self, context: &Context, found: &Found) -> Result<Ending, Failure> {
+        let mut bus = found.open()?;
+        let map = RegisterMap::of(&HostMot2::identify(&mut bus)?);
+        let (space, reads) = self.reads(&map)?;
+        if space != Space::HostMot2 {
+            found.need_ethernet("a space other than 0")?;
+        }
+        loop {
+            let now = bus.now();
+            let mut words = Vec::new();
+            for read in &reads {
+                let mut part = vec![0; read.count.into()];
+                bus.exchange(&[Access::read(read.address, 0, read.count)], &mut part)?;
+                words.extend(part);
+            }
+            context.print(&Contents::of_reads(space, &reads, &words, &map))?;
+            let Some(every) = self.every.filter(|_| !output::is_closed()) else {
+                return Ok(context.ending());
+            };
+            let next = now.after(every);
+            while bus.now() < next && context.stop.signal().is_none() {
+                let left = next.since(bus.now());
+                bus.sleep(left.min(look::NOTICE));
+            }
+            if context.stop.signal().is_some() {
+                return Ok(context.ending());
+            }
+        }
     }
 
     /// Reads without regard to side effects.

@@ -1,7 +1,7 @@
 //! `mesa reset` and `mesa reload`: restart of a board.
 
 use std::fmt::{self, Display};
-use std::net::{Ipv4Addr, SocketAddrV4};
+use std::net::Ipv4Addr;
 use std::time::Duration;
 
 use clap::Args;
@@ -9,12 +9,13 @@ use mesa_hal::Clock;
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::bus::Instant;
 use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetError, Identity};
-use mesa_hal::transport::udp::UdpError;
+use mesa_tools::BoardBusError;
 use serde::Serialize;
 
 use super::flash::layout_of_board;
+use crate::address::BoardAddress;
+use crate::bus::Bus;
 use crate::context::{Context, Ending, Failure, told};
-use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found};
 
@@ -55,7 +56,7 @@ struct Restarted {
     board: String,
     action: &'static str,
     /// Address at which it answers.
-    address: SocketAddrV4,
+    address: BoardAddress,
     /// Time from the command to the first answer.
     answered_after_s: f64,
 }
@@ -103,6 +104,7 @@ impl Restart {
         restart: impl FnOnce(&mut Bus) -> Result<(), Failure>,
     ) -> Result<Ending, Failure> {
         let found = self.target.find()?;
+        found.need_ethernet("a reset or reload by this command")?;
         let mut bus = found.open()?;
         let mut board = EthernetBoard::new(&mut bus);
         let identity = board.identity()?;
@@ -111,7 +113,7 @@ impl Restart {
             "reload" => what_it_loads(&mut bus)?,
             _ => "",
         };
-        let moved = next_address(&identity).filter(|ip| ip != found.address.ip());
+        let moved = next_address(&identity).filter(|&ip| Some(ip) != found.address.ip());
         let restarting = Restarting {
             action,
             found: &found,
@@ -149,7 +151,8 @@ impl Restarting<'_> {
             return String::new();
         };
         let from = self.identity.address_from.of_card(&self.identity.card);
-        format!(". It will be at {}: {from}", moved.address.ip())
+        let at = moved.address.ip().map(|ip| ip.to_string());
+        format!(". It will be at {}: {from}", at.unwrap_or_default())
     }
 
     /// Waits until the board answers; returns its address, or `None` after a signal.
@@ -158,7 +161,7 @@ impl Restarting<'_> {
         context: &Context,
         bus: &mut Bus,
         begun: Instant,
-    ) -> Result<Option<SocketAddrV4>, Failure> {
+    ) -> Result<Option<BoardAddress>, Failure> {
         loop {
             let error = match self.answers(bus)? {
                 Ok(address) => return Ok(Some(address)),
@@ -181,7 +184,7 @@ impl Restarting<'_> {
     }
 
     /// The address at which the board answers again; else the reason why it does not.
-    fn answers(&self, bus: &mut Bus) -> Result<Result<SocketAddrV4, String>, Failure> {
+    fn answers(&self, bus: &mut Bus) -> Result<Result<BoardAddress, String>, Failure> {
         let Some(error) = not_back(bus, &self.before)? else {
             return Ok(Ok(self.found.address));
         };
@@ -226,7 +229,7 @@ fn next_address(identity: &Identity) -> Option<Ipv4Addr> {
 }
 
 /// Error of the bus while a restarted board does not answer yet; `None` once it does.
-fn not_back(bus: &mut Bus, before: &Counters) -> Result<Option<UdpError>, Failure> {
+fn not_back(bus: &mut Bus, before: &Counters) -> Result<Option<BoardBusError>, Failure> {
     match EthernetBoard::new(bus).restarted(before) {
         Ok(_) => Ok(None),
         Err(EthernetError::Bus(error)) => Ok(Some(error)),

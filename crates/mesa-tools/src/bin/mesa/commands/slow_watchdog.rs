@@ -5,8 +5,8 @@ use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
 use mesa_hal::{Configured, Driver, Rounded};
 
+use crate::bus::Bus;
 use crate::context::Failure;
-use crate::link::Bus;
 use crate::output::complain;
 
 /// Argument of a command that drives outputs of remotes.

@@ -10,6 +10,7 @@ use std::{
 
 use mesa_hal_sim::{UdpCounters, UdpFace};
 
+use super::face::Face;
 use super::{machine::Machine, mechanics, remotes};
 use crate::pattern::is_match;
 
@@ -42,6 +43,7 @@ wire CH TOWARD FAULT COUNT spoil the next COUNT bursts; TOWARD: remote or fpga;
 wire CH TOWARD FAULT chance P
                            spoil each burst with probability P
 wire CH heal               end all wire faults
+bus off|on                 take a board on the PCI bus from it, put it back
 loss P, late P, dup P      lose, delay, double packets with probability P from now on
 at TIME COMMAND            do it later: 2.5s since the start, +2.5s or +200ms from now
 agenda                     what waits for its time
@@ -127,7 +129,7 @@ pub fn read_line(input: &mut impl BufRead) -> Option<String> {
 }
 
 /// Executes a command line.
-pub fn answer(machine: &mut Machine, face: &mut UdpFace, line: &str) -> Answer {
+pub fn answer(machine: &mut Machine, face: &mut Face, line: &str) -> Answer {
     // A wait inside a packet leaves the board's time ahead of its gateware and of the machine.
     machine.board.advance_to(machine.board.time());
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -136,6 +138,9 @@ pub fn answer(machine: &mut Machine, face: &mut UdpFace, line: &str) -> Answer {
         ["show"] | ["show", "all"] => Ok(show_all(machine, face)),
         ["show", what] => show(machine, face, what),
         ["loss" | "late" | "dup", chance] => set_mishap(face, words[0], chance).map(nothing),
+        ["bus", state] => on_off(state)
+            .and_then(|on| face.set_on_bus(on))
+            .map(nothing),
         _ => order(machine, &words),
     };
     Answer::of(done)
@@ -148,6 +153,7 @@ pub fn rehearse(machine: &mut Machine, line: &str) -> Result<(), String> {
     let done = match words[..] {
         ["quit"] => Ok(String::new()),
         ["loss" | "late" | "dup", chance] => remotes::probability(chance).map(|_| String::new()),
+        ["bus", state] => on_off(state).map(|_| String::new()),
         _ => order(machine, &words),
     };
     done.map(drop)
@@ -181,8 +187,11 @@ fn order(machine: &mut Machine, words: &[&str]) -> Result<String, String> {
     }
 }
 
-fn set_mishap(face: &mut UdpFace, what: &str, chance: &str) -> Result<(), String> {
+fn set_mishap(face: &mut Face, what: &str, chance: &str) -> Result<(), String> {
     let chance = remotes::probability(chance)?;
+    let Face::Ethernet(face) = face else {
+        return Err("this board is on the PCI bus, which loses nothing".to_owned());
+    };
     let mut mishaps = face.mishaps();
     match what {
         "loss" => mishaps.loss = chance,
@@ -194,7 +203,7 @@ fn set_mishap(face: &mut UdpFace, what: &str, chance: &str) -> Result<(), String
 }
 
 /// Text printed at the end.
-pub fn summary(machine: &mut Machine, face: &UdpFace) -> String {
+pub fn summary(machine: &mut Machine, face: &Face) -> String {
     format!("summary\n{}ok\n", show_all(machine, face))
 }
 
@@ -258,7 +267,7 @@ fn give_leds(machine: &mut Machine, owner: &str) -> Result<String, String> {
     Ok(String::new())
 }
 
-fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, String> {
+fn show(machine: &mut Machine, face: &Face, what: &str) -> Result<String, String> {
     let mut text = String::new();
     match what {
         "network" => show_network(&mut text, machine, face),
@@ -281,7 +290,7 @@ fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, Str
 }
 
 /// The lines whose names match a pattern.
-fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<String, String> {
+fn show_pattern(machine: &mut Machine, face: &Face, pattern: &str) -> Result<String, String> {
     let all = show_all(machine, face);
     let names = |line: &&str| {
         let name = line.split(' ').next().unwrap_or_default();
@@ -295,7 +304,7 @@ fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<
 }
 
 /// Value of a name that `show` prints.
-pub fn value(machine: &mut Machine, face: &UdpFace, name: &str) -> Result<String, String> {
+pub fn value(machine: &mut Machine, face: &Face, name: &str) -> Result<String, String> {
     let mut text = String::new();
     match name.split('.').next().unwrap_or_default() {
         "network" => show_network(&mut text, machine, face),
@@ -321,7 +330,7 @@ fn show_time(text: &mut String, machine: &Machine) {
     line(text, "time", format_args!("{seconds:.6}"));
 }
 
-fn show_all(machine: &mut Machine, face: &UdpFace) -> String {
+fn show_all(machine: &mut Machine, face: &Face) -> String {
     let mut text = String::new();
     show_time(&mut text, machine);
     show_network(&mut text, machine, face);
@@ -339,7 +348,14 @@ pub fn line(text: &mut String, name: &str, value: impl std::fmt::Display) {
     let _ = writeln!(text, "{name} {value}");
 }
 
-fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
+fn show_network(text: &mut String, machine: &Machine, face: &Face) {
+    match face {
+        Face::Ethernet(face) => show_packets(text, machine, face),
+        Face::Pci(face) => line(text, "network.pci.accesses", face.accesses),
+    }
+}
+
+fn show_packets(text: &mut String, machine: &Machine, face: &UdpFace) {
     let directions = [("received", face.received()), ("sent", face.sent())];
     for (direction, counters) in directions {
         let UdpCounters {

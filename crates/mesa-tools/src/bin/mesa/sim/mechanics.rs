@@ -19,6 +19,9 @@ use super::plan::{MoverPlan, Plan, Wire, index_of};
 /// finite numbers.
 const FASTEST: f64 = 1e6;
 
+/// Analog outputs of a 7I77.
+const OUTPUTS_7I77: u8 = 6;
+
 /// Builds the mechanics of the machine's plan. Without axes, a motor on each analog output turns
 /// the encoder of the same number, and each step generator has a stepper motor.
 pub fn build(machine: &mut Machine) -> Result<(), String> {
@@ -92,7 +95,8 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
     }
 }
 
-/// A motor on each output and generator: first the board's own outputs, then those of its card.
+/// A motor on each output and generator: first the outputs of the board and of its 7I77, then the
+/// generators and the spindle of its 7I76.
 fn usual_axes(kind: Board) -> Vec<MoverPlan> {
     let servo = |output| MoverPlan::Servo {
         output,
@@ -104,10 +108,12 @@ fn usual_axes(kind: Board) -> Vec<MoverPlan> {
         encoder: None,
         motor: Stepper::default(),
     };
-    let (own, all) = (kind.own_outputs(), kind.outputs() as u8);
+    let outputs = kind.outputs() as u8;
+    let spindle = kind.spindle();
+    let servos = (0..outputs).filter(|&output| Some(output) != spindle);
     let steppers = (0..kind.generators()).map(stepper);
-    let servos = (0..own).map(servo).chain(steppers);
-    servos.chain((own..all).map(servo)).collect()
+    let servos = servos.map(servo).chain(steppers);
+    servos.chain(spindle.map(servo)).collect()
 }
 
 fn wire_motor(machine: &mut Machine, mover: &MoverPlan) {
@@ -138,26 +144,27 @@ fn wire_motor(machine: &mut Machine, mover: &MoverPlan) {
     }
 }
 
-/// An analog output of the board or of its card.
+/// An analog output of the board or of its cards.
 fn source(machine: &Machine, output: u8) -> DriveSource {
-    let Some(of_card) = output.checked_sub(machine.kind.own_outputs()) else {
+    let kind = machine.kind;
+    let Some(of_card) = output.checked_sub(kind.own_outputs()) else {
         return DriveSource::Pwm {
             unit: output.into(),
         };
     };
-    let on = |device: &str| {
-        let mut remotes = machine.remotes.iter();
-        let found = remotes.find(|remote| remote.device == device);
-        found.map(|remote| remote.channel)
+    let on = |device: &str, card: u8| {
+        let remotes = machine.remotes.iter();
+        let mut found = remotes.filter(|remote| remote.device == device);
+        found.nth(card.into()).map(|remote| remote.channel)
     };
-    if machine.kind.generators() > 0 {
-        let spindle = on(devices::I7I76);
-        return spindle.map_or(DriveSource::Nothing, |at| machines::spindle_7i76(PORT, at));
-    }
-    let analog = on(devices::ANALOG);
-    analog.map_or(DriveSource::Nothing, |at| {
-        machines::output_7i77(PORT, at, of_card)
-    })
+    let source = if kind.spindle() == Some(output) {
+        let spindle = on(devices::I7I76, 0);
+        spindle.map(|at| machines::spindle_7i76(PORT, at))
+    } else {
+        let analog = on(devices::ANALOG, of_card / OUTPUTS_7I77);
+        analog.map(|at| machines::output_7i77(PORT, at, of_card % OUTPUTS_7I77))
+    };
+    source.unwrap_or(DriveSource::Nothing)
 }
 
 /// Checks that an input exists.

@@ -1,4 +1,4 @@
-//! `mesa sim`: simulated Ethernet boards on UDP, for real clients, in real time.
+//! `mesa sim`: simulated boards on UDP or in a folder like sysfs's, for real clients, in real time.
 
 mod agenda;
 mod capture;
@@ -6,6 +6,7 @@ mod configuration;
 pub mod console;
 mod control;
 mod devices;
+mod face;
 mod file;
 pub mod machine;
 mod mechanics;
@@ -19,6 +20,7 @@ mod watch;
 
 use std::error::Error;
 use std::fmt::Write;
+use std::net::SocketAddrV4;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::thread::{self, JoinHandle};
@@ -31,10 +33,11 @@ use crate::full_screen;
 use crate::output::{complain, say};
 use capture::Capture;
 use control::Socket;
+use face::Face;
 use machine::Machine;
 use network::{Network, Shared};
 pub use options::Options;
-use options::Wanted;
+use options::{Wanted, Where};
 use station::{Link, Station};
 use store::Store;
 use watch::Watch;
@@ -132,24 +135,44 @@ fn build(
     let Wanted {
         name,
         machine,
-        address,
+        place,
     } = board;
     let kind = machine;
     let mut machine = Machine::new(&kind)?;
     let store = open_store(options, &mut machine)?;
+    let face = match place {
+        Where::Ethernet(address) => bind(options, address, capture)?,
+        Where::Pci { root, index } => {
+            let name = machine.name().to_owned();
+            Face::on_pci(&root, index, &name, &mut machine.board).map_err(Failure::refused)?
+        }
+    };
+    let way = match face {
+        Face::Ethernet(_) => "listening on",
+        Face::Pci(_) => "on the PCI bus:",
+    };
+    let _ = write!(
+        greeting,
+        "{} {way} {}\n{}",
+        machine.name(),
+        face.place()?,
+        machine.inventory()
+    );
+    Station::new(name, kind, machine, face, store)
+}
+
+/// The socket of a board.
+fn bind(
+    options: &Options,
+    address: SocketAddrV4,
+    capture: Option<&Capture>,
+) -> Result<Face, Failure> {
     let mut face = UdpFace::bind(address, options.mishaps())
         .map_err(|error| Failure::refused(format_args!("{address}: {error}")))?;
     if let Some(capture) = capture {
         face.set_tap(Some(Box::new(capture.clone())));
     }
-    let _ = write!(
-        greeting,
-        "{} listening on {}\n{}",
-        machine.name(),
-        face.local_addr()?,
-        machine.inventory()
-    );
-    Station::new(name, kind, machine, face, store)
+    Ok(Face::Ethernet(face))
 }
 
 /// Executes the command lines of standard input, in a thread of its own.

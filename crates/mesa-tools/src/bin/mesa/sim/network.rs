@@ -110,7 +110,7 @@ impl Network {
     fn list(&self) -> String {
         let mut text = String::new();
         for link in self.boards.iter() {
-            line(&mut text, &format!("board.{}", link.name), link.address);
+            line(&mut text, &format!("board.{}", link.name), &link.address);
         }
         text
     }

@@ -11,8 +11,8 @@ use mesa_hal::lbp16;
 use mesa_hal_sim::{FirmwareImage, Mishaps, SimFpga, machines};
 
 use super::control::Control;
+use super::file;
 use super::plan::Plan;
-use super::{devices, file};
 
 const AFTER_HELP: &str = "\
 The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I77 of a 7I92 or a
@@ -34,11 +34,12 @@ line of JSON.
 Examples:
   mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01
   mesa sim --firmware tests/transcripts/firmwares/7I97-7I97D_51.txt --listen 127.0.0.1
+  mesa sim --board 5i25-7i77 --pci /tmp/pci
   mesa sim --machine examples/mill.toml --watch
   mesa sim --machine examples/mill.toml --control 4711
   mesa sim --machine a.toml --machine b.toml --listen 127.0.0.1 --listen 127.0.0.2 --pcap both.pcap";
 
-/// Simulate Ethernet boards on the network, for programs that expect real ones
+/// Simulate boards on the network or on the PCI bus, for programs that expect real ones
 #[derive(Clone, Debug, Args)]
 #[command(after_help = AFTER_HELP, args_override_self = true)]
 pub struct Options {
@@ -61,8 +62,13 @@ pub struct Options {
     machines: Vec<PathBuf>,
     /// IPv4 address to listen on, unless given in the machine's file. With several machines, repeat
     /// for each in their order
-    #[arg(long, value_name = "ADDR", required_unless_present = "machine")]
+    #[arg(long, value_name = "ADDR", required_unless_present_any = ["machine", "pci"])]
     listen: Vec<Ipv4Addr>,
+    /// Simulate boards on the PCI bus (5I25): make them in FOLDER, in files like those below /sys,
+    /// for `mesa --pci FOLDER`
+    #[arg(long, value_name = "FOLDER",
+        conflicts_with_all = ["listen", "port", "mac", "loss", "late", "dup", "pcap"])]
+    pci: Option<PathBuf>,
     /// UDP port, 0 to 65535; 0 takes a free one. Default: the one in the machine's file, or 27181
     #[arg(long)]
     port: Option<u16>,
@@ -126,7 +132,17 @@ impl FromStr for Mac {
 pub struct Wanted {
     pub name: String,
     pub machine: MachineOptions,
-    pub address: SocketAddrV4,
+    pub place: Where,
+}
+
+/// Where clients find a board.
+pub enum Where {
+    Ethernet(SocketAddrV4),
+    /// The folder, and the number of the board there.
+    Pci {
+        root: PathBuf,
+        index: usize,
+    },
 }
 
 impl Options {
@@ -192,6 +208,15 @@ impl Options {
         name: String,
         mut machine: MachineOptions,
     ) -> Result<Wanted, String> {
+        machine.seed = self.seed;
+        if let Some(root) = &self.pci {
+            let root = root.clone();
+            return Ok(Wanted {
+                name,
+                machine,
+                place: Where::Pci { root, index },
+            });
+        }
         // With one board, the last --listen counts.
         let own = if count == 1 {
             usize::max(self.listen.len(), 1) - 1
@@ -210,11 +235,16 @@ impl Options {
         let port = self.port.or(machine.plan.port).unwrap_or(lbp16::PORT);
         machine.ip = ip;
         machine.mac = mac.map(|mac| mac.0).or(machine.mac);
-        machine.seed = self.seed;
+        let address = SocketAddrV4::new(ip, port);
+        if machine.is_on_pci() {
+            return Err(format!(
+                "{name}: a board on the PCI bus does not listen on {address}: give --pci FOLDER instead"
+            ));
+        }
         Ok(Wanted {
             name,
             machine,
-            address: SocketAddrV4::new(ip, port),
+            place: Where::Ethernet(address),
         })
     }
 }
@@ -245,6 +275,15 @@ pub enum Board {
         help = "a 7I97 with a 7I76 on P1: six servo axes and five stepper axes"
     )]
     I7i97With7i76,
+    #[value(name = "5i25-7i77", help = "a 5I25 (PCI) with a 7I77 on P3")]
+    I5i25With7i77,
+    #[value(name = "5i25-7i77x2", help = "a 5I25 (PCI) with two 7I77: twelve axes")]
+    I5i25With7i77x2,
+    #[value(
+        name = "5i25-7i77-7i76",
+        help = "a 5I25 (PCI) with a 7I77 on P3 and a 7I76 on P2: six servo axes and five stepper axes"
+    )]
+    I5i25With7i77And7i76,
     /// Any board: its firmware is given as an image.
     #[value(skip)]
     Firmware,
@@ -270,6 +309,9 @@ impl Board {
             Self::I7i80With7i77 => machines::i7i80_of_2016(),
             Self::I7i92With7i76 => machines::i7i92_7i76(),
             Self::I7i97With7i76 => machines::i7i97_7i76(),
+            Self::I5i25With7i77 => machines::i5i25_7i77(),
+            Self::I5i25With7i77x2 => machines::i5i25_7i77x2(),
+            Self::I5i25With7i77And7i76 => machines::i5i25_7i77_7i76(),
         }
     }
 
@@ -278,28 +320,41 @@ impl Board {
         match self {
             Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
             Self::I7i97With7i77 => 4,
-            Self::I7i92With7i77 | Self::I7i80With7i77 => 3,
+            Self::I7i92With7i77 | Self::I7i80With7i77 | Self::I5i25With7i77 => 3,
             Self::I7i92With7i76 | Self::I7i97With7i76 => 2,
+            Self::I5i25With7i77And7i76 => 5,
+            Self::I5i25With7i77x2 => 6,
         }
     }
 
-    /// Remotes of the card that is part of the board, with their channels.
+    /// The remotes of the cards that are part of the board, each with its channel.
     pub const fn own_remotes(self) -> &'static [(u8, &'static str)] {
+        use super::devices::{ANALOG, FIELD_IO, I7I76};
         match self {
             Self::I7i97 | Self::I7i97t | Self::Firmware => &[],
-            Self::I7i97With7i77 => &[(1, devices::FIELD_IO), (2, devices::ANALOG)],
-            Self::I7i92With7i77 | Self::I7i80With7i77 => {
-                &[(0, devices::FIELD_IO), (1, devices::ANALOG)]
+            Self::I7i97With7i77 => &[(1, FIELD_IO), (2, ANALOG)],
+            Self::I7i92With7i77 | Self::I7i80With7i77 | Self::I5i25With7i77 => {
+                &[(0, FIELD_IO), (1, ANALOG)]
             }
-            Self::I7i92With7i76 | Self::I7i97With7i76 => &[(0, devices::I7I76)],
+            Self::I7i92With7i76 | Self::I7i97With7i76 => &[(0, I7I76)],
+            Self::I5i25With7i77x2 => &[(0, FIELD_IO), (1, ANALOG), (3, FIELD_IO), (4, ANALOG)],
+            Self::I5i25With7i77And7i76 => &[(0, FIELD_IO), (1, ANALOG), (3, I7I76)],
         }
+    }
+
+    /// True for a board on the PCI bus.
+    pub const fn is_on_pci(self) -> bool {
+        matches!(
+            self,
+            Self::I5i25With7i77 | Self::I5i25With7i77x2 | Self::I5i25With7i77And7i76
+        )
     }
 
     /// Number of analog outputs, from 0 on, that are on the board itself.
     pub const fn own_outputs(self) -> u8 {
         match self {
             Self::I7i97 | Self::I7i97With7i77 | Self::I7i97With7i76 | Self::I7i97t => 6,
-            Self::I7i92With7i77 | Self::I7i92With7i76 | Self::I7i80With7i77 | Self::Firmware => 0,
+            _ => 0,
         }
     }
 
@@ -307,9 +362,13 @@ impl Board {
     /// a 7I76 is its spindle. 0 for a firmware image, whose axes are unknown.
     pub const fn outputs(self) -> usize {
         match self {
-            Self::I7i97 | Self::I7i97t | Self::I7i92With7i77 | Self::I7i80With7i77 => 6,
-            Self::I7i97With7i77 => 12,
-            Self::I7i97With7i76 => 7,
+            Self::I7i97
+            | Self::I7i97t
+            | Self::I7i92With7i77
+            | Self::I7i80With7i77
+            | Self::I5i25With7i77 => 6,
+            Self::I7i97With7i77 | Self::I5i25With7i77x2 => 12,
+            Self::I7i97With7i76 | Self::I5i25With7i77And7i76 => 7,
             Self::I7i92With7i76 => 1,
             Self::Firmware => 0,
         }
@@ -318,8 +377,16 @@ impl Board {
     /// Number of step generators.
     pub const fn generators(self) -> usize {
         match self {
-            Self::I7i92With7i76 | Self::I7i97With7i76 => 5,
+            Self::I7i92With7i76 | Self::I7i97With7i76 | Self::I5i25With7i77And7i76 => 5,
             _ => 0,
+        }
+    }
+
+    /// The output that is the spindle of a 7I76.
+    pub const fn spindle(self) -> Option<u8> {
+        match self.generators() {
+            0 => None,
+            _ => Some(self.outputs() as u8 - 1),
         }
     }
 }
@@ -395,6 +462,11 @@ impl MachineOptions {
 }
 
 impl MachineOptions {
+    /// True for a board on the PCI bus.
+    pub const fn is_on_pci(&self) -> bool {
+        self.board.is_on_pci()
+    }
+
     /// Creates the options of a board with the firmware of an image.
     fn of_firmware(path: &Path, remotes: Vec<RemoteOption>) -> Result<Self, String> {
         let in_file = |error: &dyn Error| format!("{}: {error}", path.display());

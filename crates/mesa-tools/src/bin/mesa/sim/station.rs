@@ -1,15 +1,13 @@
 //! A running board: its packets, its console and its scheduled commands.
 
 use std::collections::VecDeque;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
-use mesa_hal_sim::UdpFace;
-
 use super::agenda::{Agenda, Condition};
 use super::console::{self, Answer};
+use super::face::Face;
 use super::machine::{Machine, MachineOptions};
 use super::network::Shared;
 use super::store::Store;
@@ -39,7 +37,8 @@ struct Request {
 #[derive(Clone)]
 pub struct Link {
     pub name: String,
-    pub address: SocketAddr,
+    /// Where clients find it.
+    pub address: String,
     options: Arc<MachineOptions>,
     inbox: SyncSender<Request>,
 }
@@ -54,7 +53,7 @@ struct Wait {
 /// A board with its machine, its socket, its state file and its commands.
 pub struct Station {
     machine: Machine,
-    face: UdpFace,
+    face: Face,
     store: Option<Store>,
     inbox: Receiver<Request>,
     agenda: Agenda,
@@ -101,13 +100,13 @@ impl Station {
         name: String,
         options: MachineOptions,
         machine: Machine,
-        face: UdpFace,
+        face: Face,
         store: Option<Store>,
     ) -> Result<(Self, Link), Failure> {
         let (sender, inbox) = sync_channel(MAX_REQUESTS);
         let link = Link {
             name,
-            address: face.local_addr()?,
+            address: face.place()?,
             options: options.into(),
             inbox: sender,
         };

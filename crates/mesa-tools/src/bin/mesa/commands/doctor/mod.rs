@@ -1,6 +1,7 @@
 //! `mesa doctor`: checks of all that may keep a machine from running well, each with a figure, a
 //! verdict and advice.
 
+mod pci;
 mod report;
 
 use std::fmt::{self, Display};
@@ -23,10 +24,10 @@ use mesa_tools::diagnosis::{
 };
 use serde::Serialize;
 
+use crate::bus::Bus;
 use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
-use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::{Tone, complain};
 use crate::running;
@@ -96,10 +97,12 @@ impl Doctor {
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;
         }
-        let address = *found.address.ip();
+        let address = found.address.ip();
         let here = Network::below(&self.root).unwrap_or_default();
         let host = Host::below(&self.root);
-        let mut findings = vec![network::way(&here, address)];
+        let way = address.map(|address| network::way(&here, address));
+        let mut findings: Vec<_> = way.into_iter().collect();
+        findings.extend(found.on_pci().map(pci::place));
         self.look_at_the_board(context, &found, &mut findings);
         let mut gathered = Ok(());
         if let Some(path) = self
@@ -109,7 +112,10 @@ impl Doctor {
         {
             gathered = self.gather(context, &found, path);
         }
-        findings.extend(computer::all(&host, network::interface(&here, address)));
+        findings.extend(computer::all(
+            &host,
+            address.and_then(|address| network::interface(&here, address)),
+        ));
         let verdict = diagnosis::worst(&findings);
         if let Some(signal) = context.stop.signal() {
             complain(format_args!(
@@ -132,7 +138,8 @@ impl Doctor {
     fn gather(&self, context: &Context, found: &Found, path: &Path) -> Result<(), Failure> {
         let mut bus = found.open()?;
         let address = found.address.to_string();
-        let report = report::gather(&mut bus, address, &context.stop, !self.passive)?;
+        let device = found.on_pci();
+        let report = report::gather(&mut bus, address, device, &context.stop, !self.passive)?;
         files::write(path, serde_json::to_string_pretty(&report)?.as_bytes())?;
         let (answered, all) = report.answered();
         complain(format_args!(
@@ -186,6 +193,9 @@ impl Doctor {
         bus: &mut Bus,
         findings: &mut Vec<Finding>,
     ) -> Result<(), Failure> {
+        if !bus.is_on_ethernet() {
+            return pci::ask(bus, self.exchanges, findings);
+        }
         let mut board = EthernetBoard::new(bus);
         let mut identity = board.identity()?;
         let counters = board.counters()?;

@@ -4,21 +4,29 @@
 use std::collections::BTreeMap;
 
 use mesa_hal::RemoteId;
+use mesa_hal::bus::{Access, RegisterBus};
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::lbp16::Space;
 use mesa_hal::runner::Stop;
+use mesa_pci::PciDevice;
 use mesa_tools::inventory::{self, ChannelContent, Inventory, InventoryData};
 use serde::Serialize;
 
+use super::pci::PciFacts;
+use crate::bus::Bus;
 use crate::context::Failure;
-use crate::link::Bus;
 
 /// All data of the report.
 #[derive(Debug, Serialize)]
 pub struct Report {
     mesa: &'static str,
     address: String,
-    identity: Identity,
+    /// Of a board on Ethernet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    identity: Option<Identity>,
+    /// Of a board on the PCI bus.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pci: Option<PciFacts>,
     memory: Vec<Memory>,
     remotes: Vec<Remote>,
     questions: Vec<Question>,
@@ -103,26 +111,41 @@ const DECIDERS: [Decider; 3] = [
 pub fn gather(
     bus: &mut Bus,
     address: String,
+    device: Option<&PciDevice>,
     stop: &Stop,
     remotes: bool,
 ) -> Result<Report, Failure> {
-    let mut board = EthernetBoard::new(bus);
-    let identity = board.identity()?;
+    let mut identity = None;
     let mut memory = Vec::new();
-    for (space, address, count) in [
+    let mut spaces = vec![
         (Space::HostMot2, 0x0100, 4),
         // The IDROM, up to the watchdog.
         (Space::HostMot2, 0x0400, 512),
-        (Space::Eeprom, 0, 64),
-        (Space::Control, 0, 16),
-        (Space::ReadOnly, 0, 16),
-    ] {
+    ];
+    if bus.is_on_ethernet() {
+        identity = Some(EthernetBoard::new(bus).identity()?);
+        spaces.extend([
+            (Space::Eeprom, 0, 64),
+            (Space::Control, 0, 16),
+            (Space::ReadOnly, 0, 16),
+        ]);
+    }
+    for (space, address, count) in spaces {
+        let values = if bus.is_on_ethernet() {
+            EthernetBoard::new(bus).peek(space, address, count)?
+        } else {
+            let mut words = vec![0; usize::from(count)];
+            bus.exchange(&[Access::read(address, 0, count)], &mut words)?;
+            words
+        };
         memory.push(Memory {
             space: space as u8,
             address,
-            values: board.peek(space, address, count)?,
+            values,
         });
     }
+    let pci = device.map(|device| PciFacts::gather(bus, device));
+    let pci = pci.transpose()?;
     let inventories = if remotes {
         inventories(bus, stop)?
     } else {
@@ -133,16 +156,29 @@ pub fn gather(
         .iter()
         .map(|decider| decider.question(&remotes))
         .collect();
-    questions.push(Question {
+    questions.extend(identity.as_ref().map(|identity| Question {
         stands_in: "ethernet::AddressSource",
         not_confirmed: "which bits of the jumpers' word are which jumper",
         decided_by: "that word, beside the jumpers as they are set and the address that it answers at",
         found: vec![format!("0x{:04X} at {address}", identity.jumpers)],
-    });
+    }));
+    let answers = pci.iter().flat_map(PciFacts::answers);
+    questions.extend(
+        answers.map(|(stands_in, not_confirmed, decided_by, found)| Question {
+            stands_in,
+            not_confirmed,
+            decided_by,
+            found: Some(found)
+                .filter(|found| !found.is_empty())
+                .into_iter()
+                .collect(),
+        }),
+    );
     Ok(Report {
         mesa: env!("CARGO_PKG_VERSION"),
         address,
         identity,
+        pci,
         memory,
         remotes,
         questions,

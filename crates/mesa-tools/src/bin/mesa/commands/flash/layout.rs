@@ -4,14 +4,17 @@ use mesa_hal::boards::{BoardTable, FlashLayout};
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::hostmot2::HostMot2;
 
+use crate::bus::Bus;
 use crate::context::told;
-use crate::link::Bus;
 
 /// Size of an Efinix T20 in an IDROM, in kgates. The boards with a known layout have an XC6SLX9: 9.
 const EFINIX_T20: u32 = 20;
 
 /// The layout of a board's memory; else the reason why there is none. Changes nothing on the board.
 pub fn of_board(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
+    if !bus.is_on_ethernet() {
+        return of_firmware(bus);
+    }
     let identity = EthernetBoard::new(bus).identity();
     let Identity { card, .. } = identity.map_err(|error| told(&error))?;
     // A T board can have the name of the board that it replaces.
@@ -24,6 +27,20 @@ pub fn of_board(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
     }
     FlashLayout::for_card(&card)
         .ok_or_else(|| format!("this is a {card}, whose flash memory has no known layout"))
+}
+
+/// The layout of the memory of a board on the PCI bus, which is named in its firmware alone.
+fn of_firmware(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
+    let firmware = HostMot2::identify(bus).map_err(|error| told(&error))?;
+    let name = firmware.idrom.board().to_uppercase();
+    if firmware.idrom.fpga_size == EFINIX_T20 {
+        return Err(format!(
+            "this is a {name} with an Efinix FPGA, which loads .bin files, and the layout of its flash \
+             memory is not known"
+        ));
+    }
+    FlashLayout::for_card(&name)
+        .ok_or_else(|| format!("this is a {name}, whose flash memory has no known layout"))
 }
 
 /// True if a file of this length can be a backup of a whole memory.

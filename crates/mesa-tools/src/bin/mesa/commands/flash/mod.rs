@@ -1,5 +1,6 @@
 //! `mesa flash`: flash memory with the FPGA's configurations.
 
+mod chip;
 mod layout;
 mod progress;
 mod report;
@@ -10,15 +11,16 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::ethernet::{Area, Bitfile, BitfileError, EthernetBoard, Flash as Chip};
+use mesa_hal::ethernet::{Area, Bitfile, BitfileError, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::SECTOR;
 
+use crate::bus::Bus;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
 use crate::files;
-use crate::link::Bus;
 use crate::output::complain;
 use crate::target::{ChangedTarget, Found, Target};
+use chip::BoardChip;
 use progress::Bar;
 use report::{About, Name, Report, Written};
 use restore::Restore;
@@ -181,7 +183,7 @@ impl Verify {
 }
 
 impl Change {
-    fn open<'a>(&self, bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
+    fn open<'a>(&self, bus: &'a mut Bus, found: &Found) -> Result<Chip<BoardChip<'a>>, Failure> {
         let mut flash = open(bus, found)?;
         if self.without_fallback {
             flash.without_fallback();
@@ -191,7 +193,7 @@ impl Change {
 }
 
 /// True if the user area is to be erased, and there is nothing else to start from.
-fn is_alone(flash: &mut Chip<'_, Bus>, areas: &[Written]) -> Result<bool, Failure> {
+fn is_alone(flash: &mut Chip<BoardChip<'_>>, areas: &[Written]) -> Result<bool, Failure> {
     let is_user = areas.iter().any(|part| part.area == Some(Name::User));
     Ok(is_user && !flash.begins(Area::Fallback)?)
 }
@@ -206,14 +208,14 @@ fn risk(is_alone: bool) -> &'static str {
 }
 
 /// Opens the flash memory of a board; fails if its layout is not known.
-fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<'a, Bus>, Failure> {
+fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<BoardChip<'a>>, Failure> {
     let layout = layout::of_board(bus).map_err(|why| {
         Failure::refused(format_args!(
             "{}: {why}, so nothing is read or written: use mesaflash",
             found.address
         ))
     })?;
-    Ok(EthernetBoard::new(bus).into_flash(*layout)?)
+    Ok(Chip::open(BoardChip::of(bus), *layout)?)
 }
 
 /// Parses a bitfile. A backup of a whole memory is named as such.

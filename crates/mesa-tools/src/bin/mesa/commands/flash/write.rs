@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use mesa_hal::ethernet::{Area, EthernetError, Flash as Chip};
 
+use super::chip::BoardChip;
 use super::progress::Progress;
 use super::report::{About, Name, Report, Written};
 use super::{Change, LONGEST, area, is_alone, parse, risk, written};
 use crate::consent::Plan;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
-use crate::link::Bus;
 
 /// Write a configuration and verify it
 ///
@@ -87,7 +87,7 @@ impl Write {
     }
 
     /// The boot block, if it is to be written. Fails if it is not valid and may not be written.
-    fn boot_block(&self, flash: &mut Chip<'_, Bus>) -> Result<Option<Written>, Failure> {
+    fn boot_block(&self, flash: &mut Chip<BoardChip<'_>>) -> Result<Option<Written>, Failure> {
         match flash.check_boot_block() {
             Ok(()) => Ok(None),
             Err(EthernetError::NoBootBlock { .. } | EthernetError::OtherBootBlock { .. })

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::Component;
-use super::machine::{Joint, LETTERS, Machine, Servo, Stepper, is_enable, remark};
+use super::machine::{Host, Joint, LETTERS, Machine, Servo, Stepper, is_enable, remark};
 use mesa_hal::hal::Role;
 
 /// Settings of a servo loop: name in the INI file, parameter of `pid`, and default.
@@ -34,12 +34,17 @@ const STEPS: [(&str, &str, &str); 7] = [
 pub fn board(machine: &Machine, component: Component) -> String {
     let board = &machine.board;
     let mut text = heading(machine) + &driver(machine, component);
+    // On the PCI bus no packet can be lost, and LinuxCNC has no pin for it.
+    let lost = if machine.host.is_pci() {
+        String::new()
+    } else {
+        format!("net board-lost <= {board}.packet-error-exceeded\n")
+    };
     let _ = write!(
         text,
         "\n# Both are part of the emergency stop. The first one stays on until it is reset:\n\
          # `halcmd sets board-watchdog false`.\n\
-         net board-watchdog <=> {board}.watchdog.has_bit\n\
-         net board-lost <= {board}.packet-error-exceeded\n"
+         net board-watchdog <=> {board}.watchdog.has_bit\n{lost}"
     );
     if !machine.settings.is_empty() {
         text.push_str("\n# Settings of this board's outputs. Do not change them.\n");
@@ -86,16 +91,22 @@ fn driver(machine: &Machine, component: Component) -> String {
         " config=[HOSTMOT2]CONFIG"
     };
     let load = match component {
-        Component::Hm2Eth => "loadrt hostmot2\nloadrt hm2_eth",
-        Component::MesaEth => "loadrt mesa_eth",
+        Component::Hm2Eth => "loadrt hostmot2\nloadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP",
+        Component::MesaEth => "loadrt mesa_eth board_ip=[HOSTMOT2]BOARD_IP",
+        Component::Hm2Pci => "loadrt hostmot2\nloadrt hm2_pci",
+        Component::MesaPci => "loadrt mesa_pci",
+    };
+    let limit = if machine.host.is_pci() {
+        String::new()
+    } else {
+        format!("setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n")
     };
     let mut text = format!(
-        "\n{load} board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
+        "\n{load}{config}\n\n\
          # Read before everything else in the thread, write after it.\n\
          addf {board}.read servo-thread 1\n\
          addf {board}.write servo-thread -1\n\n\
-         setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
-         setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n"
+         setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n{limit}"
     );
     // LinuxCNC has no pins and parameters of a port without remotes.
     let used = ports
@@ -304,10 +315,17 @@ pub fn ini(machine: &Machine) -> String {
     let Machine { board, ports, .. } = machine;
     let axes = machine.joints.len().max(1);
     let letters: String = LETTERS.chars().take(axes).collect();
-    let address = match machine.address {
-        Some(address) => format!("BOARD_IP = {}", address.ip()),
-        None => "# TODO: these files were made from a simulated board\nBOARD_IP = 10.10.10.10"
-            .to_owned(),
+    let simulated = "# TODO: these files were made from a simulated board\n";
+    let address = match machine.host {
+        Host::Ethernet(Some(address)) => format!("BOARD_IP = {}\n", address.ip()),
+        Host::Ethernet(None) => format!("{simulated}BOARD_IP = 10.10.10.10\n"),
+        Host::Pci(Some(address)) => format!("# The board is at {address} on the PCI bus.\n"),
+        Host::Pci(None) => simulated.to_owned(),
+    };
+    let limit = if machine.host.is_pci() {
+        ""
+    } else {
+        "PACKET_ERROR_LIMIT = 10\n"
     };
     let config = ports
         .iter()
@@ -327,9 +345,9 @@ pub fn ini(machine: &Machine) -> String {
          [RS274NGC]\nPARAMETER_FILE = machine.var\n\n\
          [EMCMOT]\nEMCMOT = motmod\nCOMM_TIMEOUT = 1.0\n# Nanoseconds\nSERVO_PERIOD = 1000000\n\n\
          [EMCIO]\nEMCIO = io\nCYCLE_TIME = 0.100\n\n\
-         [HOSTMOT2]\n{address}\n{config}\
+         [HOSTMOT2]\n{address}{config}\
          # Time without a write after which the board turns its outputs off: five periods\n\
-         WATCHDOG_NS = 5000000\nPACKET_ERROR_LIMIT = 10\nSSERIAL_FAULT_LIMIT = 200\n\n\
+         WATCHDOG_NS = 5000000\n{limit}SSERIAL_FAULT_LIMIT = 200\n\n\
          [HAL]\nHALUI = halui\nHALFILE = motion.hal\nHALFILE = board.hal\n\n\
          [KINS]\n# TODO: fewer, if an output is a spindle's or has no drive\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
          [TRAJ]\nCOORDINATES = {letters}\nLINEAR_UNITS = mm\nANGULAR_UNITS = degree\n\

@@ -12,10 +12,12 @@ use mesa_tools::advice::with_advice;
 
 use super::super::named;
 use super::super::set::{Hazard, hazard};
+use crate::address::BoardAddress;
+use crate::bus::Bus;
 use crate::context::Failure;
-use crate::link::Bus;
 use crate::pattern::Pattern;
 use crate::place;
+use mesa_pci::PciAddress;
 
 /// Pins of the board's own modules that a controller connects to, without the board's name.
 const OF_MODULES: [&str; 15] = [
@@ -59,7 +61,7 @@ pub struct Machine {
     /// For example `hm2_7i97.0`.
     pub board: String,
     /// Address of the board; `None` if it is simulated.
-    pub address: Option<SocketAddrV4>,
+    pub host: Host,
     /// Pins that LinuxCNC has under the same names.
     pub pins: Vec<PinInfo>,
     /// Settings with their values in LinuxCNC's format.
@@ -93,6 +95,29 @@ pub struct Servo {
     pub volts: String,
     /// Pin that enables the drive; `None` for an unknown card.
     pub enable: Option<String>,
+}
+
+/// Where the files find the board; `None` if they were made from a simulated one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Host {
+    Ethernet(Option<SocketAddrV4>),
+    Pci(Option<PciAddress>),
+}
+
+impl Host {
+    fn at(address: BoardAddress) -> Self {
+        match address {
+            BoardAddress::Ethernet(address) => {
+                Self::Ethernet(Some(address).filter(|address| !address.ip().is_loopback()))
+            }
+            BoardAddress::Pci(address) => Self::Pci(Some(address)),
+            BoardAddress::Embedded => Self::Pci(None),
+        }
+    }
+
+    pub const fn is_pci(self) -> bool {
+        matches!(self, Self::Pci(_))
+    }
 }
 
 /// The pins of a stepper axis.
@@ -135,7 +160,7 @@ impl Joint {
 impl Machine {
     /// Takes the parts of a board that is discovered and not started: the driver's own pins, which
     /// LinuxCNC does not have, do not exist yet.
-    pub fn of(board: &Configured<Bus>, address: SocketAddrV4) -> Result<Self, Failure> {
+    pub fn of(board: &Configured<Bus>, address: BoardAddress) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -177,7 +202,7 @@ impl Machine {
             settings,
             pins,
             board: board.name().to_owned(),
-            address: Some(address).filter(|address| !address.ip().is_loopback()),
+            host: Host::at(address),
             ports,
             remotes,
             undriven,

@@ -44,9 +44,9 @@ pub struct Hal {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// The component of LinuxCNC that drives the board
-    #[arg(long, value_enum, default_value_t)]
-    driver: Component,
+    /// The component of LinuxCNC that drives the board. Default: hm2_eth, or hm2_pci on the PCI bus
+    #[arg(long, value_enum)]
+    driver: Option<Component>,
     /// Directory for the files, created if missing
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -54,15 +54,37 @@ pub struct Hal {
     asks: Asks,
 }
 
-/// A component of LinuxCNC for Ethernet boards.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+/// A component of LinuxCNC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 enum Component {
-    /// LinuxCNC's own, with hostmot2
-    #[default]
+    /// LinuxCNC's own for Ethernet boards, with hostmot2
     Hm2Eth,
     /// This project's, which is installed beside it
     MesaEth,
+    /// LinuxCNC's own for boards on the PCI bus, with hostmot2
+    Hm2Pci,
+    /// This project's for boards on the PCI bus
+    MesaPci,
+}
+
+impl Component {
+    /// The requested component, or LinuxCNC's own for the board. Fails if it is for the other
+    /// interface.
+    fn of(requested: Option<Self>, machine: &Machine) -> Result<Self, Failure> {
+        let is_pci = machine.host.is_pci();
+        let usual = if is_pci { Self::Hm2Pci } else { Self::Hm2Eth };
+        let component = requested.unwrap_or(usual);
+        if matches!(component, Self::Hm2Pci | Self::MesaPci) == is_pci {
+            return Ok(component);
+        }
+        let other = if is_pci {
+            "this board is on the PCI bus; give hm2_pci or mesa_pci"
+        } else {
+            "this board is on Ethernet; give hm2_eth or mesa_eth"
+        };
+        Err(Failure::usage(format_args!("--driver: {other}")).advising(other))
+    }
 }
 
 /// The files, written or printed.
@@ -95,13 +117,14 @@ impl Hal {
             may_replace(directory, self.asks, context)?;
         }
         let machine = self.look()?;
+        let component = Component::of(self.driver, &machine)?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was written"));
             return Ok(Ending::Stopped(signal));
         }
         let texts = [
             linuxcnc::ini(&machine),
-            linuxcnc::board(&machine, self.driver),
+            linuxcnc::board(&machine, component),
             linuxcnc::motion(&machine),
             linuxcnc::bench(&machine),
             rust::program(&machine),

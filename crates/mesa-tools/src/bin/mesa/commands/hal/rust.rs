@@ -3,18 +3,18 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::machine::{Joint, Machine, Servo, remark};
+use super::machine::{Host, Joint, Machine, Servo, remark};
 use mesa_hal::hal::{HalType, PinInfo, Role};
 
 /// A program that runs the cycle with a handle for each pin, and enables no drive.
 pub fn program(machine: &Machine) -> String {
-    let Machine { board, address, .. } = machine;
-    let (address, simulated) = match address {
-        Some(address) => (address.to_string(), ""),
-        None => (
-            "10.10.10.10:27181".to_owned(),
-            " TODO: made from a simulated board.",
-        ),
+    let Machine { board, host, .. } = machine;
+    let todo = " TODO: made from a simulated board.";
+    let (address, simulated) = match host {
+        Host::Ethernet(Some(address)) => (address.to_string(), ""),
+        Host::Ethernet(None) => ("10.10.10.10:27181".to_owned(), todo),
+        Host::Pci(Some(address)) => (address.to_string(), ""),
+        Host::Pci(None) => ("0000:03:00.0".to_owned(), todo),
     };
     let joints: Vec<_> = machine
         .joints
@@ -28,14 +28,16 @@ pub fn program(machine: &Machine) -> String {
         .filter(|pin| !is_of(&joints, pin))
         .collect();
     let mut used: BTreeSet<&str> = others.iter().map(|pin| kind(pin)).collect();
-    used.extend([
-        "Driver",
-        "Pins",
-        "Settings",
-        "UdpBus",
-        "UdpConfig",
-        "WithAdvice",
-    ]);
+    used.extend(["Driver", "Pins", "Settings", "WithAdvice"]);
+    let (package, import) = if host.is_pci() {
+        (
+            "`mesa-pci = \"0.1\"` and ",
+            "use mesa_pci::{PciDevice, SYSFS};\n",
+        )
+    } else {
+        used.extend(["UdpBus", "UdpConfig"]);
+        ("", "")
+    };
     if !joints.is_empty() {
         used.extend(["Counter", "Output"]);
     }
@@ -43,10 +45,10 @@ pub fn program(machine: &Machine) -> String {
     let used = used.join(", ");
     let mut text = format!(
         "//! Skeleton of a controller on {board}, written by `mesa hal`. Enables no drive.\n//!\n\
-         //! In Cargo.toml: `mesa-hal = {{ version = \"0.1\", features = [\"realtime\"] }}`.\n\n\
+         //! In Cargo.toml: {package}`mesa-hal = {{ version = \"0.1\", features = [\"realtime\"] }}`.\n\n\
          use std::error::Error;\nuse std::ops::ControlFlow::Continue;\nuse std::process::ExitCode;\n\n\
          use mesa_hal::hal::PinError;\nuse mesa_hal::runner::{{Runner, Stop}};\n\
-         use mesa_hal::{{{used}}};\n\n\
+         use mesa_hal::{{{used}}};\n{import}\n\
          /// The board, unless an argument names another.{simulated}\n\
          const BOARD: &str = \"{address}\";\n\n"
     );
@@ -169,12 +171,19 @@ fn main(machine: &Machine) -> String {
         let ports = ports.join(", ");
         format!("        serial_ports: [{ports}].into(),\n        ..Settings::default()\n")
     };
+    let open = if machine.host.is_pci() {
+        "let device = PciDevice::at(SYSFS.as_ref(), address)?;\n    \
+         let bus = device\n        .open()\n        \
+         .map_err(|error| format!(\"{error}; {}\", error.remedy()))?;\n    "
+    } else {
+        "let bus = UdpBus::connect(address, UdpConfig::default())?;\n    "
+    };
     format!(
         "fn main() -> Result<ExitCode, Box<dyn Error>> {{\n    \
          let address = std::env::args().nth(1);\n    \
          let address = address.as_deref().unwrap_or(BOARD).parse()?;\n    \
          let settings = Settings {{\n{ports}    }};\n    \
-         let driver = Driver::start(UdpBus::connect(address, UdpConfig::default())?, settings)?;\n    \
+         {open}let driver = Driver::start(bus, settings)?;\n    \
          for missing in driver.missing() {{\n        let missing = WithAdvice::new(missing, missing.advice());\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
          let machine = Machine::find(driver.pins())?;\n    \
          let events = driver.events();\n    \

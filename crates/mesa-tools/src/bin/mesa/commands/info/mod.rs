@@ -81,10 +81,12 @@ pub fn take(found: &target::Found, modes: &Modes, context: &Context) -> Result<I
     let at = |error: &(dyn std::error::Error + 'static)| {
         Failure::of(error, format_args!("{}: {}", found.address, told(error)))
     };
-    let ethernet =
-        InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+    let ethernet = bus
+        .is_on_ethernet()
+        .then(|| InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)));
+    let ethernet = ethernet.transpose().map_err(|e| at(&e))?;
     let goes_on = || context.stop.signal().is_none();
-    let inventory = inventory::take(&mut bus, Some(ethernet), &modes.by_remote(), goes_on);
+    let inventory = inventory::take(&mut bus, ethernet, &modes.by_remote(), goes_on);
     inventory.map_err(|e| at(&e))
 }
 

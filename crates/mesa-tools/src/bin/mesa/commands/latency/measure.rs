@@ -12,8 +12,8 @@ use serde::Serialize;
 
 use super::advice::Setting;
 use super::{Latency, without};
+use crate::bus::Bus;
 use crate::context::{Context, Failure, told};
-use crate::link::Bus;
 use crate::running;
 
 /// Cycles at the start that are not counted, while caches fill and the board's DPLL locks.
@@ -166,7 +166,7 @@ fn one(
         end,
         packets,
         setting: Setting::now(),
-        refused: bus.link().refused().to_vec(),
+        refused: bus.refused().to_vec(),
         offline,
         stopped: stopped.and(alone),
     };

@@ -14,9 +14,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::driver::Pace;
 use mesa_hal::runner::Realtime;
 
+use crate::bus::Bus;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
-use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::simulated::Passage;

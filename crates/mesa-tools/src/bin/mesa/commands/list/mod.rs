@@ -1,5 +1,6 @@
 //! `mesa list`: search for boards on the network.
 
+mod pci;
 mod range;
 mod why;
 
@@ -30,16 +31,22 @@ not disturbed. For addresses without a board, prints the reason and what to type
 
 Exits with 0 if a board was found, with 1 if not.
 
-Example:
-  mesa list 10.10.10.0/24 192.168.1.100-192.168.1.130";
+Examples:
+  mesa list 10.10.10.0/24 192.168.1.100-192.168.1.130
+  mesa list --pci";
 
-/// Find the boards on the network
+/// Find the boards on the network or on the PCI bus
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct List {
     /// Further addresses: one, a network, or a range
     #[arg(value_name = "IP|IP/BITS|IP-IP")]
     ranges: Vec<Range>,
+    /// List the boards on the PCI bus instead, below /sys or below a FOLDER of `mesa sim --pci`.
+    /// Nothing of them is accessed
+    #[arg(long, value_name = "FOLDER", num_args = 0..=1, default_missing_value = mesa_pci::SYSFS,
+        conflicts_with_all = ["ranges", "port"])]
+    pci: Option<PathBuf>,
     /// UDP port of the boards, 1 to 65535
     #[arg(long, default_value_t = lbp16::PORT, value_parser = clap::value_parser!(u16).range(1..))]
     port: u16,
@@ -73,6 +80,9 @@ struct Silent {
 
 impl List {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        if let Some(root) = &self.pci {
+            return pci::run(root, context);
+        }
         let addresses = self.addresses()?;
         let network = Network::below(&self.root)?;
         let mut found = Boards {

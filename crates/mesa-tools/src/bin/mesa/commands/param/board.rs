@@ -6,16 +6,16 @@ use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::{RemoteAccess, RemoteLink};
 use mesa_hal::remote::ParameterError;
 use mesa_hal::sslbp::{DEFAULT_BAUD_RATE, MAX_INTERFACE_REGISTERS, PortError, PortLink};
-use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Board, Configured, DriverError, RemoteId, Settings};
+use mesa_tools::BoardBusError;
 use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
 
+use crate::bus::Bus;
 use crate::context::{Failure, told};
-use crate::link::Bus;
 use crate::output::complain;
 use crate::target::Found;
 
-type BoardError = DriverError<UdpError>;
+type BoardError = DriverError<BoardBusError>;
 
 /// The remotes of a board in setup mode.
 pub struct BoardCabinet {
@@ -151,7 +151,7 @@ impl BoardCabinet {
         work: impl FnOnce(
             &mesa_hal::discovery::DataRecord,
             &mut PortLink<'_, Bus>,
-        ) -> Result<T, ParameterError<PortError<UdpError>>>,
+        ) -> Result<T, ParameterError<PortError<BoardBusError>>>,
     ) -> Result<Option<T>, BoardError> {
         let Some((baud, descriptor)) = self.other(id) else {
             return Ok(None);

@@ -23,9 +23,9 @@ use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
 use super::named;
+use crate::bus::Bus;
 use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure, told};
-use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::target::Target;

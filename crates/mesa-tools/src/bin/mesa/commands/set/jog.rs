@@ -9,11 +9,12 @@ use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
+use mesa_tools::BoardBusError;
 
 use super::announcer::Announcer;
 use super::report::{Change, Inputs, Outcome, Report};
+use crate::bus::Bus;
 use crate::context::{Context, Failure, told};
-use crate::link::Bus;
 use crate::output::complain;
 use crate::reason::{self, Reason};
 use crate::running;
@@ -180,7 +181,8 @@ impl Jog {
         ));
         // The failure may have been caused by another program that drives the board.
         if self.failure.is_some()
-            && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
+            && let Err(error @ BoardBusError::Ethernet(UdpError::OtherHost { .. })) =
+                ended.driver.into_bus().check_alone()
         {
             self.failure = Some(Reason::new(told(&error)));
         }

@@ -16,9 +16,9 @@ use mesa_hal::runner::{Runner, SnapshotReader};
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyEvent;
 
+use crate::bus::Bus;
 use crate::context::{Context, Ending, Failure};
 use crate::full_screen::{self, Screen, Wish};
-use crate::link::Bus;
 use crate::look;
 use crate::modes::Modes;
 use crate::output::complain;

@@ -7,8 +7,8 @@ use mesa_hal::Driver;
 use mesa_hal::ethernet::Identity;
 use serde::Serialize;
 
+use crate::bus::Bus;
 use crate::date;
-use crate::link::Bus;
 
 /// Date of a check, and what identifies the machine.
 #[derive(Clone, Debug, Serialize)]
@@ -18,11 +18,14 @@ pub struct Head {
     address: String,
     /// Name of the board.
     board: String,
-    mac: String,
+    /// `None` on the PCI bus.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mac: Option<String>,
     /// Name of the board that the FPGA's firmware is for.
     firmware: String,
     /// Version of the Ethernet side's firmware.
-    ethernet_firmware: u16,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ethernet_firmware: Option<u16>,
     units: Vec<RemoteUnit>,
 }
 
@@ -37,7 +40,7 @@ struct RemoteUnit {
 
 impl Head {
     /// The head for a check that begins now.
-    pub fn new(address: &impl Display, identity: &Identity, driver: &Driver<Bus>) -> Self {
+    pub fn new(address: &impl Display, identity: Option<&Identity>, driver: &Driver<Bus>) -> Self {
         let units = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
             port.remotes().map(move |remote| RemoteUnit {
@@ -46,13 +49,14 @@ impl Head {
                 unit_number: remote.started.unit_number,
             })
         });
+        let name = driver.firmware().idrom.board().to_uppercase();
         Self {
             date: date::utc(SystemTime::now()),
             address: address.to_string(),
-            board: identity.card.clone(),
-            mac: identity.mac.to_string(),
+            board: identity.map_or_else(|| name.clone(), |identity| identity.card.clone()),
+            mac: identity.map(|identity| identity.mac.to_string()),
             firmware: driver.firmware().idrom.board_name.clone(),
-            ethernet_firmware: identity.firmware_version,
+            ethernet_firmware: identity.map(|identity| identity.firmware_version),
             units: units.collect(),
         }
     }
@@ -70,11 +74,15 @@ impl Display for Head {
             units,
         } = self;
         writeln!(f, "Wiring of {address}, checked from {date} on")?;
-        writeln!(f, "Board     {board}, MAC {mac}")?;
-        writeln!(
-            f,
-            "Firmware  {firmware}, Ethernet firmware {ethernet_firmware}"
-        )?;
+        write!(f, "Board     {board}")?;
+        if let Some(mac) = mac {
+            write!(f, ", MAC {mac}")?;
+        }
+        write!(f, "\nFirmware  {firmware}")?;
+        if let Some(version) = ethernet_firmware {
+            write!(f, ", Ethernet firmware {version}")?;
+        }
+        writeln!(f)?;
         for RemoteUnit {
             place,
             card,

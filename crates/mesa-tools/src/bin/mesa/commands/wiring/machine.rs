@@ -13,9 +13,9 @@ use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 
+use crate::bus::Bus;
 use crate::commands::set::jog::{Jog, JogPlan, Step};
 use crate::context::{Context, Failure};
-use crate::link::Bus;
 use crate::reason::{self, Reason};
 use crate::running::{self, Keeper};
 

@@ -18,9 +18,9 @@ use mesa_tools::diagnosis::wiring::{self, WiringCheck};
 
 use super::set::{self, Hazard, hazard};
 use super::slow_watchdog::SlowWatchdog;
+use crate::bus::Bus;
 use crate::consent::{Asks, Plan};
 use crate::context::{Context, Ending, Failure, told};
-use crate::link::Bus;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::pattern::Pattern;
@@ -113,7 +113,10 @@ impl Wiring {
         let found = self.target.find()?.pass_time(Passage::Paced);
         let settings = found.with_patience(self.settings());
         let mut bus = found.open_with(set::unhurried())?;
-        let identity = EthernetBoard::new(&mut bus).identity()?;
+        let identity = bus
+            .is_on_ethernet()
+            .then(|| EthernetBoard::new(&mut bus).identity());
+        let identity = identity.transpose()?;
         let board = Board::identify(bus, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
@@ -121,7 +124,7 @@ impl Wiring {
         let driver = self.start(context, &found, board, &terminals.items)?;
         let name = driver.name().to_owned();
         let reporter = Reporter {
-            head: Head::new(&found.address, &identity, &driver),
+            head: Head::new(&found.address, identity.as_ref(), &driver),
             missing: self.missing(&driver),
             path: self.report.as_deref(),
         };

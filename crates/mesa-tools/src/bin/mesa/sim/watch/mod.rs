@@ -51,7 +51,7 @@ pub struct Watch<'a> {
 impl<'a> Watch<'a> {
     pub fn new(network: &'a Network, running: &'a Running) -> Self {
         let boards = network.boards.iter();
-        let boards = boards.map(|link| BoardView::new(&link.name, link.address.to_string()));
+        let boards = boards.map(|link| BoardView::new(&link.name, link.address.clone()));
         let (commands, answers) = answer_commands(network.clone());
         Self {
             network,
