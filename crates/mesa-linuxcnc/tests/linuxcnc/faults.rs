@@ -74,7 +74,7 @@ const ROWS: &[Row] = &[
 ];
 
 /// Rows of other tests, or of none.
-const ELSEWHERE: [(&str, &str); 4] = [
+const ELSEWHERE: [(&str, &str); 5] = [
     (
         "counters of 64 bits",
         "no test runs for long enough; src/table.rs",
@@ -84,6 +84,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
         "mesa_eth does nothing there",
     ),
     ("loopback addresses, other ports", "tests/fake_hal"),
+    ("processor time of a 7I97", "cost.rs prints it"),
     ("a panic, which would be an error", "tests/fake_hal"),
 ];
 
