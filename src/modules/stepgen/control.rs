@@ -24,15 +24,20 @@
 //! - **A smooth command is followed exactly, one period late.** If the generator is where the command
 //!   was a period ago, the distance to the stop is `D` of the feed, and the move is the feed. As long
 //!   as the command keeps the acceleration, the feed is its move.
-//! - **No overshoot.** Without a delay between read and write, a move `m` from step 3 leaves a distance of `D(m) - m = D(m - ramp)`, so that
-//!   the next move is at least `m - ramp`, and step 4 never keeps the generator faster than step 3
-//!   allows. A command that brakes with at most the acceleration comes to rest at the stop or beyond
-//!   it. So the generator stops no later than the command, also after it was behind because the
-//!   command was too fast.
-//!   With a delay of the part `d` of the period, the beginning and the end of each acceleration are known
-//!   `d` later. A generator with acceleration to spare makes up for that. With none it is up to
-//!   `v*d*T` behind after it has accelerated to the speed `v`, and overruns a command that brakes with
-//!   the whole acceleration by up to half of that: the figures are in the tests.
+//! - **No overshoot.** Without a delay between read and write, a move `m` from step 3 leaves a distance of
+//!   `D(m) - m = D(m - ramp)`, so that the next move is at least `m - ramp`, and step 4 never keeps the
+//!   generator faster than step 3 allows. A command that brakes with at most the acceleration comes to
+//!   rest at the stop or beyond it. So the generator stops no later than the command, also after it was
+//!   behind because the command was too fast.
+//!   With a delay of the part `d` of the period, command and generator are compared at the time of the
+//!   write, and the command has to be predicted until then. Of a command that has become slower it is
+//!   assumed that it brakes with the whole acceleration, since the latest time that explains the loss.
+//!   The moves are a staircase that is half a period ahead of the ramp of the command: for `d` up to
+//!   0.5 that is enough to brake in time. What remains are 0.06 ramps, from the last period of a motion.
+//!   It is not enough if the moves of the command themselves are a staircase of whole ramps, or if it
+//!   brakes within a period after it has accelerated, each with the whole acceleration: a generator
+//!   without acceleration to spare then overruns by up to `v*d*T`. None could do better that is not
+//!   `d` later all the time. The figures are in the tests.
 //! - **Arrival.** Within one ramp of a stop that rests, `D^-1` is the distance itself: the last move
 //!   ends at the stop.
 //! - **Both signs alike.** Every operation is odd in positions and speeds: the mirrored command gives
@@ -41,6 +46,9 @@
 //! A deviation from a command that moves at the speed `v` decays with the time constant `v/a`, the
 //! time that the command needs to brake. Jitter of the feedback is therefore averaged while the
 //! generator is fast, and at rest a deviation is corrected within one period.
+
+/// A smaller change of the acceleration of the command, in ramps, is rounding.
+const LEAST_LOSS: f64 = 1e-6;
 
 /// Limits of a generator, prepared for the cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -178,15 +186,10 @@ impl ControlLaw {
     /// # Real time
     /// Constant time, no allocation.
     pub fn follow(&mut self, limits: &ControlLimits, command: f64, position: f64, delay: f64) {
+        let last = self.change;
         self.observe_limited(limits, command);
-        // The command and the generator at the time of the write, the command with the change of its
-        // move, unless it comes to rest.
-        let next = self.feed + self.change;
-        let change = if next * self.feed > 0.0 {
-            self.change
-        } else {
-            0.0
-        };
+        // The command and the generator at the time of the write.
+        let change = self.expected_change(limits, last, delay);
         let feed = self.feed + change * delay;
         let ahead = (self.feed + change - self.step) * delay;
         let wanted = wanted(limits, feed, self.command - position + ahead);
@@ -196,6 +199,38 @@ impl ControlLaw {
             limits.capped(wanted)
         };
         self.advance(limits.reached(self.step, wanted));
+    }
+
+    /// The change that the move of the command makes in the next period, as far as the time of the
+    /// write needs it. `last` is the change of the period before.
+    fn expected_change(&self, limits: &ControlLimits, last: f64, delay: f64) -> f64 {
+        let (feed, change) = (self.feed, self.change);
+        let slows = feed * change < 0.0;
+        if !slows || limits.per_ramp == 0.0 {
+            return if (feed + change) * feed > 0.0 {
+                change
+            } else {
+                0.0
+            };
+        }
+        // In ramps, positive in the direction of the motion.
+        let unit = limits.per_ramp.copysign(feed);
+        let (speed, before, mut expected) = (feed * unit, last * unit, change * unit);
+        let lost = before - expected;
+        if lost > LEAST_LOSS && delay > 0.0 {
+            // The part of the period since which it has braked with the whole acceleration.
+            let span = before + 1.0;
+            let since = libm::sqrt((2.0 * lost / span).min(1.0));
+            let rest = 1.0 - since;
+            let part = 1.0 - rest * rest / (2.0 * delay).min(1.0);
+            expected = (before - span * part).min(expected).max(-1.0);
+        }
+        if speed + 1.5 * expected < 0.0 {
+            // It comes to rest in the next period, from the speed at the end of this one.
+            let end = (speed + 0.5 * expected).max(0.0);
+            expected = -end * end / (2.0 * expected) - speed;
+        }
+        expected * limits.ramp.copysign(feed)
     }
 
     fn observe_limited(&mut self, limits: &ControlLimits, command: f64) {

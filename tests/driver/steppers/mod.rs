@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use crate::common::machine::World;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{BoardState, Driver, EventKind, Settings};
 use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
@@ -15,16 +16,18 @@ const SCALE: f64 = 1_000.0;
 mod alike;
 mod at_rest;
 mod host_5i25;
+mod late_writes;
+mod set_up;
 
-struct Machine {
-    driver: Driver<Faulty<SimFpga>>,
+struct Machine<B: World = Faulty<SimFpga>> {
+    driver: Driver<B>,
     pins: StepgenPins,
     axis: usize,
 }
 
 /// A 7I92 with a 7I76 and a motor on generator 0, which follows an acceleration of 120 and needs a
 /// hold of 1 us after the pulse.
-fn machine() -> Machine {
+fn board() -> (SimFpga, usize) {
     let mut fpga = machines::i7i92_7i76();
     let config = StepperConfig {
         max_acceleration: 120.0,
@@ -40,7 +43,17 @@ fn machine() -> Machine {
         encoder: None,
         motor: Stepper::new(config).expect("a motor"),
     });
-    let mut driver = Driver::start(Faulty::new(fpga, 5), Settings::default()).expect("it starts");
+    (fpga, axis)
+}
+
+fn machine() -> Machine {
+    let (fpga, axis) = board();
+    machine_on(Faulty::new(fpga, 5), axis)
+}
+
+/// The machine on a bus, enabled at 0.
+fn machine_on<B: World>(bus: B, axis: usize) -> Machine<B> {
+    let mut driver = Driver::start(bus, Settings::default()).expect("it starts");
     let module = driver.modules::<Stepgens>().next();
     let pins = module.and_then(|module| module.pins().next());
     let pins = pins.expect("a generator");
@@ -68,7 +81,7 @@ fn machine() -> Machine {
     machine
 }
 
-impl Machine {
+impl<B: World> Machine<B> {
     fn cycle(&mut self, command: f64) -> BoardState {
         let report = self.driver.read();
         self.driver.pins_mut().set(self.pins.position_cmd, command);
@@ -79,7 +92,7 @@ impl Machine {
 
     fn motor(&mut self) -> Stepper {
         let axis = self.axis;
-        *self.driver.bus_mut().inner.stepper(axis).expect("a motor")
+        *self.driver.bus_mut().fpga().stepper(axis).expect("a motor")
     }
 
     fn position(&self) -> f64 {

@@ -83,7 +83,11 @@ impl SimFpga {
                     steps.set_pin(found.unit, found.pin, level);
                 }
             }
-            _ => {}
+            other => {
+                if let Some(module) = self.foreign.get_mut(other) {
+                    module.set_input(now, found.unit, found.pin, level);
+                }
+            }
         }
     }
 

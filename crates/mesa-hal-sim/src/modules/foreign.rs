@@ -23,6 +23,13 @@ pub trait ForeignModule: Any + fmt::Debug + Send {
     /// The module's output on pin `pin` of an instance, as far as the I/O port passes it on.
     fn level(&self, now: Nanos, instance: u8, pin: u8) -> bool;
 
+    /// Takes a level of input `pin` of an instance from outside of the board
+    /// ([`SimFpga::drive_pin`](crate::SimFpga::drive_pin)): for modules that count or latch its edges.
+    /// The default ignores it.
+    fn set_input(&mut self, now: Nanos, instance: u8, pin: u8, level: bool) {
+        let _ = (now, instance, pin, level);
+    }
+
     /// Resets the module at a new configuration of the FPGA: as after power-up.
     fn reload(&mut self, now: Nanos);
 
