@@ -29,6 +29,10 @@ impl PinId {
         Self(key)
     }
 
+    pub(super) const fn key(self) -> Key {
+        self.0
+    }
+
     /// Index of the pin or parameter in [`Pins::infos`].
     pub const fn index(self) -> usize {
         self.0.index as usize

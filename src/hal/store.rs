@@ -390,7 +390,7 @@ impl PinStore {
         value
     }
 
-    fn reject(&mut self, key: Key, rejection: Rejection) {
+    pub(super) fn reject(&mut self, key: Key, rejection: Rejection) {
         self.totals.count(rejection);
         if let Some(index) = self.index(key)
             && let Some(rule) = self.rule_mut(index)

@@ -190,7 +190,7 @@ impl Recorder {
             on.sum::<u64>()
         };
         let now = match self.card {
-            Card::Field => Level::bits(bits(16)),
+            Card::Field | Card::Field76 => Level::bits(bits(16)),
             Card::Outputs => Level::bits(bits(48)),
             Card::Analog => Level {
                 bits: bits(6),

@@ -57,10 +57,10 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     (fpga, gpio)
 }
 
-/// Adds the step generators of a plan, on a connector of their own.
+/// Adds the step generators of a plan, on a connector of their own, unless the firmware has them.
 fn add_step_generators(firmware: &mut SimFirmware, plan: &Plan) {
     let Steppers { count, version, .. } = plan.steppers;
-    if count == 0 {
+    if count == 0 || plan.steppers.is_7i76 {
         return;
     }
     let module = SimModuleDescriptor::new(gtag::STEPGEN, version, 1, count, 0x2000, 10, 0, 0x1FF);
@@ -128,6 +128,7 @@ fn remote(card: Card, unit: usize, watchdog: u64) -> Box<dyn RemoteEnd> {
     }
     match card {
         Card::Field => Box::new(Device::remote(&description, FieldIo::new(false)).expect(known)),
+        Card::Field76 => Box::new(FieldIo::with_spindle(&description).expect(known)),
         Card::Analog => Box::new(Device::remote(&description, Analog::default()).expect(known)),
         Card::Outputs => Box::new(Device::remote(&description, Outputs48::default()).expect(known)),
     }
@@ -136,6 +137,7 @@ fn remote(card: Card, unit: usize, watchdog: u64) -> Box<dyn RemoteEnd> {
 fn description(card: Card) -> Description {
     let description = match card {
         Card::Field => FieldIo::description(),
+        Card::Field76 => FieldIo::description_7i76(),
         Card::Analog => Analog::description(),
         Card::Outputs => Outputs48::description(),
     };
@@ -160,6 +162,8 @@ fn firmware(plan: &Plan) -> SimFirmware {
 fn plain_firmware(plan: &Plan) -> SimFirmware {
     let channels: Vec<u8> = plan.ports.iter().map(|cards| cards.len() as u8).collect();
     match (plan.board, &channels[..]) {
+        (Board::I7i92, _) if plan.steppers.is_7i76 => machines::firmware_7i92_7i76(),
+        (Board::I7i97, _) if plan.steppers.is_7i76 => machines::firmware_7i97_7i76(),
         (Board::I7i92, [1..=3]) => machines::firmware_7i92_7i77(),
         (Board::I7i92, _) => {
             let mut firmware = machines::firmware_serial(&channels);

@@ -25,6 +25,8 @@ pub const LONGEST_WATCHDOG: u64 = 20 * MILLI;
 pub enum Card {
     /// The field I/O of a 7I77.
     Field,
+    /// The field I/O of a 7I76.
+    Field76,
     /// The analog section of a 7I77.
     Analog,
     /// A 7I72.
@@ -32,13 +34,19 @@ pub enum Card {
 }
 
 impl Card {
-    /// The library's table of the card.
-    pub const fn table(self) -> &'static RemoteTable {
+    /// The library's table of the card, if it has one.
+    pub const fn table(self) -> Option<&'static RemoteTable> {
         match self {
-            Self::Field => &i7i77::FIELD,
-            Self::Analog => &i7i77::ANALOG,
-            Self::Outputs => &i7i72::REMOTE,
+            Self::Field => Some(&i7i77::FIELD),
+            Self::Field76 => None,
+            Self::Analog => Some(&i7i77::ANALOG),
+            Self::Outputs => Some(&i7i72::REMOTE),
         }
+    }
+
+    /// Field I/O: 32 inputs and 16 outputs.
+    pub const fn is_field(self) -> bool {
+        matches!(self, Self::Field | Self::Field76)
     }
 }
 

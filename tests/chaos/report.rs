@@ -16,6 +16,8 @@ const STORIES: usize = 2;
 #[derive(Debug, Default)]
 pub struct Report {
     scenarios: u64,
+    /// Those with step generators, and those of them with a 7I76.
+    with_steppers: [u64; 2],
     failures: BTreeMap<(Promise, u64), String>,
     happened: BTreeMap<(FaultKind, Moment), u64>,
 }
@@ -36,6 +38,7 @@ impl Report {
         });
         let mut report = Self {
             scenarios: 1,
+            with_steppers: [plan.steppers.count > 0, plan.steppers.is_7i76].map(u64::from),
             ..Self::default()
         };
         for happened in stage.happened() {
@@ -56,6 +59,9 @@ impl Report {
 
     pub fn add(&mut self, other: Self) {
         self.scenarios += other.scenarios;
+        for (all, more) in self.with_steppers.iter_mut().zip(other.with_steppers) {
+            *all += more;
+        }
         self.failures.extend(other.failures);
         for (happened, count) in other.happened {
             *self.happened.entry(happened).or_default() += count;
@@ -79,6 +85,8 @@ impl Report {
                 absent.push(kind.name());
             }
         }
+        let [steppers, of_7i76] = self.with_steppers;
+        println!("{steppers} scenarios have step generators, {of_7i76} of them a 7I76");
         let mut by_promise = BTreeMap::<Promise, Vec<u64>>::new();
         for ((promise, seed), text) in &self.failures {
             let seeds = by_promise.entry(*promise).or_default();

@@ -50,6 +50,9 @@
 /// A smaller change of the acceleration of the command, in ramps, is rounding.
 const LEAST_LOSS: f64 = 1e-6;
 
+/// From 2^52 on, all numbers are whole, and the sum with a smaller one is rounded.
+const ROUNDER: f64 = 4_503_599_627_370_496.0;
+
 /// Limits of a generator, prepared for the cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ControlLimits {
@@ -291,8 +294,8 @@ fn wanted(limits: &ControlLimits, feed: f64, distance: f64) -> f64 {
 
 /// The smallest whole number that is not less than a number, and at least 1.
 fn whole_above(number: f64) -> f64 {
-    // Saturates: from 2^53 on, all numbers are whole.
-    let whole = number as u64 as f64;
+    // Rounds to the nearest whole number, up or down.
+    let whole = number + ROUNDER - ROUNDER;
     let above = if whole < number { whole + 1.0 } else { whole };
     above.max(1.0)
 }

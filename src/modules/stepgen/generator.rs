@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::control::{ControlLaw, ControlLimits};
 use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
 use super::latch::{AccumulatorLatch, LatchRequest};
-use super::pins::{StepgenPins, Switches};
+use super::pins::{Rows, StepgenPins, Switches};
 use super::pulses::PulseChange;
 use super::rate::RateRegister;
 use super::registers::Registers;
@@ -58,6 +58,7 @@ struct Factors {
 #[derive(Debug)]
 pub(super) struct Generator {
     pins: StepgenPins,
+    rows: Rows,
     /// The part of the group that has the parameters.
     parameters: GroupId,
     /// Its version when they were read last.
@@ -102,6 +103,7 @@ impl Generator {
         let clock_hz = firmware.clock_hz;
         let pulses = pins.pulses(r.pins, clock_hz);
         Ok(Self {
+            rows: Rows::of(&pins),
             pins,
             parameters,
             version: None,
@@ -192,9 +194,9 @@ impl Generator {
         self.position = self.counts.sub_counts as f64 * self.factors.units;
         self.is_read = true;
         let (pins, to) = (&self.pins, &mut *cycle.pins);
-        to.publish(pins.counts, self.counts.steps());
-        to.publish(pins.position_fb, self.position);
-        to.publish(pins.position_unsure, self.counts.is_unsure);
+        let (steps, is_unsure) = (self.counts.steps(), self.counts.is_unsure);
+        let values = [self.position.into(), steps.into(), is_unsure.into()];
+        to.publish_row(self.rows.read, values);
         if !self.is_enabled {
             to.set_safe(pins.position_cmd, self.position);
         }
@@ -258,11 +260,11 @@ impl Generator {
             self.position += self.law.step();
         }
         self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
-        self.control(cycle, moment);
+        let lag = self.control(cycle, moment);
         self.rate.put((self.law.step() * self.factors.rate) as i32);
         let word = self.rate.word;
         cycle.words.put(self.registers.rate, word as u32);
-        self.publish(cycle.pins);
+        self.publish(cycle.pins, lag);
     }
 
     /// True if a write changes nothing as long as no pin does.
@@ -347,8 +349,8 @@ impl Generator {
         }
     }
 
-    /// Lets the law make the next move.
-    fn control(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) {
+    /// Lets the law make the next move. Returns the distance of the position behind the command.
+    fn control(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) -> f64 {
         let command = self.command(cycle.pins);
         let by_speed = self.switches.by_speed;
         let mut lag = 0.0;
@@ -377,7 +379,7 @@ impl Generator {
                 self.publish_debug(cycle.pins, -lag);
             }
         }
-        cycle.pins.publish(self.pins.position_lag, lag);
+        lag
     }
 
     /// The commanded position; that of before if it is not finite, which is counted.
@@ -401,29 +403,31 @@ impl Generator {
         }
     }
 
-    fn publish(&self, to: &mut PinStore) {
-        let pins = &self.pins;
+    fn publish(&self, to: &mut PinStore, lag: f64) {
         let speed = match self.rate.word {
             // A move that is less than the register can make.
             0 => 0.0,
             _ => self.law.step() * self.factors.periods,
         };
-        to.publish(pins.velocity_fb, speed);
-        let is_near = self.rate.word.unsigned_abs() >= self.factors.near;
-        to.publish(pins.near_max_rate, is_near);
-        to.publish(pins.debug.step_rate, self.rate.word);
+        let word = self.rate.word;
+        let is_near = word.unsigned_abs() >= self.factors.near;
+        let values = [speed.into(), is_near.into(), lag.into(), word.into()];
+        to.publish_row(self.rows.written, values);
     }
 
     fn publish_debug(&self, to: &mut PinStore, beyond: f64) {
-        let (debug, factors) = (&self.pins.debug, &self.factors);
+        let factors = &self.factors;
         let (feed, step) = (self.law.feed(), self.law.step());
         let error = step - feed;
         // Periods until the speed is that of the command.
         let periods = error.abs() * self.limits.per_ramp();
-        to.publish(debug.ff_vel, feed * factors.periods);
-        to.publish(debug.pos_minus_prev_cmd, beyond);
-        to.publish(debug.s_to_match, periods * factors.seconds);
-        to.publish(debug.vel_error, error * factors.periods);
-        to.publish(debug.err_at_match, beyond + 0.5 * error * periods);
+        let values = [
+            feed * factors.periods,
+            beyond,
+            periods * factors.seconds,
+            error * factors.periods,
+            beyond + 0.5 * error * periods,
+        ];
+        to.publish_row(self.rows.debug, values.map(Into::into));
     }
 }

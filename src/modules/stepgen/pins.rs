@@ -3,7 +3,7 @@
 use super::latch::{LatchRequest, bits};
 use super::timing::{PulseTicks, PulseTimes};
 use super::{Firmware, SWAP};
-use crate::hal::{Axis, InOut, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
+use crate::hal::{Axis, InOut, Input, InputRow, Output, Param, PinError, PinMaker, PinStore, Spec};
 
 /// The pins of one generator: `hm2_7i92.0.stepgen.00.position-cmd` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,6 +96,44 @@ pub(super) struct DebugPins {
     pub step_rate: Input<i32>,
 }
 
+/// The inputs of a generator that are published together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rows {
+    /// `position-fb`, `counts`, `position-unsure`.
+    pub read: InputRow<3>,
+    /// `velocity-fb`, `near-max-rate`, `position-lag`, `dbg_step_rate`.
+    pub written: InputRow<4>,
+    /// `dbg_ff_vel`, `dbg_pos_minus_prev_cmd`, `dbg_s_to_match`, `dbg_vel_error`,
+    /// `dbg_err_at_match`.
+    pub debug: InputRow<5>,
+}
+
+impl Rows {
+    pub fn of(pins: &StepgenPins) -> Self {
+        let debug = &pins.debug;
+        Self {
+            read: InputRow::new([
+                pins.position_fb.into(),
+                pins.counts.into(),
+                pins.position_unsure.into(),
+            ]),
+            written: InputRow::new([
+                pins.velocity_fb.into(),
+                pins.near_max_rate.into(),
+                pins.position_lag.into(),
+                debug.step_rate.into(),
+            ]),
+            debug: InputRow::new([
+                debug.ff_vel.into(),
+                debug.pos_minus_prev_cmd.into(),
+                debug.s_to_match.into(),
+                debug.vel_error.into(),
+                debug.err_at_match.into(),
+            ]),
+        }
+    }
+}
+
 /// The switches of a generator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Switches {
@@ -150,19 +188,20 @@ impl StepgenPins {
         let mut pins = Self {
             position_cmd: make.output("position-cmd", 0.0)?,
             velocity_cmd: make.output("velocity-cmd", 0.0)?,
+            // In the order of the rows.
             position_fb: make.input("position-fb")?,
-            velocity_fb: make.input("velocity-fb")?,
             counts: make.input("counts")?,
             position_unsure: make.input("position-unsure")?,
+            velocity_fb: make.input("velocity-fb")?,
             near_max_rate: make.input("near-max-rate")?,
             position_lag: make.input("position-lag")?,
             debug: DebugPins {
+                step_rate: make.input("dbg_step_rate")?,
                 ff_vel: make.input("dbg_ff_vel")?,
                 pos_minus_prev_cmd: make.input("dbg_pos_minus_prev_cmd")?,
                 s_to_match: make.input("dbg_s_to_match")?,
                 vel_error: make.input("dbg_vel_error")?,
                 err_at_match: make.input("dbg_err_at_match")?,
-                step_rate: make.input("dbg_step_rate")?,
             },
             ..Self::default()
         };

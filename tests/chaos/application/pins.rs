@@ -88,11 +88,11 @@ impl Remote {
         card: Card,
         (group, mode): (GroupId, u8),
     ) -> Result<Self, PinError> {
-        let inputs = if card == Card::Field { 0..32 } else { 0..0 };
+        let inputs = if card.is_field() { 0..32 } else { 0..0 };
         let inputs = inputs.map(|n| pins.input(&format!("{prefix}.input-{n:02}")));
         let bits = |count: usize| (0..count).map(|n| format!("{prefix}.output-{n:02}"));
         let outputs: Vec<String> = match card {
-            Card::Field => bits(16).collect(),
+            Card::Field | Card::Field76 => bits(16).collect(),
             Card::Outputs => bits(48).collect(),
             Card::Analog => ["analogena", "spinena"]
                 .map(|name| format!("{prefix}.{name}"))
@@ -102,7 +102,7 @@ impl Remote {
         let limits = volts.clone();
         let limits = limits.map(|n| Limits::new(pins, &format!("{prefix}.analogout{n}")));
         let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
-        let field = (card == Card::Field).then(|| Field::new(pins, prefix, mode));
+        let field = card.is_field().then(|| Field::new(pins, prefix, mode));
         Ok(Self {
             field: field.transpose()?,
             number,

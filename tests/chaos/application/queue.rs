@@ -34,7 +34,7 @@ struct Waiting {
 
 /// True if the outputs of a card are commanded through the queue.
 pub(super) const fn is_queued(card: Card) -> bool {
-    matches!(card, Card::Field | Card::Outputs)
+    !matches!(card, Card::Analog)
 }
 
 impl Queue {

@@ -117,9 +117,10 @@ impl Plan {
     }
 
     /// The greatest count rate of its encoders, with the short filter: that of a 7I92 samples twice
-    /// as often.
+    /// as often, and the one beside a 7I76 is not multiplexed.
     pub fn fastest(&self) -> f64 {
         match self.board {
+            Board::I7i92 if self.steppers.is_7i76 => 4.0 * FASTEST,
             Board::I7i92 => 2.0 * FASTEST,
             Board::I7i97 => FASTEST,
         }

@@ -12,7 +12,7 @@ use super::super::application::Application;
 use super::super::machine::unit_number;
 use super::super::network::{Host, Life};
 use super::super::oracle::{Checked, Failure, Promise, ensure};
-use super::super::plan::{Card, MILLI, Moment, WRITTEN_WATCHDOG};
+use super::super::plan::{MILLI, Moment, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 
 impl Scenario {
@@ -144,18 +144,14 @@ impl Scenario {
         for (port, cards) in plan.ports.iter().enumerate() {
             let mut channels = BTreeMap::new();
             for (channel, card) in cards.iter().enumerate() {
-                let mode = if *card == Card::Field {
-                    plan.field_mode
-                } else {
-                    0
-                };
+                let mode = if card.is_field() { plan.field_mode } else { 0 };
                 let unit = unit_number(*card, numbers.next().unwrap_or_default());
                 let remote = RemoteConfig {
                     mode,
                     unit_number: Some(unit),
                     presence: [Presence::Any, Presence::Optional, Presence::Required]
                         [usize::from(plan.extras.presence)],
-                    kind: Some(card.table()),
+                    kind: card.table(),
                 };
                 channels.insert(channel as u8, remote);
             }

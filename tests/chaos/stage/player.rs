@@ -70,7 +70,7 @@ impl Player {
         let mut agenda = stage.lock();
         agenda.push(next, Act::Change);
         for remote in 0..self.plan.remotes() {
-            if self.plan.card(remote) == Card::Field {
+            if self.plan.card(remote).is_field() {
                 let pattern = self.chance.below(1 << 32) as u32 ^ self.chance.below(1 << 32) as u32;
                 if !self.aside.contains_key(&remote) {
                     set_field(self.end(fpga, remote), pattern);
@@ -104,7 +104,7 @@ impl Player {
 
     /// Records the current MPG counters of a remote.
     fn note_mpgs(&self, fpga: &mut SimFpga, remote: usize, history: &mut History<[u8; 2]>) {
-        if self.plan.card(remote) != Card::Field || self.plan.field_mode != 3 {
+        if !self.plan.card(remote).is_field() || self.plan.field_mode != 3 {
             return;
         }
         let now = SimFpga::now(fpga);
@@ -319,7 +319,7 @@ impl Player {
         let (port, channel) = self.plan.place(target);
         let card = match (self.plan.card(target), dice & 1) {
             (card, 0) => card,
-            (Card::Field, _) => Card::Outputs,
+            (Card::Field | Card::Field76, _) => Card::Outputs,
             (_, _) => Card::Field,
         };
         let stranger = end(card, (self.plan.remotes(), 100 + target), 50, &self.journal);
@@ -332,7 +332,7 @@ impl Player {
         let bit = planned.kind.fault_bit().unwrap_or_default();
         let (port, channel) = self.plan.place(planned.target);
         match self.plan.card(planned.target) {
-            Card::Field => set_bit::<FieldIo>(fpga, (port, channel), bit),
+            Card::Field | Card::Field76 => set_bit::<FieldIo>(fpga, (port, channel), bit),
             Card::Analog => set_bit::<Analog>(fpga, (port, channel), bit),
             Card::Outputs => set_bit::<Outputs48>(fpga, (port, channel), bit),
         }
@@ -446,7 +446,7 @@ impl Player {
     /// Sets the inputs of a card to their current levels, at the current field power, which the
     /// switches are wired to.
     fn set_newest(&self, fpga: &mut SimFpga, target: usize) {
-        if self.plan.card(target) == Card::Field && !self.aside.contains_key(&target) {
+        if self.plan.card(target).is_field() && !self.aside.contains_key(&target) {
             let newest = self.stage.lock().truth.fields[target].last().copied();
             let pattern = newest.map_or(0, |(_, pattern)| pattern);
             set_field(self.end(fpga, target), pattern);

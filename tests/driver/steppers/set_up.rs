@@ -247,3 +247,21 @@ fn in_a_re_arm_a_late_rate_is_0_before_any_pin_of_a_generator_is_driven() {
         }
     }
 }
+
+/// What the listener is for.
+#[test]
+fn a_wrong_order_is_heard() {
+    let heard = |writes: &[(u16, u32)]| {
+        let mut bus = Listened::new(board().0);
+        for (address, word) in writes {
+            bus.write(*address, *word);
+        }
+        bus.wrongs.len()
+    };
+    let on = [(SOURCE, u32::MAX), (DATA_DIRECTION, u32::MAX)];
+    let (length, rate) = ((STEP_LENGTH, 250), (RATE, OLD_RATE));
+    assert_eq!(heard(&[length, rate, on[0], on[1]]), 1, "driven");
+    assert_eq!(heard(&[length, on[0], on[1], rate]), 0, "commanded");
+    assert_eq!(heard(&[rate, (RATE, 0), length]), 1, "no length");
+    assert_eq!(heard(&[length, (MASTER, 1)]), GENERATORS - 1, "no length");
+}

@@ -122,7 +122,15 @@ impl FieldIo {
     /// # Errors
     /// None: a test proves that its description is valid.
     pub fn i7i76() -> Result<SimRemote<Device<Self>>, DescriptionError> {
-        Self::with_spindle(&Description::parse(I7I76)?)
+        Self::with_spindle(&Self::description_7i76()?)
+    }
+
+    /// The description of a 7I76; change its unit number to distinguish two cards.
+    ///
+    /// # Errors
+    /// None: a test proves that it is valid.
+    pub fn description_7i76() -> Result<Description, DescriptionError> {
+        Description::parse(I7I76)
     }
 
     /// The 7I76 of a 7I76E, on the serial port of that board.
@@ -141,7 +149,11 @@ impl FieldIo {
         Self::with_spindle(&description)
     }
 
-    fn with_spindle(
+    /// A card with a spindle output and this description.
+    ///
+    /// # Errors
+    /// The description is not valid.
+    pub fn with_spindle(
         description: &Description,
     ) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let spindle = Some(Spindle::default());
