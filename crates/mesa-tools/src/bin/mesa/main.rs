@@ -53,7 +53,8 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Commands for one board take --addr IP or --pci [ADDRESS], or --sim 7i92-7i77 or --sim 7i97 to try them without a board:
+Commands for one board take --addr IP or --pci [ADDRESS]; or, to try them without a board,
+--sim 7i92-7i77 or --sim 7i97:
   mesa info --sim 7i97
 
 Without --addr and --sim, the address of the board is taken from MESA_ADDR. `list`, `sim`,
