@@ -2,8 +2,7 @@
 
 use super::handle::kind::InOutKind;
 use super::{
-    AnyValue, GroupId, Handle, InOut, Input, PinError, PinMaker, PinStore, Pins, Rejection,
-    Settable, Value,
+    GroupId, Handle, InOut, Input, PinError, PinMaker, PinStore, Pins, Rejection, Settable, Value,
 };
 
 impl PinStore {
@@ -68,11 +67,9 @@ impl Pins {
             return self.count_foreign();
         };
         group.last_good = Some(now);
-        slot.bad = !AnyValue::from(value).is_finite();
-        if slot.bad {
-            return self.count_rejection(index, Rejection::NotFinite);
+        if !slot.accept(value.into()) {
+            self.count_rejection(index, Rejection::NotFinite);
         }
-        slot.bits = value.to_bits();
     }
 
     /// The value that other threads have set an output of the application's own to, within the

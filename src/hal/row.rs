@@ -1,23 +1,31 @@
 //! Inputs that are published together.
 
 use super::handle::Key;
-use super::{AnyValue, PinId, PinStore, Rejection};
+use super::{AnyValue, PinError, PinId, PinStore, Rejection, Role};
 
 /// Inputs that were made one after the other: they are published with one look at their place.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InputRow<const N: usize>(Key);
 
-impl<const N: usize> InputRow<N> {
-    /// The row of these inputs, in the order in which they were made.
-    pub fn new(pins: [PinId; N]) -> Self {
-        let first = pins.first().copied().map_or(Key::default(), PinId::key);
-        let numbers = pins.iter().map(|pin| pin.index());
-        debug_assert!(numbers.eq((first.index as usize..).take(N)), "a row");
-        Self(first)
-    }
-}
-
 impl PinStore {
+    /// The row of these inputs, in the order in which they were made.
+    ///
+    /// # Errors
+    /// [`PinError::ForeignHandle`] unless they are inputs of this store, one behind the other.
+    pub(crate) fn input_row<const N: usize>(
+        &self,
+        pins: [PinId; N],
+    ) -> Result<InputRow<N>, PinError> {
+        let first = pins.first().map_or(Key::default(), |pin| pin.key());
+        let is_row = pins.iter().zip(first.index as usize..).all(|(pin, place)| {
+            let is_input = self.info_of(*pin).map(|info| info.role) == Some(Role::Input);
+            is_input && pin.index() == place
+        });
+        is_row
+            .then_some(InputRow(first))
+            .ok_or(PinError::ForeignHandle)
+    }
+
     /// Gives a value to each input of a row, as [`publish`](Self::publish) does: one that is not
     /// finite is counted and not published.
     ///
@@ -32,12 +40,7 @@ impl PinStore {
         };
         let mut are_finite = true;
         for (slot, value) in slots.iter_mut().zip(&values) {
-            slot.bad = !value.is_finite();
-            if slot.bad {
-                are_finite = false;
-            } else {
-                slot.bits = value.bits;
-            }
+            are_finite &= slot.accept(*value);
         }
         if !are_finite {
             self.reject_some(row.0, &values);
@@ -69,7 +72,11 @@ mod tests {
         let (c, d): (Input<bool>, Input<f64>) =
             (make.input("c").unwrap(), make.input("d").unwrap());
         let after: Input<f64> = make.input("after").unwrap();
-        let row = InputRow::new([a.into(), b.into(), c.into(), d.into()]);
+        let row = store.input_row([a.into(), b.into(), c.into(), d.into()]);
+        let row = row.unwrap();
+        for wrong in [[b.into(), a.into()], [a.into(), c.into()]] {
+            assert!(store.input_row::<2>(wrong).is_err(), "{wrong:?}");
+        }
         store.group_good(group);
         store.publish_row(row, [1.5.into(), (-7).into(), true.into(), 2.5.into()]);
         let shown = |store: &PinStore| {
@@ -99,6 +106,7 @@ mod tests {
             (0, 0.0)
         );
         let mut other = PinStore::default();
+        assert!(other.input_row([a.into()]).is_err());
         other.publish_row(row, strange);
         assert_eq!(other.foreign_handles(), 1);
     }

@@ -62,6 +62,19 @@ pub(super) struct PinSlot {
     pub role: Role,
 }
 
+impl PinSlot {
+    /// Takes a value of the driver. One that is not finite is not taken: the pin keeps its last value,
+    /// and is not valid. Returns true if the value was taken.
+    #[inline]
+    pub fn accept(&mut self, value: AnyValue) -> bool {
+        self.bad = !value.is_finite();
+        if !self.bad {
+            self.bits = value.bits;
+        }
+        !self.bad
+    }
+}
+
 /// Permitted values of a pin, and counts of the values that were not permitted. Outputs have one, and
 /// real numbers, which can be NaN; other inputs and parameters have none.
 #[derive(Clone, Copy, Debug)]

@@ -156,11 +156,11 @@ impl PinStore {
         let Some(slot) = self.slot_mut(key) else {
             return;
         };
-        slot.bad = !value.is_finite();
-        if slot.bad {
+        let before = slot.bits;
+        if !slot.accept(value) {
             return self.reject(key, Rejection::NotFinite);
         }
-        let has_changed = core::mem::replace(&mut slot.bits, value.bits) != value.bits;
+        let has_changed = before != value.bits;
         // Outputs may depend on any pin that is not an input.
         if has_changed && slot.role != Role::Input {
             self.changed(key);

@@ -4,7 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::lock::{self, Suspect};
+use crate::lock::{self, NoLock, Suspect};
 use crate::mapping::Mapping;
 use crate::simulated::{LOG_FILE, Log};
 use crate::{COOKIE, PciAddress, PciBoard, PciBus, PciOpenError, REGISTERS};
@@ -133,7 +133,14 @@ impl PciDevice {
             path: path.clone(),
             error,
         })?;
-        lock::take(&file).map_err(|holder| PciOpenError::Occupied { address, holder })?;
+        lock::take(&file).map_err(|reason| match reason {
+            NoLock::Held(holder) => PciOpenError::Occupied { address, holder },
+            NoLock::Refused(error) => PciOpenError::NotLocked {
+                address,
+                path: path.clone(),
+                error: error.into(),
+            },
+        })?;
         self.check_mappings(&path)?;
         let mapped = Mapping::new(&file, REGISTERS / 4);
         let registers = mapped.map_err(|error| PciOpenError::NotMapped {

@@ -85,6 +85,16 @@ pub enum PciOpenError {
         /// The program.
         holder: Holder,
     },
+    /// The kernel does not lock the file with the registers, so that two programs could drive the board.
+    #[error("{address}: the kernel does not lock {}: {error}", path.display())]
+    NotLocked {
+        /// Address of the board.
+        address: PciAddress,
+        /// The file with the registers.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
     /// LinuxCNC runs, and this user may not see whether it has mapped this board. It does not lock
     /// boards.
     #[error(
@@ -162,6 +172,10 @@ impl PciOpenError {
             }
             Self::Occupied { holder, .. } => {
                 format!("end it first (process {})", holder.process)
+            }
+            Self::NotLocked { .. } => {
+                "use a file system with locks for a simulated board; for a real one, look at the end of `dmesg`"
+                    .to_owned()
             }
             Self::PerhapsOccupied { .. } => {
                 "end LinuxCNC (`halrun -U`); if it drives other boards only, run this as root".to_owned()

@@ -31,17 +31,22 @@ impl fmt::Display for Holder {
     }
 }
 
+/// Reason why a lock was not taken.
+#[derive(Debug)]
+pub(crate) enum NoLock {
+    /// Another program has it.
+    Held(Holder),
+    /// The kernel does not give it: another program could drive the board at the same time.
+    Refused(Errno),
+}
+
 /// Takes the lock of a file, which the kernel keeps until the file is closed, also when the process
 /// is killed.
-///
-/// # Errors
-/// The program that has the lock.
-pub(crate) fn take(file: &File) -> Result<(), Holder> {
-    match flock(file, FlockOperation::NonBlockingLockExclusive) {
-        Err(Errno::WOULDBLOCK) => Err(holder_of(file)),
-        // A file system without locks has no other program's lock either.
-        _ => Ok(()),
-    }
+pub(crate) fn take(file: &File) -> Result<(), NoLock> {
+    flock(file, FlockOperation::NonBlockingLockExclusive).map_err(|error| match error {
+        Errno::WOULDBLOCK => NoLock::Held(holder_of(file)),
+        error => NoLock::Refused(error),
+    })
 }
 
 /// The program that has the lock of a file.
@@ -125,6 +130,18 @@ mod tests {
                          2: FLOCK  ADVISORY  WRITE 902 00:15:9371 0 EOF\n\
                          2: -> FLOCK  ADVISORY  WRITE 903 00:15:9371 0 EOF\n\
                          3: OFDLCK ADVISORY  READ  -1 00:05:2066 0 EOF\n";
+
+    #[test]
+    fn a_file_that_the_kernel_does_not_lock_is_refused() {
+        use rustix::fs::{Mode, OFlags, open};
+        // Of a file that is open for its place alone the kernel locks nothing.
+        let file = open("/proc/self/exe", OFlags::PATH, Mode::empty()).expect("a file");
+        let result = take(&File::from(file));
+        assert!(
+            matches!(result, Err(NoLock::Refused(Errno::BADF))),
+            "{result:?}"
+        );
+    }
 
     #[test]
     fn the_holder_of_a_lock_is_the_process_at_its_place() {

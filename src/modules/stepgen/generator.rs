@@ -103,7 +103,7 @@ impl Generator {
         let clock_hz = firmware.clock_hz;
         let pulses = pins.pulses(r.pins, clock_hz);
         Ok(Self {
-            rows: Rows::of(&pins),
+            rows: Rows::of(&pins, r.pins)?,
             pins,
             parameters,
             version: None,

@@ -109,28 +109,28 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub fn of(pins: &StepgenPins) -> Self {
+    pub fn of(pins: &StepgenPins, store: &PinStore) -> Result<Self, PinError> {
         let debug = &pins.debug;
-        Self {
-            read: InputRow::new([
+        Ok(Self {
+            read: store.input_row([
                 pins.position_fb.into(),
                 pins.counts.into(),
                 pins.position_unsure.into(),
-            ]),
-            written: InputRow::new([
+            ])?,
+            written: store.input_row([
                 pins.velocity_fb.into(),
                 pins.near_max_rate.into(),
                 pins.position_lag.into(),
                 debug.step_rate.into(),
-            ]),
-            debug: InputRow::new([
+            ])?,
+            debug: store.input_row([
                 debug.ff_vel.into(),
                 debug.pos_minus_prev_cmd.into(),
                 debug.s_to_match.into(),
                 debug.vel_error.into(),
                 debug.err_at_match.into(),
-            ]),
-        }
+            ])?,
+        })
     }
 }
 

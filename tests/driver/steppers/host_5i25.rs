@@ -1,57 +1,19 @@
 //! A 5I25 with a 7I77 and a 7I76: servo axes, stepper axes and a spindle in one cycle, with the clock
 //! of the PCI bus.
 
-use std::time::Duration;
-
 use mesa_hal::bus::Clock;
 use mesa_hal::hal::Axis;
-use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
+use mesa_hal::modules::stepgen::Stepgens;
 use mesa_hal::{Driver, I7i77, Settings};
-use mesa_hal_sim::{Motor, MotorConfig, SimFpga, Stepper, StepperConfig, machines};
+use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 
-const PERIOD: Duration = Duration::from_millis(1);
-const STEPS_PER_UNIT: f64 = 1_000.0;
+use super::{PERIOD, SCALE, motor, set_up};
+
 /// The first stepper motor among the axes of the machine, and the spindle.
 const STEPPERS: usize = 6;
 const SPINDLE: usize = 11;
 /// The speed of a simulated motor at the end of its range.
 const FULL_SPEED: f64 = 100.0;
-
-/// A motor that follows an acceleration of 120, and loses pulses shorter than 2 us.
-fn stepper() -> Stepper {
-    let config = StepperConfig {
-        max_acceleration: 120.0,
-        start_speed: 0.5,
-        min_pulse: 2_000,
-        min_space: 2_000,
-        dir_setup: 5_000,
-        dir_hold: 3_500,
-        ..StepperConfig::default()
-    };
-    Stepper::new(config).expect("a motor")
-}
-
-/// The times are multiples of 30 ns here.
-fn set_up(driver: &mut Driver<SimFpga>, generators: &[StepgenPins]) {
-    let pins = driver.pins_mut();
-    for one in generators {
-        for (param, value) in [
-            (one.position_scale, STEPS_PER_UNIT),
-            (one.maxvel, 20.0),
-            (one.maxaccel, 100.0),
-        ] {
-            pins.set_param(param, value).expect("a value");
-        }
-        for (param, ns) in [
-            (one.steplen, 2_500),
-            (one.stepspace, 2_500),
-            (one.dirsetup, 5_000),
-            (one.dirhold, 1_000),
-        ] {
-            pins.set_param(param, ns).expect("a time");
-        }
-    }
-}
 
 fn cycle(driver: &mut Driver<SimFpga>, act: impl FnOnce(&mut Driver<SimFpga>)) {
     let report = driver.read().expect("the bus is well");
@@ -64,8 +26,8 @@ fn cycle(driver: &mut Driver<SimFpga>, act: impl FnOnce(&mut Driver<SimFpga>)) {
 #[test]
 fn six_servo_axes_and_five_steppers_of_a_5i25_arrive_together_and_the_spindle_turns() {
     let config = MotorConfig::default();
-    let motor = Motor::new(config).expect("a motor");
-    let board = machines::eleven_axes_5i25(motor, stepper());
+    let servo = Motor::new(config).expect("a motor");
+    let board = machines::eleven_axes_5i25(servo, motor());
     let mut driver = Driver::start(board, Settings::default()).expect("it starts");
     assert_eq!(driver.name(), "hm2_5i25.0");
     assert_eq!(
@@ -77,7 +39,9 @@ fn six_servo_axes_and_five_steppers_of_a_5i25_arrive_together_and_the_spindle_tu
     let module = driver.modules::<Stepgens>().next().expect("generators");
     let generators: Vec<_> = module.pins().collect();
     assert_eq!(generators.len(), 5);
-    set_up(&mut driver, &generators);
+    for one in &generators {
+        set_up(driver.pins_mut(), one);
+    }
     let pins = driver.pins();
     let spindle = |name: &str| format!("hm2_5i25.0.7i76.0.3.{name}");
     let speed = pins.output::<f64>(&spindle("spinout")).expect("a pin");
@@ -127,7 +91,7 @@ fn six_servo_axes_and_five_steppers_of_a_5i25_arrive_together_and_the_spindle_tu
             assert!(shown.valid, "generator {n}");
             for value in [position, shown.value] {
                 assert!(
-                    (value - target).abs() <= 1.0 / STEPS_PER_UNIT,
+                    (value - target).abs() <= 1.0 / SCALE,
                     "generator {n}: {value}"
                 );
             }

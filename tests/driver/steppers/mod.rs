@@ -6,6 +6,7 @@ use std::time::Duration;
 use crate::common::machine::World;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{BoardState, Driver, EventKind, Settings};
+use mesa_hal::hal::Pins;
 use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{SimFpga, Stepper, StepperConfig, StepperWiring, machines};
@@ -17,7 +18,7 @@ mod alike;
 mod at_rest;
 mod host_5i25;
 mod late_writes;
-mod set_up;
+mod set_up_order;
 
 struct Machine<B: World = Faulty<SimFpga>> {
     driver: Driver<B>,
@@ -25,10 +26,9 @@ struct Machine<B: World = Faulty<SimFpga>> {
     axis: usize,
 }
 
-/// A 7I92 with a 7I76 and a motor on generator 0, which follows an acceleration of 120 and needs a
-/// hold of 1 us after the pulse.
-fn board() -> (SimFpga, usize) {
-    let mut fpga = machines::i7i92_7i76();
+/// A motor that follows an acceleration of 120, loses pulses shorter than 2 us, and needs a hold of
+/// 1 us after the pulse.
+fn motor() -> Stepper {
     let config = StepperConfig {
         max_acceleration: 120.0,
         start_speed: 0.5,
@@ -38,12 +38,37 @@ fn board() -> (SimFpga, usize) {
         dir_hold: 3_500,
         ..StepperConfig::default()
     };
+    Stepper::new(config).expect("a motor")
+}
+
+/// A 7I92 with a 7I76 and a motor on generator 0.
+fn board() -> (SimFpga, usize) {
+    let mut fpga = machines::i7i92_7i76();
     let axis = fpga.wire_stepper(StepperWiring {
         generator: 0,
         encoder: None,
-        motor: Stepper::new(config).expect("a motor"),
+        motor: motor(),
     });
     (fpga, axis)
+}
+
+/// Scale, limits and times that such a motor follows.
+fn set_up(pins: &mut Pins, one: &StepgenPins) {
+    for (param, value) in [
+        (one.position_scale, SCALE),
+        (one.maxvel, 20.0),
+        (one.maxaccel, 100.0),
+    ] {
+        pins.set_param(param, value).expect("a value");
+    }
+    for (param, ns) in [
+        (one.steplen, 2_500),
+        (one.stepspace, 2_500),
+        (one.dirsetup, 5_000),
+        (one.dirhold, 1_000),
+    ] {
+        pins.set_param(param, ns).expect("a time");
+    }
 }
 
 fn machine() -> Machine {
@@ -57,22 +82,7 @@ fn machine_on<B: World>(bus: B, axis: usize) -> Machine<B> {
     let module = driver.modules::<Stepgens>().next();
     let pins = module.and_then(|module| module.pins().next());
     let pins = pins.expect("a generator");
-    let to = driver.pins_mut();
-    for (param, value) in [
-        (pins.position_scale, SCALE),
-        (pins.maxvel, 20.0),
-        (pins.maxaccel, 100.0),
-    ] {
-        to.set_param(param, value).expect("a value");
-    }
-    for (param, ns) in [
-        (pins.steplen, 2_500),
-        (pins.stepspace, 2_500),
-        (pins.dirsetup, 5_000),
-        (pins.dirhold, 1_000),
-    ] {
-        to.set_param(param, ns).expect("a time");
-    }
+    set_up(driver.pins_mut(), &pins);
     let mut machine = Machine { driver, pins, axis };
     for _ in 0..3 {
         machine.cycle(0.0);

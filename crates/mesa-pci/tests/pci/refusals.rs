@@ -3,7 +3,7 @@
 use std::fs;
 use std::os::unix::fs::{FileExt, PermissionsExt, symlink};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use mesa_pci::simulated::SimulatedDevice;
 use mesa_pci::{BoardKind, PciDevice, PciOpenError, search};
@@ -130,14 +130,12 @@ fn without_rights_the_rule_for_udev_is_given() {
     );
 }
 
-#[test]
-fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
-    let root = Folder::new();
-    let folder = plain(root.path(), BoardKind::I5i25);
+/// Another program, which has the lock of a board when it has written its first line.
+fn locked_by(folder: &Path, script: &str) -> Child {
     let mut other = Command::new("flock")
-        .arg("--exclusive")
+        .args(["--no-fork", "--exclusive"])
         .arg(folder.join("resource0"))
-        .args(["sh", "-c", "echo locked; read line"])
+        .args(["sh", "-c", script])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
@@ -145,8 +143,17 @@ fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
     let mut line = String::new();
     let output = other.stdout.take().expect("its output");
     std::io::BufRead::read_line(&mut std::io::BufReader::new(output), &mut line).expect("a line");
+    other
+}
+
+#[test]
+fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
+    let root = Folder::new();
+    let folder = plain(root.path(), BoardKind::I5i25);
+    let mut other = locked_by(&folder, "echo locked; read line");
     let error = refused(root.path());
-    let expected = format!("`flock` (process {}) drives this board", other.id());
+    // `flock` has become the shell.
+    let expected = format!("`sh` (process {}) drives this board", other.id());
     assert!(error.to_string().contains(&expected), "{error}");
     assert!(error.remedy().contains("end it"), "{}", error.remedy());
     drop(other.stdin.take());
@@ -166,16 +173,7 @@ fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
 fn the_lock_of_a_program_that_is_killed_is_gone() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
-    let mut other = Command::new("flock")
-        .args(["--no-fork", "--exclusive"])
-        .arg(folder.join("resource0"))
-        .args(["sh", "-c", "echo locked; exec sleep 1000"])
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("flock of util-linux");
-    let mut line = String::new();
-    let output = other.stdout.take().expect("its output");
-    std::io::BufRead::read_line(&mut std::io::BufReader::new(output), &mut line).expect("a line");
+    let mut other = locked_by(&folder, "echo locked; exec sleep 1000");
     let error = refused(root.path());
     assert!(matches!(error, PciOpenError::Occupied { .. }), "{error}");
     other.kill().expect("killed");

@@ -113,7 +113,7 @@ fn a_7i97_has_its_own_outputs_and_those_of_a_card_beside_them() {
             "\nnet ssr-00-out-02 => hm2_7i97.0.ssr.00.out-02  # TB5 pin 17, 18 OUT2-, OUT2+\n",
             "\nnet gpio-043-in <= hm2_7i97.0.gpio.043.in  # P1 pin 11, DB25 pin 6 IO43\n",
             "\n# net joint-4-enable => hm2_7i97.0.pwmgen.04.enable  # TB3 pin 17, 18 ENA4-, ENA4+\n",
-            "\n# net joint-0-enable => hm2_7i97.0.7i77.0.1.analogena",
+            "\n# net 7i77-0-1-analogena => hm2_7i97.0.7i77.0.1.analogena",
         ],
     );
     let motion = text(&found, "motion.hal");
@@ -202,6 +202,22 @@ fn step_generators_are_joints_with_their_settings_and_are_not_enabled() {
             "\n# net joint-6-enable => hm2_7i97.0.stepgen.00.enable",
         ],
     );
+}
+
+/// LinuxCNC has nine joints here: no axis beyond them, and no spindle, is enabled with one of them.
+#[test]
+fn an_enable_that_belongs_to_no_joint_has_a_signal_of_its_own() {
+    let found = json(&["hal", "--sim", "5i25-7i77-7i76"]);
+    let board = text(&found, "board.hal");
+    has(
+        &board,
+        &[
+            "\n# net joint-8-enable => hm2_5i25.0.stepgen.02.enable",
+            "\n# net stepgen-03-enable => hm2_5i25.0.stepgen.03.enable",
+            "\n# net 7i76-0-3-spinena => hm2_5i25.0.7i76.0.3.spinena",
+        ],
+    );
+    assert_eq!(board.matches("# net joint-0-enable =>").count(), 1);
 }
 
 #[test]

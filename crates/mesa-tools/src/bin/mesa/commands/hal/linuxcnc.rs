@@ -130,12 +130,12 @@ fn signals(machine: &Machine) -> String {
             remark => format!("  # {remark}"),
         };
         if is_enable(pin) {
-            let joint = machine.enabled_by(pin).unwrap_or(0);
-            let _ = writeln!(
-                enables,
-                "# net joint-{joint}-enable => {}{remark}",
-                pin.name
+            // An axis beyond LinuxCNC's joints, or a spindle, has a signal of its own.
+            let signal = machine.enabled_by(pin).map_or_else(
+                || signal(machine, &pin.name),
+                |joint| format!("joint-{joint}-enable"),
             );
+            let _ = writeln!(enables, "# net {signal} => {}{remark}", pin.name);
             continue;
         }
         let own = machine.own(&pin.name);
