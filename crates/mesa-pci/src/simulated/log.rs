@@ -157,9 +157,13 @@ impl LogReader {
         Ok(Self { words, done: 0 })
     }
 
-    /// The next access, which is then executed.
+    /// The next access, which is then executed. More of them than the ring has room for are not from a
+    /// host that waits for the simulator: they are skipped.
     pub(super) fn next(&mut self) -> Option<Entry> {
         let put = self.words.atomic(PUT)?.load(Ordering::Acquire);
+        if put.wrapping_sub(self.done) > ENTRIES {
+            self.done = put;
+        }
         if put == self.done {
             return None;
         }
@@ -199,4 +203,25 @@ fn sleep_while(word: &AtomicU32, old: u32, limit: Duration) {
     };
     // The caller looks again, whatever has ended the sleep.
     let _ = wait(word, Flags::empty(), old, Some(&limit));
+}
+
+#[cfg(test)]
+mod tests {
+    use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
+
+    use super::*;
+
+    #[test]
+    fn a_number_of_entries_that_the_ring_cannot_hold_is_skipped() {
+        let file = File::from(memfd_create("log", MemfdFlags::CLOEXEC).expect("a memfd"));
+        ftruncate(&file, BYTES).expect("a size");
+        let mut reader = LogReader::new(&file).expect("mapped");
+        let mut host = Mapping::new(&file, WORDS).expect("mapped");
+        host.write(PUT, 0x8000_0000);
+        assert_eq!(reader.next(), None);
+        host.write(FIRST, 0x0100 | READ);
+        host.write(PUT, 0x8000_0001);
+        assert_eq!(reader.next(), Some(Entry::Read(0x0100)));
+        assert_eq!(reader.next(), None);
+    }
 }
