@@ -181,7 +181,7 @@ fn sections(text: &str) -> Vec<(&'static str, String)> {
 
 #[test]
 fn every_recording_that_is_cited_is_there() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("transcripts");
     let files: Vec<String> = [root.clone(), root.join("modules")]
         .iter()
         .flat_map(|folder| fs::read_dir(folder).expect("the recordings"))
@@ -225,7 +225,7 @@ struct Text {
 }
 
 fn texts() -> Vec<Text> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let mut found = Vec::new();
     for place in PLACES {
         collect(root, &root.join(place), &mut found);

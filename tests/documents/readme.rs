@@ -128,7 +128,7 @@ fn entries() -> impl Iterator<Item = Entry> {
 /// True if there is a test `path::name`, or a text in a file: `path "text"`.
 fn exists(item: &str) -> bool {
     let read = |path: &str| {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
         fs::read_to_string(root.join(path)).unwrap_or_default()
     };
     if let Some((path, text)) = item.split_once(" \"") {

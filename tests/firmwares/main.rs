@@ -24,7 +24,7 @@ struct Image {
 
 /// All images of the directory, by name.
 fn images() -> Vec<Image> {
-    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/transcripts/firmwares");
+    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/transcripts/firmwares");
     let directory = std::env::var_os("FIRMWARES").map_or_else(|| own.into(), PathBuf::from);
     let entries = fs::read_dir(&directory);
     let entries = entries.unwrap_or_else(|error| panic!("{}: {error}", directory.display()));

@@ -24,7 +24,7 @@ use serde_json::{Value, from_str, from_value, json, to_value};
 /// Compares a value with the file in `tests/serial_form`.
 fn is_as_written(name: &str, made: &Value) {
     let file = format!("{name}.json");
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/serial_form");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("serial_form");
     let text = fs::read_to_string(folder.join(&file)).unwrap_or_default();
     if from_str::<Value>(&text).ok().as_ref() == Some(made) {
         return;

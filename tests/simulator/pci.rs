@@ -11,7 +11,7 @@ use mesa_hal_sim::{
 
 /// The firmware of a public pin file on a 7I92, as on a 5I25: 5I25 and 7I92 have the same pins.
 fn public(name: &str) -> SimFirmware {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts/firmwares");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("transcripts/firmwares");
     let text = fs::read_to_string(folder.join(format!("{name}.txt"))).expect("an image");
     let image = FirmwareImage::parse(&text).expect("an image");
     let mut firmware = SimFpga::from_image(&image)

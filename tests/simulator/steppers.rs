@@ -194,7 +194,7 @@ fn the_firmwares_are_the_public_ones() {
         (machines::firmware_7i92_7i76(), "7I92-7I76x1D_34"),
         (machines::firmware_7i97_7i76(), "7I97-7I97_7I76D_51"),
     ] {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/transcripts/firmwares");
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/transcripts/firmwares");
         let text = std::fs::read_to_string(format!("{folder}/{name}.txt")).expect("an image");
         let image = FirmwareImage::parse(&text).expect("an image");
         let mut public = image.firmware().expect("a firmware");

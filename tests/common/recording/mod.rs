@@ -169,9 +169,7 @@ impl Outcome {
 
 /// The project's own recordings: a folder of `tests`.
 pub fn own_directory(directory: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests")
-        .join(directory)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(directory)
 }
 
 /// All recordings of a directory, sorted by name, without `index.txt`.

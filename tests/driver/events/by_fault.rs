@@ -282,7 +282,7 @@ fn all_is_as_written(
         };
         made.extend(lines.iter().map(|line| format!("{line}\n")));
     }
-    let written = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/driver/events/by_fault");
+    let written = Path::new(env!("CARGO_MANIFEST_DIR")).join("driver/events/by_fault");
     let written = fs::read_to_string(written.join(list)).unwrap_or_default();
     let other = Path::new(env!("CARGO_TARGET_TMPDIR")).join(list);
     fs::write(&other, &made).expect("a folder for it");

@@ -3,7 +3,6 @@
 mod bus_at_run_time;
 mod duplicated_replies;
 mod linuxcnc;
-#[cfg(feature = "log")]
 pub mod log;
 mod refused;
 mod watchdog;

@@ -23,6 +23,9 @@ pub const CONFIG: &str = "sserial_port_0=000xxxxx";
 /// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
 
+/// Watchdog time of a remote, ms, that a busy machine leaves alone. Each attempt to set it adds one.
+const PATIENCE: u32 = 1000;
+
 /// Starts of a serial port: a single late packet spoils one, and on a busy computer many are late.
 const ATTEMPTS: u32 = 20;
 
@@ -218,9 +221,6 @@ impl Machine {
         self.set("watchdog.timeout_ns", "1000000000");
         // After a pause, two cycles in a row find the transfer still running.
         self.set("sserial.port-0.fault-lim", "1000000");
-        for remote in remotes {
-            self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
-        }
         self.hal("addf .read servo");
         self.hal("addf .write servo");
         self.hal("start");
@@ -230,26 +230,31 @@ impl Machine {
     /// Sets the same watchdog times for remotes whose thread runs already.
     fn be_patient(&mut self, remotes: &[&str]) {
         self.set("sserial.port-0.run", "false");
-        for remote in remotes {
-            self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
-        }
         std::thread::sleep(Duration::from_millis(200));
         self.power_up(remotes);
     }
 
-    /// Starts the port until the parameters are in the remotes, because a late packet can prevent
-    /// the write, then power-cycles the remotes, which makes the parameters effective.
+    /// Starts the port until the remotes have longer watchdog times, because a late packet can prevent
+    /// the write, then power-cycles the remotes, which makes the times effective.
     fn power_up(&mut self, remotes: &[&str]) {
         let channels = remotes
             .iter()
-            .filter_map(|remote| remote.rsplit('.').next());
+            .map(|remote| remote.rsplit('.').next().expect("a channel"));
         let channels: Vec<_> = channels.collect();
-        let is_written = |all: Values| {
-            let time =
-                |channel| all[&format!("remote.{channel}.parameter.nvwatchdogtimeout")] == "1000";
-            channels.iter().all(time)
+        let is_written_to = |all: &Values, channel: &str| {
+            let time = &all[&format!("remote.{channel}.parameter.nvwatchdogtimeout")];
+            time.parse::<u32>().is_ok_and(|time| time >= PATIENCE)
         };
-        for _ in 0..ATTEMPTS {
+        let is_written = |all: Values| channels.iter().all(|channel| is_written_to(&all, channel));
+        for attempt in 0..ATTEMPTS {
+            // LinuxCNC does not write a value again that it takes for written.
+            let all = self.board.show("all");
+            for (remote, channel) in remotes.iter().zip(&channels) {
+                if !is_written_to(&all, channel) {
+                    let time = (PATIENCE + attempt).to_string();
+                    self.set(&format!("{remote}.nvwatchdogtimeout"), &time);
+                }
+            }
             self.start_port();
             let start = Instant::now();
             while !is_written(self.board.show("all")) && start.elapsed() < SETTLE / 2 {}
