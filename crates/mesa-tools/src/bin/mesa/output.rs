@@ -2,8 +2,11 @@
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
+
+use rustix::termios::tcgetwinsize;
 
 use crate::full_screen::Palette;
 
@@ -25,9 +28,8 @@ pub fn is_closed() -> bool {
 /// Prints to standard output. A closed pipe, as `head` leaves it, is no error. Any other error is
 /// [kept](lost) for the end: a command that drives a board continues in either case.
 pub fn say(text: impl Display) {
-    let is_terminal = io::stdout().is_terminal();
     let mut out = io::stdout().lock();
-    let done = match width().filter(|_| is_terminal) {
+    let done = match width(&out) {
         Some(width) => write!(out, "{}", wrapped(&text.to_string(), width)),
         None => write!(out, "{text}"),
     };
@@ -63,9 +65,10 @@ fn is_coloured() -> bool {
     io::stdout().is_terminal() && !Palette::from_environment().is_plain()
 }
 
-/// Columns of the terminal, if there is one of at least 40.
-fn width() -> Option<usize> {
-    let (width, _) = ratatui::crossterm::terminal::size().ok()?;
+/// Columns of the output, if it is a terminal of at least 40. Unlike crossterm's function, it starts
+/// no program where there is no terminal.
+fn width(output: impl AsFd) -> Option<usize> {
+    let width = tcgetwinsize(output).ok()?.ws_col;
     (width >= 40).then_some(width.into())
 }
 
@@ -162,7 +165,7 @@ pub fn complain(text: impl Display) {
             let is_status = IS_STATUS.swap(false, Ordering::Relaxed);
             let before = if is_status { REPLACE } else { "" };
             let text = text.to_string();
-            let text = match width().filter(|_| io::stderr().is_terminal()) {
+            let text = match width(io::stderr()) {
                 Some(width) => wrapped(&text, width),
                 None => text,
             };

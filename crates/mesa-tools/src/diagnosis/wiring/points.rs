@@ -123,8 +123,9 @@ impl Point {
         let Card::Index(part) = &self.card else {
             return None;
         };
-        let level = pins.id(&format!("{part}.{LEVEL}")).ok()?;
-        pins.info_of(level)
+        let level = format!("{part}.{LEVEL}");
+        let level = pins.has(&level).then(|| pins.id(&level).ok());
+        pins.info_of(level??)
     }
 
     /// True if this is the counter of the index's encoder.
@@ -169,9 +170,10 @@ impl Card {
     /// The part that a pin of the board itself belongs to.
     fn of_board(pins: &Pins, name: &str) -> Self {
         let part = name.rsplit_once('.').map_or(name, |(part, _)| part);
-        match pins.id(&format!("{part}.count")) {
-            Ok(_) => Self::Counter(part.to_owned()),
-            Err(_) => Self::Part(part.to_owned()),
+        if pins.has(&format!("{part}.count")) {
+            Self::Counter(part.to_owned())
+        } else {
+            Self::Part(part.to_owned())
         }
     }
 
