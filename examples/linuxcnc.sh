@@ -22,6 +22,8 @@
 #   MESA                 the program (target/release/mesa)
 #   BOARD_IN, BOARD_OUT  the board's standard input and output, for example named pipes
 #                        (nothing; a file that is shown if the client fails)
+#   BOARD_LINGER         seconds of the board after LinuxCNC (1.5: long enough for the watchdogs of board
+#                        and remotes, so that the board's last words are true)
 #   LINUXCNC_NICE        the nice value of LinuxCNC's threads on a kernel that it does not take for a
 #                        realtime one, where it gives them the normal priority (unchanged)
 #
@@ -125,8 +127,7 @@ if [ -n "${LINUXCNC_NICE:-}" ]; then
 fi
 env -u DISPLAY RTAPI_UID=65534 HOME="$home" "$@"
 status=$?
-# Long enough for the watchdogs of board and remotes, so that the board's last words are true.
-sleep 1.5
+sleep "${BOARD_LINGER:-1.5}"
 kill -TERM "$board" 2> /dev/null
 wait "$board"
 [ "$status" = 0 ] || [ -n "${BOARD_OUT:-}" ] || { echo "--- the board:" && tail -20 "$log"; } >&2

@@ -120,6 +120,8 @@ impl Halcmd {
             .env("BOARD_IN", &pipes.0[0])
             .env("BOARD_OUT", &pipes.0[1])
             .env(LINUXCNC_NICE.0, LINUXCNC_NICE.1)
+            // What the watchdogs do, a test sees before it ends LinuxCNC.
+            .env("BOARD_LINGER", "0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

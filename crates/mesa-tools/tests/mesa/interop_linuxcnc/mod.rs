@@ -265,8 +265,11 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     assert_eq!(machine.get("watchdog.has_bit"), "FALSE");
     print_costs(&mut machine, &board);
     println!("packet errors: {}", machine.get("packet-error-total"));
-    let summary = machine.stop();
     // LinuxCNC lets the watchdog bite at its end.
+    machine.hal("stop");
+    machine.expect_board("0", "remote.0.output-03", |on| on == 0.0);
+    machine.expect_board("board", "board.output-02", |on| on == 0.0);
+    let summary = machine.stop();
     assert_eq!(summary["remote.0.output-03"], "0");
     assert_eq!(summary["board.output-02"], "0");
 }
