@@ -95,7 +95,9 @@ fn drive(name: &str, files: &Files, too_large: impl Fn(f64) -> bool) -> Moves {
     let following = linuxcnc.following(JOINT, JOG, too_large);
     linuxcnc.hal("off");
     // The motor is off. The encoder counts against the joint.
-    let zero = linuxcnc.motor(JOINT, "counts") + linuxcnc.position(JOINT) * COUNTS_PER_UNIT;
+    let zero = linuxcnc.settled(|linuxcnc| {
+        linuxcnc.motor(JOINT, "counts") + linuxcnc.position(JOINT) * COUNTS_PER_UNIT
+    });
     linuxcnc.halcmd.end();
     Moves { zero, following }
 }

@@ -143,10 +143,12 @@ fn drive(
     linuxcnc.hal("off");
     let (mut zero, mut all_lost) = (0.0, Vec::new());
     for (joint, end) in END.into_iter().enumerate() {
-        let steps = linuxcnc.motor(joint, "steps");
-        let counts = linuxcnc
-            .halcmd
-            .number(&format!("stepgen.{joint:02}.counts"));
+        let counter = format!("stepgen.{joint:02}.counts");
+        let mut counts = 0.0;
+        let steps = linuxcnc.settled(|linuxcnc| {
+            counts = linuxcnc.halcmd.number(&counter);
+            linuxcnc.motor(joint, "steps")
+        });
         let lost = ["lost-steps", "overshot-steps"].map(|what| linuxcnc.motor(joint, what));
         println!("{name}: joint {joint}: {steps} steps, {counts} counted, lost {lost:?}");
         if lost != [0.0; 2] {

@@ -7,6 +7,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::mpsc::Receiver;
+use std::time::Duration;
 
 use crate::halcmd::{Halcmd, LOADS, PATIENCE, Started, lines_of};
 use crate::session::built;
@@ -18,6 +19,8 @@ pub const SAMPLES: &str = "/usr/share/doc/linuxcnc/examples/sample-configs/by_in
 /// Number of jogs there and back of a run, and the most that a busy computer may spoil.
 const JOGS: usize = 2;
 const MAX_JOGS: usize = 20;
+/// Looks at a number until it has settled: 5 s.
+const MAX_LOOKS: usize = 50;
 
 /// The texts of a configuration by name.
 pub type Files = BTreeMap<String, String>;
@@ -238,6 +241,21 @@ impl LinuxCnc {
             best = best.min(upper_quartile(errors.concat()));
         }
         best
+    }
+
+    /// A number that does not change any more: one that LinuxCNC shows can be older than one of the
+    /// board.
+    pub fn settled(&mut self, mut number: impl FnMut(&mut Self) -> f64) -> f64 {
+        let mut before = number(self);
+        for _ in 0..MAX_LOOKS {
+            std::thread::sleep(Duration::from_millis(100));
+            let now = number(self);
+            if now == before {
+                break;
+            }
+            before = now;
+        }
+        before
     }
 
     /// The number of joints.

@@ -74,6 +74,9 @@ def home(joint):
     joint = int(joint)
     command.home(joint)
     until(f"joint {joint} is homed", lambda: stat.homed[joint] and stat.joint[joint]["inpos"])
+    # A jog is refused until LinuxCNC's thread has seen that it homes no joint any more.
+    until("no joint is homing", lambda: not any(one["homing"] for one in stat.joint[: stat.joints]))
+    time.sleep(0.05)
 
 
 def jog(joint, distance, speed):
