@@ -300,7 +300,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                     requests.retain(|(other, _)| *other != id);
                     requests.push((id, value));
                 }
-                Change::Refused(error) => say.say(now, Level::Error, format_args!("{error}")),
+                Change::Refused(error) => say.refuse(now, format_args!("{error}")),
             },
         );
     }
@@ -318,7 +318,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 self.table
                     .give_back(id, self.driver.pins(), &mut self.memory);
                 let now = since_start(self.driver.bus_mut().now());
-                self.say.say(now, Level::Error, format_args!("{error}"));
+                self.say.refuse(now, format_args!("{error}"));
             }
         }
     }
@@ -344,7 +344,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 && let Err(error) = self.driver.rearm_group_when_running(remote.group)
             {
                 let now = since_start(self.driver.bus_mut().now());
-                self.say.say(now, Level::Error, format_args!("{error}"));
+                self.say.refuse(now, format_args!("{error}"));
             }
         }
         // Arming forgets what was set before.

@@ -45,8 +45,16 @@ pub(crate) type Listener = Box<dyn FnMut(Level, &CStr) + Send>;
 pub(crate) struct Say {
     board: String,
     listener: Listener,
-    /// For errors, and for all others.
-    budgets: [Budget; 2],
+    /// By [`Kind`].
+    budgets: [Budget; 3],
+}
+
+/// Messages that have a limit of their own.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Error,
+    Other,
+    Refusal,
 }
 
 impl fmt::Debug for Say {
@@ -61,15 +69,28 @@ impl Say {
         Self {
             board: board.into(),
             listener,
-            budgets: [Budget::default(); 2],
+            budgets: [Budget::default(); 3],
         }
     }
 
     /// Prints a message, unless too many were printed shortly before. `now` is the time since any
     /// fixed moment.
     pub fn say(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
-        let budget = &mut self.budgets[usize::from(level != Level::Error)];
-        let Some(left_out) = budget.spend(now) else {
+        let kind = match level {
+            Level::Error => Kind::Error,
+            _ => Kind::Other,
+        };
+        self.print(now, kind, level, text);
+    }
+
+    /// Prints that something is not done that LinuxCNC's user has asked for. Faults of the board do
+    /// not use up the number of these messages.
+    pub fn refuse(&mut self, now: Duration, text: fmt::Arguments<'_>) {
+        self.print(now, Kind::Refusal, Level::Error, text);
+    }
+
+    fn print(&mut self, now: Duration, kind: Kind, level: Level, text: fmt::Arguments<'_>) {
+        let Some(left_out) = self.budgets[kind as usize].spend(now) else {
             return;
         };
         let mut line = Line::default();
@@ -212,6 +233,20 @@ mod tests {
         assert_eq!(heard[20].1, later);
         let last = heard.last().expect("an error");
         assert_eq!(*last, (Level::Error, "hm2_7i97.0: bitten".into()));
+    }
+
+    #[test]
+    fn a_refusal_is_printed_after_any_number_of_errors() {
+        let (mut say, heard) = say();
+        for cycle in 0..100 {
+            let now = Duration::from_millis(cycle);
+            say.say(now, Level::Error, format_args!("bitten"));
+        }
+        say.refuse(Duration::from_millis(100), format_args!("scale is 0"));
+        let heard = heard.lock().expect("no panic");
+        assert_eq!(heard.len(), 20 + 1);
+        let last = heard.last().expect("a refusal");
+        assert_eq!(*last, (Level::Error, "hm2_7i97.0: scale is 0".into()));
     }
 
     proptest! {
