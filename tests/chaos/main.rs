@@ -33,9 +33,10 @@ const FEW: u64 = 400;
 const MANY: u64 = 5_000;
 const THREADS: usize = 2;
 /// Seeds that have found an error of the driver, or of the oracle.
-const KNOWN: [u64; 21] = [
+const KNOWN: [u64; 22] = [
     408_637_362_024,
     441_773_812_818,
+    484_449_308_038,
     982_217_910_351,
     1_050_550_695_579,
     8_000_000_005_658,

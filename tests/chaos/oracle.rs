@@ -100,6 +100,8 @@ struct Track {
     /// Time until which outputs of before a fault may stand for longer; `u64::MAX` while the fault
     /// is set.
     faulty_until: u64,
+    /// Time until which a fault may be reported by the first frame after the board was set up again.
+    asked_until: u64,
     /// The current state is a subset of the previous one.
     has_fewer: bool,
     commands: VecDeque<Command>,
@@ -132,6 +134,7 @@ impl Track {
             name,
             has_gaps,
             faulty_until: 0,
+            asked_until: 0,
             has_fewer: false,
             commands: VecDeque::new(),
             shown: Level::OFF,
@@ -167,6 +170,13 @@ impl Track {
     fn fault(&mut self, at: u64, within: u64, what: &'static str) {
         if self.fault.is_none() {
             self.fault = Some((at, at + within, what));
+        }
+    }
+
+    /// A frame feeds its watchdog, which has to bite by `until`.
+    fn is_fed(&mut self, until: u64) {
+        if let Some((_, limit, _)) = &mut self.fault {
+            *limit = until.max(*limit);
         }
     }
 
@@ -369,17 +379,15 @@ impl Oracle {
         }
     }
 
-    /// The board is set up again without a re-arming. A remote that got a fault meanwhile is
-    /// addressed until it has reported the fault, which feeds its watchdog.
+    /// The board is set up again without a re-arming. A remote that got a fault meanwhile, or gets
+    /// one before it is started, is addressed until it has reported the fault, which feeds its
+    /// watchdog.
     pub fn remotes_are_asked(&mut self, now: u64) {
-        let until = now + self.off_after + 45 * self.period + self.lateness;
-        for track in self
-            .remotes
-            .iter_mut()
-            .filter(|track| now <= track.faulty_until)
-        {
-            if let Some((_, limit, _)) = &mut track.fault {
-                *limit = until.max(*limit);
+        let asked = 45 * self.period + self.lateness;
+        for track in &mut self.remotes {
+            track.asked_until = now + asked;
+            if now <= track.faulty_until {
+                track.is_fed(now + asked + self.off_after);
             }
         }
     }
@@ -456,6 +464,7 @@ impl Oracle {
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
                 self.remotes[remote].faulty_until = at + CLEARED;
+                self.remotes[remote].asked_until = 0;
                 self.remotes[remote].is_started = true;
                 Ok(())
             }
@@ -465,6 +474,9 @@ impl Oracle {
                 // Counted from the reply that reported the fault; with other faults the replies may
                 // be lost, until the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;
+                if at <= self.remotes[remote].asked_until {
+                    self.remotes[remote].is_fed(at + self.off_after + told);
+                }
                 let is_of_board =
                     self.remotes[remote].is_coming && !self.remotes[remote].is_started;
                 self.remotes[remote].is_coming = is_of_board;
