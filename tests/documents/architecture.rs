@@ -1,13 +1,9 @@
 //! Files, types and functions that `ARCHITECTURE.md` names exist.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const PAGE: &str = include_str!("../../ARCHITECTURE.md");
-
-fn root() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
-}
 
 /// Texts between backticks on the page.
 fn quoted() -> impl Iterator<Item = &'static str> {
@@ -35,7 +31,7 @@ fn each_path_is_there() {
     let mut paths = quoted().filter(is_path).peekable();
     assert!(paths.peek().is_some());
     for path in paths {
-        assert!(root().join(path).exists(), "{path}");
+        assert!(crate::root().join(path).exists(), "{path}");
     }
 }
 
@@ -44,7 +40,7 @@ fn each_path_is_there() {
 fn each_name_is_defined() {
     let mut texts = Vec::new();
     for folder in ["src", "crates/mesa-wire/src"] {
-        sources(root().join(folder), &mut texts);
+        sources(crate::root().join(folder), &mut texts);
     }
     let is_defined = |ways: &[String]| {
         let mut texts = texts.iter();

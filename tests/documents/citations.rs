@@ -225,7 +225,7 @@ struct Text {
 }
 
 fn texts() -> Vec<Text> {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let root = crate::root();
     let mut found = Vec::new();
     for place in PLACES {
         collect(root, &root.join(place), &mut found);

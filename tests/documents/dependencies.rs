@@ -52,7 +52,7 @@ fn system_calls_do_not_go_through_the_c_library() {
         .args([
             "--edges", "normal", "--prefix", "none", "--format", "{p} {f}",
         ])
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .current_dir(crate::root())
         .output()
         .expect("cargo runs");
     let text = String::from_utf8(output.stdout).expect("UTF-8");
@@ -66,7 +66,7 @@ fn tree(package: &str, edges: &str) -> String {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--prefix", "none", "--offline", "--format", "{p}"])
         .args(["--package", package, "--edges", edges])
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .current_dir(crate::root())
         .output()
         .expect("cargo runs");
     let error = String::from_utf8_lossy(&output.stderr);

@@ -49,7 +49,7 @@ const FORMS: [&str; 7] = [
 
 #[test]
 fn a_layer_knows_only_those_below_it() {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let root = crate::root();
     for layer in WIRE {
         let wire = root.join("crates/mesa-wire/src");
         names_only(&wire.join(layer), &BTreeSet::from([layer]));

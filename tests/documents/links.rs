@@ -17,7 +17,7 @@ const PAGES: [&str; 8] = [
 
 #[test]
 fn each_link_of_a_page_leads_to_a_file_and_a_heading() {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let root = crate::root();
     let docs = fs::read_dir(root.join("docs")).expect("a folder");
     let docs = docs.map(|entry| entry.expect("an entry").path());
     let docs = docs.filter(|path| path.extension().is_some_and(|end| end == "md"));

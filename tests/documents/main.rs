@@ -10,3 +10,10 @@ mod layers;
 mod links;
 mod neighbours;
 mod readme;
+
+use std::path::Path;
+
+/// The folder of the project.
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}

@@ -1,7 +1,7 @@
 //! The README's claims: its code drives the axis, and `docs/promises.md` names, for every sentence of the
 //! README and of the pages that continue it, a test that would fail if the sentence were not true.
 
-use std::{collections::BTreeSet, fs, path::Path};
+use std::{collections::BTreeSet, fs};
 
 use mesa_hal::Clock;
 
@@ -128,7 +128,7 @@ fn entries() -> impl Iterator<Item = Entry> {
 /// True if there is a test `path::name`, or a text in a file: `path "text"`.
 fn exists(item: &str) -> bool {
     let read = |path: &str| {
-        let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+        let root = crate::root();
         fs::read_to_string(root.join(path)).unwrap_or_default()
     };
     if let Some((path, text)) = item.split_once(" \"") {

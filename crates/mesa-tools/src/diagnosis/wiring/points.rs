@@ -124,8 +124,11 @@ impl Point {
             return None;
         };
         let level = format!("{part}.{LEVEL}");
-        let level = pins.has(&level).then(|| pins.id(&level).ok());
-        pins.info_of(level??)
+        // An error would be compared with all names, to name the one that was meant.
+        if !pins.has(&level) {
+            return None;
+        }
+        pins.info_of(pins.id(&level).ok()?)
     }
 
     /// True if this is the counter of the index's encoder.

@@ -265,7 +265,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     assert_eq!(machine.get("watchdog.has_bit"), "FALSE");
     print_costs(&mut machine, &board);
     println!("packet errors: {}", machine.get("packet-error-total"));
-    // LinuxCNC lets the watchdog bite at its end.
+    // Without a thread LinuxCNC lets the watchdogs bite.
     machine.hal("stop");
     machine.expect_board("0", "remote.0.output-03", |on| on == 0.0);
     machine.expect_board("board", "board.output-02", |on| on == 0.0);
