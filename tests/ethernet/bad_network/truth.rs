@@ -6,10 +6,15 @@ use mesa_hal::bus::BusStatistics;
 
 use crate::common::ethernet::{Sent, SimLink};
 
+/// Time after which no packet is on its way any more: far longer than any delay of the network.
+const ON_ITS_WAY: u64 = 100_000_000;
+
 /// Knowledge about the writes that the driver can derive from the replies it has taken.
 pub struct Truth {
     /// The first packet that counts.
     first: usize,
+    /// The first packet that may still be on its way.
+    recent: usize,
     /// Time at which the board executed the request whose reply was taken last.
     heard: u64,
     /// Writes that a reply has shown as missing.
@@ -21,14 +26,16 @@ impl Truth {
     pub fn from(link: &SimLink) -> Self {
         Self {
             first: link.journal.len(),
+            recent: link.journal.len(),
             heard: link.board.time(),
             missing: BTreeSet::new(),
             late: 0,
         }
     }
 
-    fn writes<'a>(&self, link: &'a SimLink) -> impl Iterator<Item = (usize, &'a Sent)> {
-        let packets = link.journal.iter().enumerate().skip(self.first);
+    /// The writes from packet `first` on, with their numbers.
+    fn writes(link: &SimLink, first: usize) -> impl Iterator<Item = (usize, &Sent)> {
+        let packets = link.journal.iter().enumerate().skip(first);
         packets.filter(|(_, sent)| sent.is_write)
     }
 
@@ -42,8 +49,10 @@ impl Truth {
         let (_, now) = request.replies.first().expect("its reply was taken");
         let (before, now) = (self.heard, *now);
         self.heard = now;
-        let mut order: Vec<(u64, usize)> = self
-            .writes(link)
+        while link.journal[self.recent].at + ON_ITS_WAY < before {
+            self.recent += 1;
+        }
+        let mut order: Vec<(u64, usize)> = Self::writes(link, self.recent)
             .flat_map(|(n, sent)| sent.executed.iter().map(move |&at| (at, n)))
             .filter(|(at, _)| *at <= now)
             .collect();
@@ -53,8 +62,7 @@ impl Truth {
             .filter(|(at, _)| *at > before)
             .map(|(_, n)| *n)
             .collect();
-        let due: Vec<usize> = self
-            .writes(link)
+        let due: Vec<usize> = Self::writes(link, self.recent)
             .take_while(|(n, _)| *n <= newest)
             .filter(|(_, sent)| sent.executed.iter().all(|at| *at > before))
             .map(|(n, _)| n)
@@ -84,7 +92,7 @@ impl Truth {
             duplicate += request.replies.len().saturating_sub(1) as u64;
         }
         let (mut lost_writes, mut repeated) = (0, 0);
-        for (_, write) in self.writes(link) {
+        for (_, write) in Self::writes(link, self.first) {
             lost_writes += u64::from(write.executed.is_empty());
             // An answered write, such as a whole cycle, is detected by its second reply.
             let again = write.executed.len().saturating_sub(1) as u64;

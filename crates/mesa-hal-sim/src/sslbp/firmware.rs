@@ -74,6 +74,8 @@ pub(super) struct Firmware {
     phase: Phase,
     /// Set by events in this pass that may matter in the next one.
     pub busy: bool,
+    /// Set by a frame that a transmitter got, until [`take_has_sent`](Self::take_has_sent).
+    pub has_sent: bool,
     head_cycle: u64,
 }
 
@@ -99,6 +101,7 @@ impl Firmware {
             long_replies: [[0; 16]; MAX_CHANNELS],
             phase: Phase::Released,
             busy: true,
+            has_sent: false,
             head_cycle: 0,
         }
     }
@@ -136,6 +139,11 @@ impl Firmware {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => None,
             _ => Some(self.now()),
         }
+    }
+
+    /// True if a transmitter got a frame since the last call.
+    pub fn take_has_sent(&mut self) -> bool {
+        core::mem::take(&mut self.has_sent)
     }
 
     /// True if the processor is held in reset.

@@ -53,6 +53,7 @@ impl Firmware {
                 let gap = self.clock.nanos(timing::CHARACTER_GAP);
                 uart.transmitter
                     .send(start, uart.rate, gap, frame, capacity);
+                self.has_sent = true;
             }
         }
         self.spend(more + timing::SEND_END);

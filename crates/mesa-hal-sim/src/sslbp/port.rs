@@ -105,12 +105,17 @@ impl SslbpPort {
     /// jump. Allocates: no (except for the remotes behind `lines`).
     pub fn advance(&mut self, to: Nanos, lines: &mut dyn Lines) {
         self.listen_to_levels(lines);
+        let mut next_end = self.next_burst_end();
         loop {
+            if self.firmware.take_has_sent() {
+                next_end = self.next_burst_end();
+            }
             let step = self.firmware.next_step().filter(|&time| time <= to);
-            let burst = self.next_burst_end().filter(|&(time, _)| time <= to);
+            let burst = next_end.filter(|&(time, _)| time <= to);
             match (step, burst) {
                 (_, Some((end, channel))) if step.is_none_or(|time| end <= time) => {
                     self.burst_ended(channel, lines);
+                    next_end = self.next_burst_end();
                 }
                 (Some(_), _) => self.firmware.step(),
                 _ => break,

@@ -113,6 +113,8 @@ pub(super) struct Receiver {
     low: Option<Low>,
     /// Time from the middle of a stop bit until the character is counted.
     delay: Nanos,
+    /// Time before which the line as known gives nothing.
+    nothing_before: Nanos,
 }
 
 /// A time span in which the line is held low.
@@ -137,16 +139,19 @@ impl Receiver {
             idle_from: 0,
             low: None,
             delay,
+            nothing_before: 0,
         }
     }
 
     /// Sets the bit rate.
     pub fn set_rate(&mut self, rate: BitRate) {
         self.rate = rate;
+        self.nothing_before = 0;
     }
 
     /// Queues a burst that arrives along the line; lost if the queue is full.
     pub fn expect(&mut self, burst: Burst) {
+        self.nothing_before = 0;
         if let Some(slot) = self.queue.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(burst);
         }
@@ -164,8 +169,9 @@ impl Receiver {
                 });
             }
             (false, Some(held)) if is_held => held.until = Some(now),
-            _ => {}
+            _ => return,
         }
+        self.nothing_before = 0;
     }
 
     /// Number of characters in the FIFO at `now`.
@@ -218,9 +224,14 @@ impl Receiver {
     /// Receives all characters with a stop bit sampled up to `now`.
     fn listen(&mut self, now: Nanos) {
         let bit = self.rate.bit();
-        if bit == 0 {
+        if bit == 0 || now < self.nothing_before {
             return;
         }
+        self.nothing_before = self.receive(now, bit);
+    }
+
+    /// Receives up to `now`; returns the time before which nothing more comes.
+    fn receive(&mut self, now: Nanos, bit: Nanos) -> Nanos {
         let character = 9 * bit + bit / 2;
         // Bounded: each iteration advances by at least half a bit, and a line held low is one
         // iteration.
@@ -241,7 +252,7 @@ impl Receiver {
             };
             if sample(0) {
                 if edge + bit / 2 > now {
-                    return;
+                    return edge + bit / 2;
                 }
                 self.flags |= FALSE_START;
                 self.idle_from = edge + bit / 2;
@@ -249,7 +260,7 @@ impl Receiver {
             }
             let end = edge + character;
             if end + self.delay > now {
-                return;
+                return end + self.delay;
             }
             let byte = (1..=8).fold(0, |byte, n| byte >> 1 | u8::from(sample(n)) << 7);
             let has_stop_bit = sample(9);
@@ -259,6 +270,7 @@ impl Receiver {
             }
             self.idle_from = end;
         }
+        Nanos::MAX
     }
 
     /// Time from `idle_from` on at which the line goes low next, or is already low.

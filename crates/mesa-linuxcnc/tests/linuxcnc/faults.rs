@@ -442,6 +442,7 @@ impl Faults {
         let scale = "encoder.00.scale";
         self.session.set(scale, "5");
         if self.is_ours {
+            self.session.cycles();
             self.comes_back(scale, ["0", "5"], "hm2_7i97.0.encoder.00.scale");
         } else {
             self.session.set(scale, "0");

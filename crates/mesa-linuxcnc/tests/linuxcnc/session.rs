@@ -129,6 +129,16 @@ impl Session {
         self.until(&outputs, |session| session.outputs() == outputs);
     }
 
+    /// Waits for a whole cycle of the thread: the driver has then taken what HAL has.
+    pub fn cycles(&mut self) {
+        for _ in 0..2 {
+            let before = self.get("write.time");
+            self.until("the thread runs", |session| {
+                session.get("write.time") != before
+            });
+        }
+    }
+
     pub fn until(&mut self, what: &str, is_so: impl Fn(&mut Self) -> bool) {
         let start = Instant::now();
         while !is_so(self) {

@@ -43,7 +43,7 @@ use store::Store;
 use watch::Watch;
 
 /// Longest time between a signal and the end of the process.
-const TICK: Duration = Duration::from_millis(2);
+const TICK: Duration = Duration::from_millis(10);
 
 /// Bytes in a megabyte.
 const MEGABYTE: u64 = 1_000_000;

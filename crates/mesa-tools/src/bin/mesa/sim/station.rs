@@ -15,7 +15,7 @@ use crate::context::Failure;
 use crate::output::complain;
 
 /// Longest interval between two checks of everything other than packets.
-const TICK: Duration = Duration::from_micros(200);
+const TICK: Duration = Duration::from_millis(1);
 
 /// Interval between two checks of conditions.
 const LOOK: Duration = Duration::from_millis(1);

@@ -12,7 +12,7 @@ use crate::terminal::Terminal;
 const OUTPUTS: &str = "*7i77.0.0.output-0?";
 
 fn begin(board: &Board) -> Guided {
-    let time = ["--for", "0.6", "--json", "--yes"];
+    let time = ["--for", "1.5", "--json", "--yes"];
     let guided = Guided::begin(board, &[&[OUTPUTS, "--outputs"], &time[..]].concat());
     let consent = guided.says("drive 10 digital outputs one after the other");
     assert!(
@@ -208,7 +208,10 @@ fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
 #[test]
 fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
     let mut board = board();
-    let arguments = format!("wiring '{OUTPUTS}' --outputs --addr {}", board.address);
+    let arguments = format!(
+        "wiring '{OUTPUTS}' --outputs --for 5 --addr {}",
+        board.address
+    );
     let Some(terminal) = Terminal::start("wiring-out", &arguments) else {
         return;
     };
