@@ -245,32 +245,37 @@ impl Pins {
     }
 
     /// [`valid_bits_of`](Self::valid_bits_of) of many inputs, in less time where those of a group
-    /// follow each other: calls `each` with the position of each input that is valid, and its bits.
+    /// follow each other: calls `each` with what belongs to each input that is valid, and its bits.
     ///
     /// # Real time
     /// As [`valid_bits_of`](Self::valid_bits_of) for each; no allocation.
     #[inline]
-    pub fn each_valid(&self, inputs: &[PinId], mut each: impl FnMut(usize, u64)) {
-        let mut group = None;
+    pub fn each_valid<T>(
+        &self,
+        inputs: impl IntoIterator<Item = (PinId, T)>,
+        mut each: impl FnMut(T, u64),
+    ) {
+        // No group of a store has the number of the first one.
+        let mut group = u32::MAX;
         let mut is_valid = false;
-        for (position, input) in inputs.iter().enumerate() {
+        for (input, target) in inputs {
             let Some(slot) = self.index(input.0).and_then(|index| self.slots.get(index)) else {
                 self.count_foreign();
                 continue;
             };
-            if group != Some(slot.group) {
-                group = Some(slot.group);
+            if group != u32::from(slot.group) {
+                group = slot.group.into();
                 let group = self.groups.get(usize::from(slot.group));
                 is_valid = group.is_some_and(|group| self.is_valid(group));
             }
             if is_valid && !slot.bad {
-                each(position, slot.bits);
+                each(target, slot.bits);
             }
         }
     }
 
-    /// A number that is another one when a parameter may have changed, or a pin that both sides set
-    /// and that the driver has changed; for programs that copy all values in every cycle.
+    /// A number that is another one when a parameter may have changed, or the driver may have changed a
+    /// pin that both sides set; for programs that copy all values in every cycle.
     ///
     /// # Real time
     /// Constant time, no allocation.

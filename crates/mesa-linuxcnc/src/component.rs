@@ -186,7 +186,7 @@ fn add(
         };
         LoadError::new(result, format_args!("{name}: {error}"))
     };
-    let memory = HalMemory::new(component, wanted.len());
+    let memory = HalMemory::new(component, wanted.iter().map(|pin| pin.role));
     let mut memory = memory.map_err(|error| of_memory(driver.name(), error))?;
     for pin in &wanted {
         let made = memory.add(&c_name(&pin.name)?, pin.role, pin.hal_type);

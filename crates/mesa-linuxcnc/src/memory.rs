@@ -53,82 +53,60 @@ hal_value!(f64, AtomicU64, 2, f64::from_bits, f64::to_bits);
 hal_value!(i32, AtomicI32, 3, |bits| bits, |value| value);
 hal_value!(u32, AtomicU32, 4, |bits| bits, |value| value);
 
-/// A pin: a pointer in HAL's memory, to its value.
+/// A pin or parameter: a pointer in HAL's memory, to its value. The pointer of a parameter always leads to
+/// the same value.
 #[derive(Debug)]
-pub(crate) struct HalPin<T: HalValue>(NonNull<AtomicPtr<T::Cell>>);
+struct HalPointer<T: HalValue>(NonNull<AtomicPtr<T::Cell>>);
 
-impl<T: HalValue> HalPin<T> {
+impl<T: HalValue> HalPointer<T> {
     fn cell(&self) -> &T::Cell {
         // SAFETY: the pointer was made from a slot of HAL's memory, which outlives this value (see
         // `HalMemory`), and is aligned there. HAL writes it as a whole.
         let pointer = unsafe { self.0.as_ref() }.load(Ordering::Relaxed);
-        // SAFETY: `hal_pin_new` has set the pointer, and HAL sets it to nothing but a value of the
-        // pin's type in its memory: that of a signal, or the pin's own. A signal that was deleted
-        // leaves a place in HAL's memory, which is never unmapped before the component ends.
+        // SAFETY: for a parameter, `HalMemory::add` has set the pointer, to another slot. For a pin,
+        // `hal_pin_new` has set it, and HAL sets it to nothing but a value of the pin's type in its
+        // memory: that of a signal, or the pin's own. A signal that was deleted leaves a place in HAL's
+        // memory, which is never unmapped before the component ends. Others access the value too, and so
+        // does this component by atomic operations only.
         unsafe { &*pointer }
     }
 
-    fn load(&self) -> T {
-        T::load(self.cell())
-    }
-
-    fn store(&self, value: T) {
-        T::store(self.cell(), value);
-    }
-}
-
-/// A parameter: a value in HAL's memory.
-#[derive(Debug)]
-pub(crate) struct HalParam<T: HalValue>(NonNull<T::Cell>);
-
-impl<T: HalValue> HalParam<T> {
-    fn cell(&self) -> &T::Cell {
-        // SAFETY: the pointer was made from a slot of HAL's memory, which outlives this value (see
-        // `HalMemory`) and is large enough and aligned for any value of HAL. Others access it too,
-        // and so does this component by atomic operations only.
-        unsafe { self.0.as_ref() }
-    }
-
-    fn load(&self) -> T {
-        T::load(self.cell())
-    }
-
-    fn store(&self, value: T) {
-        T::store(self.cell(), value);
-    }
-}
-
-#[derive(Debug)]
-enum Cell<T: HalValue> {
-    Pin(HalPin<T>),
-    Param(HalParam<T>),
-}
-
-impl<T: HalValue> Cell<T> {
     fn bits(&self) -> u64 {
-        let value = match self {
-            Self::Pin(pin) => pin.load(),
-            Self::Param(param) => param.load(),
-        };
-        value.to_bits()
+        T::load(self.cell()).to_bits()
     }
 
     fn set_bits(&self, bits: u64) {
-        let value = T::from_bits(bits);
-        match self {
-            Self::Pin(pin) => pin.store(value),
-            Self::Param(param) => param.store(value),
-        }
+        T::store(self.cell(), T::from_bits(bits));
     }
 }
 
 /// A pin or parameter of any type.
 #[derive(Debug)]
-enum AnyCell {
-    Bit(Cell<bool>),
-    Float(Cell<f64>),
-    S32(Cell<i32>),
-    U32(Cell<u32>),
+enum AnyPointer {
+    Bit(HalPointer<bool>),
+    Float(HalPointer<f64>),
+    S32(HalPointer<i32>),
+    U32(HalPointer<u32>),
+}
+
+impl AnyPointer {
+    fn bits(&self) -> u64 {
+        match self {
+            Self::Bit(bit) => bit.bits(),
+            Self::Float(number) => number.bits(),
+            Self::S32(number) => number.bits(),
+            Self::U32(number) => number.bits(),
+        }
+    }
+
+    fn set_bits(&self, bits: u64) {
+        match self {
+            Self::Bit(bit) => bit.set_bits(bits),
+            Self::Float(number) => number.set_bits(bits),
+            Self::S32(number) => number.set_bits(bits),
+            Self::U32(number) => number.set_bits(bits),
+        }
+    }
 }
 
 /// The pins and parameters of a board, by numbers in the order in which they were made.
@@ -138,12 +116,17 @@ enum AnyCell {
 pub(crate) struct HalMemory {
     component: ComponentId,
     slots: Slots,
-    cells: Vec<AnyCell>,
+    pointers: Vec<AnyPointer>,
 }
 
 impl fmt::Debug for HalMemory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "HalMemory({} of {:?})", self.cells.len(), self.component)
+        write!(
+            f,
+            "HalMemory({} of {:?})",
+            self.pointers.len(),
+            self.component
+        )
     }
 }
 
@@ -172,12 +155,18 @@ impl From<HalError> for MemoryError {
 }
 
 impl HalMemory {
-    /// Allocates room for `count` pins and parameters.
-    pub fn new(component: ComponentId, count: usize) -> Result<Self, MemoryError> {
+    /// Allocates room for pins and parameters with these roles.
+    pub fn new(
+        component: ComponentId,
+        roles: impl ExactSizeIterator<Item = Role>,
+    ) -> Result<Self, MemoryError> {
+        let pointers = Vec::with_capacity(roles.len());
+        // A pointer, and the value of a parameter.
+        let slots = roles.map(|role| 1 + usize::from(role.is_param())).sum();
         Ok(Self {
             component,
-            slots: Slots::new(count)?,
-            cells: Vec::with_capacity(count),
+            slots: Slots::new(slots)?,
+            pointers,
         })
     }
 
@@ -189,66 +178,57 @@ impl HalMemory {
         role: Role,
         hal_type: HalType,
     ) -> Result<usize, MemoryError> {
-        let cell = match hal_type {
-            HalType::Bit => AnyCell::Bit(self.cell(name, role)?),
-            HalType::Float => AnyCell::Float(self.cell(name, role)?),
-            HalType::S32 | HalType::S64 => AnyCell::S32(self.cell(name, role)?),
-            HalType::U32 | HalType::U64 => AnyCell::U32(self.cell(name, role)?),
+        let pointer = match hal_type {
+            HalType::Bit => AnyPointer::Bit(self.pointer(name, role)?),
+            HalType::Float => AnyPointer::Float(self.pointer(name, role)?),
+            HalType::S32 | HalType::S64 => AnyPointer::S32(self.pointer(name, role)?),
+            HalType::U32 | HalType::U64 => AnyPointer::U32(self.pointer(name, role)?),
         };
-        self.cells.push(cell);
-        Ok(self.cells.len() - 1)
+        self.pointers.push(pointer);
+        Ok(self.pointers.len() - 1)
     }
 
-    fn cell<T: HalValue>(&mut self, name: &CStr, role: Role) -> Result<Cell<T>, MemoryError> {
-        let slot = self.slots.take()?;
+    fn pointer<T: HalValue>(
+        &mut self,
+        name: &CStr,
+        role: Role,
+    ) -> Result<HalPointer<T>, MemoryError> {
+        let pointer = self.slots.take()?.cast::<*mut c_void>();
         let direction = direction(role);
-        if role.is_param() {
-            let value = slot.cast::<c_void>().as_ptr();
+        let result = if role.is_param() {
+            let value = self.slots.take()?.cast::<c_void>().as_ptr();
+            // SAFETY: the slot is of HAL's memory, large enough and aligned for a pointer, and nothing
+            // else uses it yet.
+            unsafe { pointer.write(value) };
             // SAFETY: the name ends with NUL, and HAL copies it. The slot is of HAL's memory, and
             // large enough and aligned for a value of any type.
-            let result = unsafe {
+            unsafe {
                 ffi::hal_param_new(name.as_ptr(), T::CODE, direction, value, self.component.0)
-            };
-            refused(result)?;
-            return Ok(Cell::Param(HalParam(slot.cast())));
-        }
-        let pointer = slot.cast::<*mut c_void>().as_ptr();
-        // SAFETY: as above; the slot takes a pointer, which HAL sets before it returns.
-        let result = unsafe {
-            ffi::hal_pin_new(name.as_ptr(), T::CODE, direction, pointer, self.component.0)
+            }
+        } else {
+            let pointer = pointer.as_ptr();
+            // SAFETY: as above; the slot takes a pointer, which HAL sets before it returns.
+            unsafe {
+                ffi::hal_pin_new(name.as_ptr(), T::CODE, direction, pointer, self.component.0)
+            }
         };
-        refused(result)?;
-        Ok(Cell::Pin(HalPin(slot.cast())))
+        if result < 0 {
+            return Err(MemoryError::Refused(result));
+        }
+        Ok(HalPointer(pointer.cast()))
     }
 }
 
 impl Memory for HalMemory {
     fn load(&self, index: usize) -> u64 {
-        match self.cells.get(index) {
-            Some(AnyCell::Bit(cell)) => cell.bits(),
-            Some(AnyCell::Float(cell)) => cell.bits(),
-            Some(AnyCell::S32(cell)) => cell.bits(),
-            Some(AnyCell::U32(cell)) => cell.bits(),
-            None => 0,
-        }
+        self.pointers.get(index).map_or(0, AnyPointer::bits)
     }
 
     fn store(&mut self, index: usize, bits: u64) {
-        match self.cells.get(index) {
-            Some(AnyCell::Bit(cell)) => cell.set_bits(bits),
-            Some(AnyCell::Float(cell)) => cell.set_bits(bits),
-            Some(AnyCell::S32(cell)) => cell.set_bits(bits),
-            Some(AnyCell::U32(cell)) => cell.set_bits(bits),
-            None => {}
+        if let Some(pointer) = self.pointers.get(index) {
+            pointer.set_bits(bits);
         }
     }
-}
-
-fn refused(result: c_int) -> Result<(), MemoryError> {
-    if result < 0 {
-        return Err(MemoryError::Refused(result));
-    }
-    Ok(())
 }
 
 /// HAL's number of a direction.
@@ -308,11 +288,11 @@ mod tests {
     fn a_pin_follows_the_pointer_of_its_signal() {
         let (own, signal) = (AtomicU32::new(1), AtomicU32::new(2));
         let pointer = pointer_to(&own);
-        let pin = HalPin::<u32>(NonNull::from(&pointer));
-        assert_eq!(pin.load(), 1);
+        let pin = HalPointer::<u32>(NonNull::from(&pointer));
+        assert_eq!(pin.bits(), 1);
         pointer.store(core::ptr::from_ref(&signal).cast_mut(), Ordering::Relaxed);
-        assert_eq!(pin.load(), 2);
-        pin.store(3);
+        assert_eq!(pin.bits(), 2);
+        pin.set_bits(3);
         assert_eq!(
             (own.into_inner(), signal.load(Ordering::Relaxed)),
             (1, 3),
@@ -323,10 +303,11 @@ mod tests {
     #[test]
     fn a_bit_is_one_byte_and_any_other_than_0_is_on() {
         let bytes = [AtomicU8::new(7), AtomicU8::new(7)];
-        let param = HalParam::<bool>(NonNull::from(&bytes[0]));
-        assert!(param.load());
-        param.store(true);
-        param.store(false);
+        let pointer = pointer_to(&bytes[0]);
+        let bit = HalPointer::<bool>(NonNull::from(&pointer));
+        assert_eq!(bit.bits(), 1);
+        bit.set_bits(1);
+        bit.set_bits(0);
         let bytes = bytes.map(AtomicU8::into_inner);
         assert_eq!(bytes, [0, 7], "the neighbour stays");
     }
@@ -335,23 +316,25 @@ mod tests {
         #[test]
         fn values_of_any_type_are_kept(float: f64, signed: i32, unsigned: u32, bit: bool) {
             let (f, s, u, b) = (AtomicU64::new(0), AtomicI32::new(0), AtomicU32::new(0), AtomicU8::new(0));
-            let pointer = pointer_to(&f);
-            let pin = HalPin::<f64>(NonNull::from(&pointer));
-            pin.store(float);
-            prop_assert_eq!(pin.load().to_bits(), float.to_bits());
-            let cells = [
-                (AnyCell::S32(Cell::Param(HalParam(NonNull::from(&s)))), signed.to_bits()),
-                (AnyCell::U32(Cell::Param(HalParam(NonNull::from(&u)))), unsigned.to_bits()),
-                (AnyCell::Bit(Cell::Param(HalParam(NonNull::from(&b)))), bit.to_bits()),
-            ];
-            for (cell, bits) in &cells {
-                match cell {
-                    AnyCell::S32(cell) => { cell.set_bits(*bits); prop_assert_eq!(cell.bits(), *bits); }
-                    AnyCell::U32(cell) => { cell.set_bits(*bits); prop_assert_eq!(cell.bits(), *bits); }
-                    AnyCell::Bit(cell) => { cell.set_bits(*bits); prop_assert_eq!(cell.bits(), *bits); }
-                    AnyCell::Float(_) => {}
-                }
+            let pointers = (pointer_to(&f), pointer_to(&s), pointer_to(&u), pointer_to(&b));
+            let mut memory = HalMemory {
+                component: ComponentId(0),
+                slots: Slots { next: NonNull::dangling(), left: 0 },
+                pointers: vec![
+                    AnyPointer::Float(HalPointer(NonNull::from(&pointers.0))),
+                    AnyPointer::S32(HalPointer(NonNull::from(&pointers.1))),
+                    AnyPointer::U32(HalPointer(NonNull::from(&pointers.2))),
+                    AnyPointer::Bit(HalPointer(NonNull::from(&pointers.3))),
+                ],
+            };
+            let values = [float.to_bits(), signed.to_bits(), unsigned.to_bits(), bit.to_bits()];
+            for (index, bits) in values.into_iter().enumerate() {
+                memory.store(index, bits);
             }
+            for (index, bits) in values.into_iter().enumerate() {
+                prop_assert_eq!(memory.load(index), bits);
+            }
+            prop_assert_eq!(memory.load(values.len()), 0, "no such pin");
         }
     }
 

@@ -6,7 +6,7 @@
 //! | output | IN | | | to the driver | |
 //! | set by both | I/O | to the driver | to HAL | to the driver | to HAL |
 //! | parameter | RW | | | to the driver, or back | |
-//! | property | RO | | to HAL | | |
+//! | property | RO | | to HAL | | to HAL |
 //! | kept in a remote | RW | | | requested, or back to HAL | |
 //!
 //! An input that is not valid keeps its last value. Where both sides have changed a value, the driver
@@ -25,7 +25,7 @@ pub(crate) trait Memory {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     id: PinId,
-    index: usize,
+    index: u32,
     hal_type: HalType,
 }
 
@@ -54,15 +54,15 @@ pub(crate) enum Change {
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     inputs: Vec<Entry>,
-    /// The same inputs.
-    input_ids: Vec<PinId>,
     outputs: Vec<Entry>,
     inouts: Vec<Shared>,
     settings: Vec<Shared>,
     properties: Vec<Shared>,
     in_remotes: Vec<Shared>,
-    /// The driver's version of its parameters in which `settings` are.
-    version: Option<u64>,
+    /// The driver's version of its parameters in which `settings` and `in_remotes` are.
+    taken: Option<u64>,
+    /// The version in which HAL has `inouts` and `properties`.
+    shown: Option<u64>,
 }
 
 impl Table {
@@ -73,7 +73,7 @@ impl Table {
         for (index, (id, info)) in pins.ids().zip(pins.infos()).enumerate() {
             let entry = Entry {
                 id,
-                index,
+                index: index as u32,
                 hal_type: info.hal_type,
             };
             let agreed = pins.bits_of(id);
@@ -96,8 +96,9 @@ impl Table {
         let hal_type = |entry: &Entry| entry.hal_type as u8;
         table.inputs.sort_by_key(hal_type);
         table.outputs.sort_by_key(hal_type);
-        table.settings.sort_by_key(|shared| hal_type(&shared.entry));
-        table.input_ids = table.inputs.iter().map(|entry| entry.id).collect();
+        for parameters in [&mut table.settings, &mut table.in_remotes] {
+            parameters.sort_by_key(|shared| hal_type(&shared.entry));
+        }
         table
     }
 
@@ -115,14 +116,8 @@ impl Table {
 
     /// After `read`: properties, and inputs that are valid.
     pub fn after_read(&mut self, pins: &Pins, memory: &mut impl Memory) {
-        pins.each_valid(&self.input_ids, |position, bits| {
-            if let Some(entry) = self.inputs.get(position) {
-                entry.store(memory, bits);
-            }
-        });
-        for shared in &mut self.properties {
-            shared.show(pins, memory);
-        }
+        let inputs = self.inputs.iter().map(|entry| (entry.id, entry));
+        pins.each_valid(inputs, |entry, bits| entry.store(memory, bits));
         self.after_write(pins, memory);
     }
 
@@ -138,14 +133,18 @@ impl Table {
         }
         // There are hundreds, and they seldom change.
         let version = pins.parameters_version();
-        let is_same = self.version.replace(version) == Some(version);
+        let is_same = self.taken.replace(version) == Some(version);
+        let is_due =
+            |shared: &Shared, memory: &_| !is_same || shared.entry.load(memory) != shared.seen;
         for shared in &mut self.settings {
-            if !is_same || shared.entry.load(memory) != shared.seen {
+            if is_due(shared, memory) {
                 shared.exchange(pins, memory, changes);
             }
         }
         for shared in &mut self.in_remotes {
-            shared.request(pins, memory, changes);
+            if is_due(shared, memory) {
+                shared.request(pins, memory, changes);
+            }
         }
         self.outputs(pins, memory);
     }
@@ -169,9 +168,13 @@ impl Table {
         }
     }
 
-    /// After `write`: the driver's changes of values that both sides set.
+    /// After `write`: properties, and the driver's changes of values that both sides set.
     pub fn after_write(&mut self, pins: &Pins, memory: &mut impl Memory) {
-        for shared in &mut self.inouts {
+        let version = pins.parameters_version();
+        if self.shown.replace(version) == Some(version) {
+            return;
+        }
+        for shared in self.inouts.iter_mut().chain(&mut self.properties) {
             shared.show(pins, memory);
         }
     }
@@ -237,12 +240,12 @@ impl Shared {
 impl Entry {
     /// HAL's value, as bits of its type there.
     fn load(&self, memory: &impl Memory) -> u64 {
-        memory.load(self.index)
+        memory.load(self.index as usize)
     }
 
     /// Stores the driver's bits in HAL.
     fn store(&self, memory: &mut impl Memory, bits: u64) {
-        memory.store(self.index, self.of_hal(bits));
+        memory.store(self.index as usize, self.of_hal(bits));
     }
 
     /// The driver's bits as bits of HAL's type. Numbers of 64 bits, which HAL 2.9 does not have, are

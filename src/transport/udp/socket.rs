@@ -179,9 +179,6 @@ impl PacketLink for UdpLink {
             // The time is read before the last check of the socket, so that no datagram that
             // arrived in time is missed.
             let left = deadline.since(self.clock.read());
-            if !left.is_zero() {
-                self.wait_readable(left)?;
-            }
             match net::recv(&self.socket, &mut *buffer, RecvFlags::empty()) {
                 Ok((_, length)) => return Ok(Some(length)),
                 Err(Errno::WOULDBLOCK | Errno::INTR) => {}
@@ -190,6 +187,7 @@ impl PacketLink for UdpLink {
             if left.is_zero() {
                 return Ok(None);
             }
+            self.wait_readable(left)?;
         }
     }
 
