@@ -8,8 +8,6 @@
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
-mod cycle_support;
-
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

@@ -2,8 +2,6 @@
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
-mod cycle_support;
-
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};

@@ -10,8 +10,6 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
-mod cycle_support;
-
 use std::env;
 use std::process::{Command, ExitCode, Stdio};
 
