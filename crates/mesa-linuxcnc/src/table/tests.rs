@@ -1,6 +1,6 @@
 //! The copy against a model, over a HAL that is a vector.
 
-use mesa_hal::hal::{GroupId, InOut, Input, PinMaker, PinStore, Spec};
+use mesa_hal::hal::{GroupId, InOut, Input, Param, PinMaker, PinStore, Spec};
 use proptest::prelude::*;
 
 use super::*;
@@ -29,6 +29,8 @@ const VOLTS: usize = 3;
 const BOTH: usize = 4;
 const SETTING: usize = 5;
 const SCALE: usize = 6;
+const PROPERTY: usize = 7;
+const PINS: usize = 8;
 
 struct Bench {
     store: PinStore,
@@ -36,6 +38,7 @@ struct Bench {
     input: Input<i32>,
     counter: Input<u64>,
     both: InOut<bool>,
+    property: Param<u32>,
     table: Table,
     memory: FakeMemory,
     changes: Vec<Change>,
@@ -57,6 +60,7 @@ impl Bench {
         };
         make.setting(setting, 5_u32).expect("made");
         make.scale("scale", 1.0).expect("made");
+        let property = make.property("property", 0).expect("made");
         let mut memory = FakeMemory::default();
         let table = Table::new(&store, &mut memory);
         Self {
@@ -65,6 +69,7 @@ impl Bench {
             input,
             counter,
             both,
+            property,
             table,
             memory,
             changes: Vec::new(),
@@ -101,6 +106,7 @@ enum Act {
     Hal(usize, u64),
     Publish(i32, u64),
     PublishBoth(bool),
+    PublishProperty(u32),
     Good,
     Fault,
     Rearm,
@@ -116,6 +122,7 @@ fn act() -> impl Strategy<Value = Act> {
         (prop_oneof![Just(VOLTS), Just(SCALE)], float).prop_map(|(pin, bits)| Act::Hal(pin, bits)),
         (any::<i32>(), any::<u64>()).prop_map(|(input, counter)| Act::Publish(input, counter)),
         any::<bool>().prop_map(Act::PublishBoth),
+        (0..4_u32).prop_map(Act::PublishProperty),
         Just(Act::Good),
         Just(Act::Fault),
         Just(Act::Rearm),
@@ -126,10 +133,10 @@ fn act() -> impl Strategy<Value = Act> {
 
 /// The expected values, from the rules of the documentation.
 struct Model {
-    hal: [u64; 7],
-    own: [u64; 7],
+    hal: [u64; PINS],
+    own: [u64; PINS],
     /// The last value on which both sides agreed.
-    agreed: [u64; 7],
+    agreed: [u64; PINS],
     is_valid: bool,
 }
 
@@ -167,7 +174,7 @@ impl Model {
                     self.show(INPUT);
                     self.show(COUNTER);
                 }
-                self.show_both();
+                self.show_own();
             }
             2 => {
                 for pin in [BOTH, SETTING, SCALE] {
@@ -177,11 +184,12 @@ impl Model {
                     self.own[pin] = self.hal[pin];
                 }
             }
-            _ => self.show_both(),
+            _ => self.show_own(),
         }
     }
 
-    fn show_both(&mut self) {
+    fn show_own(&mut self) {
+        self.show(PROPERTY);
         if self.own[BOTH] != self.agreed[BOTH] {
             self.show(BOTH);
         }
@@ -192,7 +200,7 @@ proptest! {
     #[test]
     fn any_sequence_of_both_sides_ends_as_the_rules_say(acts in proptest::collection::vec(act(), 0..60)) {
         let mut bench = Bench::new();
-        let at_first: [u64; 7] = core::array::from_fn(|pin| bench.own(pin));
+        let at_first: [u64; PINS] = core::array::from_fn(|pin| bench.own(pin));
         let mut model = Model { hal: at_first, own: at_first, agreed: at_first, is_valid: false };
         for act in acts {
             match act {
@@ -205,6 +213,10 @@ proptest! {
                 Act::PublishBoth(value) => {
                     bench.store.publish(bench.both, value);
                     model.own[BOTH] = value.into();
+                }
+                Act::PublishProperty(value) => {
+                    bench.store.publish(bench.property, value);
+                    model.own[PROPERTY] = value.into();
                 }
                 Act::Good => {
                     bench.store.group_good(bench.group);
