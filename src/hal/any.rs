@@ -245,7 +245,8 @@ impl Pins {
     }
 
     /// [`valid_bits_of`](Self::valid_bits_of) of many inputs, in less time where those of a group
-    /// follow each other: calls `each` with what belongs to each input that is valid, and its bits.
+    /// follow each other. Each input has a value of any type beside it, such as the place to copy to;
+    /// for each that is valid, `each` is called with that value and the bits of the input.
     ///
     /// # Real time
     /// As [`valid_bits_of`](Self::valid_bits_of) for each; no allocation.
@@ -255,7 +256,7 @@ impl Pins {
         inputs: impl IntoIterator<Item = (PinId, T)>,
         mut each: impl FnMut(T, u64),
     ) {
-        // No group of a store has the number of the first one.
+        // No group yet: their numbers have 16 bits.
         let mut group = u32::MAX;
         let mut is_valid = false;
         for (input, target) in inputs {
@@ -487,6 +488,39 @@ mod tests {
         assert_eq!((pins.bits_of(foreign), pins.foreign_handles()), (0, 1));
         let refused = pins.set_bits(foreign, 0);
         assert_eq!(refused, Err(PinError::ForeignHandle));
+    }
+
+    #[test]
+    fn of_many_inputs_each_valid_one_is_given_with_what_is_beside_it() {
+        let mut pins = PinStore::default();
+        let groups = [(); 3].map(|()| pins.add_group());
+        let mut inputs = Vec::new();
+        // Those of a group do not follow each other.
+        for number in 0..9_u32 {
+            let group = groups[number as usize % 3];
+            let mut make = PinMaker::new(&mut pins, group, "card.");
+            inputs.push(make.input::<u32>(format!("input-{number}")).expect("made"));
+        }
+        for (number, input) in inputs.iter().enumerate() {
+            pins.publish(*input, number as u32 + 100);
+        }
+        pins.withhold(inputs[4]);
+        pins.group_good(groups[0]);
+        pins.group_good(groups[1]);
+        let foreign = store().ids().next().expect("a pin");
+        let mut ids: Vec<PinId> = inputs.iter().map(|input| (*input).into()).collect();
+        ids.insert(2, foreign);
+        let mut given = Vec::new();
+        pins.each_valid(ids.iter().map(|id| (*id, id)), |id, bits| {
+            given.push((*id, bits));
+        });
+        assert_eq!(pins.foreign_handles(), 1);
+        let bits: Vec<_> = given.iter().map(|(_, bits)| *bits).collect();
+        assert_eq!(bits, [100, 101, 103, 106, 107]);
+        for id in ids {
+            let found = given.iter().find(|(given, _)| *given == id);
+            assert_eq!(found.map(|(_, bits)| *bits), pins.valid_bits_of(id));
+        }
     }
 
     fn bad_value(value: f64) -> PinError {

@@ -13,8 +13,10 @@ const MACHINE: Machine = Machine {
 };
 const JOINT: usize = 1;
 const COUNTS_PER_UNIT: f64 = 81_920.0;
-/// `HOME_OFFSET` of the joint, the position at the index next to the switch, and the counts there.
-const AT_INDEX: (f64, f64) = (-2.9, 8192.0);
+/// Position of the joint at the index next to the switch: `HOME_OFFSET` of both configurations.
+const INDEX_POSITION: f64 = -2.9;
+/// Counts of the motor there.
+const INDEX_COUNTS: f64 = 8192.0;
 /// Attempts to home with hm2_eth: on a busy computer it has homed one index further.
 const HOMINGS: usize = 3;
 /// All of it is acceleration, in which an axis falls behind by what the cycle is late.
@@ -64,8 +66,8 @@ fn compare(name: &str, files: &Files, words: [&str; 2], unit: f64) {
     let _alone = alone();
     let changed = with_one_word_changed(files, words);
     let from_index = |moves: &Moves| {
-        let (position, counts) = AT_INDEX;
-        (moves.zero - counts - position * COUNTS_PER_UNIT) / COUNTS_PER_UNIT * unit
+        let counts = moves.zero - (INDEX_COUNTS + INDEX_POSITION * COUNTS_PER_UNIT);
+        counts / COUNTS_PER_UNIT * unit
     };
     let mut homings = (0..HOMINGS).map(|_| drive(&format!("{name}-hm2_eth"), files, |_| false));
     let theirs = homings.find(|moves| {
