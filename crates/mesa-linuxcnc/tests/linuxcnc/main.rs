@@ -8,6 +8,7 @@ mod faults;
 #[path = "../../../mesa-tools/tests/interop/halcmd.rs"]
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod halcmd;
+mod installed;
 mod look;
 mod names;
 #[path = "../../../mesa-tools/tests/interop/passive.rs"]

@@ -3,20 +3,29 @@
 #
 #   with_component.sh LIBRARY COMMAND...
 #
-# In the mount namespace of examples/linuxcnc.sh: LinuxCNC's folder of modules gets one more, and the
-# installed one stays as it is.
+# In a mount namespace of its own, the component takes the place of an installed one. The installed
+# files are behind a read-only mount: a LinuxCNC that runs on this computer uses them.
 set -e
+if [ -z "${IN_MODULES:-}" ]; then
+  IN_MODULES=1 exec unshare --mount bash "$0" "$@"
+fi
 library=$1
 shift
 modules=$(sed -n 's/^RTLIBDIR *:\?= *//p' /usr/share/linuxcnc/Makefile.modinc | tail -1)
 modules=${modules:-/usr/lib/linuxcnc/modules}
-work=$(mktemp -d)
-mkdir "$work/installed" "$work/modules"
-mount --bind "$modules" "$work/installed"
-cp --symbolic-link "$work/installed"/*.so "$work/modules"
+installed=$modules/installed
+aside=$(mktemp -d)
+mount --bind "$modules" "$aside"
+mount -t tmpfs -o mode=755 tmpfs "$modules"
+mkdir "$installed"
+mount --move "$aside" "$installed"
+rmdir "$aside"
+mount -o remount,bind,ro "$installed"
+ln --symbolic "$installed"/*.so "$modules"
 for name in mesa_eth mesa_pci; do
-  cp "$library" "$work/modules/$name.so"
+  # Without this option, a copy goes through the link to the installed component.
+  cp --remove-destination "$library" "$modules/$name.so"
+  chmod a+rX "$modules/$name.so"
 done
-chmod -R a+rX "$work"
-mount --bind "$work/modules" "$modules"
+unset IN_MODULES
 exec "$@"
