@@ -267,8 +267,10 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
     let result = catch_unwind(AssertUnwindSafe(|| {
         let mut guard = match place.try_lock() {
             Ok(guard) => guard,
-            // After a panic, and while another thread has the board.
-            Err(TryLockError::Poisoned(_) | TryLockError::WouldBlock) => return,
+            // After a panic. HAL may have changed what was shown then.
+            Err(TryLockError::Poisoned(cycle)) => return abandon(&mut cycle.into_inner()),
+            // Another thread has the board.
+            Err(TryLockError::WouldBlock) => return,
         };
         let Some(cycle) = guard.as_mut() else {
             return;
@@ -283,7 +285,8 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
         }
     }));
     if result.is_err() {
-        let cycle = locked(place);
+        let mut cycle = locked(place);
+        abandon(&mut cycle);
         let (name, step) = (cycle.as_ref().map_or("a board", Cycle::name), step.name());
         at_set_up(
             Level::Error,
@@ -292,6 +295,13 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
                  is not driven any more, and its watchdog switches its outputs off; load it again"
             ),
         );
+    }
+}
+
+/// Shows in HAL that a board is not driven after a panic.
+fn abandon(cycle: &mut Option<BoardCycle>) {
+    if let Some(cycle) = cycle {
+        cycle.show_abandoned();
     }
 }
 

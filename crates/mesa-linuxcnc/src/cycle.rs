@@ -15,6 +15,10 @@ use crate::table::{Change, Memory, Table};
 /// The largest number of remotes: four ports of eight channels.
 const MAX_REMOTES: usize = 32;
 
+/// Calls of `write` and `read-request` after a `read` up to which its values count as fresh: five cycles
+/// of a thread with both.
+const FRESH_CALLS: u32 = 10;
+
 /// Period whose share is the deadline of the read at the load.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -110,6 +114,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     valid: usize,
     remotes: Vec<RemoteEntry>,
     has_begun: bool,
+    /// Calls of other functions since the last `read` of the thread; `None` before the first one.
+    calls_since_read: Option<u32>,
     /// The user has cleared one of `acknowledged`.
     is_cleared: bool,
 }
@@ -167,6 +173,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             valid,
             remotes,
             has_begun: false,
+            calls_since_read: None,
             is_cleared: false,
             driver,
             memory,
@@ -193,6 +200,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The function `read` of the thread with the given period.
     pub fn read(&mut self, period: Duration) {
         self.begin(period);
+        self.calls_since_read = Some(0);
         self.take_changes(Table::before_read);
         if self.has_io_error() {
             return self.show_own();
@@ -214,6 +222,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The function `write`.
     pub fn write(&mut self, period: Duration) {
         self.begin(period);
+        self.count_call();
         // The safe values are still written in the cycle in which the driver sets it.
         let has_io_error = self.has_io_error();
         self.take_changes(Table::before_write);
@@ -224,14 +233,25 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.rearm();
         let _ = self.driver.write();
         self.table.after_write(self.driver.pins(), &mut self.memory);
+        self.show_own();
         self.say_events();
     }
 
     /// The function `read-request`.
     pub fn request_read(&mut self, period: Duration) {
         self.begin(period);
+        self.count_call();
         if !self.has_io_error() {
             self.driver.request_read();
+        }
+        self.show_own();
+    }
+
+    /// Shows in HAL that the board is not driven any more, which the user cannot acknowledge.
+    pub fn show_abandoned(&mut self) {
+        self.show_as(false);
+        if let Some(number) = self.io_error {
+            self.memory.store(number, true.to_bits());
         }
     }
 
@@ -351,19 +371,30 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.table.outputs(self.driver.pins_mut(), &self.memory);
     }
 
-    /// Shows the component's own pins.
+    /// Counts a call of another function than `read`.
+    fn count_call(&mut self) {
+        self.calls_since_read = self.calls_since_read.map(|calls| calls.saturating_add(1));
+    }
+
+    /// Shows the component's own pins. Each function does it each time: nothing else would make them FALSE
+    /// when another function is not called any more.
     fn show_own(&mut self) {
+        let calls = self.calls_since_read;
+        let is_fresh = calls.is_some_and(|calls| calls <= FRESH_CALLS);
+        self.show_as(is_fresh && !self.has_io_error());
+    }
+
+    /// Shows the component's own pins, all FALSE unless the board `has_contact`.
+    fn show_as(&mut self, has_contact: bool) {
         let pins = self.driver.pins();
         let board = pins.group_state(self.driver.group());
-        let has_contact = !self.has_io_error();
         let is_valid = has_contact && board.is_some_and(|state| state.valid);
         self.memory.store(self.valid, is_valid.to_bits());
         for remote in &self.remotes {
-            if let Some(state) = pins.group_state(remote.group) {
-                let is_valid = has_contact && state.valid;
-                self.memory.store(remote.valid, is_valid.to_bits());
-                self.memory.store(remote.armed, state.armed.to_bits());
-            }
+            let state = pins.group_state(remote.group).filter(|_| has_contact);
+            let [is_valid, is_armed] = state.map_or([false; 2], |state| [state.valid, state.armed]);
+            self.memory.store(remote.valid, is_valid.to_bits());
+            self.memory.store(remote.armed, is_armed.to_bits());
         }
     }
 

@@ -426,7 +426,20 @@ fn a_panic_ends_the_board_alone_and_its_outputs_go_off() {
     machine.until("a panic", |machine| {
         machine.loaded.messages().contains("a panic in")
     });
+    assert!(machine.is_on("io_error") && !machine.is_on("valid"));
     machine.until("outputs are off", |machine| machine.outputs() == [false; 3]);
+    // The user cannot acknowledge it.
+    machine.set("io_error", 0.0);
+    machine.cycle();
+    assert!(machine.is_on("io_error"));
+    for name in [
+        "valid",
+        "7i77.0.0.valid",
+        "7i77.0.0.armed",
+        "7i72.0.2.armed",
+    ] {
+        assert!(!machine.is_on(name), "{name}");
+    }
     machine.loaded.unload();
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
