@@ -15,8 +15,9 @@ use crate::machine::{AXES, World};
 use crate::timed::Timed;
 use crate::{Failure, advised};
 
-/// Number of cycles without a new position after which an axis stops.
-const DEBOUNCE: u64 = 3;
+/// Number of cycles without a new position after which an axis stops: more than an attempt to restart
+/// another card of the port takes.
+const DEBOUNCE: u64 = 25;
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
 const COUNTS_PER_UNIT: f64 = 1000.0;
 const FULL_SPEED: f64 = 100.0;
@@ -192,7 +193,7 @@ impl Control {
         for (n, (axis, drive)) in self.axes.iter_mut().zip(self.drives.outputs).enumerate() {
             let (target, velocity) = trajectory(n, time);
             let position = axis.encoder.read(pins);
-            // A single lost reply does not stop the axes.
+            // Neither a lost reply nor the restart of another card stops the axes.
             let is_known = position.within(DEBOUNCE).is_some();
             all_known &= is_known;
             let error = target - position.value;

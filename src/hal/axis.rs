@@ -10,7 +10,7 @@ use super::{AnalogOut, Counter, InOut, Input, Output, Pins, Reading};
 ///
 /// /// A position loop. Units are those of the scales: millimetres, for example.
 /// fn approach(pins: &mut Pins, axis: Axis, target: f64) {
-///     let place = axis.position(pins).within(3).filter(|_| !axis.is_unsure(pins));
+///     let place = axis.position(pins).within(25).filter(|_| !axis.is_unsure(pins));
 ///     axis.enable(pins, place.is_some());
 ///     axis.set_speed(pins, place.map_or(0.0, |place| 40.0 * (target - place)));
 /// }
@@ -42,8 +42,8 @@ enum AxisEnable {
 
 impl Axis {
     /// An analog drive that follows speeds, and the encoder of its motor. The command is in units per
-    /// second if [`AnalogOut::full_scale`] has the speed at the end of the range; the position is in
-    /// units if [`Counter::scale`] has the counts for one.
+    /// second if [`AnalogOut::set_full_scale`] was called with the speed at the end of the range; the
+    /// position is in units if [`Counter::scale`] has the counts for one.
     pub const fn servo(drive: AnalogOut, encoder: Counter) -> Self {
         Self {
             speed: drive.volts,

@@ -53,7 +53,8 @@ pub struct AnalogOut {
     /// which [`enable`](Self::enable) takes into account. If the switch of the drive follows a
     /// further pin, [`Pins::enables`] contains it.
     pub enable: Output<bool>,
-    /// The value that goes out as the end of the range.
+    /// The value that goes out as the end of the range. The limits are in the same unit:
+    /// [`set_full_scale`](Self::set_full_scale) changes all three.
     pub full_scale: Param<f64>,
     /// Upper limit: no larger value goes out.
     pub max_limit: Option<Param<f64>>,
@@ -193,6 +194,23 @@ impl AnalogOut {
             max_limit: Some(pins.parameter(&format!("{name}-maxlim"))?),
             min_limit: Some(pins.parameter(&format!("{name}-minlim"))?),
         })
+    }
+
+    /// Sets the value that goes out as the end of the range, and with it the unit of the output: with
+    /// 100.0, a value of 100.0 is 10 V. The limits keep their share of the range, whereas the
+    /// parameter [`full_scale`](Self::full_scale) alone leaves them as they are: an output with limits
+    /// of ±10 would then never exceed 1 V.
+    ///
+    /// # Errors
+    /// The errors of [`Pins::set_param`]. On error, the output keeps its scale and its limits.
+    pub fn set_full_scale(self, pins: &mut Pins, full_scale: f64) -> Result<(), PinError> {
+        let before = pins.param(self.full_scale);
+        pins.set_param(self.full_scale, full_scale)?;
+        for limit in [self.max_limit, self.min_limit].into_iter().flatten() {
+            let share = pins.param(limit) / before;
+            pins.set_param(limit, share * full_scale)?;
+        }
+        Ok(())
     }
 
     /// Sets the voltage.

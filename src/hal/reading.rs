@@ -96,7 +96,9 @@ impl<T> Reading<T> {
     /// A sound wire occasionally loses a reply, which makes a remote's inputs [not
     /// valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
     /// must not follow that: with this function it keeps the value of the cycle before, and reacts
-    /// `cycles` cycles later when the remote is really gone. 3 is a good choice at 1 kHz.
+    /// `cycles` cycles later when the remote is really gone. 25 is a good choice at 1 kHz: attempts to
+    /// restart another card of the port, which take up to 20 cycles, do not stop the machine either
+    /// ([`neighbours`](crate::driver::neighbours)).
     ///
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};

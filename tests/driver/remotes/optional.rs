@@ -324,6 +324,7 @@ fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_f
 #[test]
 fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output() {
     let mut shop = shop();
+    let field: I7i77Field = shop.driver.attach((0, FIELD as u8)).expect("field I/O");
     shop.cycles(5);
     let before = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers);
     let cycles = 60_000;
@@ -336,6 +337,9 @@ fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output()
             let is_new = status.transfers > seen[n];
             without[n] = if is_new { 0 } else { without[n] + 1 };
             assert!(without[n] <= 20, "no gap longer than an attempt");
+            // What README and guides recommend for an axis and its switches.
+            let limit = field.inputs[2].read(shop.driver.pins()).within(25);
+            assert!(limit.is_some());
             assert_eq!(status.failures.total(), 0);
             assert!(shop.is_running(channel) && shop.is_armed(channel));
         }

@@ -51,6 +51,33 @@ fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
     }
 }
 
+/// An emergency-stop chain that needs valid inputs waits for the operator's re-arm, not for ever.
+#[test]
+fn inputs_of_a_reset_board_are_valid_again_after_the_re_arm() {
+    for bite in [false, true] {
+        let mut machine = Machine::new();
+        let chain = |machine: &Machine| machine.field_input(7).ok();
+        machine
+            .device_mut(FIELD)
+            .set_input(7, true)
+            .expect("an input");
+        machine.cycles(5);
+        assert_eq!(chain(&machine), Some(true));
+        if bite {
+            machine.sleep(100);
+        } else {
+            machine.driver.bus_mut().reload();
+        }
+        machine.cycles(200);
+        assert_eq!(chain(&machine), None);
+        machine.driver.rearm().expect("the board answers");
+        let cycles = machine.until(6000, |machine| chain(machine) == Some(true));
+        assert!(machine.is_armed(FIELD), "after {cycles} cycles");
+        let safe = machine.cards.field.outputs[3];
+        assert!(!machine.driver.pins().commanded(safe.pin));
+    }
+}
+
 /// A board that was reset drives its pins as plain outputs when only their directions are written:
 /// low, which switches on every device that is enabled by a low pin.
 #[test]

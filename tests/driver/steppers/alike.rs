@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::hal::Axis;
-use mesa_hal::{Driver, I7i97, Settings};
+use mesa_hal::{Driver, I7i77, I7i97, Settings};
 use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 
 use super::machine;
@@ -18,7 +18,7 @@ fn go<B: RegisterBus + Clock>(driver: &mut Driver<B>, axis: Axis, target: f64) -
     for period in 0..3_000 {
         let _ = driver.read().expect("the bus is well");
         let pins = driver.pins_mut();
-        let place = axis.position(pins).within(3);
+        let place = axis.position(pins).within(25);
         let error = place.map_or(0.0, |place| target - place);
         axis.enable(pins, place.is_some());
         axis.set_speed(pins, (20.0 * error).clamp(-15.0, 15.0));
@@ -87,8 +87,7 @@ fn the_same_function_moves_a_servo_drive_and_a_step_generator() {
     pins.set_param(encoder.scale, config.counts_per_unit)
         .expect("a scale");
     // Units per second at 10 V.
-    pins.set_param(analog.full_scale, FULL_SPEED)
-        .expect("a scale");
+    analog.set_full_scale(pins, FULL_SPEED).expect("a scale");
     let axis = Axis::servo(analog, encoder);
     assert!(axis.request_index(driver.pins_mut()));
     assert!(axis.awaits_index(driver.pins()));
@@ -106,6 +105,35 @@ fn the_same_function_moves_a_servo_drive_and_a_step_generator() {
         let motor = driver.bus_mut().inner.stepper(number);
         motor.expect("a motor").position()
     });
+}
+
+/// The limits of a 7I77's output are in its unit, and are ±10 at first: a 7I97's has none.
+#[test]
+fn an_axis_of_a_7i77_reaches_its_full_speed() {
+    let motor = Motor::new(MotorConfig::default()).expect("a motor");
+    let board = machines::six_axes_7i92(motor);
+    let mut driver = Driver::start(board, Settings::default()).expect("it starts");
+    let card: I7i77 = driver.attach_card((0, 0)).expect("a 7I77");
+    let (analog, encoder) = (card.analog.analog_out[0], card.encoders[0]);
+    let pins = driver.pins_mut();
+    analog.set_full_scale(pins, FULL_SPEED).expect("a scale");
+    let axis = Axis::servo(analog, encoder);
+    for speed in [0.8 * FULL_SPEED, -0.8 * FULL_SPEED] {
+        for _ in 0..500 {
+            let _ = driver.read().expect("the bus is well");
+            axis.enable(driver.pins_mut(), true);
+            axis.set_speed(driver.pins_mut(), speed);
+            driver.write().expect("the bus is well");
+            driver.bus_mut().wait(PERIOD);
+        }
+        let velocity = driver.bus_mut().motor(0).expect("a motor").velocity();
+        assert!((velocity - speed).abs() < 1.0, "{velocity}, not {speed}");
+    }
+    let pins = driver.pins_mut();
+    assert!(analog.set_full_scale(pins, 0.0).is_err());
+    let limits = [analog.max_limit, analog.min_limit].map(|limit| limit.map(|it| pins.param(it)));
+    assert_eq!(limits, [Some(FULL_SPEED), Some(-FULL_SPEED)]);
+    assert_eq!(pins.param(analog.full_scale), FULL_SPEED);
 }
 
 /// The speed of the simulated motor at the end of the range.
