@@ -14,18 +14,26 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// for a program that learns its period only when its cycle begins. With the period change what
     /// follows from it: the time of the board's watchdog and the frequency of the DPLL, unless the
     /// application has set them by [`Settings::watchdog`](super::Settings::watchdog) or by their
-    /// pins; and the deadline of a reply.
+    /// pins; and the deadline of a reply. A DPLL whose prescale cannot follow the period is left alone.
     ///
     /// # Errors
     /// [`DriverError::PeriodInUse`] after the first write, or where the board paces the cycle.
     /// [`DriverError::BadPeriod`], [`DriverError::WatchdogTooShort`],
     /// [`DriverError::PeriodTooShort`] and [`DriverError::Register`], as at the start. The period
-    /// then stays as it was.
+    /// then stays as it was, and everything is safe until it is re-armed: outputs must not follow a
+    /// cycle whose period they do not have.
     pub fn set_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
-        let pace = self.pacer.pace;
-        if pace != Pace::Host || self.cycle.statistics.writes > 0 {
+        if self.pacer.pace != Pace::Host || self.cycle.statistics.writes > 0 {
             return Err(DriverError::PeriodInUse);
         }
+        let changed = self.change_period(period);
+        if changed.is_err() {
+            self.cycle.make_safe();
+        }
+        changed
+    }
+
+    fn change_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
         check_range(period)?;
         let parts = &self.cycle.parts;
         let watchdog = parts.watchdog.time_at(period, &self.cycle.pins);
@@ -38,8 +46,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let _ = self.change_parts(self.pacer.period);
             return Err(error);
         }
-        self.pacer = Pacer::new(pace, period);
-        self.cycle.change_clock(ArrivalClock::new(pace, period));
+        self.pacer = Pacer::new(Pace::Host, period);
+        self.cycle
+            .change_clock(ArrivalClock::new(Pace::Host, period));
         self.bus.set_cycle(period, None);
         Ok(())
     }

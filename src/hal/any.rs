@@ -308,6 +308,44 @@ impl Pins {
         self.set_any(pin, AnyValue { hal_type, bits })
     }
 
+    /// Repeats the value of an output, for a program that gives all values in every cycle without
+    /// knowing which of them are new, as a copy of LinuxCNC's HAL does. As
+    /// [`set_bits`](Self::set_bits), except for a value that was set before the meaning of the output's
+    /// values changed (the position that a step generator follows, after `position-reset`, an index or
+    /// another `position-scale`): it is no new command as long as it stays the same.
+    ///
+    /// # Errors
+    /// As of [`set_bits`](Self::set_bits).
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    #[inline]
+    pub fn repeat_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
+        if self.outdated > 0 && self.is_outdated(pin, bits) {
+            return Ok(());
+        }
+        self.set_bits(pin, bits)
+    }
+
+    /// True for the value of before the meaning of the output's values changed; any other one ends
+    /// that.
+    #[cold]
+    fn is_outdated(&mut self, pin: PinId, bits: u64) -> bool {
+        let rule = self.index(pin.0).and_then(|index| self.rule_mut(index));
+        let Some(rule) = rule else {
+            return false;
+        };
+        match rule.outdated {
+            Some(outdated) if outdated == bits => true,
+            Some(_) => {
+                rule.outdated = None;
+                self.outdated = self.outdated.saturating_sub(1);
+                false
+            }
+            None => false,
+        }
+    }
+
     /// True if the value to which an output is set goes out: its group is armed, or faults do not
     /// affect it.
     ///

@@ -74,6 +74,8 @@ pub struct Pins<End: ?Sized = [()]> {
     /// Number of faults of groups that were armed, or ran.
     pub(super) losses: u64,
     pub(super) totals: Rejections,
+    /// Number of outputs whose last value is [outdated](Rule::outdated).
+    pub(super) outdated: u32,
     pub(super) foreign: AtomicU32,
     /// Empty. Behind a reference its length is not known, so that a driver's pins cannot be
     /// replaced by others.

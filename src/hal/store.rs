@@ -353,6 +353,28 @@ impl PinStore {
         }
     }
 
+    /// States the command of an output in new coordinates: the meaning of its values has changed, and
+    /// the output is to stay where it was commanded to be. A program that
+    /// [repeats](super::Pins::repeat_bits) the value of before in each cycle does not set it again. A
+    /// value that is not finite changes nothing.
+    pub(crate) fn restate(&mut self, pin: Output<f64>, command: f64) {
+        let Some(index) = self.index(pin.key).filter(|_| command.is_finite()) else {
+            return;
+        };
+        let pins = &mut self.pins;
+        if let Some(slot) = pins.slots.get_mut(index)
+            && let Some(rule) = pins.rules.get_mut(slot.rule as usize)
+        {
+            let before = core::mem::replace(&mut slot.bits, command.to_bits());
+            // That of the first change: a repeated value is still that one.
+            if rule.outdated.is_none() {
+                rule.outdated = Some(before);
+                pins.outdated = pins.outdated.saturating_add(1);
+            }
+            self.changed(pin.key);
+        }
+    }
+
     /// Counts a value of `pin` as out of range that a module has replaced in its register word.
     pub fn count_out_of_range<K: Copy, T: Copy>(&mut self, pin: Handle<K, T>) {
         self.reject(pin.key, Rejection::OutOfRange);

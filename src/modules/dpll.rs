@@ -16,6 +16,8 @@ use crate::tally::Tally;
 
 /// Frequency in kHz that stands for that of the period, as in LinuxCNC.
 const OF_PERIOD: f64 = -1.0;
+/// Frequency in kHz of a loop whose prescale cannot follow the period: that of a usual one.
+const ALONE_KHZ: f64 = 1.0;
 
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,14 +71,20 @@ impl Dpll {
         };
         let module = descriptor;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
-        let khz = 1e-3 / r.settings.period.as_secs_f64();
+        let clock_hz = module.clock_hz;
+        let is_following = r.settings.pace == Pace::Host;
+        let of_period = 1e-3 / r.settings.period.as_secs_f64();
+        let khz = if is_following && !can_follow(of_period, clock_hz, dds_bits) {
+            ALONE_KHZ
+        } else {
+            of_period
+        };
         let initial_khz = match r.settings.defaults {
             Defaults::LinuxCnc => OF_PERIOD,
             Defaults::Board => khz,
         };
         let pins = DpllPins::new(r.maker("dpll."), initial_khz)?;
         let config = pins.config(r.pins, khz);
-        let clock_hz = module.clock_hz;
         let words = config.words(clock_hz, dds_bits);
         let words = words.map_err(|divisors| unusable_rate(khz, clock_hz, dds_bits, divisors))?;
         let [base_rate, control_0, control_1, timers_12, timers_34] = words;
@@ -95,7 +103,6 @@ impl Dpll {
         ];
         let (phase, sync) = (module.register(1, 0)?, module.register(6, 0)?);
         // First, because the loop follows the time of this access.
-        let is_following = r.settings.pace == Pace::Host;
         let following =
             is_following.then(|| (r.image.read(Phase::First, sync), r.image.on_demand(phase)));
         r.add(Self {
@@ -111,6 +118,17 @@ impl Dpll {
         });
         Ok(())
     }
+}
+
+/// True if the registers have room for a loop of this frequency.
+fn can_follow(khz: f64, clock_hz: u32, dds_bits: u8) -> bool {
+    let config = DpllConfig {
+        hz: khz * 1e3,
+        phase_limit: 0,
+        time_constant: 0,
+        timers_us: [0.0; 4],
+    };
+    config.words(clock_hz, dds_bits).is_ok()
 }
 
 fn unusable_rate(
@@ -133,6 +151,15 @@ fn unusable_rate(
 /// Checks the layout, in any version.
 pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
     module.check_layout(7, 0)
+}
+
+impl Dpll {
+    /// Frequency of the loop in kHz: that of the period, unless the application has set another one, or
+    /// the prescale cannot follow the period (a 7I97 has it from 10.4 ms on), so that the loop is left
+    /// alone. The timers then rise without a relation to the reads.
+    pub fn khz(&self) -> f64 {
+        self.config.hz * 1e-3
+    }
 }
 
 impl Module for Dpll {
@@ -180,6 +207,7 @@ impl Module for Dpll {
         }
     }
 
+    /// A loop that cannot follow the period stays as it is.
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
         let khz = 1e-3 / period.as_secs_f64();
         let set = pins.commanded(self.pins.base_freq_khz);
@@ -187,15 +215,11 @@ impl Module for Dpll {
             // By the application.
             return Ok(());
         }
-        let config = DpllConfig {
-            hz: khz * 1e3,
-            ..self.config
-        };
-        let words = config.words(self.clock_hz, self.dds_bits);
-        words.map_err(|divisors| unusable_rate(khz, self.clock_hz, self.dds_bits, divisors))?;
-        // The next write changes the registers.
-        pins.set(self.pins.base_freq_khz, khz);
-        self.usual_khz = khz;
+        if can_follow(khz, self.clock_hz, self.dds_bits) {
+            // The next write changes the registers.
+            pins.set(self.pins.base_freq_khz, khz);
+            self.usual_khz = khz;
+        }
         Ok(())
     }
 

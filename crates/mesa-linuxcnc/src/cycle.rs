@@ -19,6 +19,10 @@ const MAX_REMOTES: usize = 32;
 /// of a thread with both.
 const FRESH_CALLS: u32 = 10;
 
+/// Time after which the reason is repeated for which nothing is exchanged with the board: an operator's
+/// screen may begin after the thread.
+const REPEAT: Duration = Duration::from_secs(5);
+
 /// Period whose share is the deadline of the read at the load.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -113,7 +117,10 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     /// Number in HAL of the board's own pin `valid`.
     valid: usize,
     remotes: Vec<RemoteEntry>,
+    /// The driver has the period of the thread. Nothing is exchanged with the board before.
     has_begun: bool,
+    /// Time of the last message that the driver does not take the period of the thread.
+    refused: Option<Duration>,
     /// Calls of other functions since the last `read` of the thread; `None` before the first one.
     calls_since_read: Option<u32>,
     /// The user has cleared one of `acknowledged`.
@@ -173,6 +180,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             valid,
             remotes,
             has_begun: false,
+            refused: None,
             calls_since_read: None,
             is_cleared: false,
             driver,
@@ -202,7 +210,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.begin(period);
         self.calls_since_read = Some(0);
         self.take_changes(Table::before_read);
-        if self.has_io_error() {
+        if self.is_silent() {
             return self.show_own();
         }
         // Events report what fails.
@@ -219,15 +227,21 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             .is_some_and(|number| self.memory.load(number) != 0)
     }
 
+    /// True if nothing may be exchanged with the board: because of `io_error`, or because the driver
+    /// does not take the period of the thread.
+    fn is_silent(&self) -> bool {
+        !self.has_begun || self.has_io_error()
+    }
+
     /// The function `write`.
     pub fn write(&mut self, period: Duration) {
         self.begin(period);
         self.count_call();
         // The safe values are still written in the cycle in which the driver sets it.
-        let has_io_error = self.has_io_error();
+        let is_silent = self.is_silent();
         self.take_changes(Table::before_write);
         self.request_parameters();
-        if has_io_error {
+        if is_silent {
             return self.show_own();
         }
         self.rearm();
@@ -241,7 +255,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     pub fn request_read(&mut self, period: Duration) {
         self.begin(period);
         self.count_call();
-        if !self.has_io_error() {
+        if !self.is_silent() {
             self.driver.request_read();
         }
         self.show_own();
@@ -266,23 +280,33 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// In the first call: HAL tells the period, and what the HAL file has set is there.
+    /// In the first call: HAL has the period, and what the HAL file has set. A period that the driver
+    /// does not take sets `io_error`, and is tried again when the user clears that; until then the
+    /// reason is repeated.
     fn begin(&mut self, period: Duration) {
-        if core::mem::replace(&mut self.has_begun, true) {
+        if self.has_begun {
+            return;
+        }
+        let now = self.now();
+        let is_recent = |said: Duration| now.saturating_sub(said) < REPEAT;
+        if self.has_io_error() && self.refused.is_some_and(is_recent) {
             return;
         }
         self.take_changes(Table::before_write);
         let before = self.frequency.map(|id| self.driver.pins().bits_of(id));
         if let Err(error) = self.driver.set_period(period) {
-            let now = self.now();
-            let kept = self.driver.period();
             let error = WithAdvice::new(&error, error.advice());
-            self.say.say(
+            self.say.refuse(
                 now,
-                Level::Error,
-                format_args!("{error}; the period of the driver stays {kept:?}"),
+                format_args!("{error}. Nothing is driven; clear io_error to try again"),
             );
+            self.refused = Some(now);
+            if let Some(number) = self.io_error {
+                self.memory.store(number, true.to_bits());
+            }
+            return;
         }
+        self.has_begun = true;
         // As in hostmot2, HAL's pin gets the frequency; else HAL's old value would set it again.
         if let Some(id) = self.frequency {
             let bits = self.driver.pins().bits_of(id);
@@ -381,7 +405,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     fn show_own(&mut self) {
         let calls = self.calls_since_read;
         let is_fresh = calls.is_some_and(|calls| calls <= FRESH_CALLS);
-        self.show_as(is_fresh && !self.has_io_error());
+        self.show_as(is_fresh && !self.is_silent());
     }
 
     /// Shows the component's own pins, all FALSE unless the board `has_contact`.

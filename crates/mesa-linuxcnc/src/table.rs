@@ -164,7 +164,7 @@ impl Table {
     /// Sets all outputs.
     pub fn outputs(&self, pins: &mut Pins, memory: &impl Memory) {
         for entry in &self.outputs {
-            let _ = pins.set_bits(entry.id, entry.load(memory));
+            let _ = pins.repeat_bits(entry.id, entry.load(memory));
         }
     }
 

@@ -62,6 +62,8 @@ pub(super) struct ControlLimits {
     ramp: f64,
     /// `1 / ramp`; 0 without a limit.
     per_ramp: f64,
+    /// Greatest change of a move that is faster than `top`: at least `ramp`.
+    brake: f64,
     /// A distance to a command at rest that is smaller is none: what the position cannot resolve.
     grain: f64,
 }
@@ -73,11 +75,23 @@ impl ControlLimits {
     pub fn new(speed: f64, acceleration: f64, period: f64) -> Self {
         let ramp = acceleration * period * period;
         let is_limit = (1e-200..=1e200).contains(&ramp);
+        let per_ramp = if is_limit { 1.0 / ramp } else { 0.0 };
+        let ramp = if is_limit { ramp } else { f64::INFINITY };
         Self {
             top: speed * period,
-            ramp: if is_limit { ramp } else { f64::INFINITY },
-            per_ramp: if is_limit { 1.0 / ramp } else { 0.0 },
+            ramp,
+            per_ramp,
+            brake: ramp,
             grain: 0.0,
+        }
+    }
+
+    /// With a greater change of the move down to the highest speed: after a change of the units, the
+    /// acceleration of before in the new ones.
+    pub fn with_brake(self, ramp: f64) -> Self {
+        Self {
+            brake: ramp.max(self.ramp),
+            ..self
         }
     }
 
@@ -90,6 +104,11 @@ impl ControlLimits {
     /// Greatest move of a period.
     pub const fn top(&self) -> f64 {
         self.top
+    }
+
+    /// Greatest change of the move between two periods.
+    pub const fn ramp(&self) -> f64 {
+        self.ramp
     }
 
     /// Ramps in a move of one unit; 0 without a limit of the acceleration.
@@ -105,10 +124,15 @@ impl ControlLimits {
     /// The nearest move that the acceleration reaches from another one.
     fn reached(&self, from: f64, to: f64) -> f64 {
         let change = to - from;
-        if change.abs() <= self.ramp {
+        let ramp = if from.abs() > self.top {
+            self.brake
+        } else {
+            self.ramp
+        };
+        if change.abs() <= ramp {
             to
         } else {
-            from + self.ramp.copysign(change)
+            from + ramp.copysign(change)
         }
     }
 }
@@ -149,6 +173,26 @@ impl ControlLaw {
     pub const fn written(&mut self, arrived: bool) {
         if let (Some(before), false) = (self.before.take(), arrived) {
             self.step = before;
+        }
+    }
+
+    /// Positions have another origin: all are greater by `distance`.
+    pub fn shift(&mut self, distance: f64) {
+        self.command += distance;
+    }
+
+    /// Positions have another unit, in which all numbers are greater by `factor`. The speed in steps
+    /// stays.
+    pub fn rescale(&mut self, factor: f64) {
+        let Self {
+            command,
+            feed,
+            change,
+            step,
+            before,
+        } = self;
+        for number in [command, feed, change, step].into_iter().chain(before) {
+            *number *= factor;
         }
     }
 

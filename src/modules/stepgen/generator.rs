@@ -23,6 +23,8 @@ const NEAR: f64 = 0.9;
 const TOO_FAST: f64 = 1.000_1;
 /// Sub-counts in a period from which on a movement must be seen.
 const VISIBLE: f64 = 4.0;
+/// Steps in a period at most: the position is known without a doubt after a read that was missed.
+const TRACEABLE: f64 = AMBIGUOUS / 2.0;
 
 /// What all generators have in common in a write.
 #[derive(Clone, Copy, Debug)]
@@ -79,6 +81,11 @@ pub(super) struct Generator {
     switches: Switches,
     /// The generator follows its commands.
     is_enabled: bool,
+    /// `position-reset` was on in the last write.
+    was_reset: bool,
+    /// The acceleration before a change of the scale at speed, in the units of after it and as a
+    /// change of the move: for the way down to the highest speed. 0 at rest.
+    old_ramp: f64,
 }
 
 impl Generator {
@@ -121,6 +128,8 @@ impl Generator {
             is_read: false,
             switches: Switches::default(),
             is_enabled: false,
+            was_reset: false,
+            old_ramp: 0.0,
         })
     }
 
@@ -189,7 +198,9 @@ impl Generator {
             self.take_latch(mode, certain, cycle.pins);
         }
         if self.switches.resets {
-            self.counts.reset();
+            let moved = self.reset();
+            self.restate(cycle.pins, moved);
+            self.shift(moved);
         }
         self.position = self.counts.sub_counts as f64 * self.factors.units;
         self.is_read = true;
@@ -222,7 +233,11 @@ impl Generator {
             return;
         };
         let done = if event == LatchRequest::Index {
+            let before = self.counts.sub_counts;
             self.counts.restart_at(latched);
+            let moved = self.counts.sub_counts.wrapping_sub(before);
+            self.restate(pins, moved);
+            self.shift(moved);
             self.pins.index_enable
         } else {
             let at = self.counts.position_at(latched) as f64 * self.factors.units;
@@ -234,6 +249,67 @@ impl Generator {
         if let Some(pin) = done {
             pins.publish(pin, false);
         }
+    }
+}
+
+/// Positions that change their meaning.
+///
+/// The standing command changes with them, so that an old command never comes out in new
+/// coordinates. At a read, every command is one of before. In a write, a command that was set
+/// together with the change has the new coordinates already.
+impl Generator {
+    /// Makes the position 0; returns its change in sub-counts.
+    fn reset(&mut self) -> i64 {
+        let before = self.counts.sub_counts;
+        self.counts.reset();
+        before.wrapping_neg()
+    }
+
+    /// States the standing command for another origin, which is `moved` sub-counts away.
+    fn restate(&self, pins: &mut PinStore, moved: i64) {
+        if moved != 0 {
+            let command = pins.commanded(self.pins.position_cmd);
+            let distance = moved as f64 * self.factors.units;
+            pins.restate(self.pins.position_cmd, command + distance);
+        }
+    }
+
+    /// The position has another origin.
+    fn shift(&mut self, moved: i64) {
+        let distance = moved as f64 * self.factors.units;
+        self.law.shift(distance);
+        self.position += distance;
+    }
+
+    /// True if the command was not set together with what changes in this write: it is that of the
+    /// last write, or that which arming has given to a generator at rest.
+    fn is_standing(&self, pins: &PinStore) -> bool {
+        let command = pins.commanded(self.pins.position_cmd).to_bits();
+        command == self.law.command().to_bits()
+            || !self.is_enabled && command == self.position.to_bits()
+    }
+
+    /// Takes `position-reset` in the write in which it is set.
+    fn reset_in_write(&mut self, pins: &mut PinStore) {
+        let is_standing = self.is_standing(pins);
+        let moved = self.reset();
+        if is_standing {
+            self.restate(pins, moved);
+        }
+        self.shift(moved);
+    }
+
+    /// Takes another unit, `factor` of which are one of before: speeds in steps stay.
+    fn rescale(&mut self, pins: &mut PinStore, factor: f64) {
+        if self.is_standing(pins) {
+            let command = pins.commanded(self.pins.position_cmd);
+            pins.restate(self.pins.position_cmd, command * factor);
+        }
+        self.old_ramp = self.old_ramp.max(self.limits.ramp()) * factor.abs();
+        if self.law.step() == 0.0 || !self.old_ramp.is_finite() {
+            self.old_ramp = 0.0;
+        }
+        self.law.rescale(factor);
     }
 }
 
@@ -283,6 +359,9 @@ impl Generator {
         if !self.switches.is_on {
             self.rate.disabled();
         }
+        if self.switches.resets {
+            self.reset_in_write(pins);
+        }
         let wanted = self.pins.pulses(pins, self.clock_hz);
         let times = self.pins.times(pins);
         self.reports
@@ -291,10 +370,11 @@ impl Generator {
     }
 
     /// Prepares factors and limits, with the pulses that the board makes.
-    fn prepare(&mut self, pins: &PinStore, period: Duration) {
+    fn prepare(&mut self, pins: &mut PinStore, period: Duration) {
         let (seconds, clock) = (period.as_secs_f64(), f64::from(self.clock_hz));
         let scale = pins.param(self.pins.position_scale);
         let highest = self.change.board().ticks.highest_rate(self.clock_hz);
+        let highest = highest.min(TRACEABLE / seconds);
         let [speed, acceleration] =
             [self.pins.maxvel, self.pins.maxaccel].map(|limit| pins.param(limit).abs());
         let fastest = highest / scale.abs();
@@ -302,7 +382,13 @@ impl Generator {
         let is_limited = speed > 0.0 && speed < fastest;
         let speed = if is_limited { speed } else { fastest };
         let units = 1.0 / (SUB_COUNTS * scale);
-        let limits = ControlLimits::new(speed, acceleration, seconds).with_grain(units.abs());
+        let before = self.factors.units;
+        if before != 0.0 && before.to_bits() != units.to_bits() {
+            self.rescale(pins, units / before);
+        }
+        let limits = ControlLimits::new(speed, acceleration, seconds)
+            .with_grain(units.abs())
+            .with_brake(self.old_ramp);
         let factors = Factors {
             units,
             rate: scale * STEP_PER_TICK / (clock * seconds),
@@ -310,7 +396,8 @@ impl Generator {
             seconds,
             highest,
             near: (NEAR * highest * STEP_PER_TICK / clock) as u32,
-            visible: (VISIBLE * SUB_COUNTS / (clock * seconds)) as u32,
+            // At least 1: a rate of 0 is no movement, however long the period is.
+            visible: libm::ceil(VISIBLE * SUB_COUNTS / (clock * seconds)).max(1.0) as u32,
             safe_gap: Duration::try_from_secs_f64(AMBIGUOUS / highest).unwrap_or(Duration::ZERO),
             asked,
         };
@@ -353,6 +440,9 @@ impl Generator {
     fn control(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) -> f64 {
         let command = self.command(cycle.pins);
         let by_speed = self.switches.by_speed;
+        let was_reset = core::mem::replace(&mut self.was_reset, self.switches.resets);
+        // While the origin goes along with it, there is no way to a position.
+        let has_origin = !(was_reset && self.switches.resets);
         let mut lag = 0.0;
         if self.is_enabled && !by_speed {
             lag = self.law.command() - self.position;
@@ -372,6 +462,8 @@ impl Generator {
                 let step = cycle.pins.fetch(self.pins.velocity_cmd) * self.factors.seconds;
                 self.check_limit(step);
                 self.law.track(&self.limits, step, command);
+            } else if !has_origin {
+                self.law.brake(&self.limits, command);
             } else {
                 self.law
                     .follow(&self.limits, command, self.position, moment.delay);

@@ -16,6 +16,7 @@ use mesa_hal_sim::{SimError, SimFpga, SimModuleDescriptor, SimPinDescriptor, mac
 
 mod faults;
 mod limits;
+mod meaning;
 mod motion;
 mod set_up;
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::common::ethernet::bus;
 use crate::common::machine::{fpga, start};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{Defaults, DriverError, Pace};
+use mesa_hal::driver::{Defaults, DriverError, Pace, SerialPort};
 use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
@@ -168,6 +168,59 @@ fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing
         matches!(refused, Err(DriverError::PeriodInUse)),
         "{refused:?}"
     );
+}
+
+#[test]
+fn a_refused_period_makes_everything_safe() {
+    let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
+    let relay = driver.pins().output("hm2_7i97.0.ssr.00.out-02");
+    let relay = relay.expect("it is there");
+    driver.pins_mut().set(relay, true);
+    let refused = driver.set_period(micros(30_000));
+    assert!(refused.is_err(), "the cards switch off after 50 ms");
+    let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+    let groups = remotes.map(|remote| remote.pins.group);
+    for group in groups.chain([driver.group()]) {
+        let state = driver.pins().group_state(group).expect("its own");
+        assert!(!state.armed, "{group:?}");
+    }
+    cycles(&mut driver, 20, |_| {});
+    assert!(!driver.pins().commanded(relay));
+    driver
+        .rearm()
+        .expect("the board runs")
+        .armed
+        .checked_sub(1)
+        .expect("armed");
+    driver.pins_mut().set(relay, true);
+    cycles(&mut driver, 20, |_| {});
+    assert!(driver.pins().commanded(relay));
+}
+
+/// The prescale of 8 bits ends at 10.4 ms with 100 MHz.
+#[test]
+fn a_dpll_that_cannot_follow_the_period_is_left_alone() {
+    let no_cards = |settings: &mut Settings| {
+        settings
+            .serial_ports
+            .insert(0, "xxxxxxxx".parse().expect("words"));
+    };
+    for period in [12_000, 30_000, 50_000] {
+        let mut set = start(six_axes(), no_cards).expect("a 7I97");
+        set.set_period(micros(period)).expect("not yet written");
+        let of_settings = start(six_axes(), |settings| {
+            no_cards(settings);
+            settings.period = micros(period);
+        });
+        for mut driver in [set, of_settings.expect("a 7I97")] {
+            assert_eq!(driver.period(), micros(period));
+            cycles(&mut driver, 20, |_| {});
+            let dpll = driver.modules::<Dpll>().next().expect("a DPLL");
+            assert_eq!(dpll.khz(), 1.0, "{period} us");
+            let state = driver.pins().group_state(driver.group()).expect("its own");
+            assert!(state.valid && state.armed, "{period} us");
+        }
+    }
 }
 
 #[test]

@@ -222,18 +222,6 @@ fn the_period_of_the_thread_is_the_drivers() {
 }
 
 #[test]
-fn a_period_that_cannot_be_kept_is_an_error_and_the_cycle_goes_on() {
-    let mut bench = Bench::new();
-    bench.period = Duration::from_secs(1);
-    bench.run(1);
-    let [error] = &bench.heard(Level::Error)[..] else {
-        panic!("{:?}", bench.heard);
-    };
-    assert!(error.contains("1 s"), "{error}");
-    assert_eq!(bench.cycle.driver.period(), PERIOD);
-}
-
-#[test]
 fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
     let mut bench = Bench::running();
     bench.switch_on();

@@ -103,6 +103,71 @@ fn the_position_goes_on_beyond_the_accumulator() {
     assert_eq!(machine.read(pins.position_fb), 0.0);
 }
 
+/// From 2.7 ms on, the slowest rate makes more than four sub-counts in a period.
+#[test]
+fn a_generator_steps_with_periods_of_50_us_to_50_ms() {
+    for micros in [50, 1_000, 2_600, 2_700, 3_000, 12_000, 50_000] {
+        let settings = Settings {
+            period: Duration::from_micros(micros),
+            ..Settings::default()
+        };
+        let mut machine = start(firmware(2), settings);
+        let pins = machine.pins;
+        for (param, value) in [(pins.position_scale, 1_000.0), (pins.maxaccel, 100.0)] {
+            machine.set_param(param, value);
+        }
+        for param in [pins.steplen, pins.stepspace, pins.dirsetup, pins.dirhold] {
+            machine.driver.pins_mut().set_param(param, 5_000).unwrap();
+        }
+        machine.set_param(pins.maxvel, 50.0);
+        let mut last = 0;
+        for n in 0..3_000_000 / micros {
+            let _ = machine.driver.read();
+            let pins_mut = machine.driver.pins_mut();
+            pins_mut.set(pins.enable, n * micros > 1_500_000);
+            pins_mut.set(pins.position_cmd, 1.0);
+            let _ = machine.driver.write();
+            machine.wait(micros * 1_000);
+            let unsure = machine.unsure();
+            assert!(!unsure, "{micros} us, cycle {n}");
+            last = machine.motor;
+        }
+        assert!((last - 1_000).abs() <= 1, "{micros} us: {last}");
+        assert_eq!(machine.said(), [""; 0]);
+        machine.assert_right();
+    }
+}
+
+/// With 50 ms the accumulator of a faster one could wrap around between two reads.
+#[test]
+fn a_rate_is_limited_to_what_the_period_can_count() {
+    let settings = Settings {
+        period: Duration::from_millis(50),
+        ..Settings::default()
+    };
+    let mut machine = start(firmware(2), settings);
+    let pins = machine.pins;
+    machine.set_param(pins.maxaccel, 0.0);
+    for param in [pins.steplen, pins.stepspace, pins.dirsetup, pins.dirhold] {
+        machine.driver.pins_mut().set_param(param, 100).unwrap();
+    }
+    for n in 0..100 {
+        let _ = machine.driver.read();
+        let pins_mut = machine.driver.pins_mut();
+        pins_mut.set(pins.control_type, true);
+        pins_mut.set(pins.enable, n > 20);
+        pins_mut.set(pins.velocity_cmd, 2e6);
+        let _ = machine.driver.write();
+        machine.wait(50 * MS);
+        assert!(!machine.unsure(), "{n}");
+    }
+    let shown = machine.read(pins.position_fb);
+    let motor = machine.motor as f64;
+    assert!((shown - motor).abs() <= 16_400.0, "{shown}, {motor}");
+    assert!(motor > 1e6, "{motor}");
+    assert_eq!(machine.said().len(), 1, "the limit is reported");
+}
+
 /// A command between two values of the accumulator, in a cycle in which one of them is a rate.
 #[test]
 fn a_generator_that_has_arrived_stands_still() {

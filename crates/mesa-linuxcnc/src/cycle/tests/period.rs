@@ -119,3 +119,82 @@ fn a_reply_is_awaited_for_80_percent_of_the_period() {
         }
     }
 }
+
+/// The cards switch off after 50 ms without data, which a thread of 30 ms does not feed three times.
+#[test]
+fn a_refused_period_drives_nothing_and_is_repeated() {
+    let mut bench = Bench::with(hostmot2());
+    bench.set("7i77.0.0.output-03", true);
+    bench.set("ssr.00.out-02", true);
+    bench.period = Duration::from_millis(30);
+    let writes = bench.cycle.driver.statistics().writes;
+    for cycle in 0..600 {
+        bench.run(1);
+        assert!(bench.is_on("io_error"), "{cycle}");
+        for flag in [
+            "valid",
+            "7i77.0.0.valid",
+            "7i77.0.0.armed",
+            "7i72.0.2.armed",
+        ] {
+            assert!(!bench.is_on(flag), "{flag} in cycle {cycle}");
+        }
+        assert!(!bench.output(FIELD, 3), "{cycle}");
+    }
+    assert_eq!(bench.cycle.driver.statistics().writes, writes, "written");
+    let heard = bench.heard.lock().expect("no panic");
+    let said = heard.iter().filter(|(level, text)| {
+        *level == Level::Error && text.contains("30 ms") && text.contains("io_error")
+    });
+    let said = said.count();
+    assert!((3..=5).contains(&said), "in 18 s: {heard:?}");
+}
+
+#[test]
+fn a_refused_period_is_tried_again_when_io_error_is_cleared() {
+    let mut bench = Bench::with(hostmot2());
+    bench.period = PERIODS[2];
+    bench.set("watchdog.timeout_ns", 3_000_000_u32);
+    bench.run(10);
+    bench.set("io_error", false);
+    bench.run(2);
+    assert!(bench.is_on("io_error"), "refused again");
+    let errors = bench.heard.lock().expect("no panic").len();
+    assert_eq!(errors, 2, "once for each try");
+    bench.set("watchdog.timeout_ns", 20_000_000_u32);
+    bench.set("io_error", false);
+    bench.run(3);
+    // The board's watchdog has bitten meanwhile.
+    for flag in ["io_error", "watchdog.has_bit"] {
+        bench.set(flag, false);
+        bench.run(20);
+    }
+    assert!(!bench.is_on("io_error") && bench.is_on("valid"));
+    assert_eq!(bench.cycle.driver.period(), PERIODS[2]);
+}
+
+/// A firmware with step generators and without cards.
+#[test]
+fn periods_of_50_us_to_50_ms_are_accepted() {
+    for micros in [50, 200, 2_700, 3_000, 12_000, 30_000, 50_000] {
+        let machine = machines::six_axes_7i97(Motor::default());
+        let settings = Settings::from_hostmot2("num_encoders=6 sserial_port_0=xxxxxxxx");
+        let driver = Driver::start(Faulty::new(machine, 1), settings.expect("words"));
+        let (cycle, numbers, heard) = cycle_of(driver.expect("the machine is complete"));
+        let period = Duration::from_micros(micros);
+        let mut bench = Bench {
+            cycle,
+            numbers,
+            heard,
+            period,
+        };
+        bench.set("ssr.00.out-02", true);
+        bench.run(20);
+        assert!(bench.is_on("valid"), "{micros} us: {:?}", bench.heard);
+        assert_eq!(bench.cycle.driver.period(), period);
+        let khz = 1e3 / micros as f64;
+        let shown = bench.float("dpll.base-freq-khz");
+        let expected = if micros > 10_400 { -1.0 } else { khz };
+        assert_eq!(shown, expected, "{micros} us");
+    }
+}
