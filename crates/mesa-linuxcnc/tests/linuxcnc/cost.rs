@@ -3,8 +3,8 @@
 //! One pair of measurements, or as many as the environment variable `MESA_ETH_PAIRS` has. Page faults are
 //! those of all cycles meanwhile, and of 20,000 more with that variable.
 //!
-//!     cargo test --release -p mesa-linuxcnc --no-run
-//!     MESA_ETH_PAIRS=8 cargo test --release -p mesa-linuxcnc --test linuxcnc a_7i97_has -- --nocapture
+//!     cargo test --release --all-features -p mesa-linuxcnc --no-run
+//!     MESA_ETH_PAIRS=8 cargo test --release --all-features -p mesa-linuxcnc --test linuxcnc a_7i97_has -- --nocapture
 
 use std::fs;
 use std::path::PathBuf;

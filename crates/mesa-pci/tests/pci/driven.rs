@@ -119,6 +119,7 @@ impl Bench {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_7i77_on_a_5i25_follows_its_outputs_and_shows_its_inputs() {
     let mut bench = Bench::start();
@@ -145,6 +146,7 @@ fn a_7i77_on_a_5i25_follows_its_outputs_and_shows_its_inputs() {
 
 /// Pulses are counted, and not what a rotor makes of them: on a busy computer a rate is in force for
 /// longer than a period, and its correction is more than a motor follows.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
     let board = machines::eleven_axes_5i25(Motor::default(), Stepper::default());
@@ -195,6 +197,7 @@ fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
     result.expect("everything is off");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
     let mut bench = Bench::start();
@@ -231,6 +234,7 @@ fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
     assert!(!seen.valid && seen.value, "{seen:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_cycle_makes_no_allocation_on_the_bus() {
     let mut bench = Bench::start();

@@ -24,6 +24,7 @@ impl Board {
     /// Starts a board at an address that no other test uses, and waits until it listens. Later
     /// arguments take precedence: `--port 0` selects a free port.
     pub fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
+        super::behind_the_feature();
         let mut child = realtime(mesa())
             .args(["sim", "--listen", &address.to_string()])
             .args(arguments)

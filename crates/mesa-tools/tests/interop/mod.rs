@@ -26,6 +26,16 @@ use std::{
 /// Time limit of any step, for a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(90);
 
+/// Stops a test that waits for the host's clock or for another program, and is not behind the feature:
+/// the README's test command would not pass on every computer.
+pub fn behind_the_feature() {
+    assert!(
+        cfg!(feature = "interop"),
+        "this test waits for a real clock or another program, and belongs behind the feature `interop`: \
+         #[cfg_attr(not(feature = \"interop\"), ignore = \"real clock: --all-features\")]"
+    );
+}
+
 /// Waits until a condition is met.
 pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();

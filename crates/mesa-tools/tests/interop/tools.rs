@@ -2,13 +2,14 @@
 
 use std::{
     ffi::OsStr,
+    io::Write,
     path::PathBuf,
     process::{Command, Stdio},
     sync::OnceLock,
 };
 
-/// Prints that a test is skipped, and the reason. In CI nothing may be missing: there the test
-/// fails.
+/// Says that a test is skipped, and the reason, even where the output of a test that passes is not
+/// shown. In CI nothing may be missing: there the test fails.
 pub fn skip(what: &str) {
     let why =
         format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace tmux");
@@ -16,7 +17,10 @@ pub fn skip(what: &str) {
         std::env::var_os("CI").is_none_or(|ci| ci != "true"),
         "missing in CI: {why}"
     );
-    println!("SKIPPED: {why}");
+    let thread = std::thread::current();
+    let test = thread.name().unwrap_or("a test");
+    // `println!` and `eprintln!` are kept by the test program; a write to the stream is not.
+    let _ = writeln!(std::io::stderr(), "\nSKIPPED {test}: {why}");
 }
 
 /// True if a program is installed.

@@ -7,8 +7,11 @@ mod common;
 mod every_command;
 #[path = "../interop/mod.rs"]
 mod interop;
+#[cfg(feature = "interop")]
 mod interop_linuxcnc;
+#[cfg(feature = "interop")]
 mod interop_mesaflash;
+#[cfg(feature = "interop")]
 mod interop_servo_loop;
 mod look;
 mod pci;

@@ -43,6 +43,7 @@ impl Card {
     }
 
     pub fn start_boxed(mut device: Box<dyn SimDevice>) -> Self {
+        crate::interop::behind_the_feature();
         device.set_setup_jumper(0, true);
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudoterminal");
         grantpt(&master).unwrap();

@@ -24,6 +24,7 @@ impl Terminal {
 
     /// As [`start`](Self::start), with other numbers of columns and rows.
     pub fn start_with(name: &str, arguments: &str, size: [u16; 2]) -> Option<Self> {
+        crate::interop::behind_the_feature();
         if !has_program("tmux") {
             skip("tmux");
             return None;

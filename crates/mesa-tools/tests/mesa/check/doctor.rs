@@ -46,6 +46,7 @@ fn computer(name: &str, files: &[(&str, &str)]) -> PathBuf {
     root
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     let board = Board::start(
@@ -110,6 +111,7 @@ fn with_mishap(mishap: &str) -> (Value, [u64; 2]) {
     (found, lost)
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn late_replies_are_not_called_lost_and_the_cable_is_not_blamed() {
     let (found, lost) = with_mishap("late 0.3");
@@ -129,6 +131,7 @@ fn late_replies_are_not_called_lost_and_the_cable_is_not_blamed() {
     assert!(advice.contains("the cable is not the cause"), "{advice}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn lost_packets_are_counted_for_each_way_as_the_board_counts_them() {
     let (found, [to_board, back]) = with_mishap("loss 0.2");
@@ -177,6 +180,7 @@ fn a_t_board_is_named_as_such() {
     assert!(!found.to_string().contains("T board"), "{found:#}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_remote_without_field_power_is_bad_and_the_exit_code_says_so() {
     let mut board = Board::start(
@@ -355,6 +359,7 @@ fn where_no_board_is_the_network_and_the_computer_are_looked_at_all_the_same() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
@@ -376,6 +381,7 @@ fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
     assert!(ended.out.contains("packet loss"), "{ended:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_another_program_drives_is_left_alone() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);

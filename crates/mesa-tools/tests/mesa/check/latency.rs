@@ -151,6 +151,7 @@ fn what_was_given_is_not_advised() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn lost_packets_are_named_and_a_mode_is_started() {
     let arguments = ["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"];
@@ -192,6 +193,7 @@ fn lost_packets_are_named_and_a_mode_is_started() {
     assert_eq!(packets["lost_to_board"], to_board, "{value:#}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
     let arguments = ["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"];
@@ -231,6 +233,7 @@ fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
     let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i77-analog"];

@@ -89,6 +89,7 @@ pub fn ended(process: Process) -> Run {
     output.into()
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_output_is_on_alone_for_its_time_and_then_off() {
     let mut board = board();
@@ -117,6 +118,7 @@ fn an_output_is_on_alone_for_its_time_and_then_off() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_drive_moves_only_when_its_enable_and_its_voltage_were_asked_for_by_name() {
     let mut board = board();
@@ -145,6 +147,7 @@ fn a_drive_moves_only_when_its_enable_and_its_voltage_were_asked_for_by_name() {
     assert_eq!(lit(&mut board), [""; 0]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_ends_it_with_the_output_off() {
     for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
@@ -166,6 +169,7 @@ fn a_signal_ends_it_with_the_output_off() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_fault_ends_it_with_the_reason() {
     let mut board = impatient_board();
@@ -194,6 +198,7 @@ fn a_fault_ends_it_with_the_reason() {
     assert!(!run.err.contains("all outputs are off"), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn nobody_reads_what_it_prints_and_it_ends_all_the_same() {
     let mut board = board();
@@ -233,6 +238,7 @@ fn what_makes_no_sense_is_refused_and_says_what_would() {
     assert!(run.err.contains("--yes"), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn lost_packets_are_named() {
     let mut board = board();

@@ -99,6 +99,7 @@ fn ends(mut guided: Guided) -> Value {
     report
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
     let mut board = board();
@@ -166,6 +167,7 @@ fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
     assert_eq!(crate::check::set::lit(&mut board), [""; 0]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn loose_wires_and_connected_ones_are_not_in_order() {
     let mut board = board();
@@ -198,6 +200,7 @@ fn loose_wires_and_connected_ones_are_not_in_order() {
     assert_eq!(verdicts(&report)[..4], expected, "{report:#}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     let mut board = board();
@@ -229,6 +232,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     let mut board = board();
@@ -349,6 +353,7 @@ encoder = 1
 counts_per_index = 0
 "#;
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wired_is_told() {
     let file = Scratch::new("indexes.toml");
@@ -399,6 +404,7 @@ fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wi
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn everything_in_order_is_exit_code_0() {
     let mut board = board();
@@ -449,6 +455,7 @@ fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_example_of_its_help_has_terminals_and_one_that_is_stuck_is_told() {
     let help = run(&["wiring", "--help"]).out;

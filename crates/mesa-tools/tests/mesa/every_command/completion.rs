@@ -100,6 +100,7 @@ fn pins_terminals_and_signals_of_a_simulated_machine_are_completed() {
     assert!(candidates(&scope).contains(&"encoder.00.position".to_owned()));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn no_board_is_asked_for_candidates() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);

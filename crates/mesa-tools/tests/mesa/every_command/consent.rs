@@ -122,6 +122,7 @@ fn what_is_done_without_a_question_is_said_before_it_is_done() {
     assert!(run.err.contains(said), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn no_is_answered_with_what_was_not_done() {
     let Some(terminal) = Terminal::start("consent", "led hostmot2 --sim 7i97") else {

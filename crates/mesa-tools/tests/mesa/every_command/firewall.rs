@@ -37,6 +37,7 @@ fn private(session: &str) -> Output {
     command.stdin(Stdio::null()).output().expect("unshare runs")
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn linuxcnc_that_keeps_the_board_for_itself_is_named_and_the_network_is_left_as_it_is() {
     for program in ["unshare", "ip", "iptables"] {

@@ -82,6 +82,7 @@ fn begin(board: &mut Board, arguments: &[&str]) -> Process {
     process
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_command_that_runs_a_cycle_ends_with_the_reason_and_everything_off() {
     let file = Scratch::new("second-master.csv");
@@ -110,6 +111,7 @@ fn a_command_that_runs_a_cycle_ends_with_the_reason_and_everything_off() {
     assert!(!file.0.exists());
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_screen_ends_with_the_reason() {
     let board = board();
@@ -124,6 +126,7 @@ fn a_screen_ends_with_the_reason() {
     drop(master);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
     let mut board = board();
@@ -149,6 +152,7 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
     drop(master);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
     // Long enough for a busy computer: ten outputs, 10 s each.
@@ -187,6 +191,7 @@ fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn who_is_asked_and_takes_his_time_is_looked_at_again() {
     let board = board();
@@ -215,6 +220,7 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
 }
 
 /// All boards have the same factory address.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then() {
     let at = free_address();
@@ -237,6 +243,7 @@ fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then(
     drop(second);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn who_only_looks_at_a_board_stops_nothing() {
     // mesaflash knows one port only.

@@ -73,6 +73,7 @@ fn masked(line: &str) -> String {
     masked.replace("# us", "# ms").replace("# ns", "# ms")
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_the_page_of_troubles_shows_is_printed() {
     let blocks = PAGE.split("```console\n").skip(1);

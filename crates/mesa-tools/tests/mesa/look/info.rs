@@ -82,6 +82,7 @@ fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_ethernet_board_is_listed_for_programs() {
     let address = free_address();
@@ -109,6 +110,7 @@ fn an_ethernet_board_is_listed_for_programs() {
     assert_eq!(remote["problems"].as_array().map(Vec::len), Some(0));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_a_person_should_look_at_is_on_top() {
     let arguments = ["--board", "7i97", "--remote", "0=7i77-io", "--port", "0"];
@@ -295,6 +297,7 @@ fn a_mode_that_a_remote_has_not_is_not_in_order() {
     assert!(finding.contains("nothing started"), "{finding}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn half_a_card_is_not_in_order_and_neither_is_one_in_its_bootloader() {
     let mut board = Board::start(

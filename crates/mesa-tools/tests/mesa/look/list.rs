@@ -21,6 +21,7 @@ fn silent(found: &serde_json::Value) -> Vec<String> {
     addresses.map(str::to_owned).collect()
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn boards_in_a_range_are_found_with_who_they_are() {
     let hosts = [3, 200].map(|host| Ipv4Addr::new(127, 94, 1, host));
@@ -61,6 +62,7 @@ fn boards_in_a_range_are_found_with_who_they_are() {
     assert!(run.out.contains(refused), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_gets_two_packets_at_most() {
     let address = Ipv4Addr::new(127, 94, 2, 1);

@@ -69,6 +69,7 @@ impl Driven {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_running_machine_is_looked_at_without_a_write_and_its_driver_goes_on() {
     let mut driven = Driven::start();
@@ -140,6 +141,7 @@ fn a_running_machine_is_looked_at_without_a_write_and_its_driver_goes_on() {
     assert_eq!(latency.code, Some(130), "{latency:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_screen_of_a_running_machine_shows_its_registers_and_how_often_it_looks() {
     let driven = Driven::start();

@@ -15,6 +15,7 @@ fn by_name<'a>(pins: &'a Value, name: &str) -> &'a Value {
     found.unwrap_or_else(|| panic!("no {name}"))
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn inputs_are_as_they_are_on_the_board() {
     let mut board = Board::start(
@@ -138,6 +139,7 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
     assert_eq!(none.out, "");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_ends_it_with_the_board_stopped() {
     let mut board = Board::start(
@@ -167,6 +169,7 @@ fn a_signal_ends_it_with_the_board_stopped() {
     assert_eq!(truth["remote.0.output-00"], "0", "{truth:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_dies_meanwhile_is_the_reason_why_nothing_is_printed() {
     let card = ["--board", "7i92-7i77", "--port", "0"];

@@ -24,6 +24,7 @@ read  2 x 16 bits, space 2 (EEPROM) at 0x0020: 0x0001 0x7F00
     assert_eq!(value["commands"][1]["increment"], true);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_writes_needs_consent_and_is_executed_once() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
@@ -77,6 +78,7 @@ fn what_is_no_packet_is_refused_and_nothing_is_sent() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn no_reply_is_said_and_ctrl_c_ends_the_waiting() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);

@@ -48,6 +48,7 @@ fn registers_have_names_and_modules_have_all_theirs() {
     assert_eq!(value["registers"][0]["name"], "watchdog.status");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_is_written_needs_consent_is_read_back_and_is_there() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);

@@ -27,6 +27,7 @@ fn switch_until_it_ends(board: &mut Board, scope: &mut Process) {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
     let mut board = board();
@@ -130,6 +131,7 @@ fn check_picture(svg: &str) {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn lost_packets_are_named_with_the_number_that_the_board_has() {
     let mut board = board();
@@ -190,6 +192,7 @@ fn a_pin_that_a_software_mode_adds_is_recorded_in_that_mode() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn without_its_trigger_nothing_is_written() {
     let csv = Scratch::new("never.csv");

@@ -13,6 +13,7 @@ fn value(text: &str, pin: &str) -> Option<String> {
     line.split_whitespace().next().map(str::to_owned)
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_screen_follows_the_board_and_ends_with_the_terminal_restored() {
     let arguments = ["--board", "7i92-7i77", "--port", "0"];
@@ -73,6 +74,7 @@ fn words(text: &str) -> String {
     words.join(" ")
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn terminals_come_first_and_are_whole_on_narrow_screens() {
     for columns in [40, 80, 120] {
@@ -126,6 +128,7 @@ fn terminals_come_first_and_are_whole_on_narrow_screens() {
 }
 
 /// The truth is the board: it is one that lost its power once, or none.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_is_switched_off_and_on_was_reset_once_and_nothing_is_known_meanwhile() {
     let arguments = ["--board", "7i92-7i77", "--port", "0"];
@@ -162,6 +165,7 @@ fn a_board_that_is_switched_off_and_on_was_reset_once_and_nothing_is_known_meanw
     assert!(line.contains("too many failed transfers"), "{text}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn control_c_and_a_signal_end_it_too() {
     for (name, keys, said) in [
@@ -182,6 +186,7 @@ fn control_c_and_a_signal_end_it_too() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn it_ends_when_its_terminal_is_closed() {
     let Some(terminal) = Terminal::start("closed", "watch --sim 7i97 inmux") else {

@@ -5,6 +5,7 @@ use mesa_pci::search;
 use super::PciBoard;
 use crate::run::{done, hold_against_schema, json, run};
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_inventory_has_the_remotes_of_the_card_and_no_ethernet_side() {
     let board = PciBoard::start(&["--board", "5i25-7i77-7i76"]);
@@ -32,6 +33,7 @@ fn the_inventory_has_the_remotes_of_the_card_and_no_ethernet_side() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn pins_registers_and_files_for_linuxcnc_come_over_the_bus() {
     let mut board = PciBoard::start(&["--board", "5i25-7i77"]);
@@ -78,6 +80,7 @@ fn pins_registers_and_files_for_linuxcnc_come_over_the_bus() {
     assert!(count > 1000, "{count}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i76() {
     let board = PciBoard::start(&["--board", "5i25-7i77-7i76"]);
@@ -113,6 +116,7 @@ fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i
     assert!(!hal.contains("not driven"), "{hal}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_second_program_is_refused_and_names_the_first() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
@@ -129,6 +133,7 @@ fn a_second_program_is_refused_and_names_the_first() {
 /// The page that lists the points that are not confirmed.
 const GATEWARE: &str = include_str!("../../../../../docs/gateware.md");
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_doctor_looks_at_slot_and_bus_and_gathers_what_confirms_them() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
@@ -203,6 +208,7 @@ fn the_doctor_looks_at_slot_and_bus_and_gathers_what_confirms_them() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn commands_of_the_ethernet_side_are_refused_with_the_reason() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
@@ -224,6 +230,7 @@ fn commands_of_the_ethernet_side_are_refused_with_the_reason() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_is_not_there_is_an_error_with_the_way_to_find_it() {
     let empty = crate::interop::Scratch::new("empty");

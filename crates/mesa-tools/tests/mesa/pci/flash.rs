@@ -47,6 +47,7 @@ fn a_configuration_is_written_and_one_for_ethernet_is_refused() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_bitfile_is_written_and_verified_through_mapped_memory() {
     let state = Scratch::new("pci-state");

@@ -28,6 +28,7 @@ fn has_namespaces() -> bool {
     unshare.status().is_ok_and(|status| status.success())
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn mesaflash_finds_the_board_and_reads_its_identification() {
     if !has_program("mesaflash") {

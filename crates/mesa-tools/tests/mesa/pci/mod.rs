@@ -33,6 +33,7 @@ impl Drop for Folder {
 
 impl PciBoard {
     fn start(arguments: &[&str]) -> Self {
+        crate::interop::behind_the_feature();
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("{}-pci-{number}", std::process::id());

@@ -6,6 +6,7 @@ use super::PciBoard;
 use crate::interop::Scratch;
 use crate::run::{hold_against_schema, run};
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn it_makes_a_board_in_a_folder_and_removes_it_at_its_end() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
@@ -19,6 +20,7 @@ fn it_makes_a_board_in_a_folder_and_removes_it_at_its_end() {
     drop(folder);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn several_boards_have_an_address_each() {
     let folder = Scratch::new("machine.toml");
@@ -47,6 +49,7 @@ fn several_boards_have_an_address_each() {
     assert_eq!(run(&["info", "--pci", &second]).code, Some(0));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_is_not_on_the_pci_bus_and_a_folder_in_use_are_refused() {
     let board = PciBoard::start(&["--board", "5i25-7i77x2"]);

@@ -90,6 +90,7 @@ fn a_simulated_board_comes_with_what_can_be_backed_up_restored_and_loaded() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_configuration_is_written_verified_backed_up_and_restored() {
     let (board, address) = board();
@@ -151,6 +152,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     json(&["flash", "backup", kept.path(), "--addr", &address, "--yes"]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
     let (board, address) = board();
@@ -216,6 +218,7 @@ fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
     let (board, address) = board();
@@ -307,6 +310,7 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
     assert!(before == after);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
     let (board, address) = board();
@@ -374,6 +378,7 @@ fn begun(name: &str) -> (Board, Process, Scratch, String) {
     (board, process, file, address)
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
     let (_board, mut process, good, address) = begun("flash-ctrl-c");
@@ -384,6 +389,7 @@ fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
     done(&["flash", "verify", good.path(), "--addr", &address]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_half_file() {
     let (mut board, process, ..) = begun("flash-cut");
@@ -412,6 +418,7 @@ fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_hal
     assert!(!half.0.exists());
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_mesaflash_writes_mesa_verifies_and_the_other_way_round() {
     if !has_program("mesaflash") {

@@ -8,6 +8,7 @@ use crate::interop::Scratch;
 use crate::interop::mesaflash::{bitfile, configuration};
 use crate::run::{done, json, run};
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_boot_block_that_is_not_valid_is_refused_and_written_where_that_is_asked_for() {
     let (board, address) = board();

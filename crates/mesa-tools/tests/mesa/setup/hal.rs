@@ -237,6 +237,7 @@ fn the_program_is_the_one_that_is_compiled_here() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_program_runs_until_a_signal_and_enables_no_drive() {
     let mut board = Board::start(
@@ -353,6 +354,7 @@ fn what_can_not_be_done_is_said() {
     assert_eq!(run(&["hal"]).code, Some(2));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_ends_it_with_nothing_written_and_the_board_stopped() {
     // Late replies, to slow the command down.

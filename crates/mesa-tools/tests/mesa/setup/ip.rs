@@ -11,6 +11,7 @@ fn board() -> (Board, String) {
     (board, address)
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
     let (_board, address) = board();

@@ -5,6 +5,7 @@ use std::net::Ipv4Addr;
 use crate::interop::board::Board;
 use crate::run::{done, json, run};
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_leds_are_given_to_hostmot2_now_and_after_a_restart() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);

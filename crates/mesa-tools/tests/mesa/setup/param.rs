@@ -19,6 +19,7 @@ fn board() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &[&board[..], &remotes].concat())
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_parameter_of_a_board_is_listed_read_and_written_by_name() {
     let mut board = board();
@@ -117,6 +118,7 @@ fn what_can_not_be_read_or_written_is_refused_with_the_reason() {
     assert!(empty.err.contains("no remote answers"), "{empty:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_cabinet_is_saved_and_restored() {
     let mut board = board();
@@ -213,6 +215,7 @@ fn a_cabinet_is_saved_and_restored() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
     for (name, value, said) in [
@@ -243,6 +246,7 @@ fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
     assert!(asked.err.contains(said), "{asked:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_card_in_setup_mode_is_reached_over_a_serial_port() {
     let card = Card::start(FieldIo::i7i77().unwrap());
@@ -275,6 +279,7 @@ fn a_card_in_setup_mode_is_reached_over_a_serial_port() {
     assert_eq!(card.parameter("nvwatchdogtimeout"), 100);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_serial_port_where_no_card_answers_says_what_to_look_at() {
     let card = Card::start(Outputs48::i7i72().unwrap());

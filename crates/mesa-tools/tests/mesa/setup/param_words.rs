@@ -24,6 +24,7 @@ fn outputs_on(card: &Card) -> Vec<usize> {
 }
 
 /// Manual: 7I77, "RPD, WPD, AND UFLBP".
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_words_of_rpd_and_wpd_are_understood_in_any_case() {
     for (device, wanted) in [
@@ -123,6 +124,7 @@ baud-rate NVBaudRate
 ";
 
 /// Manual: 7I77, "OPERATE MODE BAUD RATE".
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_baud_rate_outside_of_the_table_is_refused_and_another_one_is_explained() {
     const BAUD: &str = "remote.0.parameter.nvbaudrate";
@@ -182,6 +184,7 @@ fn a_baud_rate_outside_of_the_table_is_refused_and_another_one_is_explained() {
 }
 
 /// Manual: 7I77, "SETUP/OPERATE MODE".
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn cards_in_the_setup_position_and_at_other_baud_rates_are_reached_over_the_fpga() {
     let remotes = ["--remote", "0=7i72", "--remote", "2=7i72:setup"];

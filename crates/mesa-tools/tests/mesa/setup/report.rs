@@ -62,6 +62,7 @@ fn texts(page: &str) -> Vec<String> {
     texts
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_page_has_what_the_simulated_cabinet_has() {
     let mut board = Board::start(
@@ -121,6 +122,7 @@ fn the_page_has_what_the_simulated_cabinet_has() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn nothing_is_driven_and_nothing_is_written() {
     let mut board = Board::start(

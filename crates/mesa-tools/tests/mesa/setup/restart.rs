@@ -20,6 +20,7 @@ fn board() -> (Board, String) {
     (board, address)
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_reset_needs_consent_and_is_waited_for() {
     let (board, address) = board();
@@ -40,6 +41,7 @@ fn a_reset_needs_consent_and_is_waited_for() {
     assert_eq!(board.stop("TERM")["board.resets"], "1");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     let (mut board, address) = board();
@@ -144,6 +146,7 @@ pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
 /// A write of one word to LBPReset. Manual: 7I97, "MEMORY SPACE 6 LAYOUT".
 const RESET: &[u8] = &[0x01, 0xD9, 0x1C, 0x00];
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_reset_that_was_lost_on_its_way_is_noticed() {
     let (board, _) = board();
@@ -153,6 +156,7 @@ fn a_reset_that_was_lost_on_its_way_is_noticed() {
     assert!(lost.err.contains("has not restarted"), "{lost:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
     let (board, _) = board();
@@ -213,6 +217,7 @@ fn moving(board: &Board, next: Ipv4Addr) -> String {
     address.to_string()
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
     let (board, _) = board();
@@ -236,6 +241,7 @@ fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
     assert_eq!(board.stop("TERM")["board.resets"], "1");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_is_at_neither_address_is_missed_at_both() {
     let (board, _) = board();

@@ -37,6 +37,7 @@ fn ended(child: Process) -> Run {
     child.output().into()
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_card_on_a_serial_port_is_updated_and_verified() {
     let card = Card::start(FieldIo::i7i77().unwrap());
@@ -70,6 +71,7 @@ fn a_card_on_a_serial_port_is_updated_and_verified() {
     assert!(done(&update).contains("has this firmware already"));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_update_that_a_power_cut_ends_is_found_and_finished() {
     let card = Card::start(Outputs48::i7i72().unwrap());
@@ -99,6 +101,7 @@ fn an_update_that_a_power_cut_ends_is_found_and_finished() {
     assert_eq!(revision(&card), 32);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_update_that_a_signal_ends_says_so_and_is_finished_later() {
     let card = Card::start(FieldIo::i7i77().unwrap());
@@ -126,6 +129,7 @@ fn an_update_that_a_signal_ends_says_so_and_is_finished_later() {
     assert_eq!(revision(&card), 33);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
     let state = Scratch::new("updated.state");
@@ -187,6 +191,7 @@ fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
     assert!(damaged.err.contains("delete the file"), "{damaged:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_is_not_for_this_card_is_refused_before_anything_is_erased() {
     let card = Card::start(FieldIo::i7i77().unwrap());

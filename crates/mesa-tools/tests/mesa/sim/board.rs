@@ -146,6 +146,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     parameter.write_parameter(&mut memory, value).unwrap();
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_was_written_is_kept_even_when_the_board_is_killed() {
     let file = Scratch::new("killed");
@@ -201,6 +202,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_console_answers_everything_and_survives_any_bytes() {
     let mut client = Client::start(&[
@@ -288,6 +290,7 @@ fn the_console_answers_everything_and_survives_any_bytes() {
     assert!(client.board.wait().success());
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn any_datagram_is_survived() {
     let mut client = Client::start(&["--board", "7i92-7i77"]);
@@ -323,6 +326,7 @@ fn any_datagram_is_survived() {
     client.board.stop("INT");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_closed_standard_input_does_not_end_it() {
     let mut child = command(&SIM_7I97).stdin(Stdio::piped()).spawn().unwrap();

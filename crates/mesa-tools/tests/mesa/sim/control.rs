@@ -35,6 +35,7 @@ fn ask_cookie(socket: &UdpSocket) {
     assert_eq!(buffer[..len], COOKIE);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn mishaps_are_changed_while_it_runs() {
     let mut board = start(&[]);
@@ -58,6 +59,7 @@ fn mishaps_are_changed_while_it_runs() {
     assert_eq!(summary["network.received.duplicate"], "1");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
     let mut board = start(&[]);
@@ -116,6 +118,7 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
     assert!(board.wait().success());
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_would_be_refused_at_its_time_is_refused_when_it_is_given_with_the_same_words() {
     let mut board = start(&["--remote", "1=7i77-io", "--remote", "2=7i72"]);
@@ -200,6 +203,7 @@ fn what_would_be_refused_at_its_time_is_refused_when_it_is_given_with_the_same_w
     board.stop("TERM");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_file_of_commands_is_done_up_to_the_first_error() {
     let good = Scratch::new("good.cmd");
@@ -246,6 +250,7 @@ fn ask_json(stream: &mut (impl Write + ?Sized), lines: &mut impl BufRead, comman
     answer
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
     let path = Scratch::new("control.sock");
@@ -319,6 +324,7 @@ fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
     assert!(!path.0.exists(), "it is cleared away");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn several_boards_run_in_one_process_each_with_its_address() {
     let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/mill.toml");

@@ -66,6 +66,7 @@ fn drive_down(board: &Board) -> Travel {
     Travel { seen }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_driver_sees_the_home_switch_at_its_position_and_the_hard_stop_behind_it() {
     let mut board = mill();
@@ -106,6 +107,7 @@ fn wait_for(board: &mut Board, what: &str, name: &str, value: &str) {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
     let mut board = mill();
@@ -202,6 +204,7 @@ fn run_router(driver: &mut Driver<UdpBus>, position: f64) {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
@@ -221,6 +224,7 @@ fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
     board.stop("TERM");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);

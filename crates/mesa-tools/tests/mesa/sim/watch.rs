@@ -95,6 +95,7 @@ impl Drop for Controller {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_screen_shows_stepper_motors_with_their_steps() {
     let arguments = format!("sim --machine {ROUTER} --port 0 --watch");
@@ -110,6 +111,7 @@ fn the_screen_shows_stepper_motors_with_their_steps() {
     assert!(of_spindle.contains(&"V"), "{of_spindle:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     let socket = Scratch::new("watch.sock");
@@ -195,6 +197,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
     assert!(text.contains("the simulated boards have ended"), "{text}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
     let arguments = format!("sim --machine {MILL} --port 0 --watch");
@@ -236,6 +239,7 @@ fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
     terminal.wait_for_text("exit code 0");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn nothing_is_cut_on_narrow_screens() {
     for columns in [40, 80, 120] {
@@ -274,6 +278,7 @@ fn nothing_is_cut_on_narrow_screens() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_long_answer_has_the_whole_screen_until_it_was_read() {
     let Some(terminal) = Terminal::start(
@@ -302,6 +307,7 @@ fn a_long_answer_has_the_whole_screen_until_it_was_read() {
     assert!(!text.contains("summary"), "{text}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn of_several_boards_one_is_shown_and_gets_the_commands() {
     let lathe = Scratch::new("lathe.toml");
@@ -340,6 +346,7 @@ fn of_several_boards_one_is_shown_and_gets_the_commands() {
     terminal.wait_for_text("exit code 0");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn it_ends_when_its_terminal_is_closed() {
     let socket = Scratch::new("closed.sock");

@@ -25,6 +25,7 @@ const ENABLES: [&str; 6] = [
     "enable0", "enable1", "enable2", "enable3", "enable4", "enable5",
 ];
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_when_lost() {
     for (millis, said) in [("0", "its own watchdog is off"), ("5000", "5000 ms later")] {
@@ -56,6 +57,7 @@ fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_
 }
 
 /// A written time is used from the next power-up on: the stored value does not show the one in use.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
     for used in ["0", "5000"] {
@@ -112,6 +114,7 @@ pub fn board_without_watchdog() -> Board {
 }
 
 /// The output's time is over, and the cable breaks before the remote has received the change.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_remote_that_is_lost_at_the_end_is_no_success() {
     let mut board = board_without_watchdog();
@@ -137,6 +140,7 @@ fn a_remote_that_is_lost_at_the_end_is_no_success() {
     assert_eq!(lit(&mut board), ["remote.0.output-03"], "it said so");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_question_names_every_drive_that_the_enable_switches_on_and_the_shared_one_is_used() {
     let mut board = board_7i97();
@@ -168,6 +172,7 @@ fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named(
 }
 
 /// Parameters of an output change the output as well: an offset, an inversion, a limit.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_is_no_output_is_refused_and_nothing_moves() {
     let flags = ["--analog", "--drive-enable", "--slow-watchdog", "--yes"];
@@ -244,6 +249,7 @@ fn an_analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
     let mut board = board_7i97();
@@ -257,6 +263,7 @@ fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
     assert_eq!(truth(&mut board, &["pin-034"]), ["1"]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_io_pin_that_something_else_drives_was_never_what_it_was_set_to() {
     let mut board = board_7i97();
@@ -269,6 +276,7 @@ fn an_io_pin_that_something_else_drives_was_never_what_it_was_set_to() {
     assert!(run.err.contains("something else drives it"), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_output_of_a_remote_that_does_not_start_was_never_on_and_the_reason_is_said() {
     let mut board = board();

@@ -8,6 +8,7 @@ use crate::interop::PATIENCE;
 use crate::run::{done, run};
 use crate::terminal::Terminal;
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_output_is_named_by_its_terminal_or_its_signal() {
     let mut board = board();
@@ -57,6 +58,7 @@ fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given()
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_terminal_without_an_output_is_refused_with_what_is_there() {
     let sim = ["on", "--for", "1s", "--sim", "7i92-7i77", "--yes"];
@@ -100,6 +102,7 @@ fn a_remote_is_started_in_the_mode_that_is_given() {
     assert!(with.err.contains("analogin0` is an input"), "{with:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn it_says_when_the_output_is_on_counts_down_and_says_when_it_is_off() {
     let mut board = board();
@@ -131,6 +134,7 @@ fn it_says_when_the_output_is_on_counts_down_and_says_when_it_is_off() {
     assert_eq!(left, ["mesa: 2 s left", "mesa: 1 s left"]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn on_a_terminal_the_seconds_replace_each_other() {
     let jog = "set TB8-20 on --for 30s --sim 7i92-7i77 --yes";

@@ -68,6 +68,7 @@ fn a_file_that_is_there_is_replaced_only_with_consent() {
     assert_eq!(fs::read_to_string(&file.0).expect("new"), replaced.out);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_ends_it_with_the_report_so_far() {
     for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
@@ -94,6 +95,7 @@ fn a_signal_ends_it_with_the_report_so_far() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
     let mut board = board();
@@ -114,6 +116,7 @@ fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
 }
 
 /// The terminal breaks lines anywhere, so that the command breaks them at spaces before.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn no_terminal_is_broken_on_a_narrow_screen() {
     for columns in [40, 80, 120] {
@@ -137,6 +140,7 @@ fn no_terminal_is_broken_on_a_narrow_screen() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
     let mut board = board();
@@ -150,6 +154,7 @@ fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
     assert!(report.contains("1 of 1 terminal in order"), "{report}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_board_that_another_program_drives_is_left_alone() {
     let mut board = board();
@@ -173,6 +178,7 @@ fn a_board_that_another_program_drives_is_left_alone() {
     assert!(other.err.contains("outputs were never on"), "{other:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn in_a_terminal_a_person_is_guided_and_has_the_report_on_the_screen() {
     let mut board = board();
@@ -211,6 +217,7 @@ fn in_a_terminal_a_person_is_guided_and_has_the_report_on_the_screen() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn control_c_in_a_terminal_ends_it_with_the_report() {
     let arguments = format!("wiring '{INPUTS}' --sim 7i92-7i77");

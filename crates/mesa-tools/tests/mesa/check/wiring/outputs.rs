@@ -23,6 +23,7 @@ fn begin(board: &Board) -> Guided {
     guided
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
     let mut board = board();
@@ -84,6 +85,7 @@ fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
     assert!(terminals.iter().all(|row| row["kind"] == "output"));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
     let mut board = board();
@@ -107,6 +109,7 @@ fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
     assert_eq!(run.code, Some(1), "{run:?}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
     let mut board = board_without_watchdog();
@@ -129,6 +132,7 @@ fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
 }
 
 /// By then, the operator who agreed may have a hand at the plug.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn an_output_that_can_not_be_driven_now_is_not_driven_later_without_another_question() {
     let mut board = board();
@@ -178,6 +182,7 @@ fn agree(terminal: &Terminal) {
     });
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
     let mut board = board();
@@ -205,6 +210,7 @@ fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
     let mut board = board();
