@@ -19,6 +19,7 @@ use crate::ffi::{self, ComponentId, HalError, RootRights};
 use crate::interface::Interface;
 use crate::memory::{HalMemory, MemoryError};
 use crate::parameters::{self, BoardParameters, BoardPlace};
+use crate::report::Names;
 use crate::say::{Level, Say, at_set_up};
 
 /// A function of a board.
@@ -117,7 +118,7 @@ fn try_load() -> Result<(), LoadError> {
         if let Some(slot) = BOARDS.get(number) {
             *locked(slot) = Some(cycle);
         }
-        at_set_up(Level::Info, &format_args!("{place}: {name}"));
+        at_set_up(Level::Note, &format_args!("{place}: {name}"));
     }
     let ready = component.ready();
     ready.map_err(|HalError(result)| LoadError::new(result, "HAL does not accept the component"))
@@ -207,22 +208,26 @@ fn add(
     }
     let listener = Box::new(|level: Level, text: &CStr| ffi::print(level, text));
     let say = Say::new(driver.name(), listener);
-    report_remarks(&driver);
+    report_remarks(&driver, &Names::new(&driver, Interface::own()));
     let mut cycle = Cycle::new(driver, memory, say);
     cycle.look();
     Ok(cycle)
 }
 
 /// Prints what a user should know about the remotes and modules of a board.
-fn report_remarks(driver: &Driver<DynBus>) {
+fn report_remarks(driver: &Driver<DynBus>, names: &Names) {
     let name = driver.name();
     let missing = driver.missing().iter();
     let (silent, missing): (Vec<_>, Vec<_>) = missing.partition(|remark| remark.is_silent());
     let missing = missing.into_iter().map(|remark| (Level::Error, remark));
     let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
     for (level, remark) in missing.chain(remarks) {
-        let remark = WithAdvice::new(remark, remark.advice());
-        at_set_up(level, &format_args!("{name}: {remark}"));
+        let advice = remark.advice();
+        let card = remark.remote.and_then(|remote| names.card(remote));
+        // With pins, it has a name; else its place is in the remark.
+        let facts: &dyn fmt::Display = if card.is_some() { &remark.kind } else { remark };
+        let (subject, facts) = (card.unwrap_or(name), WithAdvice::new(facts, advice));
+        at_set_up(level, &format_args!("{subject}: {facts}"));
     }
     // A `config=` with more channels than remotes is usual, so this is no error.
     let silent = silent.into_iter().filter_map(|remark| remark.remote);

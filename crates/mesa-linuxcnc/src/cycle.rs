@@ -1,15 +1,21 @@
 //! The cycle of a board: HAL's values to the driver and back.
 
+mod messages;
+
 use core::fmt;
 use core::time::Duration;
 
 use mesa_hal::driver::{Events, SerialPort};
-use mesa_hal::hal::{AnyValue, GroupId, HalType, PinId, Pins, Role, Value};
+use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
 use crate::advice::WithAdvice;
-use crate::rearm::{Rearming, RemoteMask, Seen};
-use crate::say::{Level, Say, level};
+use crate::interface::Interface;
+use crate::loss::Losses;
+use crate::outputs::Outputs;
+use crate::rearm::{Rearming, RemoteMask, Seen, Wishes};
+use crate::report::Names;
+use crate::say::{Level, Say};
 use crate::table::{Change, Memory, Table};
 
 /// The largest number of remotes: four ports of eight channels.
@@ -100,6 +106,9 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     table: Table,
     events: Events,
     say: Say,
+    names: Names,
+    losses: Losses,
+    outputs: Outputs,
     rearming: Rearming,
     /// Those whose clearing re-arms everything.
     acknowledged: [Option<PinId>; 2],
@@ -170,6 +179,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             table,
             events,
             say,
+            names: Names::new(&driver, Interface::own()),
+            losses: Losses::default(),
+            outputs: Outputs::new(&driver),
             rearming,
             acknowledged,
             frequency,
@@ -218,6 +230,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.table.after_read(self.driver.pins(), &mut self.memory);
         self.show_own();
         self.say_events();
+        self.say_losses();
     }
 
     /// True if nothing may be exchanged with the board until the user clears `io_error`, as in
@@ -241,10 +254,16 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let is_silent = self.is_silent();
         self.take_changes(Table::before_write);
         self.request_parameters();
+        // Wishes while `io_error` is set are lost: all of them come with its end.
+        let wishes = if self.has_begun {
+            self.wishes()
+        } else {
+            Wishes::default()
+        };
         if is_silent {
             return self.show_own();
         }
-        self.rearm();
+        self.rearm(wishes);
         let _ = self.driver.write();
         self.table.after_write(self.driver.pins(), &mut self.memory);
         self.show_own();
@@ -296,9 +315,12 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let before = self.frequency.map(|id| self.driver.pins().bits_of(id));
         if let Err(error) = self.driver.set_period(period) {
             let error = WithAdvice::new(&error, error.advice());
+            let board = self.driver.name();
             self.say.refuse(
                 now,
-                format_args!("{error}. Nothing is driven; clear io_error to try again"),
+                format_args!(
+                    "{error}. All outputs are off; set {board}.io_error to FALSE to try again"
+                ),
             );
             self.refused = Some(now);
             if let Some(number) = self.io_error {
@@ -367,16 +389,28 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// Lets outputs follow that the user asks for.
-    fn rearm(&mut self) {
+    /// The outputs that should follow. Says which ones stay off although the machine is switched on.
+    fn wishes(&mut self) -> Wishes {
         let rearm = self.remotes.iter().enumerate();
         let rearm = rearm.filter(|(_, remote)| self.memory.load(remote.rearm) != 0);
+        let [armed, waiting] = self.armed_and_waiting();
         let seen = Seen {
             is_cleared: core::mem::take(&mut self.is_cleared),
             run: run_of(&self.run, &self.memory),
             rearm: mask_of(rearm.map(|(number, _)| number)),
+            waiting,
+            in_use: self.outputs.in_use(armed, &self.memory),
+            is_machine_on: self.outputs.is_machine_on(&self.memory),
         };
         let wishes = self.rearming.step(seen);
+        if wishes.is_switched_on {
+            self.say_left_off(wishes.left_off);
+        }
+        wishes
+    }
+
+    /// Lets these outputs follow.
+    fn rearm(&mut self, wishes: Wishes) {
         if !wishes.all && wishes.remotes == 0 {
             return;
         }
@@ -422,12 +456,24 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    fn say_events(&mut self) {
-        for event in self.events.by_ref() {
-            let level = level(&event.kind);
-            self.say
-                .say(since_start(event.at), level, format_args!("{event}"));
-        }
+    /// Remotes whose outputs follow, and those whose outputs are safe until the user does something.
+    fn armed_and_waiting(&self) -> [RemoteMask; 2] {
+        let pins = self.driver.pins();
+        let states = self
+            .remotes
+            .iter()
+            .map(|remote| pins.group_state(remote.group));
+        let with = |is_so: fn(&GroupState) -> bool| {
+            let all = states.clone().enumerate();
+            mask_of(
+                all.filter(|(_, state)| state.as_ref().is_some_and(is_so))
+                    .map(|(n, _)| n),
+            )
+        };
+        [
+            with(|state| state.armed),
+            with(|state| !state.armed && !state.coming),
+        ]
     }
 
     fn now(&mut self) -> Duration {

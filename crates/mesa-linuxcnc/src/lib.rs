@@ -23,6 +23,9 @@
 //! | `cycle` | a board's cycle: HAL to the driver and back |
 //! | `table` | the copy between HAL's values and the driver's pins |
 //! | `rearm` | which outputs follow again after what the user has done in HAL |
+//! | `outputs` | what HAL has on |
+//! | `report` | events in the words of LinuxCNC's users |
+//! | `loss` | the share of lost packets |
 //! | `advice` | next steps, in the words of LinuxCNC's users |
 //! | `say` | messages, limited in number by time |
 //!
@@ -40,9 +43,12 @@ mod component;
 mod cycle;
 mod ffi;
 mod interface;
+mod loss;
 mod memory;
+mod outputs;
 mod parameters;
 mod rearm;
+mod report;
 mod say;
 mod table;
 

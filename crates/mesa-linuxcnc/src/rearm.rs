@@ -12,6 +12,12 @@ pub(crate) struct Seen {
     pub run: u8,
     /// The pins `REMOTE.rearm` that are on.
     pub rearm: RemoteMask,
+    /// Remotes whose outputs are safe, and not to follow as soon as the remote runs.
+    pub waiting: RemoteMask,
+    /// Remotes whose outputs follow, with one that is on.
+    pub in_use: RemoteMask,
+    /// LinuxCNC has an axis or a spindle enabled.
+    pub is_machine_on: bool,
 }
 
 /// The outputs that should follow, at once or as soon as they can.
@@ -21,6 +27,10 @@ pub(crate) struct Wishes {
     pub all: bool,
     /// These remotes.
     pub remotes: RemoteMask,
+    /// The machine is switched on in this cycle.
+    pub is_switched_on: bool,
+    /// The machine is switched on while the outputs of these remotes stay off.
+    pub left_off: RemoteMask,
 }
 
 /// Finds what the user asks for.
@@ -28,8 +38,11 @@ pub(crate) struct Wishes {
 /// - The first cycle, and a cleared `watchdog.has_bit` or `io_error`: everything.
 /// - A rising edge of `sserial.port-N.run`: the remotes of the port.
 /// - A rising edge of `REMOTE.rearm`: that remote.
+/// - The machine is switched on for the first time: everything that has failed before. Until then also a
+///   remote of which no output was ever on: a computer that is busy with the load of LinuxCNC must not
+///   leave a card off.
 ///
-/// A remote that has failed alone and comes back is in none of these, and stays safe.
+/// A remote that has failed alone and comes back is in none of these later, and stays safe.
 #[derive(Clone, Debug)]
 pub(crate) struct Rearming {
     /// The remotes of each port.
@@ -37,6 +50,10 @@ pub(crate) struct Rearming {
     is_first: bool,
     run: u8,
     rearm: RemoteMask,
+    is_machine_on: bool,
+    has_machine_been_on: bool,
+    /// Remotes of which an output was on.
+    used: RemoteMask,
 }
 
 impl Rearming {
@@ -47,23 +64,48 @@ impl Rearming {
             is_first: true,
             run,
             rearm: 0,
+            is_machine_on: false,
+            has_machine_been_on: false,
+            used: 0,
         }
+    }
+
+    /// True if the outputs of these remotes follow after a fault without an act of the user.
+    pub fn follow_by_themselves(&self, remotes: RemoteMask) -> bool {
+        !self.has_machine_been_on && self.used & remotes == 0
     }
 
     /// What is asked for in this cycle.
     pub fn step(&mut self, seen: Seen) -> Wishes {
         let switched_on = seen.run & !self.run;
         let mut remotes = seen.rearm & !self.rearm;
+        // Nothing is armed in a port that is switched off.
+        let mut running = 0;
         for (port, of_port) in self.ports.iter().enumerate() {
-            if switched_on >> port & 1 == 1 {
-                remotes |= of_port;
-            }
+            let of_port_if = |mask: u8| if mask >> port & 1 == 1 { *of_port } else { 0 };
+            remotes |= of_port_if(switched_on);
+            running |= of_port_if(seen.run);
+        }
+        self.used |= seen.in_use;
+        let is_switched_on = seen.is_machine_on && !self.is_machine_on;
+        if !self.has_machine_been_on {
+            let failed_before = if is_switched_on { !0 } else { !self.used };
+            remotes |= seen.waiting & running & failed_before;
         }
         (self.run, self.rearm) = (seen.run, seen.rearm);
-        let is_first = core::mem::take(&mut self.is_first);
+        self.is_machine_on = seen.is_machine_on;
+        self.has_machine_been_on |= seen.is_machine_on;
+        let all = core::mem::take(&mut self.is_first) || seen.is_cleared;
+        let left_off = if is_switched_on && !all {
+            seen.waiting & !remotes
+        } else {
+            0
+        };
         Wishes {
-            all: is_first || seen.is_cleared,
+            all,
             remotes,
+            is_switched_on,
+            left_off,
         }
     }
 }
@@ -73,26 +115,53 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// A cycle: cleared, `run`, `rearm`, waiting, in use, and the machine is on.
+    type Cycle = (bool, u8, u64, u64, u64, bool);
+
+    fn cycle() -> impl Strategy<Value = Cycle> {
+        let mask = 0..16_u64;
+        let (rearm, waiting) = (mask.clone(), mask.clone());
+        let machine = proptest::bool::weighted(0.1);
+        (any::<bool>(), 0..16_u8, rearm, waiting, mask, machine)
+    }
+
     proptest! {
         /// Against the whole history, instead of the last state.
         #[test]
         fn any_history_asks_for_what_its_edges_say(
             ports in proptest::collection::vec(0..16_u64, 0..4),
             run: u8,
-            history in proptest::collection::vec((any::<bool>(), 0..16_u8, 0..16_u64), 1..40),
+            history in proptest::collection::vec(cycle(), 1..40),
         ) {
             let mut rearming = Rearming::new(ports.clone(), run);
             let mut before = (run, 0);
-            for (cycle, &(is_cleared, run, rearm)) in history.iter().enumerate() {
-                let wishes = rearming.step(Seen { is_cleared, run, rearm });
-                prop_assert_eq!(wishes.all, cycle == 0 || is_cleared);
+            for (number, &(is_cleared, run, rearm, waiting, in_use, is_machine_on)) in
+                history.iter().enumerate()
+            {
+                let wishes = rearming.step(Seen {
+                    is_cleared, run, rearm, waiting, in_use, is_machine_on,
+                });
+                prop_assert_eq!(wishes.all, number == 0 || is_cleared);
+                let earlier = &history[..number];
+                let was_on = earlier.iter().any(|cycle| cycle.5);
+                let is_edge = is_machine_on && !earlier.last().is_some_and(|cycle| cycle.5);
                 for remote in 0..4 {
                     let is_on = |mask: u64| mask >> remote & 1 == 1;
                     let own = is_on(rearm) && !is_on(before.1);
-                    let of_port = ports.iter().enumerate().any(|(port, &remotes)| {
-                        is_on(remotes) && run >> port & 1 == 1 && before.0 >> port & 1 == 0
-                    });
-                    prop_assert_eq!(is_on(wishes.remotes), own || of_port);
+                    let of_port = |condition: &dyn Fn(usize) -> bool| {
+                        let mut ports = ports.iter().enumerate();
+                        ports.any(|(port, &remotes)| is_on(remotes) && condition(port))
+                    };
+                    let rises = of_port(&|port| run >> port & 1 == 1 && before.0 >> port & 1 == 0);
+                    let was_used = history[..=number].iter().any(|cycle| is_on(cycle.4));
+                    let failed_before = is_on(waiting)
+                        && !was_on
+                        && (is_edge || !was_used)
+                        && of_port(&|port| run >> port & 1 == 1);
+                    prop_assert_eq!(is_on(wishes.remotes), own || rises || failed_before);
+                    prop_assert_eq!(wishes.is_switched_on, is_edge);
+                    let is_left_off = is_edge && !wishes.all && is_on(waiting & !wishes.remotes);
+                    prop_assert_eq!(is_on(wishes.left_off), is_left_off);
                 }
                 before = (run, rearm);
             }

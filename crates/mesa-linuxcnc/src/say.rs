@@ -4,35 +4,17 @@ use core::ffi::CStr;
 use core::fmt::{self, Write};
 use core::time::Duration;
 
-use mesa_hal::driver::EventKind;
+use crate::interface::Interface;
 
-/// Level of a message. LinuxCNC prints errors only, unless `DEBUG` asks for more, and shows them on
-/// the operator's screen.
+/// Level of a message. LinuxCNC's realtime process prints these two, and no other: a message at
+/// another level is never seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Level {
-    /// What a person should read at the load: printed always, and no error on the operator's screen.
+    /// Printed, and not on the operator's screen.
     Note = 0,
-    /// Outputs were made safe, or the component does less than it was told to.
+    /// Printed, and on the operator's screen: what the user asked for and does not get, and what the
+    /// driver switched off.
     Error = 1,
-    /// A fault without consequences for outputs.
-    Warning = 2,
-    /// A recovery.
-    Info = 3,
-}
-
-/// Level of an event.
-pub(crate) fn level(kind: &EventKind) -> Level {
-    let is_urgent = matches!(
-        kind,
-        EventKind::OtherFirmware | EventKind::OtherMaster { .. }
-    );
-    if kind.makes_safe() || is_urgent {
-        Level::Error
-    } else if kind.is_fault() {
-        Level::Warning
-    } else {
-        Level::Info
-    }
 }
 
 /// Receives the messages that are not left out.
@@ -57,6 +39,15 @@ enum Kind {
     Refusal,
 }
 
+impl Kind {
+    const fn of(level: Level) -> Self {
+        match level {
+            Level::Error => Self::Error,
+            Level::Note => Self::Other,
+        }
+    }
+}
+
 impl fmt::Debug for Say {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Say({}, {:?})", self.board, self.budgets)
@@ -64,7 +55,7 @@ impl fmt::Debug for Say {
 }
 
 impl Say {
-    /// Messages that begin with the name of the board.
+    /// Messages of the board with this name.
     pub fn new(board: &str, listener: Listener) -> Self {
         Self {
             board: board.into(),
@@ -73,33 +64,36 @@ impl Say {
         }
     }
 
-    /// Prints a message, unless too many were printed shortly before. `now` is the time since any
-    /// fixed moment.
+    /// Prints a message after the name of the board, unless too many were printed shortly before.
+    /// `now` is the time since any fixed moment.
     pub fn say(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
-        let kind = match level {
-            Level::Error => Kind::Error,
-            _ => Kind::Other,
-        };
-        self.print(now, kind, level, text);
+        let mut line = Line::of(&self.board);
+        let _ = line.write_fmt(text);
+        self.print(now, Kind::of(level), level, line);
     }
 
-    /// Prints that something is not done that LinuxCNC's user has asked for. Faults of the board do
-    /// not use up the number of these messages.
+    /// As [`say`](Self::say), for a message that names its board or card itself.
+    pub fn report(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
+        let mut line = Line::default();
+        let _ = line.write_fmt(text);
+        self.print(now, Kind::of(level), level, line);
+    }
+
+    /// As [`say`](Self::say), that something is not done that LinuxCNC's user has asked for. Faults
+    /// of the board do not use up the number of these messages.
     pub fn refuse(&mut self, now: Duration, text: fmt::Arguments<'_>) {
-        self.print(now, Kind::Refusal, Level::Error, text);
+        let mut line = Line::of(&self.board);
+        let _ = line.write_fmt(text);
+        self.print(now, Kind::Refusal, Level::Error, line);
     }
 
-    fn print(&mut self, now: Duration, kind: Kind, level: Level, text: fmt::Arguments<'_>) {
+    fn print(&mut self, now: Duration, kind: Kind, level: Level, mut line: Line) {
         let Some(left_out) = self.budgets[kind as usize].spend(now) else {
             return;
         };
-        let mut line = Line::default();
-        // A line that is too long is cut.
-        let _ = write!(line, "{}: ", self.board);
         if left_out > 0 {
-            let _ = write!(line, "(messages left out before this one: {left_out}) ");
+            let _ = write!(line, " (messages left out before this one: {left_out})");
         }
-        let _ = line.write_fmt(text);
         (self.listener)(level, line.text());
     }
 }
@@ -167,6 +161,14 @@ impl Default for Line {
 }
 
 impl Line {
+    /// A line that begins with a name.
+    fn of(name: &str) -> Self {
+        let mut line = Self::default();
+        // A line that is too long is cut.
+        let _ = write!(line, "{name}: ");
+        line
+    }
+
     fn text(&self) -> &CStr {
         CStr::from_bytes_until_nul(&self.bytes).unwrap_or_default()
     }
@@ -189,10 +191,10 @@ impl Write for Line {
     }
 }
 
-/// Prints a message at set-up, without a limit.
+/// Prints a message at set-up, without a limit. It begins with the name of the component.
 pub(crate) fn at_set_up(level: Level, text: &fmt::Arguments<'_>) {
-    let mut line = Line::default();
-    let _ = write!(line, "mesa_eth: {text}");
+    let mut line = Line::of(&Interface::own().name().to_string_lossy());
+    let _ = line.write_fmt(*text);
     crate::ffi::print(level, line.text());
 }
 
@@ -219,7 +221,7 @@ mod tests {
         let (mut say, heard) = say();
         for cycle in 0..3_600_000_u64 {
             let now = Duration::from_millis(cycle);
-            say.say(now, Level::Warning, format_args!("cycle {cycle}"));
+            say.say(now, Level::Note, format_args!("cycle {cycle}"));
         }
         say.say(
             Duration::from_secs(3_600),
@@ -228,8 +230,8 @@ mod tests {
         );
         let heard = heard.lock().expect("no panic");
         assert_eq!(heard.len(), 20 + 1_199 + 1);
-        assert_eq!(heard[0], (Level::Warning, "hm2_7i97.0: cycle 0".into()));
-        let later = "hm2_7i97.0: (messages left out before this one: 2980) cycle 3000";
+        assert_eq!(heard[0], (Level::Note, "hm2_7i97.0: cycle 0".into()));
+        let later = "hm2_7i97.0: cycle 3000 (messages left out before this one: 2980)";
         assert_eq!(heard[20].1, later);
         let last = heard.last().expect("an error");
         assert_eq!(*last, (Level::Error, "hm2_7i97.0: bitten".into()));
@@ -253,7 +255,7 @@ mod tests {
         #[test]
         fn a_long_message_is_cut_between_characters(text in "\\PC{0,600}") {
             let (mut say, heard) = say();
-            say.say(Duration::ZERO, Level::Info, format_args!("{text}{text}"));
+            say.say(Duration::ZERO, Level::Note, format_args!("{text}{text}"));
             let heard = heard.lock().expect("no panic");
             let whole = format!("hm2_7i97.0: {text}{text}");
             prop_assert!(whole.starts_with(&heard[0].1));

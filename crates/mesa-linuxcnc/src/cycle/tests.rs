@@ -1,6 +1,7 @@
 //! A board's cycle on virtual time, over a HAL that is a vector.
 
 mod fresh;
+mod messages;
 mod page_faults;
 mod period;
 
@@ -231,7 +232,7 @@ fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
     assert!(!bench.is_on("7i72.0.2.valid"));
     let errors = bench.heard(Level::Error);
     assert_eq!(errors.len(), 1, "{errors:?}");
-    assert!(errors[0].contains("channel 2"), "{errors:?}");
+    assert!(errors[0].starts_with("hm2_7i97.0.7i72.0.2: "), "{errors:?}");
     // The others follow.
     bench.set("7i77.0.0.output-03", false);
     bench.run(3);

@@ -179,7 +179,7 @@ fn a_pulled_card_fails_alone_and_follows_again_after_run() {
         .collect();
     assert_eq!(errors.len(), 1, "{messages}");
     assert!(
-        errors[0].starts_with("1 hm2_7i97.0: ") && errors[0].contains("offline"),
+        errors[0].starts_with("1 hm2_7i97.0.7i72.0.2: card offline"),
         "{errors:?}"
     );
     board.plug(OUTPUTS, true);

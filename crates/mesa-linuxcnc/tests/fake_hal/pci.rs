@@ -14,7 +14,10 @@ fn with_7i77() -> SimFpga {
 
 fn refused(hal: &Hal, words: &[(&str, &str)]) -> String {
     assert!(hal.load_as("mesa_pci.so", words).is_err());
-    hal.messages()
+    let messages = hal.messages();
+    assert!(messages.contains("mesa_pci: "), "{messages}");
+    assert!(!messages.contains("mesa_eth"), "{messages}");
+    messages
 }
 
 #[test]
@@ -28,7 +31,7 @@ fn it_drives_the_boards_on_the_pci_bus_with_the_words_of_hm2_pci() {
     let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
     let messages = hal.messages();
     assert!(
-        messages.contains("5I25 at 0000:05:00.0: hm2_5i25.0"),
+        messages.contains("0 mesa_pci: 5I25 at 0000:05:00.0: hm2_5i25.0"),
         "{messages}"
     );
     loaded.set("hm2_5i25.0.watchdog.timeout_ns", 4e9);

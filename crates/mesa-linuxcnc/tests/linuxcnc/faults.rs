@@ -26,7 +26,7 @@ const ROWS: &[Row] = &[
     Row {
         fault: "it is put back",
         hostmot2: "nothing, until `sserial.port-N.run` is FALSE and TRUE again",
-        mesa_eth: "it comes back by itself within 6 s; its outputs are safe until `run` is FALSE and TRUE again, or until its pin `rearm` rises",
+        mesa_eth: "it comes back by itself within 6 s, with a message; its outputs are safe until `run` is FALSE and TRUE again, or until its pin `rearm` rises",
         shows: Faults::it_is_put_back,
     },
     Row {

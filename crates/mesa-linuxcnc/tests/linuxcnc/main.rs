@@ -10,6 +10,7 @@ mod faults;
 mod halcmd;
 mod installed;
 mod look;
+mod messages;
 mod names;
 #[path = "../../../mesa-tools/tests/interop/passive.rs"]
 #[allow(unreachable_pub, reason = "shared with mesa-tools")]

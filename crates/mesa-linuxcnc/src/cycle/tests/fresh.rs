@@ -7,7 +7,10 @@ use super::*;
 /// All pins `valid` and `armed`.
 fn shown(bench: &Bench) -> Vec<&str> {
     let names = bench.numbers.iter();
-    let of_component = |name: &str| name.ends_with(".valid") || name.ends_with(".armed");
+    let of_component = |name: &str| {
+        let last = name.rsplit('.').next();
+        last.is_some_and(|last| ["valid", "armed"].contains(&last))
+    };
     let on =
         names.filter(|(name, number)| of_component(name) && bench.cycle.memory.load(**number) != 0);
     on.map(|(name, _)| name.as_str()).collect()

@@ -1,0 +1,98 @@
+//! The messages of a board's cycle.
+
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::{BoardState, EventKind};
+use mesa_hal::hal::Age;
+
+use super::{Cycle, mask_of, since_start};
+use crate::rearm::RemoteMask;
+use crate::report::{Flags, OutputState, Report};
+use crate::say::Level;
+use crate::table::Memory;
+
+impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
+    /// The flags that keep the outputs off, also if HAL does not have them yet.
+    fn flags(&self) -> Flags {
+        let board = self.driver.pins().group_state(self.driver.group());
+        // The user has cleared the flag of a fault that is not over.
+        let is_covered = board.is_some_and(|state| state.coming);
+        let state = self.driver.board_state();
+        let is_down = !matches!(state, BoardState::Running | BoardState::WatchdogBitten);
+        Flags {
+            has_bit: state == BoardState::WatchdogBitten && !is_covered,
+            io_error: (is_down && !is_covered) || self.has_io_error(),
+        }
+    }
+
+    /// State of the outputs of a remote by its number, or of the board.
+    fn output_state(&self, remote: Option<usize>) -> OutputState {
+        let entry = remote.and_then(|number| self.remotes.get(number));
+        let group = entry.map_or(self.driver.group(), |entry| entry.group);
+        let state = self.driver.pins().group_state(group);
+        let mask = mask_of(remote.into_iter());
+        if state.is_some_and(|state| state.armed || state.coming)
+            || (remote.is_some() && self.rearming.follow_by_themselves(mask))
+        {
+            OutputState::Follow
+        } else {
+            OutputState::Wait
+        }
+    }
+
+    pub(super) fn say_events(&mut self) {
+        while let Some(event) = self.events.next() {
+            // Arming at the load is no news.
+            if event.cycle <= 1 && matches!(event.kind, EventKind::Rearmed { .. }) {
+                continue;
+            }
+            let remote = event.kind.remote().and_then(|id| self.names.number(id));
+            let board = self.driver.pins().group_state(self.driver.group());
+            let report = Report {
+                kind: event.kind,
+                names: &self.names,
+                flags: self.flags(),
+                outputs: self.output_state(remote),
+                silence: board.map_or(Age::NEVER, |state| state.age),
+            };
+            if let Some(level) = report.level() {
+                let at = since_start(event.at);
+                self.say.report(at, level, format_args!("{report}"));
+            }
+        }
+    }
+
+    /// Says that the machine is on and outputs are not, of which LinuxCNC shows nothing.
+    pub(super) fn say_left_off(&mut self, remotes: RemoteMask) {
+        let now = self.now();
+        let flags = self.flags();
+        if flags.any() {
+            let text = self.names.all_off(flags);
+            return self.say.report(now, Level::Error, format_args!("{text}"));
+        }
+        for number in (0..self.remotes.len()).filter(|number| remotes >> number & 1 != 0) {
+            if let Some(text) = self.names.left_off(number) {
+                self.say.report(now, Level::Error, format_args!("{text}"));
+            }
+        }
+    }
+
+    /// Says once that too many packets are lost.
+    pub(super) fn say_losses(&mut self) {
+        let statistics = self.driver.statistics();
+        let total = statistics
+            .read_errors
+            .saturating_add(statistics.lost_writes);
+        if let Some(report) = self.losses.cycle(total) {
+            let now = self.now();
+            let board = self.driver.name();
+            self.say.say(
+                now,
+                Level::Error,
+                format_args!(
+                    "{report}; check the cable, the network card, and the latency of this computer \
+                     ({board}.packet-error-total)"
+                ),
+            );
+        }
+    }
+}
