@@ -76,12 +76,27 @@ impl DataRecord {
 /// A remote's own name for an item in HAL spelling: lower case, with `_` for characters that a HAL
 /// file cannot hold.
 pub(crate) fn hal_name(name: &str) -> String {
-    name.chars()
-        .map(|c| match c.to_ascii_lowercase() {
-            c if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '+') => c,
-            _ => '_',
-        })
-        .collect()
+    let small = name.chars().map(|c| c.to_ascii_lowercase());
+    small.map(in_hal).collect()
+}
+
+/// The name of a card in HAL spelling: `7i77` for `7I77`, and `TsHW` for `TsHW`. As in LinuxCNC the second
+/// letter is small, and the others are as the card has them (FACTS 21.5).
+pub(crate) fn hal_card_name(name: &str) -> String {
+    let letters = name.chars().enumerate().map(|(at, c)| match at {
+        1 => c.to_ascii_lowercase(),
+        _ => c,
+    });
+    letters.map(in_hal).collect()
+}
+
+/// A character that a HAL file can hold.
+fn in_hal(c: char) -> char {
+    if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '+') {
+        c
+    } else {
+        '_'
+    }
 }
 
 /// A mode record.

@@ -1,6 +1,7 @@
 //! From a bus to a driver: identification, set-up, planning of the cycle.
 
 use alloc::{boxed::Box, format, string::String, vec::Vec};
+use core::any::Any;
 use core::ops::Deref;
 
 use super::arrival::ArrivalClock;
@@ -11,10 +12,11 @@ use super::period::check_range;
 use super::remotes::PortStage;
 use super::safe_bus::SafeBus;
 use super::{
-    Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind, Settings, Trace,
+    Defaults, Driver, DriverError, FaultPolicy, ModulePart, NotedWord, Pace, Parts, Remark,
+    RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
-use crate::bus::{BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
+use crate::bus::{Access, BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
 use crate::discovery::RemoteTable;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
@@ -104,6 +106,16 @@ impl Plan {
         if let Some(version) = versions.min().filter(|version| stepgen::is_old(*version)) {
             let kind = RemarkKind::OldStepgen { version };
             self.remarks.push(Remark::of_board(kind));
+        }
+    }
+
+    /// Remarks on words of LinuxCNC's `config=` that ask for what the driver does not do.
+    fn remark_words(&mut self) {
+        for word in &self.settings.words {
+            if let NotedWord::Firmware(word) = word {
+                let kind = RemarkKind::FirmwareWord { word: word.clone() };
+                self.remarks.push(Remark::of_board(kind));
+            }
         }
     }
 
@@ -326,6 +338,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
+        self.plan.remark_words();
         if self.plan.settings.instances.get(&Gtag::STEPGEN) != Some(&0) {
             self.plan.remark_old_stepgens();
         }
@@ -338,7 +351,36 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         for stage in &mut self.stages {
             self.plan.discover(&mut *self.bus, stage)?;
         }
-        Ok(())
+        self.finish_gpio()
+    }
+
+    /// Gives the pins of serial channels on which nothing answers back to plain I/O, as LinuxCNC does,
+    /// and gives those of modules their second names.
+    fn finish_gpio(&mut self) -> Result<(), DriverError<B::Error>> {
+        if self.plan.settings.defaults != Defaults::LinuxCnc {
+            return Ok(());
+        }
+        let silent = self.stages.iter().flat_map(PortStage::silent_pins);
+        let silent: Vec<u16> = silent.collect();
+        let mut parts = self.parts.modules.iter_mut();
+        let gpio = parts.find_map(|part| {
+            let module: &mut dyn Any = &mut *part.module;
+            Some((part.group, module.downcast_mut::<Gpio>()?))
+        });
+        let Some((group, gpio)) = gpio else {
+            return Ok(());
+        };
+        let writes = self.plan.register(&mut *self.bus, group, |r| {
+            let writes = gpio.give_back(r, &silent)?;
+            gpio.add_aliases(r)?;
+            Ok(writes)
+        })?;
+        let (accesses, mut words) = Access::writes(writes);
+        if words.is_empty() {
+            return Ok(());
+        }
+        let written = self.bus.exchange(&accesses, &mut words);
+        written.map_err(DriverError::Bus)
     }
 
     /// Writes the set-up, until the board has all of it. A reset in the middle of the set-up leaves

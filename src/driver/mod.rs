@@ -85,7 +85,8 @@ pub use crate::modules::serial::{
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::settings::{
-    Defaults, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
+    Defaults, NotedWord, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,
+    TraceSettings,
 };
 pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};

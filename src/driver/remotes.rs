@@ -34,11 +34,22 @@ pub(super) struct PortStage {
     configs: BTreeMap<u8, RemoteConfig>,
     /// The remotes that take part, by channel.
     remotes: Vec<FoundRemote>,
+    /// Its I/O pins, by channel.
+    pins: Vec<(u8, u16)>,
+    /// The channels on which nothing answers and nothing is expected.
+    silent: Vec<u8>,
 }
 
 impl PortStage {
     fn number(&self) -> u8 {
         self.port.layout().instance
+    }
+
+    /// The I/O pins of channels on which nothing answers and nothing is expected.
+    pub fn silent_pins(&self) -> impl Iterator<Item = u16> + '_ {
+        let pins = self.pins.iter();
+        let silent = pins.filter(|(channel, _)| self.silent.contains(channel));
+        silent.map(|&(_, number)| number)
     }
 
     fn config(&self, channel: Channel) -> Option<&RemoteConfig> {
@@ -151,10 +162,15 @@ impl Plan {
             self.io
                 .use_module(&self.firmware, gtag, unit, is_used)
                 .map_err(RegisterError::from)?;
+            let pins = self.firmware.pins_of(gtag, unit);
+            let pins = pins.filter_map(|(number, pin)| Some((pin.sserial_channel()?, number)));
+            let pins = pins.filter(|(channel, _)| wanted.contains_key(channel));
             located.push(PortStage {
+                pins: pins.collect(),
                 port: Port::new(layout),
                 configs: wanted,
                 remotes: Vec::new(),
+                silent: Vec::new(),
             });
         }
         Ok(located)
@@ -236,6 +252,9 @@ impl Plan {
             }
             _ => {
                 let remark = stage.remark(channel.index(), kind);
+                if remark.is_silent() {
+                    stage.silent.push(channel.index());
+                }
                 let is = |channel, table: &_| remark::is(&stage.remotes, channel, table);
                 let part = remark
                     .is_silent()

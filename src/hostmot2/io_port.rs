@@ -180,6 +180,20 @@ impl IoPorts {
         })
     }
 
+    /// Makes a pin that a module uses a plain input.
+    pub(crate) fn give_back(&mut self, pin: u16) {
+        let Some(place) = self.place(pin) else {
+            return;
+        };
+        if let Some(taken) = self.taken.get_mut(usize::from(pin)) {
+            *taken = false;
+        }
+        if let Some(IoPort { setup, .. }) = self.ports.get_mut(usize::from(place.port)) {
+            setup.direction = place.put(setup.direction, false);
+            setup.alternate_source = place.put(setup.alternate_source, false);
+        }
+    }
+
     fn take(
         &mut self,
         pin: u16,

@@ -49,6 +49,8 @@ struct GpioPort {
     /// The last levels that were taken.
     taken: Option<u32>,
     data: Option<WriteSlot>,
+    address: PortRegisters<u16>,
+    source: Setting,
     invert: Setting,
     direction: Setting,
     open_drain: Setting,
@@ -82,6 +84,58 @@ impl Gpio {
         };
         r.add(module);
         Ok(())
+    }
+
+    /// Makes plain I/O of pins that a module has taken and does not use, when the board is set up already.
+    /// Returns the writes that the board needs for it, in their order: none of them drives a pin.
+    pub(crate) fn give_back(
+        &mut self,
+        r: &mut Registrar<'_>,
+        numbers: &[u16],
+    ) -> Result<Vec<(u16, u32)>, RegisterError> {
+        for &number in numbers {
+            r.io.give_back(number);
+            let place = r.io.place(number);
+            if let Some(pins) = place.and_then(|place| self.at_mut(place)) {
+                pins.make_free(r, number)?;
+            }
+        }
+        let mut writes = Vec::new();
+        for (port, IoPort { setup, .. }) in self.ports.iter_mut().zip(r.io.ports.clone()) {
+            if port.setup == setup {
+                continue;
+            }
+            port.setup = setup;
+            r.image.change(port.direction, setup.direction);
+            r.image.change(port.source, setup.alternate_source);
+            if port.data.is_none() {
+                port.data = Some(r.image.output(port.address.data, setup.data));
+            }
+            writes.push((port.address.direction, setup.direction));
+            writes.push((port.address.alternate_source, setup.alternate_source));
+        }
+        Ok(writes)
+    }
+
+    /// Gives the parameters of pins that modules drive their second names in LinuxCNC.
+    pub(crate) fn add_aliases(&self, r: &mut Registrar<'_>) -> Result<(), PinError> {
+        for number in 0.. {
+            let Some(place) = r.io.place(number) else {
+                break;
+            };
+            let pins = self.ports.get(usize::from(place.port));
+            let pins = pins.and_then(|port| port.pins.iter().find(|(at, _)| *at == place));
+            if let Some((_, pins)) = pins {
+                pins.add_aliases(r, number)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn at_mut(&mut self, place: PinPlace) -> Option<&mut GpioPins> {
+        let port = self.ports.get_mut(usize::from(place.port))?;
+        let (_, pins) = port.pins.iter_mut().find(|(at, _)| *at == place)?;
+        Some(pins)
     }
 
     /// The I/O pins, by number.
@@ -124,21 +178,49 @@ impl GpioPins {
         if let (Some(out), Some(is_output)) = (made.out, made.is_output) {
             r.pins.enabled_by(out, is_output);
         }
-        if let Some(alias) = made.alias(r, number) {
-            let named = [
-                (made.invert_output, "invert_output"),
-                (made.is_opendrain, "is_opendrain"),
-            ];
-            for (param, name) in named {
-                let mut name = format!("{alias}.{name}");
-                // LinuxCNC cuts second names one character before its limit.
-                name.truncate(MAX_NAME - 1);
-                if let Some(param) = param {
-                    r.pins.add_alias(param, name)?;
-                }
+        Ok(made)
+    }
+
+    /// Makes the pins and parameters that only a pin has which no module uses.
+    fn make_free(&mut self, r: &mut Registrar<'_>, number: u16) -> Result<(), PinError> {
+        let ports = ModuleInstance::new(Gtag::IO_PORT, 0);
+        let place = r.board.place(r.firmware, ports, number);
+        let mut make = r.maker_at(&format!("gpio.{number:03}."), place);
+        let flags = [
+            (&mut self.invert_output, "invert_output"),
+            (&mut self.is_opendrain, "is_opendrain"),
+            (&mut self.is_output, "is_output"),
+        ];
+        for (flag, name) in flags {
+            if flag.is_none() {
+                *flag = Some(make.setting(name, false)?);
             }
         }
-        Ok(made)
+        let out = make.output("out", false)?;
+        self.out = Some(out);
+        if let Some(is_output) = self.is_output {
+            r.pins.enabled_by(out, is_output);
+        }
+        Ok(())
+    }
+
+    fn add_aliases(&self, r: &mut Registrar<'_>, number: u16) -> Result<(), PinError> {
+        let Some(alias) = self.alias(r, number) else {
+            return Ok(());
+        };
+        let named = [
+            (self.invert_output, "invert_output"),
+            (self.is_opendrain, "is_opendrain"),
+        ];
+        for (param, name) in named {
+            let mut name = format!("{alias}.{name}");
+            // LinuxCNC cuts second names one character before its limit.
+            name.truncate(MAX_NAME - 1);
+            if let Some(param) = param {
+                r.pins.add_alias(param, name)?;
+            }
+        }
+        Ok(())
     }
 
     /// The second name in LinuxCNC of an I/O pin that a module drives, for the names of its
@@ -212,10 +294,11 @@ impl GpioPort {
             r.image.step(Stage::Configure, address.data, setup.data);
         }
         let (source, word) = (address.alternate_source, setup.alternate_source);
-        r.image.step(Stage::Route, source, word);
         Self {
             pins,
             setup,
+            address,
+            source: r.image.setting(Stage::Route, source, word),
             levels: is_read.then(|| r.image.read(Phase::Data, address.data)),
             taken: None,
             data: is_written.then(|| r.image.output(address.data, setup.data)),

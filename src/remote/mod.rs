@@ -32,7 +32,7 @@ use alloc::vec::Vec;
 use self::binding::{Binding, BitInputs};
 use self::counter::CounterPins;
 use self::make::Maker;
-use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable, hal_name};
+use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable, hal_card_name, hal_name};
 use crate::hal::{GroupId, PinError, PinStore};
 
 /// The pins of a remote, and the transfer of their values from and to the interface registers.
@@ -92,7 +92,7 @@ impl RemotePins {
         plan: &PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
-        let card = hal_name(&descriptor.name.to_string());
+        let card = hal_card_name(&descriptor.name.to_string());
         let mut remote = Self {
             prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
             group: pins.add_group(),

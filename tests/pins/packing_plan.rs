@@ -152,7 +152,7 @@ proptest! {
         let plan = PackingPlan::new(&descriptor, SEVEN).unwrap();
         let mut pins = PinStore::default();
         let mut remote = RemotePins::new(&mut pins, "b", RemoteId::new(0, 0), &descriptor, &plan, None).unwrap();
-        let name = |n: usize| format!("b.test.0.0.n{n}");
+        let name = |n: usize| format!("b.TeST.0.0.n{n}");
         let narrow = |pins: &PinStore, n| pins.inout::<u32>(&name(n)).ok();
         let wide = |pins: &PinStore, n| pins.inout::<u64>(&name(n)).unwrap();
         let value = |n: usize| elements[n].1 & u64::MAX >> (64 - elements[n].0);

@@ -341,9 +341,9 @@ fn a_bidirectional_element_is_in_both_streams_and_pads_take_room() {
     ];
     let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
-    let bit = pins.inout::<bool>("hm2_7i92.0.test.0.0.both-02").unwrap();
-    let level = pins.inout::<f64>("hm2_7i92.0.test.0.0.level").unwrap();
-    let out = pins.output::<bool>("hm2_7i92.0.test.0.0.out").unwrap();
+    let bit = pins.inout::<bool>("hm2_7i92.0.TeST.0.0.both-02").unwrap();
+    let level = pins.inout::<f64>("hm2_7i92.0.TeST.0.0.level").unwrap();
+    let out = pins.output::<bool>("hm2_7i92.0.TeST.0.0.out").unwrap();
     cycle(&mut pins);
     remote.take_inputs(&mut pins, &[0xAB << 9 | 0b0100 << 5 | 5]);
     assert_eq!(pins.read(bit).ok(), Some(true));
@@ -366,7 +366,7 @@ fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
         }
         let mut pins = PinStore::default();
         let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
-        let count = pins.input::<i32>("hm2_7i92.0.test.0.0.enc.count").unwrap();
+        let count = pins.input::<i32>("hm2_7i92.0.TeST.0.0.enc.count").unwrap();
         for (at, expected) in [(0x0FFE, 0), (0x1001, 3), (0x0FFF_FFFF, -4095)] {
             let (high, low) = (at >> 12, at & 0xFFF);
             let word = if high_first {
@@ -391,7 +391,7 @@ fn real_numbers_go_both_ways_and_none_that_is_none() {
     ];
     let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
-    let name = |pin: &str| format!("hm2_7i92.0.test.0.0.{pin}");
+    let name = |pin: &str| format!("hm2_7i92.0.TeST.0.0.{pin}");
     let input = pins.input::<f64>(&name("in")).unwrap();
     let out = pins.output::<f64>(&name("out")).unwrap();
     let small = pins.output::<f64>(&name("small")).unwrap();

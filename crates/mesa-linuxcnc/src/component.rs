@@ -9,6 +9,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use mesa_hal::bus::DynBus;
+use mesa_hal::driver::{Remark, RemarkKind};
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
 use mesa_pci::PciDevice;
 
@@ -28,10 +30,29 @@ pub(crate) enum Step {
     Read,
     Write,
     RequestRead,
+    ReadGpio,
+    WriteGpio,
 }
 
 impl Step {
-    const ALL: [Self; 3] = [Self::Read, Self::Write, Self::RequestRead];
+    /// The functions that a board has.
+    const fn all(interface: Interface) -> &'static [Self] {
+        match interface {
+            Interface::Ethernet => &[Self::Read, Self::Write, Self::RequestRead],
+            Interface::Pci => &[
+                Self::Read,
+                Self::Write,
+                Self::RequestRead,
+                Self::ReadGpio,
+                Self::WriteGpio,
+            ],
+        }
+    }
+
+    /// True for a function of a thread that is faster than that of the cycle.
+    const fn is_fast(self) -> bool {
+        matches!(self, Self::ReadGpio | Self::WriteGpio)
+    }
 
     /// The end of the function's name in HAL.
     const fn name(self) -> &'static str {
@@ -39,6 +60,8 @@ impl Step {
             Self::Read => "read",
             Self::Write => "write",
             Self::RequestRead => "read-request",
+            Self::ReadGpio => "read_gpio",
+            Self::WriteGpio => "write_gpio",
         }
     }
 }
@@ -114,7 +137,7 @@ fn try_load() -> Result<(), LoadError> {
         };
         let driver = start(board, &mut of_kind).map_err(of_board)?;
         let name = driver.name().to_owned();
-        let cycle = add(component, number, driver).map_err(of_board)?;
+        let cycle = add(component, interface, number, driver).map_err(of_board)?;
         if let Some(slot) = BOARDS.get(number) {
             *locked(slot) = Some(cycle);
         }
@@ -176,6 +199,7 @@ fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadErr
 /// Makes the pins, parameters and functions of a board.
 fn add(
     component: ComponentId,
+    interface: Interface,
     number: usize,
     driver: Driver<DynBus>,
 ) -> Result<BoardCycle, LoadError> {
@@ -201,7 +225,7 @@ fn add(
             made.map_err(|HalError(result)| of_memory(alias, MemoryError::Refused(result)))?;
         }
     }
-    for step in Step::ALL {
+    for &step in Step::all(interface) {
         let name = format!("{}.{}", driver.name(), step.name());
         let exported = component.export(&c_name(&name)?, step, number);
         exported.map_err(|HalError(result)| of_memory(&name, MemoryError::Refused(result)))?;
@@ -222,12 +246,12 @@ fn report_remarks(driver: &Driver<DynBus>, names: &Names) {
     let missing = missing.into_iter().map(|remark| (Level::Error, remark));
     let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
     for (level, remark) in missing.chain(remarks) {
-        let advice = remark.advice();
+        let (advice, more) = (remark.advice(), of_components(remark));
         let card = remark.remote.and_then(|remote| names.card(remote));
         // With pins, it has a name; else its place is in the remark.
         let facts: &dyn fmt::Display = if card.is_some() { &remark.kind } else { remark };
         let (subject, facts) = (card.unwrap_or(name), WithAdvice::new(facts, advice));
-        at_set_up(level, &format_args!("{subject}: {facts}"));
+        at_set_up(level, &format_args!("{subject}: {facts}{more}"));
     }
     // A `config=` with more channels than remotes is usual, so this is no error.
     let silent = silent.into_iter().filter_map(|remark| remark.remote);
@@ -239,6 +263,23 @@ fn report_remarks(driver: &Driver<DynBus>, names: &Names) {
                  power where there should be one, and put an x for the others in sserial_port_{port}="
             ),
         );
+    }
+}
+
+/// What a remark means for components of LinuxCNC that call functions of hostmot2, as those for Modbus do.
+fn of_components(remark: &Remark) -> &'static str {
+    const CALLED: [Gtag; 5] = [
+        Gtag::PACKET_UART_TX,
+        Gtag::PACKET_UART_RX,
+        Gtag::UART_TX,
+        Gtag::UART_RX,
+        Gtag::BUFFERED_SPI,
+    ];
+    match &remark.kind {
+        RemarkKind::Undriven(module) if CALLED.contains(&module.gtag) => {
+            "; components that use it through hostmot2 (Modbus, SPI) cannot be loaded: they need hm2_eth or hm2_pci"
+        }
+        _ => "",
     }
 }
 
@@ -270,7 +311,7 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
         return;
     };
     let result = catch_unwind(AssertUnwindSafe(|| {
-        let mut guard = match place.try_lock() {
+        let mut guard = match lock(place, step) {
             Ok(guard) => guard,
             // After a panic. HAL may have changed what was shown then.
             Err(TryLockError::Poisoned(cycle)) => return abandon(&mut cycle.into_inner()),
@@ -287,6 +328,8 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
             Step::Read => cycle.read(period),
             Step::Write => cycle.write(period),
             Step::RequestRead => cycle.request_read(period),
+            Step::ReadGpio => cycle.read_gpio(),
+            Step::WriteGpio => cycle.write_gpio(),
         }
     }));
     if result.is_err() {
@@ -301,6 +344,24 @@ pub(crate) fn run(board: usize, step: Step, period: c_long) {
             ),
         );
     }
+}
+
+/// Tries of a function of the cycle to get a board that a faster thread has: some ten microseconds. That
+/// thread needs it for a few accesses.
+const TRIES: u32 = 2_000;
+
+/// The board for a step. A faster thread is not held up: it leaves a board out that the cycle has.
+fn lock(
+    place: &Mutex<Option<BoardCycle>>,
+    step: Step,
+) -> Result<MutexGuard<'_, Option<BoardCycle>>, TryLockError<MutexGuard<'_, Option<BoardCycle>>>> {
+    for _ in 1..TRIES {
+        match place.try_lock() {
+            Err(TryLockError::WouldBlock) if !step.is_fast() => core::hint::spin_loop(),
+            locked => return locked,
+        }
+    }
+    place.try_lock()
 }
 
 /// Shows in HAL that a board is not driven after a panic.

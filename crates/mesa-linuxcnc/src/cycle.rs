@@ -10,6 +10,7 @@ use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, V
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
 use crate::advice::WithAdvice;
+use crate::gpio::Gpio;
 use crate::interface::Interface;
 use crate::loss::Losses;
 use crate::outputs::Outputs;
@@ -104,6 +105,7 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     driver: Driver<B>,
     memory: M,
     table: Table,
+    gpio: Gpio,
     events: Events,
     say: Say,
     names: Names,
@@ -175,8 +177,10 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         });
         let rearming = Rearming::new(ports.collect(), run_of(&run, &memory));
         let events = driver.events();
+        let gpio = Gpio::new(driver.firmware(), driver.name(), driver.pins());
         Self {
             table,
+            gpio,
             events,
             say,
             names: Names::new(&driver, Interface::own()),
@@ -278,6 +282,23 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             self.driver.request_read();
         }
         self.show_own();
+    }
+
+    /// The function `read_gpio`: the levels of all I/O pins, for a thread that is faster than the cycle's.
+    pub fn read_gpio(&mut self) {
+        if !self.has_io_error() {
+            self.gpio.read(self.driver.bus_mut(), &mut self.memory);
+        }
+    }
+
+    /// The function `write_gpio`: the plain outputs, while outputs of the board follow HAL. Their
+    /// directions and inversions are written by `write`.
+    pub fn write_gpio(&mut self) {
+        let board = self.driver.pins().group_state(self.driver.group());
+        let is_armed = board.is_some_and(|state| state.armed);
+        if is_armed && !self.has_io_error() {
+            self.gpio.write(self.driver.bus_mut(), &self.memory);
+        }
     }
 
     /// Shows in HAL that the board is not driven any more, which the user cannot acknowledge.

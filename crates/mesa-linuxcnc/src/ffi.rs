@@ -110,6 +110,8 @@ impl ComponentId {
             Step::Read => read,
             Step::Write => write,
             Step::RequestRead => request_read,
+            Step::ReadGpio => read_gpio,
+            Step::WriteGpio => write_gpio,
         };
         let board = core::ptr::without_provenance_mut(board);
         // SAFETY: the name ends with NUL, and HAL copies it. The function has the type that HAL
@@ -187,6 +189,14 @@ extern "C" fn request_read(board: *mut c_void, period: c_long) {
     component::run(board.addr(), Step::RequestRead, period);
 }
 
+extern "C" fn read_gpio(board: *mut c_void, period: c_long) {
+    component::run(board.addr(), Step::ReadGpio, period);
+}
+
+extern "C" fn write_gpio(board: *mut c_void, period: c_long) {
+    component::run(board.addr(), Step::WriteGpio, period);
+}
+
 /// Called by `loadrt`, after it has set the parameters. A negative result ends it.
 #[unsafe(no_mangle)]
 pub extern "C" fn rtapi_app_main() -> c_int {
@@ -205,6 +215,8 @@ type Texts = [AtomicPtr<c_char>; MAX_BOARDS];
 static BOARD_IP: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static CONFIG: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static SYSFS: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
+static BOARD_RTNET: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
+static FIREWALL: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
 static DEBUG: AtomicI32 = AtomicI32::new(0);
 
 /// Place of the words of `board_ip=`.
@@ -237,6 +249,26 @@ pub static rtapi_info_type_sysfs: &[u8; 2] = b"s\0";
 #[unsafe(no_mangle)]
 pub static rtapi_info_size_sysfs: c_int = 1;
 
+/// Place of the words of `board_rtnet=`, which hm2_eth has.
+#[unsafe(no_mangle)]
+pub static rtapi_info_address_board_rtnet: &Texts = &BOARD_RTNET;
+/// Type of `board_rtnet=`: texts.
+#[unsafe(no_mangle)]
+pub static rtapi_info_type_board_rtnet: &[u8; 2] = b"s\0";
+/// Largest number of words of `board_rtnet=`.
+#[unsafe(no_mangle)]
+pub static rtapi_info_size_board_rtnet: c_int = MAX_BOARDS as c_int;
+
+/// Place of the word of `firewall=`, which hm2_eth has.
+#[unsafe(no_mangle)]
+pub static rtapi_info_address_firewall: &Texts = &FIREWALL;
+/// Type of `firewall=`: a text.
+#[unsafe(no_mangle)]
+pub static rtapi_info_type_firewall: &[u8; 2] = b"s\0";
+/// Largest number of words of `firewall=`.
+#[unsafe(no_mangle)]
+pub static rtapi_info_size_firewall: c_int = 1;
+
 /// Place of `debug=`, which hm2_eth has: accepted, and without effect.
 #[unsafe(no_mangle)]
 pub static rtapi_info_address_debug: &AtomicI32 = &DEBUG;
@@ -266,10 +298,10 @@ mod panics {
 #[cfg(debug_assertions)]
 pub(crate) use panics::is_due as panic_is_due;
 
-/// The words of `board_ip=`, of `config=` and of `sysfs=`, taken: a later load begins without them, even if the
-/// component stays in memory. Text that is not UTF-8 is replaced by the sign for that.
-pub(crate) fn take_parameters() -> [Vec<String>; 3] {
-    [&BOARD_IP, &CONFIG, &SYSFS].map(|texts| {
+/// The words of `board_ip=`, of `config=`, of `sysfs=`, of `board_rtnet=` and of `firewall=`, taken: a later
+/// load begins without them, even if the component stays in memory. Text that is not UTF-8 is replaced by the sign for that.
+pub(crate) fn take_parameters() -> [Vec<String>; 5] {
+    [&BOARD_IP, &CONFIG, &SYSFS, &BOARD_RTNET, &FIREWALL].map(|texts| {
         let taken = texts
             .iter()
             .map(|text| text.swap(core::ptr::null_mut(), Ordering::Relaxed));

@@ -21,6 +21,7 @@
 //! | `parameters` | the words of the `loadrt` line |
 //! | `component` | loading, the functions of the cycle, the end, and panics |
 //! | `cycle` | a board's cycle: HAL to the driver and back |
+//! | `gpio` | the I/O pins alone, for a faster thread |
 //! | `table` | the copy between HAL's values and the driver's pins |
 //! | `rearm` | which outputs follow again after what the user has done in HAL |
 //! | `outputs` | what HAL has on |
@@ -42,6 +43,7 @@ mod advice;
 mod component;
 mod cycle;
 mod ffi;
+mod gpio;
 mod interface;
 mod loss;
 mod memory;

@@ -66,7 +66,10 @@ pub(crate) enum WordError {
         word: String,
     },
     /// More configurations than boards.
-    #[error("config={word}: there are more words in config= than boards")]
+    #[error(
+        "config={word}: there is no board for this word: a comma begins the words of the next board, and \
+         words of the same board are separated by spaces"
+    )]
     Surplus {
         /// The first word without a board.
         word: String,
@@ -102,6 +105,16 @@ pub(crate) enum WordError {
         /// Why.
         error: String,
     },
+    /// A word of hm2_eth with another value than it takes.
+    #[error("{name}={word}: expected {expected}")]
+    Value {
+        /// Name of the word.
+        name: &'static str,
+        /// Its value.
+        word: String,
+        /// The values that it can have.
+        expected: &'static str,
+    },
     /// Error in a configuration.
     #[error("config= of {board}: {error}")]
     Config {
@@ -114,7 +127,8 @@ pub(crate) enum WordError {
 
 /// Takes the words of the `loadrt` line.
 pub(crate) fn take(interface: Interface) -> Result<Vec<BoardParameters>, WordError> {
-    let [boards, configs, sysfs] = ffi::take_parameters();
+    let [boards, configs, sysfs, networks, firewalls] = ffi::take_parameters();
+    check_network(&networks, &firewalls)?;
     match interface {
         Interface::Ethernet => parse(&boards, &configs),
         Interface::Pci => {
@@ -127,6 +141,28 @@ pub(crate) fn take(interface: Interface) -> Result<Vec<BoardParameters>, WordErr
             }
         }
     }
+}
+
+/// Checks `board_rtnet=` and `firewall=`, which hm2_eth has for its network. Here the network is that of the
+/// kernel, and its firewall stays as it is.
+fn check_network(networks: &[String], firewalls: &[String]) -> Result<(), WordError> {
+    let is_posix = |word: &&String| word.is_empty() || *word == "posix";
+    let other = |name, expected, word: &String| WordError::Value {
+        name,
+        word: word.clone(),
+        expected,
+    };
+    if let Some(word) = networks.iter().find(|word| !is_posix(word)) {
+        let expected =
+            "posix, because this component drives a board over the kernel's own network alone";
+        return Err(other("board_rtnet", expected, word));
+    }
+    let is_known = |word: &&String| ["", "auto", "iptables", "nft", "none"].contains(&&***word);
+    if let Some(word) = firewalls.iter().find(|word| !is_known(word)) {
+        let expected = "auto, iptables, nft or none; all leave the firewall as it is";
+        return Err(other("firewall", expected, word));
+    }
+    Ok(())
 }
 
 /// The boards on the PCI bus, each with its configuration.
@@ -237,9 +273,39 @@ mod tests {
         assert!(error(&["7i97"], &[]).contains("board_ip=7i97:"));
         let twice = error(&["10.10.10.10", "10.10.10.10:27181"], &[]);
         assert!(twice.starts_with("board_ip=10.10.10.10:27181: "), "{twice}");
-        assert!(error(&["10.10.10.10"], &["", "num_leds=1"]).starts_with("config=num_leds=1: "));
+        let comma = error(&["10.10.10.10"], &["num_encoders=1", "num_leds=1"]);
+        assert!(comma.starts_with("config=num_leds=1: "), "{comma}");
+        assert!(comma.contains("separated by spaces"), "{comma}");
         let word = error(&["10.10.10.10"], &["num_encoder=6"]);
         assert!(word.contains("num_encoder=6"), "{word}");
+    }
+
+    #[test]
+    fn words_of_hm2_eth_for_its_network_are_taken() {
+        for (networks, firewalls) in [
+            (&[][..], &["auto"][..]),
+            (&["posix"], &["iptables"]),
+            (&["posix", "posix"], &["nft"]),
+            (&["", "posix"], &["none"]),
+        ] {
+            assert_eq!(check_network(&words(networks), &words(firewalls)), Ok(()));
+        }
+        for (networks, firewalls, said) in [
+            (
+                &["posix", "evl"][..],
+                &[][..],
+                "board_rtnet=evl: expected posix, ",
+            ),
+            (
+                &[],
+                &["ufw"],
+                "firewall=ufw: expected auto, iptables, nft or none",
+            ),
+        ] {
+            let error = check_network(&words(networks), &words(firewalls));
+            let error = error.expect_err(said).to_string();
+            assert!(error.starts_with(said), "{error}");
+        }
     }
 
     proptest! {

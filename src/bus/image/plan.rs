@@ -235,6 +235,19 @@ impl ImagePlan {
         setting
     }
 
+    /// Changes the word of a setting before the cycle begins, in the set-up as well. The board is not
+    /// written.
+    pub(crate) fn change(&mut self, setting: Setting, word: u32) {
+        if let Some(register) = self.settings.get_mut(usize::from(setting.0)) {
+            register.word = word;
+        }
+        for step in &mut self.steps {
+            if matches!(step.again, RepeatedWord::Setting(of) if of == setting) {
+                step.first = Some(word);
+            }
+        }
+    }
+
     /// Detects whether the board, which has been set up, reads back the settings that
     /// [drive](Self::drive) its pins. If so, they become [evidence](super::Words::evidence_matches)
     /// in every read with extra registers.

@@ -18,10 +18,16 @@ pub struct EncoderPins {
     pub count_latched: Input<i32>,
     /// `count-latched / scale`.
     pub position_latched: Input<f64>,
+    /// `position`, and what the encoder has gone since its last count if its velocity is still that
+    /// of before: less than a count. At standstill it is `position`.
+    pub position_interpolated: Input<f64>,
     /// Units of position per second.
     pub velocity: Input<f64>,
     /// Units of position per minute.
     pub velocity_rpm: Input<f64>,
+    /// While true, an index that `index-enable` has asked for latches the count as a probe does, and
+    /// leaves `count` as it is.
+    pub no_clear_on_index: Output<bool>,
     /// While true, each edge of the probe latches the count. In firmware without a probe nothing is
     /// latched, and each cycle in which the pin is true is counted as a refused value.
     pub probe_enable: Output<bool>,
@@ -99,6 +105,7 @@ impl EncoderPins {
             rawlatch: make.input("rawlatch")?,
             count_latched: make.input("count-latched")?,
             position_latched: make.input("position-latched")?,
+            position_interpolated: make.input("position-interpolated")?,
             velocity: make.input("velocity")?,
             velocity_rpm: make.input("velocity-rpm")?,
             quad_error: make.input("quad-error")?,
@@ -107,6 +114,7 @@ impl EncoderPins {
             input_a: make.input(at(&a, "input-a"))?,
             input_b: make.input(at(&b, "input-b"))?,
             input_index: make.input(at(&index, "input-index"))?,
+            no_clear_on_index: make.switch(at(&index, "no_clear_on_index"), false)?,
             index_invert: make.setting("index-invert", false)?,
             index_mask: make.setting("index-mask", false)?,
             index_mask_invert: make.setting("index-mask-invert", false)?,
@@ -158,6 +166,7 @@ impl EncoderPins {
     ) -> EncoderCommand {
         state.config = self.config(pins);
         state.watches_errors = pins.fetch(self.quad_error_enable);
+        state.index_keeps_count = pins.fetch(self.no_clear_on_index);
         state.is_awake = true;
         pins.publish(self.max_count_rate, state.max_count_rate());
         let probes = pins.fetch(self.probe_enable);
@@ -182,6 +191,7 @@ impl EncoderPins {
         }
         pins.publish(self.counter.count, reading.count as i32);
         pins.publish(self.counter.position, reading.position);
+        pins.publish(self.position_interpolated, reading.interpolated);
         pins.publish(self.velocity, reading.velocity);
         pins.publish(self.velocity_rpm, reading.velocity * 60.0);
         pins.publish(self.quad_error, reading.quadrature_error);

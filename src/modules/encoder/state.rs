@@ -64,6 +64,8 @@ pub struct EncoderReading {
     pub count: i64,
     /// `count / scale`, in units of position.
     pub position: f64,
+    /// `position`, and the way since the last count at the present velocity: less than a count.
+    pub interpolated: f64,
     /// In units of position per second.
     pub velocity: f64,
     /// Counts for one unit of position.
@@ -110,6 +112,8 @@ pub struct EncoderState {
     pub latch: Latch,
     /// Detects quadrature errors. If false, each error is cleared in the board.
     pub watches_errors: bool,
+    /// A requested index latches the count, and leaves it as it is.
+    pub index_keeps_count: bool,
     /// The next read is evaluated in full: a command or the configuration may have changed.
     pub is_awake: bool,
     rates: EncoderRates,
@@ -267,8 +271,12 @@ impl EncoderState {
         let index_came = self.check_latch(sample, from, evidence);
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
+        let at = self.last.map_or(0, |(_, ticks)| ticks);
+        let position = self.reading.count as f64 / scale;
+        let ahead = self.velocity.ahead(at, self.rates.tick_hz);
         self.reading = EncoderReading {
-            position: self.reading.count as f64 / scale,
+            position,
+            interpolated: position + ahead / scale,
             velocity: velocity / scale,
             scale,
             index_came,
@@ -339,7 +347,7 @@ impl EncoderState {
         };
         let behind = behind(latched);
         let is_index = wanted == LatchRequest::Index;
-        if is_index {
+        if is_index && !self.index_keeps_count {
             self.reading.count = behind;
             self.reading.is_unsure = evidence != CountEvidence::Certain;
         }

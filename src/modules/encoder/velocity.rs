@@ -59,6 +59,16 @@ impl VelocityEstimator {
         }
     }
 
+    /// Counts that the encoder has gone since its last change, at the present velocity: less than one,
+    /// which would have been counted. `now` in ticks, `hz` ticks per second.
+    pub fn ahead(&self, now: u64, hz: f64) -> f64 {
+        let Some(last) = self.last_change else {
+            return 0.0;
+        };
+        let elapsed = now.saturating_sub(last) as f64 / hz;
+        (self.velocity * elapsed).clamp(-1.0, 1.0)
+    }
+
     fn moved(&mut self, change: i64, counts: f64, elapsed: f64) {
         let turned = self.velocity * counts < 0.0;
         if turned && change.unsigned_abs() == 1 {

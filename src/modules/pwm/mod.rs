@@ -41,6 +41,10 @@ pub struct PwmPins {
     /// on the second for negative values; 3: pulse density and direction, with 12 bits; 4:
     /// direction and PWM. Any other value counts as 1.
     pub output_type: Param<i32>,
+    /// Uses the fraction of the duty: the output changes between two adjacent widths, with an average
+    /// between them. Only with module version 1. Initially true, and false with
+    /// [`Defaults::LinuxCnc`].
+    pub dither: Option<Param<bool>>,
 }
 
 /// All PWM generators.
@@ -53,8 +57,6 @@ pub struct Pwm {
     pub pdm_frequency: Param<u32>,
     generators: Vec<Generator>,
     clock_hz: u32,
-    /// Uses the fraction of the duty: module version 1.
-    dithers: bool,
     /// The last requested frequencies, of PWM and PDM.
     hz: (u32, u32),
     /// The rate in the hardware for the requested PWM frequency.
@@ -148,7 +150,6 @@ impl Pwm {
             pdm_frequency,
             generators,
             clock_hz,
-            dithers,
             hz,
             rate,
             master_rate,
@@ -255,9 +256,7 @@ impl Module for Pwm {
         let enables = (0..).zip(self.pins().map(|pins| pins.enable));
         let enables = bits_of(cycle.pins, enables);
         for generator in &mut self.generators {
-            let shape = generator
-                .pins
-                .shape(cycle.pins, self.rate.bits, self.dithers);
+            let shape = generator.pins.shape(cycle.pins, self.rate.bits);
             if shape != generator.shape {
                 generator.shape = shape;
                 cycle.words.set(generator.mode, shape.mode());
@@ -285,8 +284,8 @@ impl Generator {
         let (module, number) = (&of_kind.descriptor, of_kind.number(instance));
         r.use_io(Gtag::PWM, number)?;
         let table = r.board.pwm.of(number);
-        let pins = PwmPins::new(r, number, table)?;
-        let shape = pins.shape(r.pins, bits, module.version >= 1);
+        let pins = PwmPins::new(r, number, table, module.version >= 1)?;
+        let shape = pins.shape(r.pins, bits);
         let (value, mode) = (module.register(0, instance)?, module.register(1, instance)?);
         // A double-buffered value would wait for the end of a period.
         r.image
@@ -303,7 +302,13 @@ impl Generator {
 }
 
 impl PwmPins {
-    fn new(r: &mut Registrar<'_>, number: u8, table: &PwmTable) -> Result<Self, RegisterError> {
+    fn new(
+        r: &mut Registrar<'_>,
+        number: u8,
+        table: &PwmTable,
+        has_dither: bool,
+    ) -> Result<Self, RegisterError> {
+        let dithers = r.settings.defaults == Defaults::Board;
         let [output, enable] =
             [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
         let stem = format!("pwmgen.{number:02}.");
@@ -335,16 +340,19 @@ impl PwmPins {
             )?,
             scale,
             output_type: make.setting("output-type", asked.output_type.unwrap_or(1))?,
+            dither: has_dither
+                .then(|| make.setting("dither", dithers))
+                .transpose()?,
         })
     }
 
-    fn shape(&self, pins: &PinStore, bits: u8, dither: bool) -> PwmShape {
+    fn shape(&self, pins: &PinStore, bits: u8) -> PwmShape {
         let output_type = pins.param(self.output_type);
         PwmShape {
             bits: if output_type == PDM { 12 } else { bits },
             output_type,
             offset: pins.param(self.offset_mode),
-            dither,
+            dither: self.dither.is_some_and(|dither| pins.param(dither)),
         }
     }
 }

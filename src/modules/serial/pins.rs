@@ -4,7 +4,9 @@ use alloc::format;
 
 use super::health::Health;
 use super::recovery::{Recovery, is_stopping};
+use crate::bus::Instant;
 use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore};
+use crate::modules::settings::Defaults;
 use crate::modules::{RegisterError, Registrar};
 use crate::sslbp::{ChannelLink, PortMachine, RemoteFaults};
 
@@ -21,6 +23,9 @@ pub(super) struct PortPins {
     port_state2: Input<u32>,
     /// LinuxCNC's step within a parameter access; 0 here, as in LinuxCNC outside of one.
     port_state3: Input<u32>,
+    /// Of LinuxCNC, in nanoseconds: what is left of the longest time that the port's present command
+    /// can take; 0 for none, and for transfers. Only with LinuxCNC's values.
+    debug: Option<Input<i32>>,
     transfers: Input<u64>,
     too_short: Input<u32>,
     fault_inc: Param<u32>,
@@ -30,8 +35,8 @@ pub(super) struct PortPins {
     /// version changes when a pin is set.
     part: GroupId,
     fetched: Option<u64>,
-    /// The last published values that rarely change: fault count, state, step, too short.
-    shown: Option<(u32, u32, u32, u64)>,
+    /// The last published values that rarely change: fault count, state, step, too short, debug.
+    shown: Option<(u32, u32, u32, u64, i32)>,
 }
 
 /// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
@@ -64,8 +69,12 @@ impl PortPins {
         let fault_inc = make.setting("fault-inc", policy.fault_inc)?;
         let fault_dec = make.setting("fault-dec", policy.fault_dec)?;
         let fault_lim = make.setting("fault-lim", policy.fault_lim)?;
+        let debug = (r.settings.defaults == Defaults::LinuxCnc)
+            .then(|| PinMaker::new(r.pins, status, format!("{board}.{port}.")).input("debug"))
+            .transpose()?;
         let mut make = PinMaker::new(r.pins, status, stem);
         Ok(Self {
+            debug,
             run,
             fault_count: make.input("fault-count")?,
             port_state: make.input("port_state")?,
@@ -82,14 +91,24 @@ impl PortPins {
         })
     }
 
-    pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &PortMachine) {
+    pub fn publish(
+        &mut self,
+        pins: &mut PinStore,
+        recovery: &Recovery,
+        machine: &PortMachine,
+        now: Instant,
+    ) {
         pins.publish(self.transfers, recovery.statistics.transfers);
         let (fault_count, too_short) = (recovery.fault_count(), recovery.statistics.too_short);
         let (state, step) = (
             port_state(recovery, machine),
             recovery.restart_step(machine),
         );
-        let shown = (fault_count, state, step, too_short);
+        let left = machine.time_left(now).as_nanos();
+        let debug = self
+            .debug
+            .map_or(0, |_| i32::try_from(left).unwrap_or(i32::MAX));
+        let shown = (fault_count, state, step, too_short, debug);
         if self.shown.replace(shown) == Some(shown) {
             return;
         }
@@ -97,6 +116,9 @@ impl PortPins {
         pins.publish(self.port_state, state);
         pins.publish(self.port_state2, step);
         pins.publish(self.port_state3, 0);
+        if let Some(pin) = self.debug {
+            pins.publish(pin, debug);
+        }
         let too_short = u32::try_from(too_short).unwrap_or(u32::MAX);
         pins.publish(self.too_short, too_short);
     }

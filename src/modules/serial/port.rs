@@ -400,7 +400,8 @@ impl Module for SerialPort {
             self.parameter_ended(cycle.pins, ended);
         }
         let machine = &self.port.machine;
-        self.pins.publish(cycle.pins, &self.recovery, machine);
+        self.pins
+            .publish(cycle.pins, &self.recovery, machine, cycle.now);
         let report = &mut *cycle.report;
         report.good.tally(outcome.good.len());
         report.failed.tally(outcome.failed.len());

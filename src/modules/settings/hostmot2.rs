@@ -23,66 +23,81 @@ const DRIVEN: [(&str, &str); 9] = [
     ("num_leds", "led"),
 ];
 
-macro_rules! not_driven {
-    ($module:literal) => {
-        concat!("0 or -1, because this crate does not drive ", $module)
-    };
+/// A kind of modules that this crate does not drive: the beginning of its words, what it is called,
+/// and the tags of its modules.
+#[derive(Debug)]
+struct NotDriven {
+    word: &'static str,
+    what: &'static str,
+    gtags: &'static [Gtag],
 }
 
-/// Words that count instances of other modules, with the values that mean nothing.
-const NOT_DRIVEN: [(&str, &str); 9] = [
-    ("num_resolvers", not_driven!("resolvers (Resolver)")),
-    (
+const fn not_driven(word: &'static str, what: &'static str, gtags: &'static [Gtag]) -> NotDriven {
+    NotDriven { word, what, gtags }
+}
+
+/// Words that count instances of other modules. 0 and -1 ask for none of them.
+const NOT_DRIVEN: [NotDriven; 9] = [
+    not_driven("num_resolvers", "resolvers", &[Gtag::RESOLVER]),
+    not_driven(
         "num_3pwmgens",
-        not_driven!("three-phase PWM generators (ThreePhasePWM)"),
+        "three-phase PWM generators",
+        &[Gtag::THREE_PHASE_PWM],
     ),
-    ("num_rcpwmgens", not_driven!("RC servo generators (RCPWM)")),
-    ("num_bspis", not_driven!("buffered SPI (BSPI)")),
-    (
-        "num_uarts",
-        not_driven!("UARTs (UARTTransmit, UARTReceive)"),
-    ),
-    (
+    not_driven("num_rcpwmgens", "RC servo generators", &[Gtag::RC_PWM]),
+    not_driven("num_bspis", "buffered SPI", &[Gtag::BUFFERED_SPI]),
+    not_driven("num_uarts", "UARTs", &[Gtag::UART_TX, Gtag::UART_RX]),
+    not_driven(
         "num_pktuarts",
-        not_driven!("packet UARTs (PktUARTTransmit, PktUARTReceive)"),
+        "packet UARTs",
+        &[Gtag::PACKET_UART_TX, Gtag::PACKET_UART_RX],
     ),
-    (
-        "num_xy2mods",
-        not_driven!("galvanometer interfaces (XY2Mod)"),
-    ),
-    ("num_oneshots", not_driven!("one-shots (OneShot)")),
-    ("num_periodms", not_driven!("period measurement (Period)")),
+    not_driven("num_xy2mods", "galvanometer interfaces", &[Gtag::XY2_MOD]),
+    not_driven("num_oneshots", "one-shots", &[Gtag::ONE_SHOT]),
+    not_driven("num_periodms", "period measurement", &[Gtag::PERIOD]),
 ];
 
 /// Beginnings of words that set up absolute encoders.
-const ABSOLUTE: [(&str, &str); 3] = [
-    (
-        "ssi_chan_",
-        "no such word, because this crate does not drive absolute encoders (SSI)",
-    ),
-    (
-        "biss_chan_",
-        "no such word, because this crate does not drive absolute encoders (BISS)",
-    ),
-    (
-        "fanuc_chan_",
-        "no such word, because this crate does not drive absolute encoders (FABS)",
-    ),
+const ABSOLUTE: [NotDriven; 3] = [
+    not_driven("ssi_chan_", "absolute encoders (SSI)", &[Gtag::SSI]),
+    not_driven("biss_chan_", "absolute encoders (BiSS)", &[Gtag::BISS]),
+    not_driven("fanuc_chan_", "absolute encoders (Fanuc)", &[Gtag::FABS]),
 ];
+
+/// A word of LinuxCNC's `config=` that sets nothing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NotedWord {
+    /// `firmware=F`, with its value. The driver loads no firmware, and has a
+    /// [remark](crate::driver::RemarkKind::FirmwareWord) on it.
+    Firmware(String),
+    /// A word that asks for modules that this crate does not drive: refused when the board is
+    /// identified and its firmware has one of them, and else without effect, as in LinuxCNC.
+    OfModules {
+        /// The word.
+        word: String,
+        /// What the modules are called, in the plural.
+        what: &'static str,
+        /// The tags of the modules.
+        gtags: &'static [Gtag],
+    },
+}
 
 /// All words, for an unknown one.
 const KNOWN: &str = "one of num_encoders, num_pwmgens, num_stepgens, num_dplls, num_inmuxs, num_inms, \
      num_ssrs, num_outms, num_leds, sserial_port_0 to sserial_port_3, stepgen_width, firmware, and for modules \
-     that this crate does not drive num_resolvers, num_3pwmgens, num_rcpwmgens, \
-     num_bspis, num_uarts, num_pktuarts, num_xy2mods, num_oneshots and num_periodms, each with = \
-     and a value";
+     that this crate does not drive num_resolvers, num_3pwmgens, num_rcpwmgens, num_bspis, num_uarts, \
+     num_pktuarts, num_xy2mods, num_oneshots, num_periodms, ssi_chan_N, biss_chan_N and fanuc_chan_N, each \
+     with = and a value";
 
 /// The value of `sserial_port_N`.
 const MODES: &str =
-    "up to 8 characters, one a channel: its software mode (0 to 9), or x if it is not used";
+    "a character for each channel: its software mode (0 to 9), or x if it is not used";
 
 /// Mode of a channel that is not named, as in the words.
 const MODE_0: u8 = b'0';
+/// The mode of a channel that is not used.
+const UNUSED: u8 = b'x';
 
 impl Settings {
     /// Parses the value of `config=` of LinuxCNC's `loadrt hm2_eth` for one board, so that the same
@@ -93,11 +108,11 @@ impl Settings {
     /// |---|---|
     /// | `num_encoders=N`, `num_pwmgens=N`, `num_stepgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Self::instances) in use; -1 for all |
     /// | `num_dplls=0` | the phase-locked loop is left alone |
-    /// | `sserial_port_N=MODES` | as [`SerialConfig`]; ports behind the last one with a mode are not used |
-    /// | `num_resolvers=N` and others of modules that this crate does not drive | refused, unless N is 0 or -1 |
-    /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | refused: absolute encoders are not driven |
+    /// | `sserial_port_N=MODES` | as [`SerialConfig`]; characters after the eighth have no channel; ports behind the last one with a mode are not used |
+    /// | `num_resolvers=N` and others of modules that this crate does not drive | [refused](NotedWord::OfModules) if the firmware has such modules, unless N is 0 or -1; else nothing |
+    /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | the same: absolute encoders are not driven |
     /// | `stepgen_width=N` | [number of outputs](Self::stepgen_width) of a step generator |
-    /// | `firmware=F` | nothing: an Ethernet board has loaded its firmware |
+    /// | `firmware=F` | nothing, with a [remark](NotedWord::Firmware): the board has its firmware |
     /// | `enable_raw` | refused: there are no pins `raw.*` |
     ///
     /// The values of pins and parameters are [those of LinuxCNC](Defaults::LinuxCnc), without any
@@ -136,8 +151,9 @@ impl Settings {
 
     fn take_word(&mut self, word: &str, ports: &mut PortModes) -> Result<(), ParseError> {
         let refuse = |expected| Err(refused(word, expected));
-        if let Some((_, why)) = ABSOLUTE.iter().find(|(begin, _)| word.starts_with(begin)) {
-            return refuse(why);
+        if let Some(kind) = ABSOLUTE.iter().find(|kind| word.starts_with(kind.word)) {
+            self.note(word, kind);
+            return Ok(());
         }
         if word.starts_with("enable_raw") {
             return refuse("no raw access: this driver has no pins `raw.*`");
@@ -145,14 +161,11 @@ impl Settings {
         let Some((name, value)) = word.split_once('=') else {
             return refuse(KNOWN);
         };
-        let named = |words: &[(&'static str, &'static str)]| {
-            let word = words.iter().find(|(known, _)| *known == name);
-            word.map(|(_, what)| *what)
-        };
         if let Some(port) = name.strip_prefix("sserial_port_") {
             return ports.take(word, port, value);
         }
         if name == "firmware" {
+            self.words.push(NotedWord::Firmware(value.into()));
             return Ok(());
         }
         let number = number(value);
@@ -164,13 +177,16 @@ impl Settings {
             self.stepgen_width = width;
             return Ok(());
         }
-        if let Some(expected) = named(&NOT_DRIVEN) {
-            return match number {
-                Some(-1 | 0) => Ok(()),
-                _ => refuse(expected),
-            };
+        if let Some(kind) = NOT_DRIVEN.iter().find(|kind| kind.word == name) {
+            match number {
+                None => return refuse("a number from 0 to 255, or -1 for all"),
+                Some(-1 | 0) => {}
+                Some(_) => self.note(word, kind),
+            }
+            return Ok(());
         }
-        let Some(kind) = named(&DRIVEN).and_then(CountedKind::named) else {
+        let kind = DRIVEN.iter().find(|(known, _)| *known == name);
+        let Some(kind) = kind.and_then(|(_, kind)| CountedKind::named(kind)) else {
             return refuse(KNOWN);
         };
         match (number, number.map(u8::try_from)) {
@@ -179,6 +195,15 @@ impl Settings {
             _ => return refuse("a number from 0 to 255, or -1 for all"),
         }
         Ok(())
+    }
+
+    /// Notes a word for modules that this crate does not drive.
+    fn note(&mut self, word: &str, kind: &NotDriven) {
+        self.words.push(NotedWord::OfModules {
+            word: word.into(),
+            what: kind.what,
+            gtags: kind.gtags,
+        });
     }
 }
 
@@ -201,16 +226,19 @@ impl PortModes {
             return Err(refused(word, "sserial_port_0 to sserial_port_3"));
         };
         // LinuxCNC skips other characters, so that those behind them move to another channel.
-        let is_mode = |mode: u8| mode.is_ascii_digit() || mode == b'x';
-        if value.len() > MAX_CHANNELS.into() || !value.bytes().all(is_mode) {
+        let is_mode = |mode: u8| mode.is_ascii_digit() || mode.eq_ignore_ascii_case(&UNUSED);
+        if !value.bytes().all(is_mode) {
             return Err(refused(word, MODES));
         }
+        // Characters without a channel mean nothing.
+        let channels = value.bytes().take(MAX_CHANNELS.into());
+        let channels = channels.map(|mode| mode.to_ascii_lowercase());
         let modes = modes.get_or_insert([MODE_0; MAX_CHANNELS as usize]);
-        for (mode, new) in modes.iter_mut().zip(value.bytes()) {
+        for (mode, new) in modes.iter_mut().zip(channels.clone()) {
             *mode = new;
         }
         let used = self.used.get_or_insert(0);
-        if value.bytes().any(|mode| mode != b'x') {
+        if channels.into_iter().any(|mode| mode != UNUSED) {
             *used = (*used).max(port.saturating_add(1));
         }
         Ok(())
@@ -270,6 +298,7 @@ mod tests {
     use super::*;
     use alloc::format;
     use alloc::string::ToString;
+    use alloc::vec;
     use alloc::vec::Vec;
     use proptest::prelude::*;
 
@@ -295,7 +324,7 @@ mod tests {
         for config in [
             "",
             "  \t",
-            "num_encoders=-1 num_dplls=-1 num_stepgens=-1 stepgen_width=2 firmware=hm2/5i25/x.bit",
+            "num_encoders=-1 num_dplls=-1 num_stepgens=-1 stepgen_width=2 num_uarts=0",
         ] {
             assert_eq!(format!("{:?}", parsed(config)), format!("{expected:?}"));
         }
@@ -337,6 +366,44 @@ mod tests {
     }
 
     #[test]
+    fn words_of_serial_ports_may_be_long_and_have_capitals() {
+        for (config, expected) in [
+            ("sserial_port_0=0000000000", "00000000"),
+            ("sserial_port_0=0xXXXX", "0xxxxx00"),
+            ("sserial_port_0=XXXXXXXX0", "xxxxxxxx"),
+            ("sserial_port_0=2XxxXXXX00", "2xxxxxxx"),
+        ] {
+            let settings = parsed(config);
+            let used = settings.instances[&Gtag::SSERIAL];
+            assert_eq!(used, u8::from(expected != "xxxxxxxx"), "{config}");
+            if used > 0 {
+                assert_eq!(modes(&settings, 0), expected, "{config}");
+            }
+        }
+    }
+
+    #[test]
+    fn words_of_modules_that_are_not_driven_are_noted() {
+        let word = |word: &NotedWord| match word {
+            NotedWord::OfModules { word, .. } => word.clone(),
+            NotedWord::Firmware(file) => format!("file {file}"),
+        };
+        for kind in NOT_DRIVEN.iter().map(|kind| kind.word) {
+            for (value, noted) in [("0", 0), ("-1", 0), ("1", 1), ("0x12", 1)] {
+                let config = format!("{kind}={value}");
+                let settings = parsed(&config);
+                let words: Vec<_> = settings.words.iter().map(word).collect();
+                assert_eq!(words, vec![config; noted]);
+            }
+        }
+        for config in ["ssi_chan_0=p%2b", "biss_chan_1=x", "fanuc_chan_00=a%3u"] {
+            assert_eq!(word(&parsed(config).words[0]), config);
+        }
+        let firmware = parsed("firmware=hm2/5i25/7i77_7i76.bit");
+        assert_eq!(word(&firmware.words[0]), "file hm2/5i25/7i77_7i76.bit");
+    }
+
+    #[test]
     fn a_refused_word_is_named_with_what_is_known() {
         for (config, word, said) in [
             (
@@ -352,19 +419,14 @@ mod tests {
             ("num_pwmgens=-2", "num_pwmgens=-2", "-1 for all"),
             ("num_pwmgens=08", "num_pwmgens=08", "0 to 255"),
             ("num_stepgens=256", "num_stepgens=256", "0 to 255"),
-            ("num_resolvers=1", "num_resolvers=1", "Resolver"),
-            (
-                "ssi_chan_0=padding%2b",
-                "ssi_chan_0=padding%2b",
-                "absolute encoders (SSI)",
-            ),
+            ("num_resolvers=one", "num_resolvers=one", "0 to 255"),
             ("sserial_port_4=0", "sserial_port_4=0", "sserial_port_3"),
             ("sserial_port_00=0", "sserial_port_00=0", "sserial_port_3"),
-            ("sserial_port_0=0X", "sserial_port_0=0X", "or x"),
+            ("sserial_port_0=0y", "sserial_port_0=0y", "or x"),
             (
-                "sserial_port_0=000000000",
-                "sserial_port_0=000000000",
-                "up to 8",
+                "sserial_port_0=00000000y",
+                "sserial_port_0=00000000y",
+                "or x",
             ),
             ("stepgen_width=two", "stepgen_width=two", "a number"),
             ("enable_raw", "enable_raw", "raw.*"),

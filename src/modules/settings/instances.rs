@@ -4,7 +4,7 @@ use alloc::format;
 #[cfg(feature = "serde")]
 use alloc::string::String;
 
-use super::{Defaults, Settings, refused};
+use super::{Defaults, NotedWord, Settings, refused};
 use crate::advice::Advice;
 use crate::hostmot2::{Gtag, HostMot2};
 use crate::modules::RegisterError;
@@ -111,8 +111,10 @@ impl Settings {
         }
     }
 
-    /// Refuses to use more instances than a firmware has.
+    /// Refuses to use more instances than a firmware has, and words for modules that it has and this
+    /// crate does not drive.
     pub(crate) fn check_firmware(&self, firmware: &HostMot2) -> Result<(), RegisterError> {
+        self.check_words(firmware)?;
         for (&gtag, &count) in &self.instances {
             let Some(kind) = CountedKind::of(gtag) else {
                 continue;
@@ -125,6 +127,31 @@ impl Settings {
                     "instances of a module in use",
                     format!("{} {count}", kind.name),
                     &format!("at most {available}, which this firmware has"),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn check_words(&self, firmware: &HostMot2) -> Result<(), RegisterError> {
+        for noted in &self.words {
+            let NotedWord::OfModules { word, what, gtags } = noted else {
+                continue;
+            };
+            let modules = firmware
+                .modules
+                .iter()
+                .filter(|module| module.instances > 0);
+            let mut asked = modules.filter(|module| gtags.contains(&module.gtag));
+            if let Some(module) = asked.next() {
+                let gtag = module.gtag;
+                return refused(
+                    Advice::LeaveWordOut,
+                    "hostmot2 configuration word",
+                    format!("'{word}'"),
+                    &format!(
+                        "none for {what}, because this crate does not drive those of the firmware ({gtag})"
+                    ),
                 );
             }
         }

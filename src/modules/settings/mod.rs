@@ -24,6 +24,7 @@ use crate::hostmot2::board_table::BoardTable;
 use crate::hostmot2::{Gtag, TickRate};
 use crate::sslbp::MAX_CHANNELS;
 
+pub use hostmot2::NotedWord;
 pub(crate) use instances::CountedKind;
 
 /// Settings of a driver.
@@ -135,6 +136,9 @@ pub struct Settings {
     /// Keeps the words of the last cycles, to find the cause of a fault afterwards. `None`, the
     /// default: nothing is kept, at no cost.
     pub trace: Option<TraceSettings>,
+    /// Words of [`from_hostmot2`](Self::from_hostmot2) that set nothing.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub words: Vec<NotedWord>,
     /// Kinds of boards that this crate does not know. They take precedence over the built-in ones.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub boards: Vec<&'static BoardTable>,
@@ -163,6 +167,7 @@ impl Default for Settings {
             bus_error_limit: 5,
             event_room: 255,
             trace: None,
+            words: Vec::new(),
             boards: Vec::new(),
             remotes: Vec::new(),
         }
@@ -273,6 +278,7 @@ pub enum Defaults {
     /// |---|---|---|
     /// | `pwmgen.NN.scale` | 1 | 10 for the analog outputs of a 7I97 |
     /// | `pwmgen.NN.offset-mode` | FALSE | TRUE for these outputs |
+    /// | `pwmgen.NN.dither` | FALSE | TRUE, in firmware that has it |
     /// | `pwmgen.pwm_frequency` | 20000 | 48000 on a 7I97, 96000 or 75000 with dither |
     /// | `encoder.NN.filter` | TRUE | FALSE for multiplexed encoders |
     /// | `encoder.muxed-sample-frequency` | about 8 MHz | the rate in the manual of board or card |

@@ -38,6 +38,7 @@ pub use pins::StepgenPins;
 use generator::{Generator, Moment};
 
 use super::registrar::DrivenModule;
+use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
 use crate::bus::{Instant, Setting, Stage};
 use crate::hal::{Output, PinStore};
@@ -88,6 +89,8 @@ struct Firmware {
     has_latch: bool,
     /// There are pins for tables.
     has_table: bool,
+    /// The parameters of tables are there without pins for tables, too, as in LinuxCNC.
+    names_table: bool,
 }
 
 impl Stepgens {
@@ -131,6 +134,7 @@ impl Stepgens {
             has_swap: matches!(module.version, WITH_SWAP | WITH_LATCH),
             has_latch: module.version == WITH_LATCH,
             has_table: r.firmware.pins.iter().any(|pin| is_of_table(*pin)),
+            names_table: r.settings.defaults == Defaults::LinuxCnc,
         };
         let latched_by = timer_register(r, module)?;
         for instance in 0..module.instances {

@@ -249,12 +249,13 @@ impl StepgenPins {
         if firmware.has_swap {
             self.swap_step_dir = Some(make.setting("swap_step_dir", false)?);
         }
-        if firmware.has_table {
+        if firmware.has_table || firmware.names_table {
             let mut table = [Param::default(); 4];
             for (number, param) in (0..).zip(&mut table) {
                 *param = make.setting(alloc::format!("table-data-{number}"), 0)?;
             }
-            self.table_data = Some(table);
+            // Without outputs no step type uses them.
+            self.table_data = firmware.has_table.then_some(table);
         }
         Ok(())
     }

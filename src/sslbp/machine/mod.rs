@@ -21,6 +21,7 @@ use super::{
     StartMode, StartedRemote,
 };
 use crate::bus::Instant;
+use core::time::Duration;
 use core::{array, fmt};
 
 /// Common state of the running channels of a port.
@@ -196,6 +197,18 @@ impl PortMachine {
             } = pending.complete;
             pending.busy_reads >= MIN_BUSY_READS && now.since(issued) > operation.times().longest
         })
+    }
+
+    /// What is left of the longest time that the operation in flight can take; 0 without one, and for a
+    /// transfer, whose time is that of the cycle.
+    pub fn time_left(&self, now: Instant) -> Duration {
+        match self.in_flight() {
+            None | Some((PortOperation::Transfer(_), _)) => Duration::ZERO,
+            Some((operation, issued)) => {
+                let longest = operation.times().longest;
+                longest.saturating_sub(now.since(issued))
+            }
+        }
     }
 
     /// The word for COMMAND that begins `operation`; a word that the register ignores while the

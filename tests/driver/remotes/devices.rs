@@ -14,7 +14,7 @@ use mesa_hal::driver::{
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sslbp::{Channel, PortLayout};
 use mesa_hal_sim::devices::{
-    Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
+    Analog, Description, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
@@ -459,4 +459,29 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let directions = [all, two].map(|mut driver| driver.bus_mut().read_register(0x1100) & 7);
     // TXEN2 and TX2 are driven by the channel; as plain I/O they are not driven until requested.
     assert_eq!(directions, [0b011, 0]);
+}
+
+/// Names as hostmot2 makes them: the second letter small, the others as the card has them. FACTS 21.5.
+#[test]
+fn the_second_letter_of_a_cards_name_is_small_and_no_other() {
+    for (name, expected) in [
+        ("PnLb", "PnLb"),
+        ("TsHW", "TsHW"),
+        ("ABCD", "AbCD"),
+        ("7I99", "7i99"),
+        ("a-Z ", "a-Z_"),
+    ] {
+        let text = "remote CARD\nunit 1\nmode 0 m\n  data Led 2 bits out\n";
+        let mut description = Description::parse(text).expect("a card");
+        description.name = name.as_bytes().try_into().expect("four letters");
+        let mut fpga = machines::i7i97(1);
+        fpga.plug(
+            0,
+            0,
+            Some(Box::new(Plain::remote(&description).expect("a card"))),
+        );
+        let driver = Driver::start(fpga, Settings::default()).expect("a 7I97");
+        let pin = format!("hm2_7i97.0.{expected}.0.0.led-01");
+        assert!(driver.pins().output::<bool>(&pin).is_ok(), "{pin}");
+    }
 }

@@ -15,8 +15,13 @@ fn loaded(firmware: SimFirmware, config: &str) -> Started {
     Driver::start(SimFpga::new(firmware), settings)
 }
 
+/// A 7I97 with a card on its only channel.
+/// A 7I97 with a card on its only channel.
 fn i7i97(config: &str) -> Driver<SimFpga> {
-    loaded(machines::firmware_7i97(1), config).unwrap_or_else(|error| panic!("{config}: {error}"))
+    let settings = Settings::from_hostmot2(config).expect("words of LinuxCNC");
+    let mut fpga = machines::i7i97(1);
+    machines::plug_7i72(&mut fpga, 0, 0);
+    Driver::start(fpga, settings).unwrap_or_else(|error| panic!("{config}: {error}"))
 }
 
 /// Names of the board's pins that begin with `stem`.
@@ -136,7 +141,10 @@ fn serial_ports_behind_the_last_named_one_are_not_used() {
     assert_eq!(ports("sserial_port_1=00xxxxxx"), 2);
     assert_eq!(ports("sserial_port_0=xxxxxxxx sserial_port_1=00"), 2);
     assert_eq!(ports("sserial_port_0=xxxxxxxx"), 0);
-    let driver = loaded(firmware(), "sserial_port_0=0xxxxxxx").expect("one port");
+    let settings = Settings::from_hostmot2("sserial_port_0=0xxxxxxx").expect("a word");
+    let mut fpga = SimFpga::new(firmware());
+    machines::plug_7i72(&mut fpga, 0, 0);
+    let driver = Driver::start(fpga, settings).expect("one port");
     assert_eq!(
         count(&driver, "gpio.000.out") + count(&driver, "gpio.001.out"),
         0
@@ -251,7 +259,7 @@ fn parameters_of_pins_that_modules_drive_have_linuxcncs_second_names() {
 
 #[test]
 fn all_io_pins_have_their_level_whatever_uses_them() {
-    let mut driver = i7i97("");
+    let mut driver = loaded(machines::firmware_7i97(1), "").expect("a 7I97");
     let level = |driver: &Driver<SimFpga>, pin: usize| {
         let [level, not] = ["in", "in_not"].map(|end| {
             let name = format!("hm2_7i97.0.gpio.{pin:03}.{end}");

@@ -2,7 +2,9 @@
 
 mod bus_at_run_time;
 mod duplicated_replies;
+mod given_back;
 mod linuxcnc;
 pub mod log;
 mod refused;
 mod watchdog;
+mod words;

@@ -5,7 +5,6 @@
 //! behind cables and wrappers.
 
 mod analog;
-mod cards;
 mod description;
 mod device;
 mod drivers;

@@ -1,5 +1,6 @@
 //! Dispatch of accesses to the modules.
 
+use super::plant::Latching;
 use super::{SimFpga, UNDRIVEN, gtag};
 use crate::modules::{Inputs, SimStepgen};
 
@@ -122,9 +123,7 @@ impl SimFpga {
         };
         let was_high = dpll.level(now.saturating_sub(1), before);
         if was_high == Some(false) && dpll.level(now, after) == Some(true) {
-            if let Some(stepgen) = &mut self.plant.stepgen {
-                stepgen.sample();
-            }
+            self.plant.latch(Latching::Steps, now);
         }
     }
 

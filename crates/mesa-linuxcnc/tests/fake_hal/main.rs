@@ -47,6 +47,8 @@ impl<'a> Machine<'a> {
             ("board_ip", address.as_str()),
             ("config", "num_encoders=6 sserial_port_0=000xxxxx"),
             ("debug", "1"),
+            ("firewall", "none"),
+            ("board_rtnet", "posix"),
         ];
         let loaded = hal.load(&words);
         let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
@@ -393,6 +395,35 @@ fn a_module_that_is_not_driven_is_named_at_the_load() {
     let messages = hal.messages();
     let is_note = |line: &str| line.starts_with("0 mesa_eth: hm2_7i92.0: SSI (08) version 0");
     assert!(messages.lines().any(is_note), "{messages}");
+}
+
+/// Components for Modbus call functions of hostmot2 that a packet UART is there for.
+#[test]
+fn what_components_of_linuxcnc_cannot_use_is_said_at_the_load() {
+    const FIRMWARE: &str =
+        include_str!("../../../../tests/transcripts/firmwares/7I95-7I95_1PktD_58.txt");
+    let hal = hal();
+    let board = on_time(Board::start_with(|| {
+        let image = FirmwareImage::parse(FIRMWARE).expect("a firmware");
+        SimFpga::from_image(&image).expect("a firmware")
+    }));
+    let address = board.address.to_string();
+    let load = |config| hal.load(&[("board_ip", address.as_str()), ("config", config)]);
+    let loaded = load("num_encoders=6 firmware=hm2/7i95/x.bit");
+    assert!(loaded.is_ok(), "{}", hal.messages());
+    drop(loaded);
+    let messages = hal.messages();
+    for said in [
+        "0 mesa_eth: hm2_7i95.0: PktUARTTransmit (1B) version 0",
+        "components that use it through hostmot2 (Modbus, SPI) cannot be loaded: they need hm2_eth",
+        "firmware=hm2/7i95/x.bit is not loaded",
+    ] {
+        assert!(messages.contains(said), "{said}: {messages}");
+    }
+    assert!(load("num_encoders=6 num_pktuarts=1").is_err());
+    let messages = hal.messages();
+    let is_refusal = |line: &str| line.starts_with("1 ") && line.contains("'num_pktuarts=1'");
+    assert!(messages.lines().any(is_refusal), "{messages}");
 }
 
 #[test]

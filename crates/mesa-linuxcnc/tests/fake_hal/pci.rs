@@ -51,6 +51,38 @@ fn it_drives_the_boards_on_the_pci_bus_with_the_words_of_hm2_pci() {
     assert!(!board.seen.output_3(), "off at the end");
 }
 
+/// The I/O pins of the second connector are free. A faster thread has them between two cycles.
+#[test]
+fn a_faster_thread_reads_and_writes_the_io_pins_alone() {
+    let (hal, board) = (hal(), PciBoard::start("gpio", with_7i77()));
+    let words = [("config", "num_encoders=6"), ("sysfs", board.root())];
+    let loaded = hal.load_as("mesa_pci.so", &words);
+    let loaded = loaded.unwrap_or_else(|result| panic!("{result}: {}", hal.messages()));
+    loaded.set("hm2_5i25.0.watchdog.timeout_ns", 4e9);
+    let call = |name: &str| loaded.call(&format!("hm2_5i25.0.{name}"), PERIOD.as_nanos() as i64);
+    let gpio = |end: &str| loaded.get(&format!("hm2_5i25.0.gpio.020.{end}"));
+    let out = |value| loaded.set("hm2_5i25.0.gpio.020.out", value);
+    loaded.set("hm2_5i25.0.gpio.020.is_output", 1.0);
+    for _ in 0..3 {
+        call("read");
+        call("write");
+    }
+    for level in [1.0, 0.0, 1.0, 0.0] {
+        out(level);
+        call("write_gpio");
+        call("read_gpio");
+        assert_eq!((gpio("in"), gpio("in_not")), (level, 1.0 - level));
+    }
+    // Outputs that are safe stay so: the driver has not been told to go on.
+    loaded.set("hm2_5i25.0.io_error", 1.0);
+    out(1.0);
+    call("write_gpio");
+    loaded.set("hm2_5i25.0.io_error", 0.0);
+    call("read_gpio");
+    assert_eq!(gpio("in"), 0.0);
+    loaded.unload();
+}
+
 #[test]
 fn wrong_words_and_an_empty_bus_are_refused_with_the_reason() {
     let (hal, board) = (hal(), PciBoard::start("refused", with_7i77()));

@@ -8,13 +8,7 @@ use super::session::List;
 /// Differences that are as they should be, with reasons. `*` stands for any characters.
 type Reasons = &'static [(&'static str, &'static str)];
 
-const ONLY_THEIRS: Reasons = &[
-    ("0.debug", "of the hostmot2 module, not of a board"),
-    (
-        "stepgen.*.table-data-*",
-        "here only in firmware with pins for tables: without them no table turns a motor",
-    ),
-];
+const ONLY_THEIRS: Reasons = &[];
 
 const ONLY_OURS: Reasons = &[
     ("valid", "of the component: inputs of the board are valid"),
@@ -33,6 +27,14 @@ const ONLY_OURS: Reasons = &[
         "hostmot2 does not notice a gap that hides a wrap-around",
     ),
     ("encoder.*max-count-rate", "hostmot2 does not report it"),
+    (
+        "encoder.*.position-interpolated",
+        "of newer versions of LinuxCNC",
+    ),
+    (
+        "encoder.*.no_clear_on_index",
+        "of newer versions of LinuxCNC",
+    ),
     (
         "encoder.*.probe-*",
         "latch on probe, made for every encoder",

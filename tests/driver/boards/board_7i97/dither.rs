@@ -57,3 +57,33 @@ fn no_step_of_a_voltage_has_a_period_of_0() {
         }
     }
 }
+
+/// The mean of the voltage that generator 0 makes.
+fn mean_volts(machine: &mut Machine<SimFpga>) -> f64 {
+    machine.cycles(3);
+    machine.fpga().analog_output(0).volts
+}
+
+#[test]
+fn dither_is_used_while_its_parameter_is_true() {
+    let mut machine = dithers(20_000);
+    let dither = machine.param::<bool>("pwmgen.00.dither");
+    let [output, ..] = machine.cards.analog_out;
+    let step = 20.0 / 4096.0;
+    machine.driver.pins_mut().set(output.enable, true);
+    machine.driver.pins_mut().set(output.volts, 2.25 * step);
+    for (on, steps) in [(true, 2.25), (false, 2.0), (true, 2.25)] {
+        machine.set_param(dither, on);
+        let volts = mean_volts(&mut machine);
+        assert!((volts / step - steps).abs() < 0.01, "{on}: {volts} V");
+    }
+    // Firmware of version 0 has none.
+    let usual = board();
+    assert!(
+        usual
+            .driver
+            .pins()
+            .parameter::<bool>("hm2_7i97.0.pwmgen.00.dither")
+            .is_err()
+    );
+}

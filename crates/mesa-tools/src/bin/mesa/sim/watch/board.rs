@@ -7,7 +7,6 @@ use mesa_hal::lbp::RemoteFaults;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 
-use super::super::slot::Slot;
 use super::values::{Rate, Values};
 use crate::full_screen::{Palette, SAMPLES, Trend};
 use mesa_tools::Counted;
@@ -23,8 +22,8 @@ pub struct BoardView {
     values: Values,
     packets: Rate,
     packet_trend: Trend,
-    /// By slot.
-    requests: BTreeMap<Slot, Rate>,
+    /// By channel.
+    requests: BTreeMap<String, Rate>,
     /// By axis.
     positions: BTreeMap<String, Trend>,
 }
@@ -49,9 +48,12 @@ impl BoardView {
         self.packets
             .push(time, values.number("network.received.packets"));
         self.packet_trend.push(self.packets.per_second());
-        for slot in values.slots() {
-            let rate = self.requests.entry(slot).or_default();
-            rate.push(time, values.number(&format!("remote.{slot}.requests.sent")));
+        for channel in values.parts("remote") {
+            let rate = self.requests.entry(channel.to_owned()).or_default();
+            rate.push(
+                time,
+                values.number(&format!("remote.{channel}.requests.sent")),
+            );
         }
         for axis in values.parts("motor") {
             let trend = self.positions.entry(axis.to_owned()).or_default();
@@ -130,11 +132,11 @@ impl BoardView {
     pub fn machine(&self, palette: Palette, width: usize) -> Vec<Line<'static>> {
         let mut lines = Vec::new();
         lines.push(heading("remotes"));
-        let slots = self.values.slots();
-        if slots.is_empty() {
+        let channels = self.values.parts("remote");
+        if channels.is_empty() {
             lines.push(Line::raw("  none"));
         }
-        lines.extend(slots.iter().map(|&slot| self.remote(slot, palette)));
+        lines.extend(channels.iter().map(|channel| self.remote(channel, palette)));
         let axes = self.values.parts("motor");
         if !axes.is_empty() {
             lines.push(heading(
@@ -149,10 +151,10 @@ impl BoardView {
         let own = self.values.under("board");
         let own = own.filter(|(name, _)| is_terminal(name));
         lines.push(Line::raw(format!("  {:<14}{}", "board", signals(own))));
-        for slot in slots {
-            let all = self.values.under(&format!("remote.{slot}"));
+        for channel in channels {
+            let all = self.values.under(&format!("remote.{channel}"));
             let all: Vec<_> = all.filter(|(name, _)| is_signal(name)).collect();
-            let place = format!("channel {slot}");
+            let place = format!("channel {channel}");
             lines.push(Line::raw(format!(
                 "  {place:<14}{}",
                 signals(all.into_iter())
@@ -162,12 +164,12 @@ impl BoardView {
     }
 
     /// A remote: its state, its request rate and its faults.
-    fn remote(&self, slot: Slot, palette: Palette) -> Line<'static> {
-        let of = format!("remote.{slot}");
+    fn remote(&self, channel: &str, palette: Palette) -> Line<'static> {
+        let of = format!("remote.{channel}");
         let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
         let text = |what: &str| self.values.text(&format!("{of}.{what}"));
         let number = |what: &[&str]| self.number(&of, what);
-        let rate = self.requests.get(&slot).map_or(0.0, Rate::per_second);
+        let rate = self.requests.get(channel).map_or(0.0, Rate::per_second);
         let faults = u8::from_str_radix(text("faults"), 16).unwrap_or_default();
         let faults = RemoteFaults::from_bits_retain(faults);
         let (state, color) = if !is_on("plugged") {
@@ -190,7 +192,7 @@ impl BoardView {
             format!("   {faults}")
         };
         Line::from(vec![
-            Span::raw(format!("  {slot} {:<12} ", text("device"))),
+            Span::raw(format!("  {channel} {:<12} ", text("device"))),
             Span::styled(format!("{state:<11}"), palette.style(color)),
             Span::raw(format!(
                 "{rate:>6.0} requests/s, {} spoiled; mode {}, revision {}{why}",
