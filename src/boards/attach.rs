@@ -196,7 +196,15 @@ impl<'a> Finder<'a> {
         self.pins.has(&name)
     }
 
-    /// Finds a handle that some software modes lack; `None` if there is no pin with its name.
+    /// True if a pin with that name exists. In a software mode that does not transfer a value, a
+    /// card has a parameter in its place, which does not count.
+    pub fn has_pin(&self, name: &str) -> bool {
+        let name = format!("{}.{name}", self.prefix);
+        self.pins.has_pin(&name)
+    }
+
+    /// Finds a handle that some software modes lack; `None` if there is no pin with its name, or
+    /// only a parameter in its place.
     ///
     /// # Errors
     /// [`AttachError::Pin`] if the pin is of another kind.
@@ -205,7 +213,17 @@ impl<'a> Finder<'a> {
         name: &str,
         find: impl Fn(&Pins, &str) -> Result<T, PinError>,
     ) -> Result<Option<T>, AttachError> {
-        self.has(name).then(|| self.one(name, find)).transpose()
+        if !self.has(name) {
+            return Ok(None);
+        }
+        match self.one(name, find) {
+            Err(AttachError::Pin { source, .. })
+                if matches!(*source, PinError::WrongKind { .. }) && !self.has_pin(name) =>
+            {
+                Ok(None)
+            }
+            found => found.map(Some),
+        }
     }
 
     /// Finds handles whose names end in two digits, from 00 on.

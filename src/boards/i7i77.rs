@@ -213,8 +213,8 @@ impl RemoteHandles for I7i77Field {
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
         let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
         let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
-        let has_volts = pins.has("analogin0");
-        let has_mpgs = pins.has("enc0.count");
+        let has_volts = pins.has_pin("analogin0");
+        let has_mpgs = pins.has_pin("enc0.count");
         Ok(Self {
             inputs: pins.numbered("input-", DigitalIn::find)?,
             outputs: pins.numbered("output-", DigitalOut::find)?,

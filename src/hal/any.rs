@@ -114,6 +114,12 @@ impl Pins {
         self.named(name).is_some()
     }
 
+    /// True if a pin with the given first or second name exists; a parameter does not count.
+    pub fn has_pin(&self, name: &str) -> bool {
+        let named = self.named(name);
+        named.is_some_and(|(_, info)| !info.role.is_param())
+    }
+
     /// All pins and parameters, in the order of [`infos`](Self::infos).
     pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
         (0..self.infos.len() as u32).map(|index| PinId(self.key(index)))

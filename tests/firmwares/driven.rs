@@ -143,6 +143,9 @@ fn used(truth: &Truth) -> BTreeSet<u16> {
             let is_of_table = pin.tag == tag::STEPGEN && pin.signal >= 0x83;
             is_its && !is_of_table && is_driven(truth, module)
         });
+        // Multiplexed encoders need their select line, whether a module is listed for it or not.
+        let is_select = pin.tag == tag::SELECT && truth.instances(tag::MUXED) > 0;
+        let is_there = is_there || is_select;
         let is_serial = matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B);
         // No remote is plugged in, but the channels are still polled.
         let is_channel = ports.iter().any(|(tag, unit, channels)| {

@@ -53,6 +53,7 @@ const PINS: &[(&str, &str)] = &[
         "81 PowerEnable,82 PDM+,83 PDM-,84 Channel0,85 Channel1,86 Channel2,87 SPICS",
     ),
     ("C0", "88 SPIClk,89 Test,09 SPIIn0,0A SPIIn1"),
+    ("15", "41 Strobe,81 Full"),
     ("C3", "A0 ACRef"),
     ("C4", "81 High,82 Low"),
     ("C5", "90 PWM"),

@@ -29,6 +29,8 @@ pub struct Truth {
     pub board: String,
     pub fpga_size: u32,
     pub clocks: [u32; 2],
+    pub instance_strides: [u32; 2],
+    pub register_strides: [u32; 2],
     pub modules: Vec<Module>,
     /// Slot and descriptor of the entries behind the first empty slot.
     pub behind: Vec<(u8, Module)>,
@@ -99,6 +101,8 @@ impl Truth {
             board: String::from_utf8(name).expect("a name"),
             fpga_size: at(0x414),
             clocks: [at(0x428), at(0x42C)],
+            instance_strides: [at(0x430), at(0x434)],
+            register_strides: [at(0x438), at(0x43C)],
             modules,
             behind,
             pins: (0..width).map(pin).collect(),

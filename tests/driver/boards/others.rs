@@ -327,7 +327,8 @@ fn the_spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
         .output::<bool>(&full("spinena"))
         .expect("a pin");
     cycles(&mut driver, 3);
-    driver.pins_mut().set(speed, 4.0);
+    // A share of the 10 V at its potentiometer's terminals.
+    driver.pins_mut().set(speed, 40.0);
     let volts = |driver: &Driver<SimFpga>| {
         let end = driver.bus().remote(0, 0).expect("a remote");
         let outputs = find(end).expect("a device").outputs();

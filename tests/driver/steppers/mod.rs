@@ -19,6 +19,7 @@ mod at_rest;
 mod host_5i25;
 mod late_writes;
 mod set_up_order;
+mod shared_timer;
 
 struct Machine<B: World = Faulty<SimFpga>> {
     driver: Driver<B>,

@@ -17,11 +17,11 @@ mode 0 analogout_enables
   data AnalogOut5 13 signed out -10 10 volts
   data AnalogEna 1 boolean out
   data SpinEna 1 boolean out
-parameter SwRevision 16 unsigned in 0 65535 = 14
-parameter HwRevision 16 unsigned in 0 65535 = 2
+parameter SwRevision 16 unsigned both 0 65535 = 14
+parameter HwRevision 16 unsigned both 0 65535 = 1
 parameter UnitNumber 32 unsigned in 0 4294967295
 parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
-parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
+parameter NVUnitNumber 32 nonvol-unsigned in 0 4294967295
 parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
 working UnitNumber 32 NVUnitNumber
 working WatchDogTime 16 NVWatchDogTimeout

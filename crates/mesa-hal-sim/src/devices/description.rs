@@ -27,6 +27,9 @@ use thiserror::Error;
 /// TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
 /// nonvol-float encoder-high encoder-low. DIRECTION: in out both.
 ///
+/// Process data of one name is one value in all modes; where a later mode has fewer bits of it, they
+/// are the low ones.
+///
 /// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles.
 /// A parameter named `SwRevision` holds the revision of the running program, like D5, whatever its
 /// VALUE is.
@@ -202,8 +205,8 @@ pub enum DescriptionError {
         "`working`, `watchdog`, `baud-rate` or `unit-number` names a parameter that is not there"
     )]
     UnknownName,
-    /// Two elements of the same name differ.
-    #[error("process data of the same name must be alike in all modes")]
+    /// Two elements of the same name differ in more than that the later one is narrower.
+    #[error("process data of the same name must be alike in all modes, or narrower in later ones")]
     Conflict,
     /// The process data exceeds a frame.
     #[error("mode {mode} has more process data than a frame holds (30 bytes each way)")]

@@ -40,6 +40,41 @@ impl FieldPower {
     }
 }
 
+/// The switches that each output uses, as masks: to field power, and to ground.
+///
+/// Manual: 7I76EU, "OUTPUT TRUTH TABLE": with both an output is push-pull, with none it is off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Switches {
+    pub(super) source: u64,
+    pub(super) sink: u64,
+}
+
+impl Switches {
+    pub(super) const SOURCING: Self = Self {
+        source: u64::MAX,
+        sink: 0,
+    };
+    pub(super) const SINKING: Self = Self {
+        source: 0,
+        sink: u64::MAX,
+    };
+
+    /// True if an output with these switches is at field power while it is `on` or off: its load
+    /// goes to ground if it has the switch to field power, else to field power.
+    pub(super) const fn is_high(self, n: usize, on: bool) -> bool {
+        if self.source >> n & 1 != 0 {
+            on
+        } else {
+            self.sink >> n & 1 != 0 && !on
+        }
+    }
+
+    /// True if an output with these switches lets current through its load while it is on.
+    pub(super) const fn conducts(self, n: usize) -> bool {
+        (self.source | self.sink) >> n & 1 != 0
+    }
+}
+
 /// Field outputs with their protection.
 ///
 /// Manual: 7I77, "SHORT CIRCUIT PROTECTION", "OVER-TEMPERATURE PROTECTION": a shorted output, and a

@@ -3,7 +3,7 @@
 
 use super::{
     Description, DescriptionError, Device, SignalValue, SimLayout, World, WorldError,
-    drivers::{Drivers, FieldPower},
+    drivers::{Drivers, FieldPower, Switches},
     spindle::Spindle,
 };
 use crate::fpga::DriveSignal;
@@ -47,10 +47,12 @@ parameter SwRevision 16 unsigned in 0 65535 = 14
 parameter HwRevision 16 unsigned in 0 65535 = 2
 parameter UnitNumber 32 unsigned in 0 4294967295
 parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
-parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
+parameter NVUnitNumber 32 nonvol-unsigned in 0 4294967295
 parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
-parameter NVEncMode0 8 nonvol-unsigned both 0 255 = 0
-parameter NVEncMode1 8 nonvol-unsigned both 0 255 = 0
+parameter NVEncMode0 8 nonvol-unsigned in 0 255 = 0
+parameter NVEncMode1 8 nonvol-unsigned in 0 255 = 0
+parameter EncMode0 8 unsigned in 0 255 = 0
+parameter EncMode1 8 unsigned in 0 255 = 0
 working UnitNumber 32 NVUnitNumber
 working WatchDogTime 16 NVWatchDogTimeout
 working EncMode0 8 NVEncMode0
@@ -72,7 +74,7 @@ const FULL_SCALE: f64 = 36.3;
 /// The field terminals of a 7I77, a 7I84 or a 7I76.
 #[derive(Clone, Debug)]
 pub struct FieldIo {
-    sinking: bool,
+    switches: Switches,
     /// The software mode in which the MPGs count.
     mpg_mode: u8,
     spindle: Option<Spindle>,
@@ -93,6 +95,8 @@ struct Places {
     analog: [u16; 4],
     field: u16,
     encoders: [u16; 2],
+    /// Masks of the switches to field power and to ground, on cards that have them.
+    switches: Option<[u16; 2]>,
 }
 
 impl Places {
@@ -104,6 +108,10 @@ impl Places {
             analog: ["AnalogIn0", "AnalogIn1", "AnalogIn2", "AnalogIn3"].map(at),
             field: at("FieldVoltage"),
             encoders: ["Enc0", "Enc1"].map(at),
+            switches: layout
+                .address("Output_Source")
+                .zip(layout.address("Output_Sink"))
+                .map(Into::into),
         }
     }
 }
@@ -126,8 +134,13 @@ impl FieldIo {
 
     /// Terminals with 24 V of field power, all inputs at 0 V.
     pub fn new(sinking: bool) -> Self {
+        let switches = if sinking {
+            Switches::SINKING
+        } else {
+            Switches::SOURCING
+        };
         Self {
-            sinking,
+            switches,
             mpg_mode: MPG_MODE,
             spindle: None,
             power: FieldPower::new(),
@@ -161,9 +174,9 @@ impl FieldIo {
         self.spindle.as_ref().map(Spindle::signal)
     }
 
-    /// True if the outputs sink (7I77D) instead of source.
-    pub const fn is_sinking(&self) -> bool {
-        self.sinking
+    /// True if output `n` only sinks (7I77D) instead of sourcing.
+    pub const fn is_sinking(&self, n: usize) -> bool {
+        self.switches.source >> n & 1 == 0 && self.switches.conducts(n)
     }
 
     /// Gives VIN its own supply (the default) or connects it to field power. With its own supply
@@ -173,14 +186,14 @@ impl FieldIo {
         self.power.separate_vin = separate;
     }
 
-    /// Voltage on output terminal `n` with a load: to ground if sourcing, to field power if
-    /// sinking.
+    /// Voltage on output terminal `n` with a load: to ground if it sources, to field power if it
+    /// only sinks.
     pub fn output_volts(&self, n: usize) -> Option<f64> {
         let on = self.drivers.is_on(n)?;
-        Some(if on == self.sinking {
-            0.0
-        } else {
+        Some(if self.switches.is_high(n, on) {
             self.power.volts
+        } else {
+            0.0
         })
     }
 
@@ -268,6 +281,10 @@ impl World for FieldIo {
     }
 
     fn drive(&mut self, _layout: &SimLayout, memory: &SimMemory) {
+        if let Some(masks) = self.places.switches {
+            let [source, sink] = masks.map(|address| memory.word(address, 2));
+            self.switches = Switches { source, sink };
+        }
         self.drivers.command(memory.word(self.places.output, 2));
         if let Some(spindle) = &mut self.spindle {
             spindle.drive(memory);
@@ -352,7 +369,7 @@ impl World for FieldIo {
 
     /// True if current can flow through the load: the switch is on and field power is present.
     fn output(&self, n: usize) -> Option<bool> {
-        let on = self.drivers.is_on(n)?;
+        let on = self.drivers.is_on(n)? && self.switches.conducts(n);
         Some(on && self.power.volts >= 1.0)
     }
 }

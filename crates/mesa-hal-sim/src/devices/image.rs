@@ -160,17 +160,19 @@ impl Builder {
                     Some(index) if order.contains(&index) => None,
                     same => same,
                 };
-                order.push(match index {
-                    Some(index) if known.get(index).is_some_and(|e| e.record == *record) => index,
-                    Some(_) => return Err(DescriptionError::Conflict),
-                    None => {
-                        let address = allocate(&mut self.next_value, record.bytes())?;
-                        known.push(SimElement {
-                            record: record.clone(),
-                            address,
-                        });
-                        known.len() - 1
+                let address = match index.and_then(|index| known.get(index)) {
+                    Some(e) if e.record == *record => {
+                        order.extend(index);
+                        continue;
                     }
+                    Some(e) if is_part(record, &e.record) => e.address,
+                    Some(_) => return Err(DescriptionError::Conflict),
+                    None => allocate(&mut self.next_value, record.bytes())?,
+                };
+                order.push(known.len());
+                known.push(SimElement {
+                    record: record.clone(),
+                    address,
                 });
             }
             self.layout.modes.push((mode.index, order));
@@ -214,22 +216,15 @@ impl Builder {
         }
         let parameters = self.layout.parameters.clone();
         let parameters = self.data_records(&parameters)?;
+        // FACTS 7.2: all records of the device, process data of all modes too.
+        let global = [&data[..], &[hardware], &software, &parameters, &[0]].concat();
+        let gtoc = self.table(&global)?;
         let orders = self.layout.modes.clone();
         for ((index, order), &own) in orders.iter().zip(&software) {
-            let records: Vec<u16> = order
-                .iter()
-                .filter_map(|&element| data.get(element).copied())
-                .collect();
-            let mut table = records.clone();
-            table.extend([hardware, own, 0]);
+            let records = order.iter();
+            let records = records.filter_map(|&element| data.get(element).copied());
+            let table: Vec<u16> = records.chain([hardware, own, 0]).collect();
             let ptoc = self.table(&table)?;
-            // Only the data of this mode: data of other modes would look like parameters.
-            let mut table = records;
-            table.push(hardware);
-            table.extend(&software);
-            table.extend(&parameters);
-            table.push(0);
-            let gtoc = self.table(&table)?;
             self.set_mode(config, *index, ptoc, gtoc)?;
         }
         Ok(())
@@ -378,6 +373,15 @@ impl Builder {
         self.next_record = end as u16;
         Ok(address)
     }
+}
+
+/// True if `record` is the low bits of `whole` under the same name.
+fn is_part(record: &Record, whole: &Record) -> bool {
+    let as_wide = Record {
+        bits: whole.bits,
+        ..record.clone()
+    };
+    record.bits < whole.bits && as_wide == *whole
 }
 
 /// Allocates the next free address for a value, a multiple of four.

@@ -5,6 +5,7 @@
 //! behind cables and wrappers.
 
 mod analog;
+mod cards;
 mod description;
 mod device;
 mod drivers;

@@ -6,25 +6,6 @@ use super::{
 };
 use crate::remote::{SimMemory, SimRemote};
 
-/// The 7I64: 24 inputs, 24 outputs, analog inputs of 3.3 V; a remote without discovery. FACTS 4.7;
-/// the elements are those of the built-in table of LinuxCNC. They fill the 8 bytes of RXSize, and
-/// the gateware copies byte 0 of the reply into the interface registers too (T:t26): there is no
-/// fault byte.
-const I7I64: &str = "
-remote 7I64
-unit 0x64000001
-mode 0 standard
-  data Output 24 bits out
-  data PadOut 8 pad out
-  data Input 24 bits in
-  data PadIn 8 pad in
-  data Analog0 16 unsigned in 0 3.3 volts
-  data Analog1 16 unsigned in 0 3.3 volts
-no-discovery
-no-fault-byte
-clear-faults 3 3
-";
-
 /// Maximum length of an element in bytes.
 const MAX_BYTES: usize = 32;
 
@@ -137,18 +118,19 @@ impl Plain {
     /// Creates the device from `description`.
     pub fn remote(description: &Description) -> Result<SimRemote<Device<Self>>, DescriptionError> {
         let (_, layout) = image::build(description)?;
-        let slots = layout.elements().iter().map(|element| Slot {
-            element: element.clone(),
-            input: [0; MAX_BYTES],
-            output: [0; MAX_BYTES],
-        });
-        let slots = slots.collect();
+        let mut slots: Vec<Slot> = Vec::new();
+        for element in layout.elements() {
+            // A mode may have fewer bits of the same value.
+            let is_new = |slot: &Slot| slot.element.address != element.address;
+            if slots.iter().all(is_new) {
+                slots.push(Slot {
+                    element: element.clone(),
+                    input: [0; MAX_BYTES],
+                    output: [0; MAX_BYTES],
+                });
+            }
+        }
         Device::remote(description, Self { slots })
-    }
-
-    /// A 7I64.
-    pub fn i7i64() -> Result<SimRemote<Device<Self>>, DescriptionError> {
-        Self::from_description(I7I64)
     }
 
     /// Sets the raw value of an input element by its name, least significant byte first.

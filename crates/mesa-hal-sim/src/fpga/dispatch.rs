@@ -1,6 +1,5 @@
 //! Dispatch of accesses to the modules.
 
-use super::plant::Latching;
 use super::{SimFpga, UNDRIVEN, gtag};
 use crate::modules::{Inputs, SimStepgen};
 
@@ -123,7 +122,9 @@ impl SimFpga {
         };
         let was_high = dpll.level(now.saturating_sub(1), before);
         if was_high == Some(false) && dpll.level(now, after) == Some(true) {
-            self.plant.latch(Latching::Steps, now);
+            if let Some(stepgen) = &mut self.plant.stepgen {
+                stepgen.sample();
+            }
         }
     }
 

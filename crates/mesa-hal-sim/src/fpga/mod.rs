@@ -25,7 +25,7 @@ use crate::modules::{
 };
 use crate::wire::Nanos;
 use decode::{AddressMap, Target};
-use plant::{Latching, Plant, PortWatcher};
+use plant::{Plant, PortWatcher};
 
 /// Value that a write-only register reads as: no module drives the bus, and a host must not rely on
 /// the value. FACTS 12.11.
@@ -75,6 +75,8 @@ pub struct SimFpga {
     serial: Vec<SmartSerial>,
     foreign: ForeignModules,
     plant: Plant,
+    /// Time up to which the edges of the DPLL's timers have latched their modules.
+    latched_to: Nanos,
     /// End of the reset: until then the FPGA ignores writes and every read returns all ones.
     reset_until: Nanos,
     director: Option<Box<dyn Director>>,
@@ -128,6 +130,7 @@ impl SimFpga {
                 .map(|module| SimDpll::new(firmware.clock(module.clock))),
             leds: SimLeds::default(),
             plant,
+            latched_to: now,
             serial,
             foreign: ForeignModules::default(),
             firmware,
@@ -239,7 +242,7 @@ impl SimFpga {
         while self.now < to {
             let ports = self.serial.iter();
             let remotes = ports.filter_map(SmartSerial::remotes_due).min();
-            let latch = self.next_latch().map(|(_, edge)| edge);
+            let latch = self.next_latch();
             let module = self.next_foreign_change();
             let due = [remotes, latch, module].into_iter().flatten().min();
             let due = due.unwrap_or(Nanos::MAX).min(self.plant.due());
@@ -288,10 +291,11 @@ impl SimFpga {
     /// Brings motors, encoders and step generators up to date, and latches them at the edges of
     /// their timers.
     fn advance_plant(&mut self) {
-        while let Some((module, edge)) = self.next_latch().filter(|&(_, edge)| edge <= self.now) {
+        while let Some(edge) = self.next_latch().filter(|&edge| edge <= self.now) {
             self.plant.advance(edge);
-            self.plant.latch(module, edge);
+            self.latch(edge);
         }
+        self.latched_to = self.now;
         self.plant.advance(self.now);
         self.plant.modules_changed(&self.foreign, &self.io);
         self.take_signals();
@@ -304,14 +308,22 @@ impl SimFpga {
         drives.then(change).flatten()
     }
 
-    /// The next time at which a timer latches a module, from the time of the plant on.
-    fn next_latch(&self) -> Option<(Latching, Nanos)> {
+    /// The next time at which a timer latches a module. It counts from the last edge that has
+    /// latched, not from the time of the plant, which other events advance as well.
+    fn next_latch(&self) -> Option<Nanos> {
         let dpll = self.dpll.as_ref()?;
-        let edges = self.plant.latching().filter_map(|(module, timer)| {
-            let edge = dpll.next_edge(self.plant.now(), timer);
-            edge.map(|edge| (module, edge))
-        });
-        edges.min_by_key(|&(_, edge)| edge)
+        let timers = self.plant.latching_timers();
+        let edges = timers.filter_map(|timer| dpll.next_edge(self.latched_to, timer));
+        edges.min()
+    }
+
+    /// Latches all modules whose timer rises at `edge`, the next edge of any.
+    fn latch(&mut self, edge: Nanos) {
+        if let Some(dpll) = &self.dpll {
+            let rises = |timer| dpll.next_edge(self.latched_to, timer) == Some(edge);
+            self.plant.latch(edge, rises);
+        }
+        self.latched_to = edge;
     }
 
     /// Informs all modules that depend on the set-up of the pins.

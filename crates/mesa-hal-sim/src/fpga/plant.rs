@@ -68,15 +68,6 @@ pub struct AxisWiring {
     pub motor: Motor,
 }
 
-/// A module whose registers a timer of the DPLL latches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Latching {
-    /// The encoder module with this index.
-    Encoders(usize),
-    /// The step generators.
-    Steps,
-}
-
 /// Wiring of a stepper motor to the step and direction pins of a generator, by their descriptors.
 /// The drive gets the levels of the I/O pins: a pin that is not driven is pulled up, and a signal
 /// that its port inverts is inverted.
@@ -257,33 +248,25 @@ impl Plant {
         }
     }
 
-    /// Latches the registers of a module at a rise of its timer.
-    pub(super) fn latch(&mut self, latching: Latching, edge: Nanos) {
-        match latching {
-            Latching::Encoders(bank) => {
-                if let Some(bank) = self.banks.get_mut(bank) {
-                    bank.latch(edge);
-                }
+    /// Latches the registers of all modules whose timer `rises` at `edge`.
+    pub(super) fn latch(&mut self, edge: Nanos, rises: impl Fn(u8) -> bool) {
+        for bank in &mut self.banks {
+            if bank.latching_timer().is_some_and(&rises) {
+                bank.latch(edge);
             }
-            Latching::Steps => {
-                if let Some(stepgen) = &mut self.stepgen {
-                    stepgen.sample();
-                }
-            }
+        }
+        if let Some(stepgen) = &mut self.stepgen
+            && stepgen.sampling_timer().is_some_and(&rises)
+        {
+            stepgen.sample();
         }
     }
 
-    /// Modules that a timer latches, each with its timer.
-    pub(super) fn latching(&self) -> impl Iterator<Item = (Latching, u8)> {
-        let banks = self.banks.iter().enumerate();
-        let banks =
-            banks.filter_map(|(n, bank)| Some((Latching::Encoders(n), bank.latching_timer()?)));
-        let steps = self.stepgen.iter();
-        banks.chain(steps.filter_map(|one| Some((Latching::Steps, one.sampling_timer()?))))
-    }
-
-    pub(super) fn now(&self) -> Nanos {
-        self.now
+    /// Timers of the modules that a timer latches.
+    pub(super) fn latching_timers(&self) -> impl Iterator<Item = u8> {
+        let banks = self.banks.iter().filter_map(EncoderBank::latching_timer);
+        let steps = self.stepgen.iter().filter_map(SimStepgen::sampling_timer);
+        banks.chain(steps)
     }
 
     pub(super) fn motor_mut(&mut self, axis: usize) -> Option<&mut Motor> {

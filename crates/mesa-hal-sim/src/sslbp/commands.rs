@@ -28,10 +28,17 @@ impl Firmware {
             self.host.doorbell = false;
             self.busy = true;
             self.spend(timing::TAKE_COMMAND);
-            self.execute(high, low);
+            // The stop that freed the port is 0 when it is read, unless it was overwritten.
+            if core::mem::take(&mut self.freed) && [low, high] == [0, 0] {
+                self.spend(timing::SIMPLE_COMMAND);
+                self.reject_word(true);
+            } else {
+                self.execute(high, low);
+            }
         } else if high == STOP {
             self.memory.set(global::COMMAND_IN_WORK, high);
             self.host.doorbell = false;
+            self.ends_wait = true;
             self.busy = true;
         }
     }
@@ -133,7 +140,12 @@ impl Firmware {
             }
             STOP if self.host.command(self.now()) & 0xFF != 0 => {
                 let stopping = self.memory.get(global::STOP_BITS);
-                if stopping & mask == 0 {
+                let is_stop = self.host.command(self.now()) >> 8 == STOP.into();
+                let ends_wait = core::mem::take(&mut self.ends_wait) && self.host.doorbell;
+                self.freed = ends_wait && is_stop;
+                if ends_wait && !is_stop {
+                    self.end_wait();
+                } else if stopping & mask == 0 {
                     self.complete_in_pass(timing::STOP_DONE, stopping);
                 } else {
                     self.set_data(stopping);
@@ -142,6 +154,17 @@ impl Firmware {
             }
             _ => self.spend(timing::PASS_TAIL),
         }
+    }
+
+    /// Ends the wait for a command in work by a word that is no stop and has not been taken: it is
+    /// rejected, and DATA stays. A command that is written meanwhile is not noticed, and stays in
+    /// COMMAND. FACTS 11.15, T:w02.
+    fn end_wait(&mut self) {
+        let times = timing::STOP_DONE;
+        self.spend(times.until_clear);
+        self.complete();
+        self.spend(times.until_poll + timing::TAKE_COMMAND + timing::SIMPLE_COMMAND);
+        self.reject_word(false);
     }
 
     fn complete_in_pass(&mut self, times: Completion, data: u8) {

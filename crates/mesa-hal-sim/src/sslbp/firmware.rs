@@ -2,7 +2,8 @@
 //! between them.
 //!
 //! Every part of a pass is one step that takes its time (see `timing`). The effects of a step are
-//! visible to the host from the beginning of the step on, less than a microsecond early.
+//! visible to the host from the beginning of the step on, less than a microsecond early; only
+//! COMMAND, DATA and CS change at their own times.
 
 use super::clock::{Clock, TickTimer};
 use super::memory::{Memory, channel, global};
@@ -35,6 +36,8 @@ enum Phase {
     Tail,
     /// The poll for a new command.
     Check,
+    /// The end of the rejection of a word that was cleared before it was read.
+    Reject { changes_data: bool },
     /// A START of this kind has done its division, and now takes its mask.
     TakeMask(u8),
     /// No event is possible until COMMAND is written; passes of `length` cycles continue from
@@ -74,6 +77,10 @@ pub(super) struct Firmware {
     phase: Phase,
     /// Set by events in this pass that may matter in the next one.
     pub busy: bool,
+    /// Set by a stop that was taken while another command was in work, of which it ends the wait.
+    pub ends_wait: bool,
+    /// Set by such a stop, or another one behind it, that was completed before it was read.
+    pub freed: bool,
     /// Set by a frame that a transmitter got, until [`take_has_sent`](Self::take_has_sent).
     pub has_sent: bool,
     head_cycle: u64,
@@ -101,6 +108,8 @@ impl Firmware {
             long_replies: [[0; 16]; MAX_CHANNELS],
             phase: Phase::Released,
             busy: true,
+            ends_wait: false,
+            freed: false,
             has_sent: false,
             head_cycle: 0,
         }
@@ -170,6 +179,11 @@ impl Firmware {
         self.phase = Phase::TakeMask(kind);
     }
 
+    /// Continues with the rejection of a word that was cleared before it was read.
+    pub fn reject_word(&mut self, changes_data: bool) {
+        self.phase = Phase::Reject { changes_data };
+    }
+
     /// Hangs the firmware until a reset.
     pub fn hang(&mut self) {
         self.phase = Phase::Hung;
@@ -229,9 +243,18 @@ impl Firmware {
             Phase::Head => self.head(),
             Phase::Channel(index) => self.channel_turn(index),
             Phase::Tail => {
+                self.phase = Phase::Check;
                 self.check_completion();
                 self.spend(timing::CHECK);
-                self.phase = Phase::Check;
+            }
+            Phase::Reject { changes_data } => {
+                if changes_data {
+                    let now = self.now();
+                    self.host.set_data(now, 0xFF);
+                }
+                self.host.doorbell = false;
+                self.busy = true;
+                self.phase = Phase::Head;
             }
             Phase::Check => {
                 self.phase = Phase::Head;
@@ -258,8 +281,9 @@ impl Firmware {
     }
 
     fn set_up_memory(&mut self) {
-        // Memory is still in the state before the reset.
-        if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
+        // Memory is still in the state before the reset. FACTS 11.16: only a build of eight channels.
+        let all = self.config.channels() == MAX_CHANNELS;
+        if all && self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
             let now = self.now();
             self.host.clear_command(now);
         }
@@ -355,7 +379,8 @@ impl Firmware {
             self.memory.channel(index, channel::STATE),
             self.memory.channel(index, channel::REMOTE_FAULT),
         ]);
-        self.host.set_outward(index, 0, cs);
+        let now = self.now();
+        self.host.set_cs(now, index, cs);
         self.spend(timing::TURN_AFTER);
     }
 
@@ -398,12 +423,14 @@ impl Firmware {
             .set_channel(index, channel::ERROR_LIMIT, timing::ERROR_LIMIT);
     }
 
-    /// Empties a channel's receive FIFO and clears its flags.
+    /// Empties a channel's receive FIFO, and clears its flags two instructions later: a character
+    /// that completes in between stays without its flag. FACTS 11.14.
     pub fn clear_receiver(&mut self, index: usize) {
         let now = self.now();
+        let later = self.clock.nanos(self.cycle + timing::CLEAR_FLAGS);
         if let Some(uart) = self.uarts.get_mut(index) {
             uart.receiver.clear(now);
-            uart.receiver.clear_flags(now);
+            uart.receiver.clear_flags(later);
         }
     }
 }

@@ -211,20 +211,22 @@ impl Firmware {
         let (until_clear, rest) = timing::COUNT_ERROR;
         self.spend(until_clear);
         let count = self.memory.channel(index, counter);
+        let mut bits = bit;
         if count < self.memory.channel(index, channel::ERROR_LIMIT) {
             self.memory.set_channel(index, counter, count + 1);
         } else {
-            self.set_error(index, error::TOO_MANY);
+            bits |= error::TOO_MANY;
         }
-        self.set_error(index, bit);
+        self.set_error(index, bits);
         self.spend(rest);
     }
 
     /// Records an error: a DOIT no longer waits for this channel, and the received data is
     /// discarded.
-    pub(super) fn set_error(&mut self, index: usize, bit: u8) {
+    pub(super) fn set_error(&mut self, index: usize, bits: u8) {
         let which = 1_u8 << index;
-        self.memory.set_channel_bits(index, channel::ERROR_LOG, bit);
+        self.memory
+            .set_channel_bits(index, channel::ERROR_LOG, bits);
         self.memory.clear_bits(global::NOT_DONE_BITS, which);
         if self.has_too_many_errors(index) {
             self.memory.clear_bits(global::NOT_STARTED_BITS, which);

@@ -77,7 +77,7 @@ impl SslbpPort {
                 program_word(host.command(self.now) & 0x7FF)
             }
             Register::Data => u32::from(host.data(self.now)),
-            Register::Cs(channel) => host.outward(usize::from(channel), 0),
+            Register::Cs(channel) => host.cs(self.now, usize::from(channel)),
             Register::Interface(channel, n) => {
                 host.outward(usize::from(channel), usize::from(n) + 1)
             }

@@ -41,6 +41,8 @@ pub(super) struct HostRegisters {
     data_at: Nanos,
     inward: [[u32; BANK]; MAX_CHANNELS],
     outward: [[u32; BANK]; MAX_CHANNELS],
+    /// The last change of a CS: its channel, the value before it, and its time.
+    cs_change: (usize, u32, Nanos),
 }
 
 impl HostRegisters {
@@ -57,6 +59,7 @@ impl HostRegisters {
             data_at: 0,
             inward: [[0; BANK]; MAX_CHANNELS],
             outward: [[0; BANK]; MAX_CHANNELS],
+            cs_change: (0, 0, 0),
         }
     }
 
@@ -69,10 +72,11 @@ impl HostRegisters {
         if gone { 0 } else { self.command }
     }
 
-    /// Time of the next change of COMMAND or DATA that the firmware has already decided.
+    /// Time of the next change of COMMAND, DATA or CS that the firmware has already decided.
     pub fn next_change(&self, now: Nanos) -> Option<Nanos> {
         let [last, before] = self.cleared_at;
-        [last, before, Some(self.data_at)]
+        let (_, _, cs) = self.cs_change;
+        [last, before, Some(self.data_at), Some(cs)]
             .into_iter()
             .flatten()
             .filter(|&at| at > now)
@@ -126,6 +130,23 @@ impl HostRegisters {
             .and_then(|bank| bank.get(register))
             .copied()
             .unwrap_or(0)
+    }
+
+    /// The value that host reads of a channel's CS return at `now`.
+    pub fn cs(&self, now: Nanos, channel: usize) -> u32 {
+        let (changed, before, at) = self.cs_change;
+        if changed == channel && now < at {
+            before
+        } else {
+            self.outward(channel, 0)
+        }
+    }
+
+    /// Sets the value that host reads of a channel's CS return from `at` on, by the firmware. The
+    /// changes of different channels are in the order of their times.
+    pub fn set_cs(&mut self, at: Nanos, channel: usize, value: u32) {
+        self.cs_change = (channel, self.outward(channel, 0), at);
+        self.set_outward(channel, 0, value);
     }
 
     /// The value that host reads of a channel's register return.

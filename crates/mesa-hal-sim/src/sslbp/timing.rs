@@ -13,8 +13,9 @@ pub(super) const RESET_FIRST_CLEAR: u64 = 10;
 pub(super) const RESET_MEMORY: u64 = 2_099;
 /// Additional time of the same per channel. FACTS 11.1.
 pub(super) const RESET_MEMORY_CHANNEL: u64 = 16;
-/// From there until DATA reads AA. T:t01 (DATA is still old immediately after COMMAND became 0).
-pub(super) const RESET_DATA: u64 = 4;
+/// From there until DATA reads AA. T:t01 (DATA is still old immediately after COMMAND became 0),
+/// FACTS 11.13.
+pub(super) const RESET_DATA: u64 = 9;
 /// From there until COMMAND writes are accepted again. T:t01 (a write 22.31 us after release is
 /// lost).
 pub(super) const RESET_DOORBELL: u64 = 1;
@@ -184,6 +185,9 @@ pub(super) const STORE_DATA: u64 = 43;
 /// Counting of an error: until the receive FIFO is cleared, and the return, which is the time in
 /// which a character becomes an overrun. T:r002 (the attempts on an absent channel), FACTS 11.8.
 pub(super) const COUNT_ERROR: (u64, u64) = (17, 2);
+
+/// From the clearing of a receive FIFO to that of its flags. T:w07.
+pub(super) const CLEAR_FLAGS: u64 = 2;
 
 /// Ticks per second after a normal START. FACTS 4.2.
 pub(super) const NORMAL_TICK_RATE: u32 = 500_000;

@@ -15,7 +15,12 @@ const MAX_QUEUED: usize = 8;
 pub(super) struct BitRate {
     register: u32,
     bit: Nanos,
+    /// Time of nine and a half bits, in units of 2^-16 ns.
+    zero: u64,
 }
+
+/// Bits behind the point of [`BitRate::zero`].
+const FRACTION: u32 = 16;
 
 impl BitRate {
     /// The divider that the firmware computes for `baud` at a clock of `hz`.
@@ -26,9 +31,12 @@ impl BitRate {
             0 => 0,
             r => ((1_000_000_000_u128 << 20) / (u128::from(r) * u128::from(hz.max(1)))) as Nanos,
         };
+        let bits = (19 * 1_000_000_000_u128) << (20 + FRACTION);
+        let steps = 2 * u128::from(register.max(1)) * u128::from(hz.max(1));
         Self {
             register,
             bit: bit.max(u64::from(register != 0)),
+            zero: (bits / steps) as u64,
         }
     }
 
@@ -109,6 +117,10 @@ pub(super) struct Receiver {
     queue: [Option<Burst>; MAX_QUEUED],
     /// Time from which the receiver looks for the next start bit.
     idle_from: Nanos,
+    /// The fraction of a nanosecond of this time, in units of 2^-16 ns. The zeros of a line that is
+    /// held low do not follow each other in whole clocks, so that they meet every phase of the
+    /// firmware's passes in time. T:w07.
+    idle_fraction: u64,
     /// The last time span in which the line was held low.
     low: Option<Low>,
     /// Time from the middle of a stop bit until the character is counted.
@@ -137,6 +149,7 @@ impl Receiver {
             flags: 0,
             queue: [None; MAX_QUEUED],
             idle_from: 0,
+            idle_fraction: 0,
             low: None,
             delay,
             nothing_before: 0,
@@ -236,13 +249,15 @@ impl Receiver {
         // Bounded: each iteration advances by at least half a bit, and a line held low is one
         // iteration.
         while let Some(edge) = self.next_edge() {
-            let zeros = self.zeros(edge, now, character);
+            let zeros = self.zeros(edge, now);
             if zeros > 0 {
                 for _ in 0..zeros.min(self.capacity as u64) {
                     self.push(0);
                 }
                 self.flags |= BREAK;
-                self.idle_from = edge + zeros * character;
+                let after = zeros * self.rate.zero + self.fraction(edge);
+                self.idle_from = edge + (after >> FRACTION);
+                self.idle_fraction = after & ((1 << FRACTION) - 1);
                 continue;
             }
             let burst = self.oldest();
@@ -256,9 +271,14 @@ impl Receiver {
                 }
                 self.flags |= FALSE_START;
                 self.idle_from = edge + bit / 2;
+                self.idle_fraction = 0;
                 continue;
             }
-            let end = edge + character;
+            let end = if self.is_low(edge) {
+                edge + ((self.rate.zero + self.fraction(edge)) >> FRACTION) + 1
+            } else {
+                edge + character
+            };
             if end + self.delay > now {
                 return end + self.delay;
             }
@@ -269,6 +289,7 @@ impl Receiver {
                 self.flags |= BREAK;
             }
             self.idle_from = end;
+            self.idle_fraction = 0;
         }
         Nanos::MAX
     }
@@ -288,17 +309,31 @@ impl Receiver {
         of_low
     }
 
+    /// The fraction of a nanosecond by which a character that begins at `edge` begins later.
+    fn fraction(&self, edge: Nanos) -> u64 {
+        if edge == self.idle_from {
+            self.idle_fraction
+        } else {
+            0
+        }
+    }
+
     /// Number of characters that begin at `edge`, are held low throughout, and are received up to
     /// `now`.
-    fn zeros(&self, edge: Nanos, now: Nanos, character: Nanos) -> u64 {
+    fn zeros(&self, edge: Nanos, now: Nanos) -> u64 {
         let Some(low) = self.low.filter(|low| low.since <= edge) else {
             return 0;
         };
-        let received = now.saturating_sub(self.delay + edge) / character;
+        let zeros_in = |span: Nanos| {
+            let span = u128::from(span) << FRACTION;
+            let left = span.saturating_sub(self.fraction(edge).into());
+            (left / u128::from(self.rate.zero.max(1))) as u64
+        };
+        let received = zeros_in(now.saturating_sub(self.delay + edge));
         // The stop bit is sampled before the line rises.
-        let held = low.until.map_or(Nanos::MAX, |until| {
-            until.saturating_sub(edge + 1) / character
-        });
+        let held = low
+            .until
+            .map_or(Nanos::MAX, |until| zeros_in(until.saturating_sub(edge + 1)));
         received.min(held)
     }
 

@@ -23,21 +23,43 @@ type Card<'a> = (&'a mut dyn RemoteEnd, &'a [u8; 4], &'a [(u8, u8)]);
 
 #[test]
 fn sizes_and_names_of_each_mode_are_those_of_the_cards() {
-    let mut field = FieldIo::i7i77().unwrap();
+    let mut field_io = FieldIo::i7i77().unwrap();
     let mut analog = Analog::i7i77().unwrap();
     let mut outputs = Outputs48::i7i72().unwrap();
     let mut i7i84 = FieldIo::i7i84().unwrap();
+    let mut i7i84u = FieldIo::i7i84u().unwrap();
     let mut i7i76 = FieldIo::i7i76().unwrap();
+    let mut i7i76_14 = FieldIo::i7i76_of_revision_14().unwrap();
     let mut i7i76e = FieldIo::i7i76e().unwrap();
+    let mut i7i76eu = FieldIo::i7i76eu().unwrap();
+    let mut i7i69 = Plain::i7i69().unwrap();
+    let mut i7i70 = Plain::i7i70().unwrap();
+    let mut i7i71 = Outputs48::i7i71().unwrap();
+    let mut i7i73 = Plain::i7i73().unwrap();
+    let mut i7i73_display = Plain::i7i73_display().unwrap();
+    let mut i7i83 = Plain::i7i83().unwrap();
+    let mut i7i87 = Plain::i7i87().unwrap();
     let spindle = [(5, 4), (9, 4), (12, 4)];
-    // FACTS 8.2, 8.3, 8.4; of the last three only the names and numbers of modes: FACTS 8.7.
-    let cards: [Card<'_>; 6] = [
-        (&mut field, b"7I77", &[(5, 2), (9, 2), (10, 2), (12, 2)]),
+    let field = [(5, 2), (10, 2), (11, 2)];
+    let bits = [(7, 6), (7, 0), (1, 6), (4, 3), (11, 6)];
+    // FACTS 8.2, 8.3, 8.4; of the others only names and numbers of modes: FACTS 8.7, 8.8.
+    let cards: [Card<'_>; 16] = [
+        (&mut field_io, b"7I77", &[(5, 2), (9, 2), (10, 2), (12, 2)]),
         (&mut analog, b"7I77", &[(1, 10)]),
         (&mut outputs, b"7I72", &[(1, 6), (3, 6)]),
-        (&mut i7i84, b"7I84", &[(5, 2), (10, 2), (11, 2)]),
+        (&mut i7i84, b"7I84", &field),
+        (&mut i7i84u, b"7I84", &field),
         (&mut i7i76, b"7I76", &spindle),
+        (&mut i7i76_14, b"7I76", &spindle),
         (&mut i7i76e, b"7I76", &spindle),
+        (&mut i7i76eu, b"7I76", &spindle),
+        (&mut i7i69, b"7I69", &bits),
+        (&mut i7i70, b"7I70", &[(7, 0), (13, 0), (8, 0)]),
+        (&mut i7i71, b"7I71", &[(1, 6), (3, 6)]),
+        (&mut i7i73, b"7I73", &[(8, 3), (12, 3), (12, 3)]),
+        (&mut i7i73_display, b"7I73", &[(8, 3), (12, 3), (12, 6)]),
+        (&mut i7i83, b"7I83", &[(2, 11)]),
+        (&mut i7i87, b"7I87", &[(13, 0)]),
     ];
     for (remote, name, modes) in cards {
         let mut host = Host::new(remote);
@@ -84,26 +106,133 @@ fn records_of_the_field_io_have_the_names_and_order_of_the_card() {
     assert_eq!(ptoc[2].1[8..12], 36.3_f32.to_le_bytes());
     assert_eq!(ptoc[7].1[..4], [0xA0, 8, 0x08, 0x00]);
     let gtoc = host.table(sizes.gtoc);
-    let parameters: Vec<&str> = gtoc
+    let parameters = gtoc
         .iter()
-        .filter(|record| record.1[0] == 0xA0 && !ptoc.contains(record))
-        .map(|(name, _)| name.as_str())
+        .filter(|record| record.1[0] == 0xA0 && !ptoc.contains(record));
+    let parameters: Vec<(&str, u8)> = parameters
+        .map(|(name, record)| (name.as_str(), record[3]))
         .collect();
+    // Names and directions of a real card: FACTS 8.2.
+    let (read_only, writable) = (0x00, 0x40);
     assert_eq!(
         parameters,
         [
-            "SwRevision",
-            "HwRevision",
-            "UnitNumber",
-            "NVBaudRate",
-            "NVUnitNumber",
-            "NVWatchDogTimeout",
-            "NVEncMode0",
-            "NVEncMode1"
+            ("SwRevision", read_only),
+            ("HwRevision", read_only),
+            ("UnitNumber", read_only),
+            ("NVBaudRate", writable),
+            ("NVUnitNumber", read_only),
+            ("NVWatchDogTimeout", writable),
+            ("NVEncMode0", read_only),
+            ("NVEncMode1", read_only),
+            ("EncMode0", read_only),
+            ("EncMode1", read_only),
         ]
     );
+    // FACTS 7.2: in mode 0 the data of the other modes are records of the GTOC alone.
+    host.set(LocalLocation::SOFTWARE_MODE, 0);
+    let sizes = host.discovery();
+    let of_mode_0 = host.table(sizes.ptoc);
+    assert_eq!(of_mode_0.len(), 4);
+    assert_eq!(host.table(sizes.gtoc), gtoc);
     let modes = gtoc.iter().filter(|record| record.1[0] == 0xB0).count();
     assert_eq!(modes, 5, "one hardware mode, four software modes");
+}
+
+#[test]
+fn a_narrower_element_of_a_later_mode_is_the_same_value() {
+    let mut remote = Plain::i7i69().unwrap();
+    let mut now = 1_000_000;
+    for (mode, sent) in [(0, 0x8000_0080_0001_u64), (3, 0x80_0001)] {
+        for input in [0, 23, 47] {
+            remote.set_input(input, true).unwrap();
+        }
+        let mut host = Host::new(&mut remote);
+        host.now = now;
+        let sizes = host.start(mode);
+        let output = [0x01, 0, 0x80, 0, 0, 0];
+        let (faults, data) = host.exchange(sizes, &output[..sizes.tx_size.into()]);
+        assert!(faults.is_empty());
+        let mut word = [0; 8];
+        word[..data.len()].copy_from_slice(&data);
+        assert_eq!(u64::from_le_bytes(word), sent, "mode {mode}");
+        now = host.now + 1_000_000;
+        let world = remote.application().world();
+        let on = (0..48).filter(|&n| world.output(n) == Some(true));
+        let on: Vec<usize> = on.collect();
+        assert_eq!(on, [0, 23], "mode {mode}");
+    }
+}
+
+#[test]
+fn outputs_of_a_7i76eu_source_sink_or_both_by_its_masks() {
+    let mut remote = FieldIo::i7i76eu().unwrap();
+    let layout = remote.application().layout().clone();
+    let place = |name: &str| layout.address(name).unwrap();
+    let mut now = 1_000_000;
+    // Manual 7I76EU, "OUTPUT TRUTH TABLE"; output 0 is on, 1 is off.
+    for (source, sink, conducts, volts) in [
+        (0x0000, 0x0000, false, [0.0, 0.0]),
+        (0x0000, 0xFFFF, true, [0.0, 24.0]),
+        (0xFFFF, 0x0000, true, [24.0, 0.0]),
+        (0xFFFF, 0xFFFF, true, [24.0, 0.0]),
+    ] {
+        let mut host = Host::new(&mut remote);
+        host.now = now;
+        let sizes = host.start(0);
+        host.write(place("Output_Source"), AccessSize::Word, source);
+        host.write(place("Output_Sink"), AccessSize::Word, sink);
+        assert!(host.exchange(sizes, &[0x01, 0, 0, 0]).0.is_empty());
+        now = host.now + 1_000_000;
+        let world = remote.application().world();
+        let case = format!("source {source:04x}, sink {sink:04x}");
+        assert_eq!(
+            [0, 1].map(|n| world.output_volts(n)),
+            volts.map(Some),
+            "{case}"
+        );
+        assert_eq!(
+            [0, 1].map(|n| world.output(n)),
+            [Some(conducts), Some(false)],
+            "{case}"
+        );
+    }
+}
+
+#[test]
+fn spindle_outputs_of_a_7i76eu_are_forward_and_reverse_in_its_spindle_mode() {
+    let mut remote = FieldIo::i7i76eu().unwrap();
+    let layout = remote.application().layout().clone();
+    let mode = layout.address("SpinMode").unwrap();
+    let mut now = 1_000_000;
+    for (value, names, reverse) in [
+        (0, ["spinena", "spindir"], [true, true]),
+        (1, ["spinfwd", "spinrev"], [false, true]),
+    ] {
+        let mut host = Host::new(&mut remote);
+        host.now = now;
+        let sizes = host.start(0);
+        host.write(mode, AccessSize::Word, value);
+        // 13 bits of SpinOut, SpinEna, SpinDir behind the 16 outputs.
+        let word = (4096_u32 | 1 << 13 | 1 << 14) << 16;
+        assert!(host.exchange(sizes, &word.to_le_bytes()).0.is_empty());
+        now = host.now + 1_000_000;
+        let outputs = SimDevice::outputs(&remote);
+        let found = |name: &str| {
+            let mut outputs = outputs.iter();
+            outputs
+                .find(|(found, _)| found == name)
+                .map(|(_, value)| *value)
+        };
+        assert_eq!(
+            names.map(found),
+            reverse.map(|on| Some(SignalValue::Bool(on)))
+        );
+        let Some(SignalValue::Volts(volts)) = found("spinout") else {
+            panic!("no voltage");
+        };
+        assert!((volts - 5.0).abs() < 0.01, "half of the supply: {volts}");
+    }
 }
 
 #[test]

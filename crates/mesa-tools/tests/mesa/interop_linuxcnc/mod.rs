@@ -43,8 +43,9 @@ pin bit IN 7i77.0.1.analogena
 pin bit IN 7i77.0.1.spinena
 param bit RW 7i77.0.1.analogena-invert
 param bit RW 7i77.0.1.spinena-invert
-param u32 RW 7i77.0.0.nvencmode{N} 2
-param u32 RW 7i77.0.0.nvunitnumber
+param u32 RO 7i77.0.0.nvencmode{N} 2
+param u32 RO 7i77.0.0.encmode{N} 2
+param u32 RO 7i77.0.0.nvunitnumber
 param u32 RW 7i77.0.0.nvwatchdogtimeout
 param u32 RW 7i77.0.0.nvbaudrate
 param u32 RO 7i77.0.0.swrevision
@@ -245,11 +246,12 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     compare_names(&mut machine, "hm2_7i97.0", ours);
 
     // LinuxCNC writes parameters to the remotes' non-volatile memory when it starts the port.
-    machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 0.0);
-    machine.set("7i77.0.0.nvencmode0", "1");
+    let time = "remote.0.parameter.nvwatchdogtimeout";
+    machine.expect_board("0", time, |millis| millis == 50.0);
+    machine.set("7i77.0.0.nvwatchdogtimeout", "60");
     machine.run(&["7i77.0.0", "7i77.0.1", "7i72.0.2"]);
     let (start, before) = (Instant::now(), machine.board.show("network"));
-    machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 1.0);
+    machine.expect_board("0", time, |millis| millis == 60.0);
     check_7i77(&mut machine);
     check_7i72(&mut machine);
     check_isolated_io(&mut machine);

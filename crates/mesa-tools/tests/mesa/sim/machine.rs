@@ -184,11 +184,11 @@ fn run_router(driver: &mut Driver<UdpBus>, position: f64) {
     let pins = driver.pins();
     let enable = pins.output::<bool>("hm2_7i92.0.stepgen.00.enable");
     let command = pins.output::<f64>("hm2_7i92.0.stepgen.00.position-cmd");
-    let volts = pins.output::<f64>("hm2_7i92.0.7i76.0.0.spinout");
+    let speed = pins.output::<f64>("hm2_7i92.0.7i76.0.0.spinout");
     let of_spindle = ["spinena", "spindir"];
     let switch = |name| pins.output::<bool>(&format!("hm2_7i92.0.7i76.0.0.{name}"));
     let [enable_spindle, reverse] = of_spindle.map(|name| switch(name).unwrap());
-    let (enable, command, volts) = (enable.unwrap(), command.unwrap(), volts.unwrap());
+    let (enable, command, speed) = (enable.unwrap(), command.unwrap(), speed.unwrap());
     for _ in 0..20 {
         let _ = driver.read();
         // A busy host is late now and then, and a watchdog bites.
@@ -198,7 +198,8 @@ fn run_router(driver: &mut Driver<UdpBus>, position: f64) {
             pins.set(switch, true);
         }
         pins.set(command, position);
-        pins.set(volts, 5.0);
+        // Half of the voltage at its terminals.
+        pins.set(speed, 50.0);
         let _ = driver.write();
         std::thread::sleep(PERIOD);
     }

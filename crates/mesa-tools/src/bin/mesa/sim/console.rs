@@ -11,7 +11,7 @@ use std::{
 use mesa_hal_sim::{UdpCounters, UdpFace};
 
 use super::face::Face;
-use super::{machine::Machine, mechanics, remotes};
+use super::{machine::Machine, mechanics, remotes, slot::Slot};
 use crate::pattern::is_match;
 
 /// Longer lines are truncated.
@@ -29,7 +29,8 @@ turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
 stall AXIS [on|off]        jam an axis, or free it; AXIS: its number or its name
 wheel CLICKS [WHEEL]       turn a handwheel
 estop on|off               press the emergency stop, or release it
-input CH N on|off          digital input of the remote on channel CH
+input CH N on|off          digital input of the remote on channel CH (PORT.CH on a serial
+                           port other than 0)
 volts CH N VOLTS           voltage on an input of a remote
 field CH VOLTS             field power of a remote (0 drops it)
 power CH on|off            supply of a remote
@@ -178,8 +179,9 @@ fn order(machine: &mut Machine, words: &[&str]) -> Result<String, String> {
             | "loss" | "late" | "dup",
             ..,
         ] => Err(wrong(words[0])),
-        [command, channel, ref rest @ ..] => number(channel)
-            .and_then(|channel| remotes::command(machine, command, channel, rest))
+        [command, slot, ref rest @ ..] => slot
+            .parse()
+            .and_then(|slot| remotes::command(machine, command, slot, rest))
             .map(nothing),
         [word, ..] => Err(format!(
             "`{word}` is no command, or it takes something else: try help"
@@ -274,16 +276,18 @@ fn show(machine: &mut Machine, face: &Face, what: &str) -> Result<String, String
         "board" => show_board(&mut text, machine),
         "motors" => mechanics::show(&mut text, machine),
         "time" => show_time(&mut text, machine),
-        pattern if pattern.contains(['*', '.']) => return show_pattern(machine, face, pattern),
         _ => {
-            let channel = what.parse().map_err(|_| {
-                format!(
+            let Ok(slot) = what.parse() else {
+                if what.contains(['*', '.']) {
+                    return show_pattern(machine, face, what);
+                }
+                return Err(format!(
                     "`{what}`: expected all, network, board, motors, time, a channel, or a pattern such \
                      as motor.*.position"
-                )
-            })?;
-            machine.cable(channel)?;
-            remotes::show(&mut text, machine, channel);
+                ));
+            };
+            machine.cable(slot)?;
+            remotes::show(&mut text, machine, slot);
         }
     }
     Ok(text)
@@ -314,8 +318,9 @@ pub fn value(machine: &mut Machine, face: &Face, name: &str) -> Result<String, S
         }
         "time" => show_time(&mut text, machine),
         "remote" => {
-            let channel = name.split('.').nth(1).unwrap_or_default();
-            remotes::show(&mut text, machine, number(channel)?);
+            let slot = Slot::in_name(name);
+            let slot = slot.ok_or_else(|| format!("`{name}` names no channel"))?;
+            remotes::show(&mut text, machine, slot);
         }
         _ => mechanics::show(&mut text, machine),
     }
@@ -336,9 +341,9 @@ fn show_all(machine: &mut Machine, face: &Face) -> String {
     show_network(&mut text, machine, face);
     show_board(&mut text, machine);
     mechanics::show(&mut text, machine);
-    let channels: Vec<_> = machine.remotes.iter().map(|r| r.channel).collect();
-    for channel in channels {
-        remotes::show(&mut text, machine, channel);
+    let slots: Vec<_> = machine.remotes.iter().map(|remote| remote.slot).collect();
+    for slot in slots {
+        remotes::show(&mut text, machine, slot);
     }
     text
 }

@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use mesa_hal_sim::{
-    devices::{Analog, FieldIo, Outputs48, Plain, find_mut},
+    devices::{Analog, DescriptionError, FieldIo, Outputs48, Plain, find_mut},
     remote::Cable,
     wire::RemoteEnd,
 };
@@ -14,33 +14,48 @@ use crate::files::bounded;
 pub const FIELD_IO: &str = "7i77-io";
 /// Analog part of a 7I77.
 pub const ANALOG: &str = "7i77-analog";
-const I7I72: &str = "7i72";
-const I7I64: &str = "7i64";
-const I7I84: &str = "7i84";
 /// Field I/O and spindle of a 7I76.
 pub const I7I76: &str = "7i76";
-const I7I76E: &str = "7i76e";
-const KNOWN: [&str; 7] = [FIELD_IO, ANALOG, I7I72, I7I64, I7I84, I7I76, I7I76E];
+
+/// Makes a remote.
+type Make = fn() -> Result<Box<dyn RemoteEnd>, DescriptionError>;
+
+/// Devices that are known by name.
+const KNOWN: [(&str, Make); 17] = [
+    (FIELD_IO, || Ok(Box::new(FieldIo::i7i77()?))),
+    (ANALOG, || Ok(Box::new(Analog::i7i77()?))),
+    ("7i64", || Ok(Box::new(Plain::i7i64()?))),
+    ("7i69", || Ok(Box::new(Plain::i7i69()?))),
+    ("7i70", || Ok(Box::new(Plain::i7i70()?))),
+    ("7i71", || Ok(Box::new(Outputs48::i7i71()?))),
+    ("7i72", || Ok(Box::new(Outputs48::i7i72()?))),
+    ("7i73", || Ok(Box::new(Plain::i7i73()?))),
+    ("7i73-display", || Ok(Box::new(Plain::i7i73_display()?))),
+    (I7I76, || Ok(Box::new(FieldIo::i7i76()?))),
+    ("7i76-r14", || {
+        Ok(Box::new(FieldIo::i7i76_of_revision_14()?))
+    }),
+    ("7i76e", || Ok(Box::new(FieldIo::i7i76e()?))),
+    ("7i76eu", || Ok(Box::new(FieldIo::i7i76eu()?))),
+    ("7i83", || Ok(Box::new(Plain::i7i83()?))),
+    ("7i84", || Ok(Box::new(FieldIo::i7i84()?))),
+    ("7i84u", || Ok(Box::new(FieldIo::i7i84u()?))),
+    ("7i87", || Ok(Box::new(Plain::i7i87()?))),
+];
 
 /// Size limit of a description; no real one comes near it.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// True for a device that is known by name.
 pub fn is_known(device: &str) -> bool {
-    KNOWN.contains(&device)
+    KNOWN.iter().any(|(name, _)| *name == device)
 }
 
 /// Builds a remote on a cable, from its name or from a description file.
 pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn Error>> {
-    let mut end: Box<dyn RemoteEnd> = match device {
-        FIELD_IO => Box::new(FieldIo::i7i77()?),
-        ANALOG => Box::new(Analog::i7i77()?),
-        I7I72 => Box::new(Outputs48::i7i72()?),
-        I7I64 => Box::new(Plain::i7i64()?),
-        I7I84 => Box::new(FieldIo::i7i84()?),
-        I7I76 => Box::new(FieldIo::i7i76()?),
-        I7I76E => Box::new(FieldIo::i7i76e()?),
-        file => from_file(file).map_err(|error| format!("device {file}: {error}"))?,
+    let mut end = match KNOWN.iter().find(|(name, _)| *name == device) {
+        Some((_, make)) => make()?,
+        None => from_file(device).map_err(|error| format!("device {device}: {error}"))?,
     };
     if let Some(mode) = mode {
         let has_mode = find_mut(end.as_mut()).is_some_and(|d| d.set_initial_mode(0, mode));
@@ -53,7 +68,7 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
 
 fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
     let bytes = bounded(path.as_ref(), MAX_BYTES).map_err(|error| {
-        let known = KNOWN.join(", ");
+        let known = KNOWN.map(|(name, _)| name).join(", ");
         format!("{error}; there are {known}, or a description file")
     })?;
     Ok(Box::new(Plain::from_description(str::from_utf8(&bytes)?)?))

@@ -14,10 +14,8 @@ use super::configuration::configuration;
 pub use super::options::MachineOptions;
 use super::options::{Board, RemoteOption};
 use super::plan::Plan;
+use super::slot::Slot;
 use super::{devices, mechanics};
-
-/// Serial port of all remotes.
-pub const PORT: usize = 0;
 
 /// Bytes of a remote's EEPROM, of its program, and of the tag before either in a state.
 const EEPROM: usize = 0x1_0000;
@@ -46,9 +44,9 @@ struct Tags {
     program: [u8; TAG],
 }
 
-/// A remote and its channel.
+/// A remote and its place.
 pub struct Plugged {
-    pub channel: usize,
+    pub slot: Slot,
     pub device: String,
 }
 
@@ -56,7 +54,7 @@ impl Machine {
     /// Builds a board with everything that is plugged in.
     pub fn new(options: &MachineOptions) -> Result<Self, Box<dyn Error>> {
         let wanted = with_own_remotes(options);
-        let channels = wanted.iter().map(|remote| remote.channel + 1).max();
+        let channels = wanted.iter().map(|remote| remote.slot.channel + 1).max();
         let fpga = match &options.firmware {
             Some(image) => SimFpga::from_image(image)?,
             None => options.board.fpga(channels.unwrap_or(1)),
@@ -75,12 +73,13 @@ impl Machine {
         };
         machine.load_configurations();
         for remote in &wanted {
-            let seed = options.seed ^ u64::from(remote.channel) << 32;
+            let (port, channel) = (u64::from(remote.slot.port), u64::from(remote.slot.channel));
+            let seed = options.seed ^ channel << 32 ^ port << 40;
             let cable = devices::build(&remote.device, remote.mode, seed)?;
             machine.add(remote, cable);
             if remote.setup {
                 let now = machine.board.time();
-                let device = machine.device(usize::from(remote.channel))?;
+                let device = machine.device(remote.slot)?;
                 device.set_setup_jumper(now, true);
             }
         }
@@ -112,7 +111,7 @@ impl Machine {
     pub fn inventory(&self) -> String {
         let mut text = String::new();
         for remote in &self.remotes {
-            let _ = writeln!(text, "channel {}: {}", remote.channel, remote.device);
+            let _ = writeln!(text, "channel {}: {}", remote.slot, remote.device);
         }
         mechanics::inventory(&self.plan, &mut text);
         text
@@ -123,25 +122,30 @@ impl Machine {
         self.board.gateware_mut()
     }
 
-    /// The cable of a channel.
-    pub fn cable(&mut self, channel: usize) -> Result<&mut Cable, String> {
-        let end = self.fpga().remote_mut(PORT, channel);
+    /// The cable of a remote.
+    pub fn cable(&mut self, slot: Slot) -> Result<&mut Cable, String> {
+        let (port, channel) = slot.indices();
+        let end = self.fpga().remote_mut(port, channel);
         end.and_then(|end| find_cable(end))
-            .ok_or_else(|| nothing_on(channel))
+            .ok_or_else(|| nothing_on(slot))
     }
 
-    /// The device of a channel, plugged in or not.
-    pub fn device(&mut self, channel: usize) -> Result<&mut dyn SimDevice, String> {
-        let end = self.fpga().remote_mut(PORT, channel);
+    /// The device of a slot, plugged in or not.
+    pub fn device(&mut self, slot: Slot) -> Result<&mut dyn SimDevice, String> {
+        let (port, channel) = slot.indices();
+        let end = self.fpga().remote_mut(port, channel);
         end.and_then(|end| find_mut(end))
-            .ok_or_else(|| nothing_on(channel))
+            .ok_or_else(|| nothing_on(slot))
     }
 
     /// Change counter of everything that the state contains.
     pub fn changes(&self) -> u64 {
         let fpga = self.board.gateware();
         let ends = self.remotes.iter();
-        let ends = ends.filter_map(|remote| fpga.remote(PORT, remote.channel));
+        let ends = ends.filter_map(|remote| {
+            let (port, channel) = remote.slot.indices();
+            fpga.remote(port, channel)
+        });
         let remotes = ends.filter_map(find).map(SimDevice::nonvolatile_changes);
         self.board.changes() + remotes.sum::<u64>()
     }
@@ -151,8 +155,8 @@ impl Machine {
     pub fn state(&mut self) -> Vec<u8> {
         let mut state = self.board.state();
         for index in 0..self.remotes.len() {
-            let (channel, tags) = self.tags(index);
-            let Ok(device) = self.device(channel) else {
+            let (slot, tags) = self.tags(index);
+            let Ok(device) = self.device(slot) else {
                 continue;
             };
             state.extend(tags.eeprom);
@@ -176,12 +180,12 @@ impl Machine {
             let (cells, rest) = rest.split_at_checked(length).ok_or(DAMAGED)?;
             kept = rest;
             for index in 0..self.remotes.len() {
-                let (channel, tags) = self.tags(index);
+                let (slot, tags) = self.tags(index);
                 if tag != tags.eeprom && tag != tags.program {
                     continue;
                 }
                 let now = self.board.time();
-                let device = self.device(channel)?;
+                let device = self.device(slot)?;
                 if is_program {
                     device.load_program(cells);
                 } else {
@@ -199,15 +203,15 @@ impl Machine {
         }
     }
 
-    /// Channel of a remote, and its tags in a state.
-    fn tags(&self, index: usize) -> (usize, Tags) {
-        let (channel, device) = match self.remotes.get(index) {
-            Some(remote) => (remote.channel, remote.device.as_str()),
-            None => (0, ""),
+    /// Slot of a remote, and its tags in a state.
+    fn tags(&self, index: usize) -> (Slot, Tags) {
+        let (slot, device) = match self.remotes.get(index) {
+            Some(remote) => (remote.slot, remote.device.as_str()),
+            None => (Slot::channel(0), ""),
         };
         let tag = |what: &str| {
             let mut tag = [0; TAG];
-            let name = format!("{what}{channel} {device}");
+            let name = format!("{what}{slot} {device}");
             for (slot, byte) in tag.iter_mut().zip(name.bytes()) {
                 *slot = byte;
             }
@@ -217,14 +221,14 @@ impl Machine {
             eeprom: tag(""),
             program: tag(IS_PROGRAM),
         };
-        (channel, tags)
+        (slot, tags)
     }
 
     fn add(&mut self, remote: &RemoteOption, cable: Cable) {
-        let channel = usize::from(remote.channel);
-        self.fpga().plug(PORT, channel, Some(Box::new(cable)));
+        let (port, channel) = remote.slot.indices();
+        self.fpga().plug(port, channel, Some(Box::new(cable)));
         self.remotes.push(Plugged {
-            channel,
+            slot: remote.slot,
             device: remote.device.clone(),
         });
     }
@@ -255,19 +259,20 @@ fn name(fpga: &SimFpga) -> String {
 fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
     let mut wanted = options.remotes.clone();
     for &(channel, device) in options.board.own_remotes() {
-        if wanted.iter().all(|remote| remote.channel != channel) {
+        let slot = Slot::channel(channel);
+        if wanted.iter().all(|remote| remote.slot != slot) {
             wanted.push(RemoteOption {
-                channel,
+                slot,
                 device: device.to_owned(),
                 mode: None,
                 setup: false,
             });
         }
     }
-    wanted.sort_by_key(|remote| remote.channel);
+    wanted.sort_by_key(|remote| remote.slot);
     wanted
 }
 
-fn nothing_on(channel: usize) -> String {
-    format!("no remote belongs to channel {channel}")
+fn nothing_on(slot: Slot) -> String {
+    format!("no remote belongs to channel {slot}")
 }

@@ -11,9 +11,10 @@ use mesa_hal_sim::{
 
 use super::console::{line, number, on_off};
 use super::devices;
-use super::machine::{Machine, PORT};
+use super::machine::Machine;
 use super::options::Board;
 use super::plan::{MoverPlan, Plan, Wire, index_of};
+use super::slot::Slot;
 
 /// Speed limit of a motor turned by hand: above any real one, and low enough that positions stay
 /// finite numbers.
@@ -49,7 +50,7 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
     }
     if let Some(estop) = &plan.estop {
         for &(channel, line) in &estop.cuts_field {
-            let device = machine.device(channel.into());
+            let device = machine.device(Slot::channel(channel));
             device.map_err(|error| format!("line {line}: estop.cuts_field: {error}"))?;
         }
         let channels = estop.cuts_field.iter();
@@ -57,7 +58,7 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
             inputs: estop.inputs.iter().map(|wire| wire.terminal).collect(),
             cuts_drives: estop.cuts_drives,
             cuts_field: channels
-                .map(|&(channel, _)| (PORT, channel.into()))
+                .map(|&(channel, _)| Slot::channel(channel).indices())
                 .collect(),
         });
     }
@@ -155,14 +156,14 @@ fn source(machine: &Machine, output: u8) -> DriveSource {
     let on = |device: &str, card: u8| {
         let remotes = machine.remotes.iter();
         let mut found = remotes.filter(|remote| remote.device == device);
-        found.nth(card.into()).map(|remote| remote.channel)
+        found.nth(card.into()).map(|remote| remote.slot.indices())
     };
     let source = if kind.spindle() == Some(output) {
         let spindle = on(devices::I7I76, 0);
-        spindle.map(|at| machines::spindle_7i76(PORT, at))
+        spindle.map(|(port, channel)| machines::spindle_7i76(port, channel))
     } else {
         let analog = on(devices::ANALOG, of_card / OUTPUTS_7I77);
-        analog.map(|at| machines::output_7i77(PORT, at, of_card % OUTPUTS_7I77))
+        analog.map(|(port, channel)| machines::output_7i77(port, channel, of_card % OUTPUTS_7I77))
     };
     source.unwrap_or(DriveSource::Nothing)
 }
@@ -170,10 +171,11 @@ fn source(machine: &Machine, output: u8) -> DriveSource {
 /// Checks that an input exists.
 fn check(machine: &mut Machine, terminal: SimTerminal) -> Result<(), String> {
     match terminal {
-        SimTerminal::Remote { channel, input, .. } => {
-            let device = machine.device(channel)?;
+        SimTerminal::Remote { input, .. } => {
+            let slot = Slot::of(terminal).ok_or("no such channel")?;
+            let device = machine.device(slot)?;
             let done = device.set_input(input, false);
-            done.map_err(|error| format!("channel {channel}: {error}"))
+            done.map_err(|error| format!("channel {slot}: {error}"))
         }
         SimTerminal::Board { input } => {
             let count = machine.fpga().inputs().map_or(0, Inputs::count);

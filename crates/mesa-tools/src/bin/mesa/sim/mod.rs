@@ -14,6 +14,7 @@ mod network;
 pub mod options;
 mod plan;
 mod remotes;
+mod slot;
 mod station;
 pub mod store;
 mod watch;

@@ -13,11 +13,17 @@ use mesa_hal_sim::{FirmwareImage, Mishaps, SimFpga, machines};
 use super::control::Control;
 use super::file;
 use super::plan::Plan;
+use super::slot::{self, Slot};
 
 const AFTER_HELP: &str = "\
 The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I77 of a 7I92 or a
 7I80DB has 7i77-io on 0 and 7i77-analog on 1; 2 is its expansion connector. That of a 7I97 has the
 channels 1 to 3. A 7I76 has 7i76 on 0, and its expansion connector is 1.
+
+Devices: 7i77-io, 7i77-analog, 7i64, 7i69, 7i70, 7i71, 7i72, 7i73, 7i73-display, 7i76, 7i76-r14 (an
+older 7I76, of software revision 14), 7i76e and 7i76eu (the 7I76 of these boards), 7i83, 7i84, 7i84u,
+7i87. What is not known of their records is listed in docs/gateware.md, FACTS 8.8. A 7I90 is a board:
+--firmware.
 
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
@@ -52,8 +58,7 @@ pub struct Options {
     )]
     board: Option<Board>,
     /// Simulate the board with the firmware whose identity memory is in FILE: a line `ADDR VALUE`,
-    /// both hexadecimal, for each word. The board has no motors; remotes are on its first serial
-    /// port
+    /// both hexadecimal, for each word. The board has no motors
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "machine"])]
     firmware: Option<PathBuf>,
     /// Simulate the machine described in FILE: board, remotes, motors, switches
@@ -76,10 +81,10 @@ pub struct Options {
     /// in their order
     #[arg(long, value_name = "MAC")]
     mac: Vec<Mac>,
-    /// Plug a remote into a serial channel; repeat for more. DEVICE: 7i77-io, 7i77-analog, 7i72,
-    /// 7i64, 7i84, 7i76, 7i76e (the 7I76 of a 7I76E), or a description file. MODE: number of the
+    /// Plug a remote into a serial channel; repeat for more. CH: the channel; PORT.CH on a serial
+    /// port other than 0. DEVICE: one of the list below, or a description file. MODE: number of the
     /// software mode after power-up; setup: jumper in the setup position (115200 baud)
-    #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
+    #[arg(long = "remote", value_name = "[PORT.]CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
     /// Keep the board's EEPROM and flash and the remotes' parameters and firmware in FILE
     #[arg(long, value_name = "FILE")]
@@ -168,7 +173,7 @@ impl Options {
             machines.push(("board".to_owned(), machine));
         }
         if let Some(board) = self.board {
-            check_channels(board, &self.remotes)?;
+            check_slots(&board.channels(), &self.remotes)?;
             let machine = MachineOptions::new(board, self.remotes.clone());
             machines.push(("board".to_owned(), machine));
         }
@@ -315,16 +320,9 @@ impl Board {
         }
     }
 
-    /// Maximum number of serial channels.
-    const fn channels(self) -> u8 {
-        match self {
-            Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
-            Self::I7i97With7i77 => 4,
-            Self::I7i92With7i77 | Self::I7i80With7i77 | Self::I5i25With7i77 => 3,
-            Self::I7i92With7i76 | Self::I7i97With7i76 => 2,
-            Self::I5i25With7i77And7i76 => 5,
-            Self::I5i25With7i77x2 => 6,
-        }
+    /// Maximum number of channels of each serial port.
+    pub fn channels(self) -> Vec<u8> {
+        slot::channels(&self.fpga(u8::MAX))
     }
 
     /// The remotes of the cards that are part of the board, each with its channel.
@@ -391,10 +389,10 @@ impl Board {
     }
 }
 
-/// A remote plugged into a channel: `CH=DEVICE[:MODE][:setup]`.
+/// A remote plugged into a channel: `CH=DEVICE[:MODE][:setup]`, or `PORT.CH=...`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RemoteOption {
-    pub channel: u8,
+    pub slot: Slot,
     pub device: String,
     pub mode: Option<u8>,
     /// True if the remote's jumper is in the setup position.
@@ -407,7 +405,7 @@ impl FromStr for RemoteOption {
     fn from_str(text: &str) -> Result<Self, String> {
         let form = || format!("`{text}`: expected CH=DEVICE[:MODE], for example 0=7i72");
         let (channel, device) = text.split_once('=').ok_or_else(form)?;
-        let channel = channel.parse().map_err(|_| form())?;
+        let slot = channel.parse().map_err(|_| form())?;
         let (device, setup) = match device.strip_suffix(":setup") {
             Some(device) => (device, true),
             None => (device, false),
@@ -420,7 +418,7 @@ impl FromStr for RemoteOption {
             return Err(form());
         }
         Ok(Self {
-            channel,
+            slot,
             device: device.to_owned(),
             mode,
             setup,
@@ -472,7 +470,8 @@ impl MachineOptions {
         let in_file = |error: &dyn Error| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| in_file(&error))?;
         let image = FirmwareImage::parse(&text).map_err(|error| in_file(&error))?;
-        check_channels(Board::Firmware, &remotes)?;
+        let fpga = SimFpga::from_image(&image).map_err(|error| in_file(&error))?;
+        check_slots(&slot::channels(&fpga), &remotes)?;
         Ok(Self {
             firmware: Some(image),
             ..Self::new(Board::Firmware, remotes)
@@ -506,7 +505,7 @@ impl FromStr for MachineOptions {
             )
         })?;
         let remotes = parts.map(str::parse).collect::<Result<Vec<_>, _>>()?;
-        check_channels(board, &remotes)?;
+        check_slots(&board.channels(), &remotes)?;
         Ok(Self::new(board, remotes))
     }
 }
@@ -518,23 +517,10 @@ fn probability(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("`{text}` is no probability from 0 to 1"))
 }
 
-/// Refuses remotes on channels that the board does not have, and two remotes on one channel.
-pub fn check_channels(board: Board, remotes: &[RemoteOption]) -> Result<(), String> {
-    let channels = board.channels();
-    for (index, remote) in remotes.iter().enumerate() {
-        let channel = remote.channel;
-        if channel >= channels {
-            return Err(format!(
-                "channel {channel}: this board has channels 0 to {}",
-                channels - 1
-            ));
-        }
-        let mut before = remotes.iter().take(index);
-        if before.any(|other| other.channel == channel) {
-            return Err(format!("two remotes on channel {channel}"));
-        }
-    }
-    Ok(())
+/// Refuses remotes in slots that a board with these `channels` does not have, and two in one slot.
+pub fn check_slots(channels: &[u8], remotes: &[RemoteOption]) -> Result<(), String> {
+    let slots: Vec<Slot> = remotes.iter().map(|remote| remote.slot).collect();
+    slot::check(channels, &slots)
 }
 
 /// Parses a MAC address of one host: six hexadecimal bytes separated by colons.

@@ -11,39 +11,40 @@ use mesa_hal_sim::{
 use super::{
     console::{line, number, on_off, wrong},
     machine::Machine,
+    slot::Slot,
 };
 use crate::files::probe;
 
-/// Executes a command for the remote on a channel.
+/// Executes a command for the remote in a slot.
 pub fn command(
     machine: &mut Machine,
     command: &str,
-    channel: usize,
+    slot: Slot,
     words: &[&str],
 ) -> Result<(), String> {
     let now = machine.board.time();
     match (command, words) {
-        ("unplug", []) => machine.cable(channel)?.unplug(),
-        ("plug", []) => machine.cable(channel)?.replug(),
-        ("wire", ["heal"]) => machine.cable(channel)?.heal(),
-        ("wire", [toward, fault, how @ ..]) => spoil(machine.cable(channel)?, toward, fault, how)?,
+        ("unplug", []) => machine.cable(slot)?.unplug(),
+        ("plug", []) => machine.cable(slot)?.replug(),
+        ("wire", ["heal"]) => machine.cable(slot)?.heal(),
+        ("wire", [toward, fault, how @ ..]) => spoil(machine.cable(slot)?, toward, fault, how)?,
         ("input", [n, state]) => {
             let (n, on) = (number(n)?, on_off(state)?);
-            world(machine.device(channel)?.set_input(n, on))?;
+            world(machine.device(slot)?.set_input(n, on))?;
         }
         ("volts", [n, volts]) => {
             let (n, volts) = (number(n)?, number(volts)?);
-            world(machine.device(channel)?.set_input_volts(n, volts))?;
+            world(machine.device(slot)?.set_input_volts(n, volts))?;
         }
         ("field", [volts]) => {
             let volts = number(volts)?;
-            world(machine.device(channel)?.set_field_volts(now, volts))?;
+            world(machine.device(slot)?.set_field_volts(now, volts))?;
         }
-        ("power", [state]) => machine.device(channel)?.set_power(now, on_off(state)?),
-        ("jumper", ["setup"]) => machine.device(channel)?.set_setup_jumper(now, true),
-        ("jumper", ["operate"]) => machine.device(channel)?.set_setup_jumper(now, false),
+        ("power", [state]) => machine.device(slot)?.set_power(now, on_off(state)?),
+        ("jumper", ["setup"]) => machine.device(slot)?.set_setup_jumper(now, true),
+        ("jumper", ["operate"]) => machine.device(slot)?.set_setup_jumper(now, false),
         ("firmware", [revision, file]) => {
-            let image = firmware_file(machine.device(channel)?.card(), number(revision)?, 6000);
+            let image = firmware_file(machine.device(slot)?.card(), number(revision)?, 6000);
             let path = Path::new(file);
             let done = if machine.is_rehearsal {
                 probe(path)
@@ -54,11 +55,11 @@ pub fn command(
         }
         ("shorted", [n, state]) => {
             let (n, on) = (number(n)?, on_off(state)?);
-            world(machine.device(channel)?.set_over_current(n, on))?;
+            world(machine.device(slot)?.set_over_current(n, on))?;
         }
         ("hot", [n, state]) => {
             let (n, on) = (number(n)?, on_off(state)?);
-            world(machine.device(channel)?.set_over_temperature(n, on))?;
+            world(machine.device(slot)?.set_over_temperature(n, on))?;
         }
         _ => return Err(wrong(command)),
     }
@@ -103,13 +104,13 @@ pub fn probability(word: &str) -> Result<f64, String> {
 }
 
 /// State, inputs and outputs of a remote.
-pub fn show(text: &mut String, machine: &mut Machine, channel: usize) {
-    let name = |what: &str| format!("remote.{channel}.{what}");
-    let remote = machine.remotes.iter().find(|r| r.channel == channel);
+pub fn show(text: &mut String, machine: &mut Machine, slot: Slot) {
+    let name = |what: &str| format!("remote.{slot}.{what}");
+    let remote = machine.remotes.iter().find(|remote| remote.slot == slot);
     if let Some(remote) = remote {
         line(text, &name("device"), &remote.device);
     }
-    if let Ok(cable) = machine.cable(channel) {
+    if let Ok(cable) = machine.cable(slot) {
         line(text, &name("plugged"), u8::from(cable.is_plugged()));
         for (way, toward) in [("requests", Toward::Remote), ("replies", Toward::Fpga)] {
             let counts = cable.counts(toward);
@@ -117,7 +118,7 @@ pub fn show(text: &mut String, machine: &mut Machine, channel: usize) {
             line(text, &name(&format!("{way}.intact")), counts.intact);
         }
     }
-    let Ok(device) = machine.device(channel) else {
+    let Ok(device) = machine.device(slot) else {
         return;
     };
     line(text, &name("powered"), u8::from(device.is_powered()));

@@ -17,9 +17,10 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::devices;
-use super::machine::{Machine as Built, PORT};
-use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
+use super::machine::Machine as Built;
+use super::options::{Board, MachineOptions, RemoteOption, check_slots, parse_mac};
 use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
+use super::slot::{PORT, Slot};
 use crate::files::bounded;
 use axis::Axis;
 use check::{Lines, Range};
@@ -169,12 +170,12 @@ fn remotes(
                 .map_err(|error| lines.wrong(mode, "remote.mode", &error.to_string()))?;
         }
         remotes.push(RemoteOption {
-            channel: *table.channel.get_ref(),
+            slot: Slot::channel(*table.channel.get_ref()),
             device,
             mode: table.mode.as_ref().map(|mode| *mode.get_ref()),
             setup: table.setup,
         });
-        check_channels(board, &remotes)
+        check_slots(&board.channels(), &remotes)
             .map_err(|reason| lines.wrong(&table.channel, "remote.channel", &reason))?;
     }
     Ok(remotes)
@@ -272,7 +273,7 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             input: Some(input),
             pin: None,
         } => SimTerminal::Remote {
-            port: PORT,
+            port: PORT.into(),
             channel: channel.into(),
             input: input.into(),
         },

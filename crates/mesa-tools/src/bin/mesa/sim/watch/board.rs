@@ -7,6 +7,7 @@ use mesa_hal::lbp::RemoteFaults;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 
+use super::super::slot::Slot;
 use super::values::{Rate, Values};
 use crate::full_screen::{Palette, SAMPLES, Trend};
 use mesa_tools::Counted;
@@ -22,8 +23,8 @@ pub struct BoardView {
     values: Values,
     packets: Rate,
     packet_trend: Trend,
-    /// By channel.
-    requests: BTreeMap<String, Rate>,
+    /// By slot.
+    requests: BTreeMap<Slot, Rate>,
     /// By axis.
     positions: BTreeMap<String, Trend>,
 }
@@ -48,12 +49,9 @@ impl BoardView {
         self.packets
             .push(time, values.number("network.received.packets"));
         self.packet_trend.push(self.packets.per_second());
-        for channel in values.parts("remote") {
-            let rate = self.requests.entry(channel.to_owned()).or_default();
-            rate.push(
-                time,
-                values.number(&format!("remote.{channel}.requests.sent")),
-            );
+        for slot in values.slots() {
+            let rate = self.requests.entry(slot).or_default();
+            rate.push(time, values.number(&format!("remote.{slot}.requests.sent")));
         }
         for axis in values.parts("motor") {
             let trend = self.positions.entry(axis.to_owned()).or_default();
@@ -132,11 +130,11 @@ impl BoardView {
     pub fn machine(&self, palette: Palette, width: usize) -> Vec<Line<'static>> {
         let mut lines = Vec::new();
         lines.push(heading("remotes"));
-        let channels = self.values.parts("remote");
-        if channels.is_empty() {
+        let slots = self.values.slots();
+        if slots.is_empty() {
             lines.push(Line::raw("  none"));
         }
-        lines.extend(channels.iter().map(|channel| self.remote(channel, palette)));
+        lines.extend(slots.iter().map(|&slot| self.remote(slot, palette)));
         let axes = self.values.parts("motor");
         if !axes.is_empty() {
             lines.push(heading(
@@ -151,10 +149,10 @@ impl BoardView {
         let own = self.values.under("board");
         let own = own.filter(|(name, _)| is_terminal(name));
         lines.push(Line::raw(format!("  {:<14}{}", "board", signals(own))));
-        for channel in channels {
-            let all = self.values.under(&format!("remote.{channel}"));
+        for slot in slots {
+            let all = self.values.under(&format!("remote.{slot}"));
             let all: Vec<_> = all.filter(|(name, _)| is_signal(name)).collect();
-            let place = format!("channel {channel}");
+            let place = format!("channel {slot}");
             lines.push(Line::raw(format!(
                 "  {place:<14}{}",
                 signals(all.into_iter())
@@ -164,12 +162,12 @@ impl BoardView {
     }
 
     /// A remote: its state, its request rate and its faults.
-    fn remote(&self, channel: &str, palette: Palette) -> Line<'static> {
-        let of = format!("remote.{channel}");
+    fn remote(&self, slot: Slot, palette: Palette) -> Line<'static> {
+        let of = format!("remote.{slot}");
         let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
         let text = |what: &str| self.values.text(&format!("{of}.{what}"));
         let number = |what: &[&str]| self.number(&of, what);
-        let rate = self.requests.get(channel).map_or(0.0, Rate::per_second);
+        let rate = self.requests.get(&slot).map_or(0.0, Rate::per_second);
         let faults = u8::from_str_radix(text("faults"), 16).unwrap_or_default();
         let faults = RemoteFaults::from_bits_retain(faults);
         let (state, color) = if !is_on("plugged") {
@@ -192,7 +190,7 @@ impl BoardView {
             format!("   {faults}")
         };
         Line::from(vec![
-            Span::raw(format!("  {channel} {:<12} ", text("device"))),
+            Span::raw(format!("  {slot} {:<12} ", text("device"))),
             Span::styled(format!("{state:<11}"), palette.style(color)),
             Span::raw(format!(
                 "{rate:>6.0} requests/s, {} spoiled; mode {}, revision {}{why}",

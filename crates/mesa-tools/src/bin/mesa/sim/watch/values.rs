@@ -1,6 +1,8 @@
 //! Values of a board by name, as `show` prints them, and rates of its counters.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use super::super::slot::Slot;
 
 /// Values by name, parsed from console output, so that the screen and other programs show the same.
 #[derive(Debug, Default)]
@@ -41,6 +43,14 @@ impl Values {
         let prefix = format!("{prefix}.");
         let from = self.0.range(prefix.clone()..);
         from.map_while(move |(name, value)| Some((name.strip_prefix(&prefix)?, value.as_str())))
+    }
+
+    /// The slots of all remotes.
+    pub fn slots(&self) -> Vec<Slot> {
+        let names = self.0.range("remote.".to_owned()..);
+        let names = names.map_while(|(name, _)| Slot::in_name(name));
+        let slots: BTreeSet<_> = names.collect();
+        slots.into_iter().collect()
     }
 
     /// The next part of each name below `prefix.`, without repetition.
