@@ -67,11 +67,15 @@ impl Names {
         Some(&self.find(id)?.prefix)
     }
 
-    /// Text for a card whose outputs stay off although the machine is on; `None` if it has no outputs,
-    /// or there is no such card.
-    pub fn left_off(&self, number: usize) -> Option<LeftOff<'_>> {
-        let card = self.cards.get(number).filter(|card| card.has_outputs)?;
-        Some(LeftOff::Card(&card.prefix))
+    /// Text for a card that is offline, or whose outputs wait for the user, although the machine is on.
+    pub fn left_off(&self, number: usize, is_offline: bool, waits: bool) -> Option<LeftOff<'_>> {
+        let card = self.cards.get(number)?;
+        if is_offline {
+            Some(LeftOff::Offline(&card.prefix))
+        } else {
+            let waits = waits && card.has_outputs;
+            waits.then_some(LeftOff::Waiting(&card.prefix))
+        }
     }
 
     /// Text for a board whose outputs stay off although the machine is on, because of these flags.
@@ -124,14 +128,20 @@ impl fmt::Display for Acknowledge<'_> {
 
 /// Outputs that stay off although the machine is on.
 pub(crate) enum LeftOff<'a> {
-    Card(&'a str),
+    Offline(&'a str),
+    Waiting(&'a str),
     Board(Acknowledge<'a>),
 }
 
 impl fmt::Display for LeftOff<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Card(prefix) => write!(
+            Self::Offline(prefix) => write!(
+                f,
+                "{prefix}: the machine is on, and this card is offline: its inputs are not valid, its outputs \
+                 are off"
+            ),
+            Self::Waiting(prefix) => write!(
                 f,
                 "{prefix}: the machine is on, and the outputs of this card are off; set {prefix}.rearm to \
                  FALSE and TRUE to go on"
@@ -184,10 +194,19 @@ impl Report<'_> {
             EventKind::RemoteOffline { reason, .. } if is_other_card(reason) => Level::Error,
             // The board's own message has the next step for all.
             EventKind::RemoteOffline { .. } if self.flags.any() => Level::Note,
+            // The board, or this computer, has not fed it for a moment.
+            EventKind::RemoteOffline {
+                reason: OfflineReason::Watchdog | OfflineReason::BoardDown,
+                ..
+            } => waits(Level::Error),
             EventKind::RemoteOffline { .. } => Level::Error,
             EventKind::RemoteStaysOffline { reason, .. } if needs_a_hand(reason) => Level::Error,
             EventKind::RemoteBack { .. } | EventKind::RemoteUp { .. } => {
-                if self.flags.any() || !self.card().is_none_or(|card| card.has_outputs) {
+                if self.has_outputs() && self.outputs == OutputState::Follow {
+                    // `RemoteRearmed` comes with it.
+                    return None;
+                }
+                if self.flags.any() || !self.has_outputs() {
                     Level::Note
                 } else {
                     waits(Level::Error)
@@ -217,6 +236,10 @@ impl Report<'_> {
         })
     }
 
+    fn has_outputs(&self) -> bool {
+        self.card().is_none_or(|card| card.has_outputs)
+    }
+
     fn card(&self) -> Option<&Card> {
         self.names.find(self.kind.remote()?)
     }
@@ -229,7 +252,7 @@ impl Report<'_> {
     }
 
     fn card_offline(&self, f: &mut fmt::Formatter<'_>, reason: OfflineReason) -> fmt::Result {
-        let has_outputs = self.card().is_none_or(|card| card.has_outputs);
+        let has_outputs = self.has_outputs();
         if is_other_card(reason) {
             self.reason(f, reason)?;
             f.write_str(". The card stays off: plug the right one in, or load ")?;
@@ -265,7 +288,7 @@ impl Report<'_> {
 
     fn card_back(&self, f: &mut fmt::Formatter<'_>, text: &str) -> fmt::Result {
         f.write_str(text)?;
-        if self.card().is_some_and(|card| !card.has_outputs) {
+        if !self.has_outputs() {
             return Ok(());
         }
         match self.outputs {
@@ -386,7 +409,7 @@ impl fmt::Display for Report<'_> {
             }
             EventKind::RemoteBack { .. } => self.card_back(f, "card back"),
             EventKind::RemoteUp { .. } => self.card_back(f, "card plugged in, and running"),
-            EventKind::RemoteRearmed { .. } => f.write_str("outputs follow again"),
+            EventKind::RemoteRearmed { .. } => f.write_str("card runs, outputs follow"),
             EventKind::RemoteRearmCancelled { .. } => {
                 f.write_str("outputs stay off because of a new fault; ")?;
                 self.rearm(f)
@@ -465,6 +488,7 @@ impl Report<'_> {
                 "another program drives this board ({packets} packets within 1 s): end it (LinuxCNC, \
                  mesaflash, another driver), also on other computers"
             ),
+            EventKind::BoardSetUp => f.write_str("the board runs again"),
             EventKind::Rearmed { armed: 0, .. } => {
                 f.write_str("outputs follow as soon as board and cards run")
             }

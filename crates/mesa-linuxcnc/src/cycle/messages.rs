@@ -1,5 +1,7 @@
 //! The messages of a board's cycle.
 
+use core::time::Duration;
+
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, EventKind};
 use mesa_hal::hal::Age;
@@ -9,6 +11,9 @@ use crate::rearm::RemoteMask;
 use crate::report::{Flags, OutputState, Report};
 use crate::say::Level;
 use crate::table::Memory;
+
+/// Longer than the start of a remote takes, after a fault of the board too.
+const START: Duration = Duration::from_secs(1);
 
 impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The flags that keep the outputs off, also if HAL does not have them yet.
@@ -69,11 +74,20 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             let text = self.names.all_off(flags);
             return self.say.report(now, Level::Error, format_args!("{text}"));
         }
-        for number in (0..self.remotes.len()).filter(|number| remotes >> number & 1 != 0) {
-            if let Some(text) = self.names.left_off(number) {
+        for number in 0..self.remotes.len() {
+            let waits = remotes >> number & 1 != 0;
+            let text = self.names.left_off(number, self.is_offline(number), waits);
+            if let Some(text) = text {
                 self.say.report(now, Level::Error, format_args!("{text}"));
             }
         }
+    }
+
+    /// True for a remote that has not run for longer than its start takes.
+    fn is_offline(&self, number: usize) -> bool {
+        let entry = self.remotes.get(number);
+        let state = entry.and_then(|entry| self.driver.pins().group_state(entry.group));
+        state.is_some_and(|state| !state.armed && state.age.time > START)
     }
 
     /// Says once that too many packets are lost.

@@ -37,7 +37,11 @@ fn messages_of_faults_name_the_pin_that_ends_them() {
         rearm,
     );
     session.set("7i72.0.2.rearm", "TRUE");
-    expect(&mut session, &format!("{card}: outputs follow again"), "");
+    expect(
+        &mut session,
+        &format!("{card}: card runs, outputs follow"),
+        "",
+    );
     session.set("pwmgen.00.enable", "TRUE");
     session.set("packet-error-limit", "10");
     session.board("lose 1");
@@ -54,11 +58,7 @@ fn messages_of_faults_name_the_pin_that_ends_them() {
         io_error,
     );
     session.set("io_error", "FALSE");
-    expect(
-        &mut session,
-        "hm2_7i97.0: ",
-        "the board has its set-up again",
-    );
+    expect(&mut session, "hm2_7i97.0: ", "the board runs again");
     session.expect_outputs([true; 3]);
     session.stop();
 }

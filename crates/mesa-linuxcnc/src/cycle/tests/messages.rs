@@ -49,7 +49,7 @@ fn a_pulled_card_is_said_with_the_pin_that_brings_it_back() {
     bench.set("7i72.0.2.rearm", true);
     bench.run(10);
     let notes = bench.heard(Level::Note);
-    assert_eq!(notes, ["hm2_7i97.0.7i72.0.2: outputs follow again"]);
+    assert_eq!(notes, ["hm2_7i97.0.7i72.0.2: card runs, outputs follow"]);
 }
 
 #[test]
@@ -157,6 +157,21 @@ fn what_failed_before_the_machine_is_on_first_is_armed_with_it() {
         bench.new_error(),
         "hm2_7i97.0.7i72.0.2: the machine is on, and the outputs of this card are off; set \
          hm2_7i97.0.7i72.0.2.rearm to FALSE and TRUE to go on"
+    );
+}
+
+#[test]
+fn a_machine_that_is_on_without_a_card_is_an_error() {
+    let mut bench = Bench::running();
+    bench.pull(FIELD);
+    bench.run(2_000);
+    bench.new_errors();
+    bench.set("pwmgen.00.enable", true);
+    bench.run(10);
+    assert_eq!(
+        bench.new_error(),
+        "hm2_7i97.0.7i77.0.0: the machine is on, and this card is offline: its inputs are not valid, its \
+         outputs are off"
     );
 }
 
