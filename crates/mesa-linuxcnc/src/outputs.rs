@@ -61,3 +61,39 @@ impl Outputs {
         in_use
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use mesa_hal::Settings;
+    use mesa_hal_sim::{Motor, Stepper, machines};
+
+    use super::*;
+
+    /// Those of a 5I25 with a 7I77 and a 7I76, which LinuxCNC ties to `amp-enable-out` and
+    /// `spindle.0.on`.
+    #[test]
+    fn the_enables_are_those_of_axes_and_spindles() {
+        let board = machines::eleven_axes_5i25(Motor::default(), Stepper::default());
+        let driver = Driver::start(board, Settings::default()).expect("the machine is complete");
+        let outputs = Outputs::new(&driver);
+        let infos = driver.pins().infos();
+        let names = outputs.enables.iter().map(|&index| {
+            let name = infos[index].name.strip_prefix("hm2_5i25.0.");
+            name.expect("of the board")
+        });
+        let names: Vec<_> = names.filter(|name| !name.ends_with("out")).collect();
+        let expected = [
+            "stepgen.00.enable",
+            "stepgen.01.enable",
+            "stepgen.02.enable",
+            "stepgen.03.enable",
+            "stepgen.04.enable",
+            "7i77.0.1.analogena",
+            "7i77.0.1.spinena",
+        ];
+        for name in expected {
+            assert!(names.contains(&name), "{name}: {names:?}");
+        }
+        assert_eq!(names.len(), expected.len(), "{names:?}");
+    }
+}

@@ -256,3 +256,88 @@ fn a_generator_that_is_stopped_is_an_error_with_its_name() {
     );
     assert!(text.len() <= SHOWN, "{text}");
 }
+
+/// Each fault with its longest values, in all states of flags and outputs.
+#[test]
+fn an_error_fits_on_the_operators_screen() {
+    use mesa_hal::sslbp::{CsStatus, Failure, ProcessDataSizes, RemoteFaults};
+
+    let bench = Bench::new();
+    let remote = mesa_hal::RemoteId::new(0, 0);
+    let sizes = ProcessDataSizes::default();
+    let [found, expected] = [u32::MAX; 2];
+    let all = u32::MAX;
+    let reasons = [
+        OfflineReason::Absent,
+        OfflineReason::TooManyFailures(Failure::Doubtful),
+        OfflineReason::NotRunning(CsStatus(0xC100)),
+        OfflineReason::Watchdog,
+        OfflineReason::IllegalMode,
+        OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE),
+        OfflineReason::Reported(RemoteFaults::OVER_CURRENT | RemoteFaults::OVER_TEMPERATURE),
+        OfflineReason::OtherTables { found, expected },
+        OfflineReason::OtherSizes {
+            found: sizes,
+            expected: sizes,
+        },
+        OfflineReason::PortStuck,
+        OfflineReason::BoardDown,
+    ];
+    let offline = reasons.map(|reason| EventKind::RemoteOffline { remote, reason });
+    let still = reasons.map(|reason| EventKind::RemoteStaysOffline { remote, reason });
+    let others = [
+        EventKind::RemoteBack { remote },
+        EventKind::RemoteUp { remote },
+        EventKind::RemoteRearmCancelled { remote },
+        EventKind::ParameterNotWritten {
+            remote,
+            parameter: 0,
+        },
+        EventKind::WatchdogBitten,
+        EventKind::BoardReset,
+        EventKind::BusDown,
+        EventKind::NotRead { writes: all },
+        EventKind::OtherFirmware,
+        EventKind::OtherMaster { packets: all },
+        EventKind::StepRateLimited {
+            generator: 31,
+            asked: all,
+            limit: all,
+        },
+        EventKind::StepTimeClipped {
+            generator: 31,
+            asked: all,
+            longest: all,
+        },
+        EventKind::StepHoldShort {
+            generator: 31,
+            asked: all,
+            left: all,
+        },
+        EventKind::StepgenStands {
+            generator: 31,
+            rate: all,
+        },
+    ];
+    for kind in offline.into_iter().chain(still).chain(others) {
+        for (has_bit, io_error) in [(false, false), (true, false), (false, true)] {
+            for outputs in [OutputState::Follow, OutputState::Wait] {
+                let report = Report {
+                    kind,
+                    names: &bench.cycle.names,
+                    flags: Flags { has_bit, io_error },
+                    outputs,
+                    silence: Age {
+                        cycles: 9,
+                        time: Duration::from_secs(99),
+                    },
+                };
+                let text = report.to_string();
+                assert!(text.starts_with("hm2_7i97.0"), "{text}");
+                if report.level() == Some(Level::Error) {
+                    assert!(text.len() <= SHOWN, "{}: {text}", text.len());
+                }
+            }
+        }
+    }
+}
