@@ -313,14 +313,24 @@ pub struct RemoteParameter {
 
 impl RemoteParameter {
     /// Makes the parameter of a record; `None` for one that no parameter type can hold: a pad, or a
-    /// record with a width other than 1 to 64 bits.
+    /// record with a width other than 1 to 64 bits; and for process data of another software mode that
+    /// is no value: bits, counters, streams. As in LinuxCNC.
     pub(super) fn new(
         pins: &mut PinStore,
         group: GroupId,
         name: &str,
         record: &DataRecord,
     ) -> Result<Option<Self>, PinError> {
-        if record.data_type == DataType::Pad || AccessSize::for_bits(record.bits).is_none() {
+        let is_value = !matches!(
+            record.data_type,
+            DataType::Pad
+                | DataType::Bits
+                | DataType::Stream
+                | DataType::Encoder
+                | DataType::EncoderHigh
+                | DataType::EncoderLow
+        );
+        if !is_value || AccessSize::for_bits(record.bits).is_none() {
             return Ok(None);
         }
         let kind = record.parameter_type();

@@ -485,3 +485,27 @@ fn the_second_letter_of_a_cards_name_is_small_and_no_other() {
         assert!(driver.pins().output::<bool>(&pin).is_ok(), "{pin}");
     }
 }
+
+/// As LinuxCNC shows them on real machines: FACTS 7.2.
+#[test]
+fn data_of_other_modes_are_parameters_where_they_are_values() {
+    let mut fpga = machines::i7i97(1);
+    fpga.plug(0, 0, Some(Box::new(FieldIo::i7i76().expect("7I76"))));
+    let driver = Driver::start(fpga, Settings::default()).expect("a 7I97");
+    let has = |name: &str| {
+        let name = format!("hm2_7i97.0.7i76.0.0.{name}");
+        driver.pins().id(&name).is_ok()
+    };
+    for value in [
+        "analogin0",
+        "analogin3",
+        "fieldvoltage",
+        "encmode0",
+        "nvencmode1",
+    ] {
+        assert!(has(value), "{value}");
+    }
+    for other in ["enc0", "enc1", "input", "output", "enc0.count"] {
+        assert!(!has(other), "{other}");
+    }
+}
