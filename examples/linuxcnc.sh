@@ -19,7 +19,7 @@
 #   cargo build --release -p mesa-tools
 #
 # Environment:
-#   MESA                 the program (target/release/mesa)
+#   MESA                 the program (target/release/mesa, or the installed one)
 #   BOARD_IN, BOARD_OUT  the board's standard input and output, for example named pipes
 #                        (nothing; a file that is shown if the client fails)
 #   BOARD_LINGER         seconds of the board after LinuxCNC (1.5: long enough for the watchdogs of board
@@ -41,6 +41,8 @@ fail() {
 
 top=$(cd "$(dirname "$0")/.." && pwd)
 mesa=${MESA:-$top/target/release/mesa}
+# From a package.
+[ -n "${MESA:-}" ] || [ -x "$mesa" ] || mesa=$(command -v mesa) || mesa=$top/target/release/mesa
 [ -x "$mesa" ] ||
   fail 98 "no $mesa; build it: cargo build --release -p mesa-tools"
 for program in halrun ip iptables unshare nsenter; do
