@@ -58,6 +58,7 @@ macro_rules! packed_word {
 
 packed_word!(u64, |number| *number, Some);
 packed_word!(u32, |number| (*number).into(), |word| Some(word as u32));
+packed_word!(i64, |number| *number as u64, |word| Some(word as i64));
 packed_word!(Instant, |at| at.as_nanos(), |nanos| Some(Self::from_nanos(
     nanos
 )),);

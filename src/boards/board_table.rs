@@ -8,11 +8,10 @@ use crate::hostmot2::{Gtag, HostMot2, TickRate};
 pub const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl BoardTable {
-    /// A board with connectors for cards and no further known functions. Its encoders run at the
-    /// rate for which the 7I77 is designed: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    /// A board with connectors for cards and no further known functions.
     pub const CONNECTORS: Self = Self {
         name: "",
-        encoder_rate: TickRate::MUX_7I77,
+        encoder_rate: None,
         pwm: PwmTable::PLAIN,
         terminals: &[],
         cards: &[
@@ -24,9 +23,11 @@ impl BoardTable {
         flash: None,
     };
 
-    /// The 7I92: two connectors, P2 before P1 (FACTS 9.3).
+    /// The 7I92: two connectors, P2 before P1 (FACTS 9.3). Its multiplexed encoders are those of a 7I77,
+    /// and run at the rate for which that is designed: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
     pub const I7I92: Self = Self {
         name: "7I92",
+        encoder_rate: Some(TickRate::MUX_7I77),
         terminals: &[ModuleTerminals {
             modules: &[Gtag::IO_PORT],
             terminals: &[
@@ -41,6 +42,7 @@ impl BoardTable {
     /// The 5I25: two connectors, P3 before P2. FACTS 15.1.
     pub const I5I25: Self = Self {
         name: "5I25",
+        encoder_rate: Some(TickRate::MUX_7I77),
         terminals: &[ModuleTerminals {
             modules: &[Gtag::IO_PORT],
             terminals: &[

@@ -22,7 +22,7 @@ use crate::hostmot2::{Gtag, TickRate};
 pub const BOARD: BoardTable = BoardTable {
     name: "7I97",
     // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
-    encoder_rate: TickRate::MUX_7I97,
+    encoder_rate: Some(TickRate::MUX_7I97),
     // Manual: 7I97, "SUGGESTED PWM SETUP".
     pwm: PwmTable {
         hz: 48_000,

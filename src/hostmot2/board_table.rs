@@ -14,8 +14,9 @@ use crate::hal::{Place, Terminals};
 pub struct BoardTable {
     /// Its name, for example `7I97`: the board name in its firmware without `MESA`.
     pub name: &'static str,
-    /// The rate of the encoders' multiplexer or filters.
-    pub encoder_rate: TickRate,
+    /// The rate of the encoders' multiplexer or filters, for which the board is designed; `None` if it is
+    /// not known. Multiplexers then start at LinuxCNC's rate, 8.33 MHz, and filters at that of the 7I77.
+    pub encoder_rate: Option<TickRate>,
     /// Its PWM generators.
     pub pwm: PwmTable,
     /// The terminals of its modules.

@@ -5,6 +5,8 @@
 use alloc::format;
 use core::time::Duration;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -55,6 +57,10 @@ pub struct Dpll {
     usual_khz: f64,
     /// In the order of the words.
     settings: [Setting; 5],
+    /// The last values of `time-const` and `plimit` that are not allowed.
+    reported: [Option<i64>; 2],
+    /// The last frequency that the loop cannot have, in Hz.
+    refused_hz: Option<i64>,
     /// The registers for following the host; `None` where the board paces, and the loop runs free.
     /// Any access of the first register marks the thread's read and latches the phase, which the
     /// register returns as the phase error. A write of the second sets the phase.
@@ -113,6 +119,8 @@ impl Dpll {
             words,
             usual_khz: khz,
             settings,
+            reported: [None; 2],
+            refused_hz: None,
             following,
             start: PhaseStart::default(),
         });
@@ -162,6 +170,41 @@ impl Dpll {
     }
 }
 
+impl Dpll {
+    /// Reports values that the registers do not hold: the largest ones are used.
+    fn check_limits(&mut self, cycle: &mut WriteCycle<'_>) {
+        let [of_time, of_limit] = &mut self.reported;
+        let limit = |setting, highest: u32| Limit {
+            setting,
+            number: 0,
+            lowest: 0,
+            highest: highest.into(),
+            instead: None,
+        };
+        let (time, phase) = (self.pins.time_const, self.pins.plimit);
+        limit(CorrectedValue::DpllTimeConst, u16::MAX.into()).pin(cycle, time, of_time);
+        limit(CorrectedValue::DpllPhaseLimit, 0xFF_FFFF).pin(cycle, phase, of_limit);
+    }
+
+    /// Reports a frequency that the loop cannot have, once.
+    fn refuse_frequency(&mut self, cycle: &WriteCycle<'_>, hz: f64) {
+        let asked = hz as i64;
+        if self.refused_hz.replace(asked) == Some(asked) {
+            return;
+        }
+        // Prescale 255, and a phase step of less than a turn.
+        let slowest = libm::ldexp(f64::from(self.clock_hz), 30 - i32::from(self.dds_bits)) / 256.0;
+        let limit = Limit {
+            setting: CorrectedValue::DpllFrequency,
+            number: 0,
+            lowest: slowest as i64 + 1,
+            highest: libm::ldexp(f64::from(self.clock_hz), 32 - i32::from(self.dds_bits)) as i64,
+            instead: None,
+        };
+        limit.tell(cycle, asked, self.config.hz as i64);
+    }
+}
+
 impl Module for Dpll {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         if let Some((sync, _)) = self.following {
@@ -187,14 +230,17 @@ impl Module for Dpll {
         if !cycle.changed {
             return;
         }
+        self.check_limits(cycle);
         let config = self.pins.config(cycle.pins, self.usual_khz);
         if config == self.config {
             return;
         }
         let Ok(words) = config.words(self.clock_hz, self.dds_bits) else {
+            self.refuse_frequency(cycle, config.hz);
             let pin = self.pins.base_freq_khz;
             return cycle.pins.count_out_of_range(pin);
         };
+        self.refused_hz = None;
         let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
         if rate(words) != rate(self.words) {
             self.start = PhaseStart::default();

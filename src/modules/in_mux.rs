@@ -6,6 +6,8 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::time::Duration;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
@@ -57,6 +59,8 @@ pub struct InMux {
     pub gtag: Gtag,
     /// The handles of the pins.
     pub pins: InMuxPins,
+    /// The number of the instance.
+    instance: u8,
     clock_hz: u32,
     /// The last words that were written:
     /// - control;
@@ -125,6 +129,7 @@ impl InMux {
         Ok(Self {
             gtag,
             pins,
+            instance: of.instance,
             clock_hz,
             words,
             mpgs: [Mpg::default(); 4],
@@ -203,6 +208,7 @@ impl Module for InMux {
         if !cycle.changed {
             return;
         }
+        self.correct(cycle);
         self.words = self.pins.words(cycle.pins, self.clock_hz);
         for (setting, word) in self.settings.into_iter().zip(self.words) {
             cycle.words.set(setting, word);
@@ -213,6 +219,44 @@ impl Module for InMux {
     /// continue from their last one.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
         (self.is_settling, self.since) = (true, None);
+    }
+}
+
+impl InMux {
+    /// Corrects rates and filters that the control register cannot have.
+    fn correct(&self, cycle: &mut WriteCycle<'_>) {
+        let inputs = u32::try_from(self.pins.inputs.len()).unwrap_or(1).max(1);
+        let fastest = self.clock_hz / 4 / inputs;
+        let slowest = fastest.div_ceil(LARGEST_DIVISOR.saturating_add(1));
+        let params = [
+            self.pins.scan_rate,
+            self.pins.fast_scans,
+            self.pins.slow_scans,
+        ];
+        let allowed = [(slowest, fastest), (1, LARGEST_SHORT), (1, LARGEST_LONG)];
+        let names = if self.gtag == Gtag::IN_M {
+            [
+                CorrectedValue::InMScanRate,
+                CorrectedValue::InMFastScans,
+                CorrectedValue::InMSlowScans,
+            ]
+        } else {
+            [
+                CorrectedValue::InMuxScanRate,
+                CorrectedValue::InMuxFastScans,
+                CorrectedValue::InMuxSlowScans,
+            ]
+        };
+        for ((param, (lowest, highest)), setting) in params.into_iter().zip(allowed).zip(names) {
+            let limit = Limit {
+                setting,
+                number: self.instance.into(),
+                lowest: lowest.into(),
+                highest: highest.into(),
+                instead: None,
+            };
+            limit.param(cycle, param);
+        }
     }
 }
 

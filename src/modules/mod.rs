@@ -14,6 +14,7 @@ pub(crate) mod events;
 pub mod gpio;
 pub mod in_mux;
 pub mod led;
+pub(crate) mod limit;
 pub mod outputs;
 pub mod pwm;
 mod registrar;
@@ -176,6 +177,7 @@ pub struct WriteCycle<'a> {
     /// The board is set up, so that its watchdog may be restarted.
     pub(crate) is_running: bool,
     pub(crate) wants_extra: bool,
+    pub(crate) events: &'a EventSink,
 }
 
 impl WriteCycle<'_> {

@@ -5,6 +5,8 @@
 use alloc::format;
 use alloc::vec::Vec;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage, WriteSlot};
@@ -19,6 +21,10 @@ pub struct Outputs {
     numbered: Vec<NumberedOutput>,
     /// Frequency of the isolated drive in Hz; 0 switches all outputs off. Only with SSR.
     pub rate: Option<Output<u32>>,
+    /// The number of the instance.
+    instance: u8,
+    /// The last value of `rate` that is not allowed.
+    reported: Option<i64>,
     clock_hz: u32,
     data: WriteSlot,
     /// The register of the drive: without drive the relays are off whatever the data is.
@@ -85,6 +91,8 @@ impl Outputs {
             gtag,
             numbered: outputs.collect::<Result<_, _>>()?,
             rate,
+            instance: number,
+            reported: None,
             clock_hz,
             data,
             drive,
@@ -143,7 +151,14 @@ impl Module for Outputs {
             return;
         }
         if let (Some(rate), Some(drive)) = (self.rate, self.drive) {
-            let word = match cycle.pins.fetch(rate) {
+            let limit = Limit {
+                setting: CorrectedValue::SsrRate,
+                number: self.instance.into(),
+                lowest: 0,
+                highest: i64::from(self.clock_hz / 4),
+                instead: None,
+            };
+            let word = match limit.pin(cycle, rate, &mut self.reported) {
                 0 => 0,
                 hz => drive_rate(self.clock_hz, hz),
             };

@@ -332,7 +332,7 @@ fn the_module_takes_less_than_100_lines() {
 /// A hypothetical 7I97 with other rates, terminals and full scales.
 const OTHER: BoardTable = BoardTable {
     name: "9I99",
-    encoder_rate: TickRate(30),
+    encoder_rate: Some(TickRate(30)),
     pwm: PwmTable {
         hz: 24_000,
         hz_dither: &[24_000],

@@ -54,21 +54,22 @@ pub(crate) enum WordError {
     )]
     NoBoard,
     /// Not an address.
-    #[error("board_ip={word}: not an IP address; expected four numbers, for example 10.10.10.10")]
+    #[error("board_ip={}: not an IP address; expected four numbers, for example 10.10.10.10", ParseError::shortened(.word))]
     Address {
         /// The word.
         word: String,
     },
     /// An address twice.
-    #[error("board_ip={word}: the address is there twice")]
+    #[error("board_ip={}: the address is there twice", ParseError::shortened(.word))]
     Twice {
         /// The word.
         word: String,
     },
     /// More configurations than boards.
     #[error(
-        "config={word}: there is no board for this word: a comma begins the words of the next board, and \
-         words of the same board are separated by spaces"
+        "config={}: there is no board for this word: a comma begins the words of the next board, and \
+         words of the same board are separated by spaces",
+        ParseError::shortened(.word)
     )]
     Surplus {
         /// The first word without a board.
@@ -76,8 +77,7 @@ pub(crate) enum WordError {
     },
     /// Addresses for a component that finds its boards.
     #[error(
-        "board_ip={word}: mesa_pci takes the boards on the PCI bus in the order of their addresses"
-    )]
+        "board_ip={}: mesa_pci takes the boards on the PCI bus in the order of their addresses", ParseError::shortened(.word))]
     NotOnPci {
         /// The word.
         word: String,

@@ -36,7 +36,8 @@ pub(super) struct Lists {
     pub write: AccessList,
     pub status: AccessList,
     pub evidence: AccessList,
-    pub set_up: AccessList,
+    /// In the order in which they are exchanged: one, unless the set-up is larger than a packet.
+    pub set_up: Vec<AccessList>,
     pub quiesce: AccessList,
 }
 
@@ -207,7 +208,9 @@ impl Exchanges {
         by: WriteKind,
     ) -> Result<(), B::Error> {
         let accesses = self.parts.choose(words, by);
-        bus.write_all(accesses, &mut words.content)?;
+        for packet in packets(accesses) {
+            bus.write_all(packet, &mut words.content)?;
+        }
         words.sent(by);
         Ok(())
     }
@@ -235,11 +238,14 @@ impl Exchanges {
     }
 
     /// Writes the whole set-up again, with the present words of the settings, and reads all
-    /// evidence after it. If the evidence matches, the caller calls [`Words::all_set`].
+    /// evidence after it. A set-up that is larger than a packet is written in parts, each after the
+    /// reply to the one before, and what drives pins with the last. If the evidence matches, the caller calls [`Words::all_set`].
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         words.expect_all();
-        let reply = bus.run(&self.lists.set_up, &mut words.content)?;
-        words.add_reply(reply);
+        for list in &self.lists.set_up {
+            let reply = bus.run(list, &mut words.content)?;
+            words.add_reply(reply);
+        }
         Ok(())
     }
 
@@ -248,6 +254,30 @@ impl Exchanges {
         let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }
+}
+
+/// Bytes of writes that fit a packet of any bus, with what the bus adds.
+const PACKET: usize = 1_300;
+
+/// The accesses in their order, a packet each: many settings that change at once, as the tables of
+/// twelve step generators, need more than one.
+fn packets(mut rest: &[Access]) -> impl Iterator<Item = &[Access]> {
+    core::iter::from_fn(move || {
+        let mut bytes = 0_usize;
+        let mut fits = |access: &Access| {
+            bytes = bytes.saturating_add(
+                usize::from(access.count)
+                    .saturating_mul(4)
+                    .saturating_add(4),
+            );
+            bytes <= PACKET
+        };
+        // At least one, however large it is.
+        let count = rest.iter().take_while(|access| fits(access)).count().max(1);
+        let (packet, after) = rest.split_at_checked(count)?;
+        rest = after;
+        Some(packet)
+    })
 }
 
 /// All writes, as needed for exchanges that contain settings.

@@ -7,11 +7,32 @@ use core::time::Duration;
 use super::exchange::{Exchanges, Lists, PacedReads, SettingExchanges};
 use super::plan::{ImagePlan, Register, RepeatedWord, StepPlace, push};
 use super::{Phase, Stage, Words};
-use crate::bus::{Access, Direction, Hold, RegisterBus};
+use crate::bus::{Access, AccessList, BusError, BusErrorKind, Direction, Hold, RegisterBus};
 
 /// Reads are merged across gaps of up to this many registers, which are read along and ignored: on
 /// Ethernet an additional register costs four bytes, and so does a command.
 const BRIDGE: u16 = 1;
+
+/// Prepares lists that write `all` in this order, in as few packets as the bus needs. Each but the last
+/// one ends with the reads `ack`, whose reply shows that it was executed before the next one is sent;
+/// the last one ends with the reads `end`.
+fn prepare_parts<B: RegisterBus>(
+    bus: &mut B,
+    all: &[Access],
+    ack: &[Access],
+    end: &[Access],
+) -> Result<Vec<AccessList>, B::Error> {
+    match bus.prepare(&[all, end].concat(), None) {
+        Ok(list) => Ok(vec![list]),
+        Err(error) if error.kind() == BusErrorKind::Invalid && all.len() > 1 => {
+            let (first, second) = all.split_at(all.len() / 2);
+            let mut lists = prepare_parts(bus, first, ack, ack)?;
+            lists.extend(prepare_parts(bus, second, ack, end)?);
+            Ok(lists)
+        }
+        Err(error) => Err(error),
+    }
+}
 
 impl ImagePlan {
     /// Sorts and merges the registered accesses, gives each register its place in the word buffer,
@@ -35,14 +56,13 @@ impl ImagePlan {
         content.extend(writes.places.iter().map(|(_, write)| write.word));
         content.extend(self.settings.iter().map(|setting| setting.word));
         content.extend(self.writes.iter().map(|write| write.word));
-        let (mut set_up, quiesce) = self.step_accesses(first_setting, &mut content);
+        let (set_up, quiesce) = self.step_accesses(first_setting, &mut content);
         let read = |extra| reads.runs(|read| extra || !read.is_extra);
         let write = writes.runs(|_| true);
         let writes_of = |phase| writes.runs(|write| write.phase == phase);
         let cycle = |extra| [&write[..], &read(extra)].concat();
         let evidence = reads.runs(|read| read.phase == Phase::Evidence);
         let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
-        set_up.extend_from_slice(&evidence);
         let mut both = |list: &dyn Fn(bool) -> Vec<Access>, before| {
             let hold = Option::zip(before, held).map(|(before, limit)| Hold { before, limit });
             Ok([
@@ -63,7 +83,7 @@ impl ImagePlan {
                 write: bus.prepare(&write, None)?,
                 status: bus.prepare(&status, None)?,
                 evidence: bus.prepare(&evidence, None)?,
-                set_up: bus.prepare(&set_up, None)?,
+                set_up: prepare_parts(bus, &set_up, &status, &evidence)?,
                 quiesce: bus.prepare(&quiesce, None)?,
             },
             parts: SettingExchanges::new(self, writes_of, first_setting),

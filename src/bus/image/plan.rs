@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use crate::advice::Advice;
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{Access, BusError, BusErrorKind, RegisterBus};
 
 /// Position of a register within an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -322,13 +322,13 @@ impl ImagePlan {
         steps
     }
 
-    /// Writes the set-up for the first time: in one exchange, acknowledged.
+    /// Writes the set-up for the first time: acknowledged, and in one exchange if it fits a packet.
     ///
     /// # Errors
     /// Errors of the bus.
     pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         let (accesses, mut words) = Access::writes(self.first_set_up());
-        bus.exchange(&accesses, &mut words)
+        exchange_parts(bus, &accesses, &mut words)
     }
 
     /// Refuses impossible addresses, registers with two writers, and registers that are read or
@@ -370,6 +370,22 @@ impl ImagePlan {
             "is read in two phases",
             Advice::LeaveModuleOut,
         )
+    }
+}
+
+/// Exchanges accesses in their order, in as few exchanges as the bus needs.
+fn exchange_parts<B: RegisterBus>(
+    bus: &mut B,
+    accesses: &[Access],
+    words: &mut [u32],
+) -> Result<(), B::Error> {
+    match bus.exchange(accesses, words) {
+        Err(error) if error.kind() == BusErrorKind::Invalid && accesses.len() > 1 => {
+            let (first, second) = accesses.split_at(accesses.len() / 2);
+            exchange_parts(bus, first, words)?;
+            exchange_parts(bus, second, words)
+        }
+        result => result,
     }
 }
 

@@ -93,6 +93,7 @@ impl BoardCycle {
             changed: true,
             is_running,
             wants_extra: false,
+            events: &self.events,
         };
         self.parts.watchdog.write(&mut cycle);
         for port in &mut self.parts.ports {

@@ -12,6 +12,8 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::ops::Range;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
@@ -41,6 +43,8 @@ pub struct Encoders {
     has_probe: bool,
     /// The rate of the set-up.
     usual: TickRate,
+    /// The last values of the shared pins that are not allowed.
+    reported: [Option<i64>; 3],
     timestamp: ReadSlot,
     rate: Setting,
     timestamps: Setting,
@@ -162,6 +166,7 @@ impl Encoders {
             samples,
             has_probe: probe != 0 || has_probe_pin(r, gtag),
             usual,
+            reported: [None; 3],
             timestamp: r.image.read(Phase::Data, module.register(3, 0)?),
             rate,
             timestamps,
@@ -170,8 +175,38 @@ impl Encoders {
         })
     }
 
+    /// Reports values of the shared pins that are not allowed: nearest ones are used.
+    fn check_limits(&mut self, cycle: &mut WriteCycle<'_>) {
+        let [of_rate, of_skew, of_timer] = &mut self.reported;
+        let limit = |setting, lowest: u32, highest: u32| Limit {
+            setting,
+            number: 0,
+            lowest: lowest.into(),
+            highest: highest.into(),
+            instead: None,
+        };
+        let rate = if self.samples < 1.0 {
+            CorrectedValue::MuxedSampleFrequency
+        } else {
+            CorrectedValue::SampleFrequency
+        };
+        let clock = self.clock_hz;
+        let slowest = clock.div_ceil(TickRate::SLOWEST.0.saturating_add(2));
+        limit(rate, slowest, clock / 2).pin(cycle, self.bank.sample_frequency, of_rate);
+        if let Some(skew) = self.bank.muxed_skew {
+            let longest = 15_000_000_000_u64.checked_div(clock.into()).unwrap_or(0);
+            let longest = u32::try_from(longest).unwrap_or(u32::MAX);
+            limit(CorrectedValue::MuxedSkew, 0, longest).pin(cycle, skew, of_skew);
+        }
+        if let Some(timer) = self.bank.timer_number {
+            let limit = Limit::timer(CorrectedValue::EncoderTimer, -1);
+            limit.pin(cycle, timer, of_timer);
+        }
+    }
+
     /// Writes the changed settings that all encoders share.
     fn write_common(&mut self, cycle: &mut WriteCycle<'_>) {
+        self.check_limits(cycle);
         let wanted = self.bank.common(cycle.pins, self.clock_hz, self.usual);
         let rates = wanted.rates(self.clock_hz, self.samples);
         for Encoder { state, .. } in &mut self.axes {
@@ -254,12 +289,13 @@ impl Encoder {
 /// The rate of the settings, or else that of the board's table or of LinuxCNC, which rounds it up to
 /// the next one that the clock can be divided to.
 fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRate, RegisterError> {
-    let usual = match (r.settings.defaults, module.gtag) {
-        (Defaults::Board, _) => r.board.encoder_rate,
-        (Defaults::LinuxCnc, Gtag::MUXED_ENCODER) => {
-            TickRate((module.clock_hz / 8_000_000).saturating_sub(2))
-        }
-        (Defaults::LinuxCnc, _) => TickRate((module.clock_hz / 25_000_000).saturating_sub(2)),
+    let is_muxed = module.gtag == Gtag::MUXED_ENCODER;
+    let of_linuxcnc = |hz: u32| TickRate((module.clock_hz / hz).saturating_sub(2));
+    let usual = match (r.settings.defaults, r.board.encoder_rate) {
+        (Defaults::Board, Some(rate)) => rate,
+        (_, _) if is_muxed => of_linuxcnc(8_000_000),
+        (Defaults::Board, None) => TickRate::MUX_7I77,
+        (Defaults::LinuxCnc, _) => of_linuxcnc(25_000_000),
     };
     let rate = r.settings.encoder_rate.unwrap_or(usual);
     if rate.0 > TickRate::SLOWEST.0 {

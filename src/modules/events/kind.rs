@@ -334,6 +334,23 @@ pub enum EventKind {
         /// Its rate in steps per second.
         rate: u32,
     },
+    /// A parameter or pin was set to a value that the hardware cannot have, and another one is in use:
+    /// the parameter has that one. A pin keeps its value, and is reported once for each.
+    [VALUE_CORRECTED = 30, fault; "{} was set to {asked}, and {used} is used: {lowest} to {highest} are allowed", setting.of(*number)]
+    ValueCorrected {
+        /// The parameter or pin.
+        setting: CorrectedValue,
+        /// The number of its instance, or of its module of the same kind; 0 without one.
+        number: u32,
+        /// The value that it was set to.
+        asked: i64,
+        /// The value that is used.
+        used: i64,
+        /// The smallest allowed value.
+        lowest: i64,
+        /// The largest allowed value.
+        highest: i64,
+    },
     /// An event of a module outside of this crate, by
     /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
     [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]
@@ -346,6 +363,101 @@ pub enum EventKind {
         value: u32,
     },
 }
+}
+
+packed_enum! {
+/// Parameters and pins whose values are [corrected](EventKind::ValueCorrected).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum CorrectedValue {
+    /// `pwmgen.pwm_frequency`.
+    PwmFrequency,
+    /// `pwmgen.pdm_frequency`.
+    PdmFrequency,
+    /// `pwmgen.NN.output-type`.
+    OutputType,
+    /// `inmux.NN.scan_rate`.
+    InMuxScanRate,
+    /// `inmux.NN.fast_scans`.
+    InMuxFastScans,
+    /// `inmux.NN.slow_scans`.
+    InMuxSlowScans,
+    /// `inm.NN.scan_rate`.
+    InMScanRate,
+    /// `inm.NN.fast_scans`.
+    InMFastScans,
+    /// `inm.NN.slow_scans`.
+    InMSlowScans,
+    /// `watchdog.timeout_ns`.
+    WatchdogTimeout,
+    /// `encoder.sample-frequency`.
+    SampleFrequency,
+    /// `encoder.muxed-sample-frequency`.
+    MuxedSampleFrequency,
+    /// `encoder.muxed-skew`.
+    MuxedSkew,
+    /// `encoder.timer-number`.
+    EncoderTimer,
+    /// `stepgen.timer-number`.
+    StepgenTimer,
+    /// `ssr.NN.rate`.
+    SsrRate,
+    /// `dpll.base-freq-khz`, in Hz.
+    DpllFrequency,
+    /// `dpll.time-const`.
+    DpllTimeConst,
+    /// `dpll.plimit`.
+    DpllPhaseLimit,
+}
+}
+
+impl CorrectedValue {
+    /// The name with the number of an instance, or of a module of the same kind.
+    fn of(self, number: u32) -> impl fmt::Display {
+        let (kind, name) = match self {
+            Self::PwmFrequency => ("pwmgen.", "pwm_frequency"),
+            Self::PdmFrequency => ("pwmgen.", "pdm_frequency"),
+            Self::OutputType => ("pwmgen", "output-type"),
+            Self::InMuxScanRate => ("inmux", "scan_rate"),
+            Self::InMuxFastScans => ("inmux", "fast_scans"),
+            Self::InMuxSlowScans => ("inmux", "slow_scans"),
+            Self::InMScanRate => ("inm", "scan_rate"),
+            Self::InMFastScans => ("inm", "fast_scans"),
+            Self::InMSlowScans => ("inm", "slow_scans"),
+            Self::WatchdogTimeout => ("watchdog.", "timeout_ns"),
+            Self::SampleFrequency => ("encoder.", "sample-frequency"),
+            Self::MuxedSampleFrequency => ("encoder.", "muxed-sample-frequency"),
+            Self::MuxedSkew => ("encoder.", "muxed-skew"),
+            Self::EncoderTimer => ("encoder.", "timer-number"),
+            Self::StepgenTimer => ("stepgen.", "timer-number"),
+            Self::SsrRate => ("ssr", "rate"),
+            Self::DpllFrequency => ("dpll.", "base-freq-khz (in Hz)"),
+            Self::DpllTimeConst => ("dpll.", "time-const"),
+            Self::DpllPhaseLimit => ("dpll.", "plimit"),
+        };
+        Numbered { kind, number, name }
+    }
+}
+
+/// A name whose kind ends with a point if its number is that of a module, as in `pwmgen.bank-1.`;
+/// otherwise it is that of an instance.
+struct Numbered {
+    kind: &'static str,
+    number: u32,
+    name: &'static str,
+}
+
+impl fmt::Display for Numbered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { kind, number, name } = self;
+        match (kind.ends_with('.'), number) {
+            (true, 0) => write!(f, "{kind}{name}"),
+            (true, bank) => write!(f, "{kind}bank-{bank}.{name}"),
+            (false, number) => write!(f, "{kind}.{number:02}.{name}"),
+        }
+    }
 }
 
 packed_enum! {

@@ -5,7 +5,7 @@ mod queue;
 mod row;
 mod words;
 
-pub use kind::{EventKind, EventMask, Repeating};
+pub use kind::{CorrectedValue, EventKind, EventMask, Repeating};
 pub use queue::Events;
 
 pub(crate) use queue::EventSink;

@@ -6,6 +6,11 @@ pub(super) fn pdm_word(clock_hz: u32, hz: u32) -> u16 {
     to_rate(f64::from(hz) * 65_536.0 / f64::from(clock_hz))
 }
 
+/// The highest frequency of PDM in Hz that a clock allows.
+pub(super) fn fastest_pdm(clock_hz: u32) -> u32 {
+    (u64::from(clock_hz).saturating_mul(u16::MAX.into()) >> 16) as u32
+}
+
 /// The master rate register, and the width of the duty that belongs to it.
 ///
 /// PWMClock = clock*n/65536; PWM rate = PWMClock/2^bits.

@@ -7,13 +7,15 @@ mod duty;
 use alloc::format;
 use alloc::vec::Vec;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
 
 pub use duty::{PwmRate, PwmShape};
 
-use duty::{DITHER_BITS, DOUBLE_BUFFERED, PDM, pdm_word};
+use duty::{DITHER_BITS, DOUBLE_BUFFERED, PDM, fastest_pdm, pdm_word};
 
 use crate::advice::Advice;
 use crate::bus::{Setting, Stage, WriteSlot};
@@ -39,7 +41,7 @@ pub struct PwmPins {
     pub scale: Param<f64>,
     /// 1: PWM on the first pin and direction on the second; 2: PWM on the first pin for positive,
     /// on the second for negative values; 3: pulse density and direction, with 12 bits; 4:
-    /// direction and PWM. Any other value counts as 1.
+    /// direction and PWM. Any other value becomes 1, with an event.
     pub output_type: Param<i32>,
     /// Uses the fraction of the duty: the output changes between two adjacent widths, with an average
     /// between them. Only with module version 1. Initially true, and false with
@@ -56,6 +58,8 @@ pub struct Pwm {
     /// as in LinuxCNC.
     pub pdm_frequency: Param<u32>,
     generators: Vec<Generator>,
+    /// The number of the module among those of its kind.
+    bank: u32,
     clock_hz: u32,
     /// The last requested frequencies, of PWM and PDM.
     hz: (u32, u32),
@@ -71,6 +75,8 @@ pub struct Pwm {
 #[derive(Debug)]
 struct Generator {
     pins: PwmPins,
+    /// The number in its names.
+    number: u8,
     /// Bit mask of the generators that must be enabled for this one to run.
     enabled_by: u32,
     /// The shape that was written last.
@@ -149,6 +155,7 @@ impl Pwm {
             pwm_frequency,
             pdm_frequency,
             generators,
+            bank: u32::try_from(bank).unwrap_or(0),
             clock_hz,
             hz,
             rate,
@@ -159,9 +166,17 @@ impl Pwm {
     }
 
     fn write_rates(&mut self, cycle: &mut WriteCycle<'_>) {
+        let limit = |setting, highest: u32| Limit {
+            setting,
+            number: self.bank,
+            lowest: 1,
+            highest: highest.into(),
+            instead: None,
+        };
+        let [pwm, pdm] = [PwmRate::fastest(self.clock_hz), fastest_pdm(self.clock_hz)];
         let hz = (
-            cycle.pins.param(self.pwm_frequency),
-            cycle.pins.param(self.pdm_frequency),
+            limit(CorrectedValue::PwmFrequency, pwm).param(cycle, self.pwm_frequency),
+            limit(CorrectedValue::PdmFrequency, pdm).param(cycle, self.pdm_frequency),
         );
         if hz != self.hz {
             self.hz = hz;
@@ -256,6 +271,14 @@ impl Module for Pwm {
         let enables = (0..).zip(self.pins().map(|pins| pins.enable));
         let enables = bits_of(cycle.pins, enables);
         for generator in &mut self.generators {
+            let limit = Limit {
+                setting: CorrectedValue::OutputType,
+                number: generator.number.into(),
+                lowest: 1,
+                highest: 4,
+                instead: Some(1),
+            };
+            limit.param(cycle, generator.pins.output_type);
             let shape = generator.pins.shape(cycle.pins, self.rate.bits);
             if shape != generator.shape {
                 generator.shape = shape;
@@ -293,6 +316,7 @@ impl Generator {
         let bit = |n: u8| 1 << (n & 31);
         Ok(Self {
             pins,
+            number,
             enabled_by: bit(instance) | of_kind.leader(r, number).map_or(0, bit),
             shape,
             value: r.image.output(value, shape.encode(0.0)),

@@ -94,6 +94,9 @@ const KNOWN: &str = "one of num_encoders, num_pwmgens, num_stepgens, num_dplls, 
 const MODES: &str =
     "a character for each channel: its software mode (0 to 9), or x if it is not used";
 
+/// Outputs of a step generator at most.
+const MAX_WIDTH: u8 = 8;
+
 /// Mode of a channel that is not named, as in the words.
 const MODE_0: u8 = b'0';
 /// The mode of a channel that is not used.
@@ -171,8 +174,8 @@ impl Settings {
         let number = number(value);
         if name == "stepgen_width" {
             let width = number.and_then(|width| u8::try_from(width).ok());
-            let Some(width) = width else {
-                return refuse("a number from 0 to 255");
+            let Some(width) = width.filter(|width| *width <= MAX_WIDTH) else {
+                return refuse("a number from 0 to 8, the outputs that a step generator can have");
             };
             self.stepgen_width = width;
             return Ok(());
@@ -429,12 +432,23 @@ mod tests {
                 "or x",
             ),
             ("stepgen_width=two", "stepgen_width=two", "a number"),
+            ("stepgen_width=99", "stepgen_width=99", "0 to 8"),
             ("enable_raw", "enable_raw", "raw.*"),
         ] {
             let error = Settings::from_hostmot2(config).expect_err(config);
             assert_eq!(error.found, word);
             assert!(error.to_string().contains(said), "{config}: {error}");
         }
+    }
+
+    #[test]
+    fn a_long_word_is_shortened_in_the_message() {
+        let word = "num_encoders=4".repeat(400);
+        let error = Settings::from_hostmot2(&word).expect_err("no such word");
+        let text = error.to_string();
+        assert!(text.contains("... (5600 characters)'"), "{text}");
+        assert!(text.len() < 700, "{text}");
+        assert_eq!(error.found, word, "whole in the error itself");
     }
 
     proptest! {

@@ -37,6 +37,8 @@ pub use pins::StepgenPins;
 
 use generator::{Generator, Moment};
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
@@ -76,6 +78,8 @@ pub struct Stepgens {
 #[derive(Clone, Copy, Debug)]
 struct LatchTimer {
     number: Output<i32>,
+    /// Its last value that is not allowed.
+    reported: Option<i64>,
     setting: Setting,
     /// Times of the DPLL's timers, in microseconds from the read.
     timers_us: [Option<Output<f64>>; 4],
@@ -191,6 +195,7 @@ impl LatchTimer {
         let setting = r.image.setting(Stage::Configure, address, latch_timer(-1));
         Ok(Self {
             number,
+            reported: None,
             setting,
             timers_us,
         })
@@ -266,9 +271,10 @@ impl Module for Stepgens {
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        if let (Some(timer), true) = (self.timer, cycle.changed) {
-            let word = latch_timer(cycle.pins.fetch(timer.number));
-            cycle.words.set(timer.setting, word);
+        if let (Some(timer), true) = (&mut self.timer, cycle.changed) {
+            let limit = Limit::timer(CorrectedValue::StepgenTimer, 0);
+            let number = limit.pin(cycle, timer.number, &mut timer.reported);
+            cycle.words.set(timer.setting, latch_timer(number));
         }
         self.observe_delay(cycle.now, cycle.pins);
         let moment = Moment {

@@ -21,6 +21,8 @@ pub use registers::WatchdogRegisters;
 
 use core::time::Duration;
 
+use super::events::CorrectedValue;
+use super::limit::Limit;
 use super::{BoardState, Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
 use crate::hal::{InOut, Param, PinStore, Pins};
@@ -150,6 +152,13 @@ impl Watchdog {
     /// write.
     pub fn timeout(&self) -> Duration {
         Duration::from_nanos(self.timeout_ns.into())
+    }
+
+    /// The longest time that the register and the parameter have, in ns.
+    fn longest_ns(&self) -> i64 {
+        let longest = self.registers.timeout_of(WatchdogRegisters::LONGEST);
+        let longest = longest.map_or(0, |longest| longest.as_nanos());
+        i64::try_from(longest.min(u32::MAX.into())).unwrap_or(0)
     }
 
     /// The time with another period: that of the parameter, if the application has set it.
@@ -282,7 +291,14 @@ impl Module for Watchdog {
     /// Restarts the watchdog, unless everything has to stay safe; and writes its time, if the
     /// watchdog has none yet, or the time has changed.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        let timeout_ns = cycle.pins.param(self.pins.timeout_ns);
+        let limit = Limit {
+            setting: CorrectedValue::WatchdogTimeout,
+            number: 0,
+            lowest: i64::try_from(self.shortest.as_nanos()).unwrap_or(0),
+            highest: self.longest_ns(),
+            instead: None,
+        };
+        let timeout_ns = limit.param(cycle, self.pins.timeout_ns);
         let is_new = core::mem::replace(&mut self.timeout_ns, timeout_ns) != timeout_ns;
         self.is_fed = cycle.is_running;
         // A restart without a time would cause a bite.
