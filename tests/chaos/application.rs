@@ -100,7 +100,7 @@ impl Application {
             encoders: (0..plan.extras.axes)
                 .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
                 .collect::<Result<_, _>>()?,
-            steppers: StepAxis::all(driver),
+            steppers: StepAxis::all(driver, plan),
             steps: (Chance(scrambled(plan.seed ^ 0x57E92)), false),
             queue: plan.extras.is_queued.then(|| Queue::new(driver)),
             sets_nan: plan.extras.sets_nan,
@@ -316,10 +316,10 @@ impl Application {
         let (chance, is_set_up) = &mut self.steps;
         for stepper in &mut self.steppers {
             if !*is_set_up {
-                let done = stepper.set_up(driver.pins_mut(), &self.plan);
+                let done = stepper.set_up(driver.pins_mut());
                 done.expect("parameters within their limits");
             }
-            stepper.command(driver.pins_mut(), chance, is_wild);
+            stepper.command(driver.pins_mut(), chance, (is_armed, is_wild));
         }
         *is_set_up = true;
     }

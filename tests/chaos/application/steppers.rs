@@ -8,7 +8,7 @@ use mesa_hal::driver::Driver;
 use mesa_hal_sim::Stepper;
 
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::{MICRO, Plan};
+use super::super::plan::{MICRO, Plan, scrambled};
 use crate::common::chance::Chance;
 
 /// Steps for a unit, and the greatest speed in units per second.
@@ -18,15 +18,32 @@ const SPEED: f64 = 5.0;
 const ROUGH: f64 = 2.5;
 /// Good cycles after which the command to stand still has arrived, whatever was lost.
 const ARRIVED: u32 = 12;
+/// Scales that the application changes to.
+const SCALES: [f64; 5] = [500.0, 1_000.0, 2_000.0, -1_000.0, -250.0];
 
 /// A step generator, and the knowledge about it.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub(super) struct StepAxis {
     number: usize,
     pins: StepgenPins,
-    /// The commanded position, and where it goes.
+    /// The commanded position, and where it goes: in units of [`SCALE`].
     command: f64,
     target: f64,
+    /// Steps for a unit now.
+    scale: f64,
+    /// The usual speed times this.
+    speed: f64,
+    /// Units of [`SCALE`] per second squared.
+    acceleration: f64,
+    /// It changes scales, and is silent after arming.
+    is_odd: bool,
+    /// Decides that.
+    side: Chance,
+    was_armed: bool,
+    /// Cycles left in which nothing is commanded, from the arming on.
+    silent_for: u32,
+    /// Looks at the motor since then.
+    silent_looks: u32,
     is_on: bool,
     is_resetting: bool,
     /// Steps of the motor while the position is 0: the least and the greatest that all reads permit.
@@ -55,21 +72,29 @@ pub struct Jolts {
     pub has_old_writes: bool,
 }
 
-/// Steps of a time at the highest speed. The board is not looked at to the microsecond.
-fn at_full_speed(nanos: u64) -> i64 {
-    let steps = nanos as f64 * 1e-9 * SPEED * SCALE * 1.01;
-    steps.ceil() as i64 + 3
-}
-
 impl StepAxis {
+    /// Steps of a time at the highest speed. The board is not looked at to the microsecond.
+    fn at_full_speed(&self, nanos: u64) -> i64 {
+        let steps = nanos as f64 * 1e-9 * SPEED * self.speed * SCALE * 1.01;
+        steps.ceil() as i64 + 3
+    }
+
     /// All axes of a driver.
-    pub(super) fn all<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Self> {
+    pub(super) fn all<B: RegisterBus + Clock>(driver: &Driver<B>, plan: &Plan) -> Vec<Self> {
         let pins = driver.modules::<Stepgens>().flat_map(Stepgens::pins);
         let all = pins.enumerate().map(|(number, pins)| Self {
             number,
             pins,
             command: 0.0,
             target: 0.0,
+            scale: SCALE,
+            speed: plan.steppers.speed.into(),
+            acceleration: plan.steppers.acceleration,
+            is_odd: plan.steppers.is_odd,
+            side: Chance(scrambled(plan.seed ^ 0x0DD5_7E95 ^ number as u64)),
+            was_armed: true,
+            silent_for: 0,
+            silent_looks: 0,
             is_on: false,
             is_resetting: false,
             zero: None,
@@ -82,10 +107,8 @@ impl StepAxis {
     }
 
     /// Sets the generator up, as each process does.
-    pub(super) fn set_up(&self, pins: &mut Pins, plan: &Plan) -> Result<(), PinError> {
-        pins.set_param(self.pins.position_scale, SCALE)?;
-        pins.set_param(self.pins.maxvel, SPEED)?;
-        pins.set_param(self.pins.maxaccel, plan.steppers.acceleration)?;
+    pub(super) fn set_up(&mut self, pins: &mut Pins) -> Result<(), PinError> {
+        self.set_scale(pins, SCALE)?;
         let times = [
             self.pins.steplen,
             self.pins.stepspace,
@@ -97,13 +120,70 @@ impl StepAxis {
             .try_for_each(|time| pins.set_param(time, 2_500))
     }
 
+    /// Changes the scale; speed and acceleration of the motor stay the same.
+    fn set_scale(&mut self, pins: &mut Pins, scale: f64) -> Result<(), PinError> {
+        let units = SCALE / scale.abs();
+        pins.set_param(self.pins.position_scale, scale)?;
+        pins.set_param(self.pins.maxvel, SPEED * self.speed * units)?;
+        pins.set_param(self.pins.maxaccel, self.acceleration * units)?;
+        self.scale = scale;
+        Ok(())
+    }
+
+    /// After arming, commands nothing for some cycles, and changes the meaning of positions meanwhile.
+    /// Returns true in such a cycle.
+    fn is_silent(&mut self, pins: &mut Pins, is_armed: bool, is_wild: bool) -> bool {
+        let is_new = is_armed && !std::mem::replace(&mut self.was_armed, is_armed);
+        if is_new && self.is_odd && is_wild && self.side.one_in(2) {
+            (self.silent_for, self.silent_looks) = (5 + self.side.below(40) as u32, 0);
+        }
+        if !is_armed || !is_wild {
+            self.silent_for = 0;
+        }
+        let Some(left) = self.silent_for.checked_sub(1) else {
+            return false;
+        };
+        self.silent_for = left;
+        let resets = self.side.one_in(8);
+        self.is_resetting |= resets;
+        pins.set(self.pins.position_reset, resets);
+        if self.side.one_in(8) {
+            let scale = self.side.of(&SCALES);
+            self.set_scale(pins, scale).expect("a scale");
+        }
+        self.is_on = !self.side.one_in(4);
+        pins.set(self.pins.enable, self.is_on);
+        if self.is_on {
+            self.off_for = 0;
+        }
+        if left == 0 {
+            // From the next cycle on, from where it stands.
+            let command: f64 = pins.commanded(self.pins.position_cmd);
+            self.command = command * self.scale / SCALE;
+        }
+        true
+    }
+
     /// Commands a position, which moves to one target after the other.
-    pub(super) fn command(&mut self, pins: &mut Pins, chance: &mut Chance, is_wild: bool) {
+    pub(super) fn command(
+        &mut self,
+        pins: &mut Pins,
+        chance: &mut Chance,
+        (is_armed, is_wild): (bool, bool),
+    ) {
         if is_wild && chance.one_in(40) {
-            self.target = chance.below(400) as f64 / SCALE - 0.2;
+            self.target = (chance.below(400) as f64 / SCALE - 0.2) * self.speed;
         }
         let jumps = is_wild && chance.one_in(100);
-        let way = (self.target - self.command).clamp(-0.003, 0.003);
+        if self.is_silent(pins, is_armed, is_wild) {
+            return;
+        }
+        if self.is_odd && is_wild && self.side.one_in(100) {
+            let scale = self.side.of(&SCALES);
+            self.set_scale(pins, scale).expect("a scale");
+        }
+        let fastest = 0.003 * self.speed;
+        let way = (self.target - self.command).clamp(-fastest, fastest);
         self.command = if jumps {
             self.target
         } else {
@@ -116,7 +196,7 @@ impl StepAxis {
         self.is_resetting |= resets;
         pins.set(self.pins.position_reset, resets);
         pins.set(self.pins.enable, self.is_on);
-        pins.set(self.pins.position_cmd, self.command);
+        pins.set(self.pins.position_cmd, self.command * SCALE / self.scale);
         if self.is_on {
             self.off_for = 0;
         }
@@ -142,7 +222,7 @@ impl StepAxis {
             return Ok(());
         };
         let moved = (steps - before).abs();
-        let limit = at_full_speed(now - since) + edges;
+        let limit = self.at_full_speed(now - since) + edges;
         ensure(moved <= limit, Promise::Commanded, now, || {
             format!(
                 "stepper {number} makes {moved} steps in {} us, more than its speed allows",
@@ -153,6 +233,20 @@ impl StepAxis {
             ensure(moved <= edges, Promise::Commanded, now, || {
                 format!("stepper {number} makes {moved} steps although it is off")
             })?;
+        }
+        if self.silent_for > 0 {
+            self.silent_looks += 1;
+            let is_silent = self.silent_looks > 2 && !jolts.has_old_writes && !jolts.is_lost;
+            ensure(
+                !is_silent || moved <= edges,
+                Promise::Commanded,
+                now,
+                || {
+                    format!(
+                        "stepper {number} makes {moved} steps without a command since it was armed"
+                    )
+                },
+            )?;
         }
         if is_good && !self.is_on {
             self.off_for += 1;
@@ -169,7 +263,7 @@ impl StepAxis {
         let moved = motor.commanded() - before;
         let edges = 2 * i64::from(jolts.edges);
         let old = if jolts.has_old_writes {
-            at_full_speed(now - since)
+            self.at_full_speed(now - since)
         } else {
             0
         };
@@ -203,8 +297,8 @@ impl StepAxis {
             self.zero = None;
             return Ok(());
         }
-        let shown = pins.read(self.pins.position_fb).value * SCALE;
-        let rough = ROUGH + (took + 20 * MICRO) as f64 * 1e-9 * SPEED * SCALE;
+        let shown = pins.read(self.pins.position_fb).value * self.scale;
+        let rough = ROUGH + (took + 20 * MICRO) as f64 * 1e-9 * SPEED * self.speed * SCALE;
         let at = motor.commanded() as f64 - shown;
         let [least, most] = self.zero.unwrap_or([f64::MIN, f64::MAX]);
         let zero = [least.max(at - rough), most.min(at + rough)];
@@ -226,7 +320,7 @@ impl StepAxis {
         let wanted = self.target * SCALE;
         let steps = motor.commanded() as f64;
         let is_there = (least - 1.0..=most + 1.0).contains(&(steps - wanted));
-        let shown = pins.read(self.pins.position_fb).value * SCALE;
+        let shown = pins.read(self.pins.position_fb).value * self.scale;
         if is_there && (shown - wanted).abs() < 0.01 {
             return Ok(());
         }

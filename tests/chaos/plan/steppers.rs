@@ -13,6 +13,13 @@ pub struct Steppers {
     pub acceleration: f64,
     /// They are those of a 7I76, with Mesa's firmware for the board and this card.
     pub is_7i76: bool,
+    /// The application changes scales, and does not command anything for some cycles after arming, in
+    /// which it resets positions.
+    pub is_odd: bool,
+    /// The process asks for a period that is refused, before its first write.
+    pub is_refused: bool,
+    /// Their speed, in parts of the usual one.
+    pub speed: u32,
 }
 
 impl Steppers {
@@ -21,6 +28,9 @@ impl Steppers {
         version: 2,
         acceleration: 0.0,
         is_7i76: false,
+        is_odd: false,
+        is_refused: false,
+        speed: 1,
     };
 }
 
@@ -35,15 +45,24 @@ impl Plan {
             count: chance.of(&[0, 0, 0, 1, 3]),
             version: chance.of(&[2, 0x42, 0xC2]),
             acceleration: chance.of(&[0.0, 200.0]),
-            is_7i76: false,
+            ..Steppers::NONE
         };
         let is_simple = matches!(&self.ports[..], [only] if only.len() <= 3);
         if is_simple && !self.is_minute && !self.is_homing {
             self.steppers = steppers;
-            self.with_7i76()
+            self.with_7i76().with_odd_steppers()
         } else {
             self
         }
+    }
+
+    /// Some of the applications have other habits, and faster motors: up to 40 kHz.
+    fn with_odd_steppers(mut self) -> Self {
+        let mut chance = Chance(scrambled(self.seed ^ 0x0DD5));
+        self.steppers.is_odd = chance.one_in(2);
+        self.steppers.speed = chance.of(&[1, 1, 8]);
+        self.steppers.is_refused = self.steppers.is_odd && chance.one_in(6);
+        self
     }
 
     /// Some of the machines without step generators become one with a 7I76 on its connector: its

@@ -42,7 +42,7 @@ impl Scenario {
                     .iter()
                     .any(|b| b.ended.is_none_or(|ended| ended >= at));
             match built {
-                Ok(process) => {
+                Ok(mut process) => {
                     self.set_up_ends();
                     let found = process.application.remotes();
                     ensure(
@@ -62,6 +62,7 @@ impl Scenario {
                     // A new process starts armed, with everything off.
                     self.oracle.rearmed(None);
                     self.is_armed = false;
+                    self.is_refused_a_period(&mut process.driver)?;
                     self.what_is_told.begin(&process.driver);
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);

@@ -1,6 +1,8 @@
 //! Stepper motors: what they do, and what is known about it.
 
-use mesa_hal::driver::{BoardState, Driver};
+use std::time::Duration;
+
+use mesa_hal::driver::{BoardState, Driver, Pace, SerialPort};
 use mesa_hal_sim::FaultKind;
 
 use super::super::application::{Application, Jolts};
@@ -35,6 +37,31 @@ impl StepperWatch {
 }
 
 impl Scenario {
+    /// Asks for a period that the driver refuses: everything is safe until it is re-armed.
+    pub(super) fn is_refused_a_period<B: Host>(&mut self, driver: &mut Driver<B>) -> Checked {
+        if !self.plan.steppers.is_refused || self.plan.pace != Pace::Host {
+            return Ok(());
+        }
+        let now = self.sim.now();
+        let refused = driver.set_period(Duration::from_secs(1));
+        self.stage.tell(now, format!("period of 1 s: {refused:?}"));
+        ensure(refused.is_err(), Promise::Works, now, || {
+            "a period of 1 s is taken".to_owned()
+        })?;
+        let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+        let groups = remotes.map(|remote| remote.pins.group);
+        for group in groups.chain([driver.group()]) {
+            let state = driver.pins().group_state(group);
+            ensure(
+                state.is_some_and(|state| !state.armed),
+                Promise::Safe,
+                now,
+                || format!("{group:?} is armed after a period was refused"),
+            )?;
+        }
+        Ok(())
+    }
+
     /// After a read: `good` if it succeeded.
     pub(super) fn steppers<B: Host>(
         &mut self,
