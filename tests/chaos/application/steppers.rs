@@ -40,7 +40,9 @@ pub(super) struct StepAxis {
     /// Decides that.
     side: Chance,
     was_armed: bool,
-    /// Cycles left in which nothing is commanded, from the arming on.
+    /// It is off, and commanded to where it stands, until it stands for sure.
+    parks: bool,
+    /// Cycles left in which nothing is commanded, from the arming or the parking on.
     silent_for: u32,
     /// Looks at the motor since then.
     silent_looks: u32,
@@ -93,6 +95,7 @@ impl StepAxis {
             is_odd: plan.steppers.is_odd,
             side: Chance(scrambled(plan.seed ^ 0x0DD5_7E95 ^ number as u64)),
             was_armed: true,
+            parks: false,
             silent_for: 0,
             silent_looks: 0,
             is_on: false,
@@ -130,15 +133,42 @@ impl StepAxis {
         Ok(())
     }
 
-    /// After arming, commands nothing for some cycles, and changes the meaning of positions meanwhile.
-    /// Returns true in such a cycle.
+    /// Begins silence: after arming, or where it has been parked.
+    fn falls_silent(&mut self) {
+        (self.silent_for, self.silent_looks) = (5 + self.side.below(40) as u32, 0);
+    }
+
+    /// Parks it sometimes. Returns true in such a cycle.
+    fn is_parked(&mut self, pins: &mut Pins) -> bool {
+        self.parks |= self.is_odd && self.silent_for == 0 && self.side.one_in(100);
+        if !self.parks {
+            return false;
+        }
+        let at = pins.read(self.pins.position_fb);
+        self.is_on = false;
+        pins.set(self.pins.position_reset, false);
+        pins.set(self.pins.enable, false);
+        pins.set(self.pins.position_cmd, at.value);
+        if self.off_for > ARRIVED && at.valid {
+            self.parks = false;
+            self.falls_silent();
+        }
+        true
+    }
+
+    /// After arming or parking, commands nothing for some cycles, and changes the meaning of positions
+    /// meanwhile. Returns true in such a cycle.
     fn is_silent(&mut self, pins: &mut Pins, is_armed: bool, is_wild: bool) -> bool {
         let is_new = is_armed && !std::mem::replace(&mut self.was_armed, is_armed);
         if is_new && self.is_odd && is_wild && self.side.one_in(2) {
-            (self.silent_for, self.silent_looks) = (5 + self.side.below(40) as u32, 0);
+            self.falls_silent();
         }
         if !is_armed || !is_wild {
-            self.silent_for = 0;
+            (self.silent_for, self.parks) = (0, false);
+            return false;
+        }
+        if self.is_parked(pins) {
+            return true;
         }
         let Some(left) = self.silent_for.checked_sub(1) else {
             return false;
@@ -237,16 +267,11 @@ impl StepAxis {
         if self.silent_for > 0 {
             self.silent_looks += 1;
             let is_silent = self.silent_looks > 2 && !jolts.has_old_writes && !jolts.is_lost;
-            ensure(
-                !is_silent || moved <= edges,
-                Promise::Commanded,
-                now,
-                || {
-                    format!(
-                        "stepper {number} makes {moved} steps without a command since it was armed"
-                    )
-                },
-            )?;
+            // A rounded position may be on the boundary of a step.
+            let stands = moved <= edges + 1;
+            ensure(!is_silent || stands, Promise::Commanded, now, || {
+                format!("stepper {number} makes {moved} steps without a command since it was armed")
+            })?;
         }
         if is_good && !self.is_on {
             self.off_for += 1;

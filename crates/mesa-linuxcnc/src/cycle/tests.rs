@@ -222,6 +222,75 @@ fn the_period_of_the_thread_is_the_drivers() {
     assert_eq!(bench.bits("watchdog.timeout_ns"), 50_000_000);
 }
 
+/// As hostmot2 does, with the allowed range.
+#[test]
+fn an_impossible_value_is_corrected_in_hal_with_a_message() {
+    let mut bench = Bench::running();
+    bench.set("pwmgen.00.output-type", 5_i32);
+    bench.set("pwmgen.pwm_frequency", 10_000_000_u32);
+    bench.set("pwmgen.pdm_frequency", 0_u32);
+    bench.run(5);
+    for (name, value, allowed) in [
+        ("pwmgen.00.output-type", 1, "1 to 4"),
+        ("pwmgen.pwm_frequency", 390_619, "1 to 390619"),
+        ("pwmgen.pdm_frequency", 1, "1 to 199996948"),
+    ] {
+        assert_eq!(bench.bits(name), value, "{name}");
+        let errors = bench.heard(Level::Error);
+        let about = |text: &&String| text.contains(name) && text.contains(allowed);
+        assert_eq!(errors.iter().filter(about).count(), 1, "{errors:?}");
+    }
+}
+
+/// The level of HAL's pin stays the same, and is no command of the new position.
+#[test]
+fn a_position_that_hal_repeats_is_no_new_command_after_a_reset() {
+    let board = machines::i7i92_7i76();
+    let settings = Settings::from_hostmot2("num_stepgens=1 sserial_port_0=xxxxxxxx");
+    let driver = Driver::start(Faulty::new(board, 1), settings.expect("words"));
+    let (cycle, numbers, heard) = cycle_of(driver.expect("the machine is complete"));
+    let mut bench = Bench {
+        cycle,
+        numbers,
+        heard,
+        period: PERIOD,
+    };
+    let number =
+        |bench: &Bench, name: &str| bench.numbers[&format!("hm2_7i92.0.stepgen.00.{name}")];
+    let set = |bench: &mut Bench, name: &str, bits: u64| {
+        let number = number(bench, name);
+        bench.cycle.memory.store(number, bits);
+    };
+    for (name, value) in [
+        ("position-scale", 1_000.0),
+        ("maxvel", 20.0),
+        ("maxaccel", 100.0),
+    ] {
+        set(&mut bench, name, f64::to_bits(value));
+    }
+    for name in ["steplen", "stepspace", "dirsetup", "dirhold"] {
+        set(&mut bench, name, 5_000);
+    }
+    bench.run(20);
+    set(&mut bench, "enable", 1);
+    set(&mut bench, "position-cmd", 1.0_f64.to_bits());
+    bench.run(1_000);
+    let place =
+        |bench: &Bench| f64::from_bits(bench.cycle.memory.load(number(bench, "position-fb")));
+    assert!((place(&bench) - 1.0).abs() < 1e-3);
+    for resets in [1, 0] {
+        set(&mut bench, "position-reset", resets);
+        bench.run(500);
+        assert!(place(&bench).abs() < 1e-3, "{}", place(&bench));
+    }
+    // The same value after another one is a command.
+    for command in [0.5_f64, 1.0] {
+        set(&mut bench, "position-cmd", command.to_bits());
+        bench.run(1_000);
+        assert!((place(&bench) - command).abs() < 1e-3, "{}", place(&bench));
+    }
+}
+
 #[test]
 fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
     let mut bench = Bench::running();
