@@ -4,5 +4,6 @@
 mod common;
 mod embedded;
 mod memory;
+mod socket;
 mod steppers;
 mod udp;

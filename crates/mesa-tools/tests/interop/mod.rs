@@ -28,6 +28,10 @@ pub const PATIENCE: Duration = Duration::from_secs(90);
 
 /// Stops a test that waits for the host's clock or for another program, and is not behind the feature:
 /// the README's test command would not pass on every computer.
+#[expect(
+    clippy::assertions_on_constants,
+    reason = "the features of this build decide"
+)]
 pub fn behind_the_feature() {
     assert!(
         cfg!(feature = "interop"),

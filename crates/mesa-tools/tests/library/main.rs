@@ -2,6 +2,8 @@
 
 #[path = "../../../../tests/common/mod.rs"]
 mod common;
+mod doctor;
 mod inventory;
 mod passive;
+mod wiring;
 mod wiring_index;

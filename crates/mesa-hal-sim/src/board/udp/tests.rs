@@ -41,14 +41,15 @@ impl Pair {
     }
 }
 
-const SECOND: Duration = Duration::from_secs(1);
+/// Long enough for a busy computer: a reply that is there ends the wait.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 #[test]
 fn a_client_gets_its_answers_over_a_real_socket() {
     let mut pair = Pair::new(Mishaps::default());
     for _ in 0..20 {
         pair.client.send(&ASK_COOKIE).unwrap();
-        assert_eq!(pair.reply(SECOND).unwrap().0, COOKIE);
+        assert_eq!(pair.reply(PATIENCE).unwrap().0, COOKIE);
     }
     assert_eq!(pair.face.received().packets, 20);
     assert_eq!((pair.face.sent().packets, pair.face.sent().bytes), (20, 80));
@@ -77,7 +78,7 @@ fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten()
 
     let mut pair = Pair::new(Mishaps::default());
     pair.client.send(&ASK_COOKIE).unwrap();
-    pair.reply(SECOND).unwrap();
+    pair.reply(PATIENCE).unwrap();
     let address = pair.client.local_addr().unwrap();
     assert_ne!(Some(address), client.local_addr().ok());
     let heard: Vec<_> = pair
@@ -97,10 +98,10 @@ fn a_reply_waits_while_the_board_waits() {
         .send(&[0x01, 0xD1, 0x02, 0x00, 0x20, 0x4E, 0x01, 0x42, 0x00, 0x01])
         .unwrap();
     pair.client.send(&ASK_COOKIE).unwrap();
-    let (reply, waited) = pair.reply(SECOND).unwrap();
+    let (reply, waited) = pair.reply(PATIENCE).unwrap();
     assert_eq!(reply, COOKIE);
     assert!(waited >= Duration::from_millis(19), "{waited:?}");
-    assert_eq!(pair.reply(SECOND).unwrap().0, COOKIE);
+    assert_eq!(pair.reply(PATIENCE).unwrap().0, COOKIE);
 }
 
 #[test]
@@ -121,7 +122,7 @@ fn lost_and_duplicate_packets_are_counted() {
     let mut pair = Pair::new(all(0.0, 1.0));
     pair.client.send(&ASK_COOKIE).unwrap();
     for _ in 0..4 {
-        assert_eq!(pair.reply(SECOND).unwrap().0, COOKIE);
+        assert_eq!(pair.reply(PATIENCE).unwrap().0, COOKIE);
     }
     assert_eq!(pair.face.received().duplicate, 1);
     assert_eq!(pair.face.sent().duplicate, 2);
@@ -134,7 +135,7 @@ fn late_packets_come_late() {
         ..Mishaps::default()
     });
     pair.client.send(&ASK_COOKIE).unwrap();
-    let (_, waited) = pair.reply(SECOND).unwrap();
+    let (_, waited) = pair.reply(PATIENCE).unwrap();
     assert!(waited >= Duration::from_millis(1), "{waited:?}");
     assert_eq!((pair.face.received().late, pair.face.sent().late), (1, 1));
 }

@@ -156,6 +156,7 @@ fn what_a_person_should_look_at_is_on_top() {
     assert_eq!(found["findings"].as_array().map(Vec::len), Some(2));
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_outputs_on() {
     let mut board = crate::check::set::board();

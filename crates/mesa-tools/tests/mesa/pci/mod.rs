@@ -12,7 +12,7 @@ use std::process::Stdio;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::interop::console::{Console, Values, values};
-use crate::interop::{Process, mesa, realtime};
+use crate::interop::{Process, behind_the_feature, mesa, realtime};
 
 /// A simulated board on the PCI bus, with its console.
 struct PciBoard {
@@ -33,8 +33,8 @@ impl Drop for Folder {
 
 impl PciBoard {
     fn start(arguments: &[&str]) -> Self {
-        crate::interop::behind_the_feature();
         static NUMBER: AtomicU32 = AtomicU32::new(0);
+        behind_the_feature();
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("{}-pci-{number}", std::process::id());
         let folder = Folder(Path::new(env!("CARGO_TARGET_TMPDIR")).join(name));
