@@ -79,6 +79,35 @@ pub enum FlashStep {
     Verify,
 }
 
+/// What is behind the end of the data, in their last page.
+#[derive(Clone, Copy, Debug)]
+enum Padding {
+    /// What an erased page has.
+    Erased,
+    /// What mesaflash writes there, and expects when it verifies: its buffer has 8192 bytes, and the
+    /// end of the block before is left in it (mesaflash 3.4.6 and 3.5.11, tried).
+    OfMesaflash,
+}
+
+impl Padding {
+    const BUFFER: usize = 8192;
+
+    /// The page of the data from `index` on.
+    fn page(self, data: &[u8], index: usize) -> [u8; PAGE] {
+        let mut page = [0xFF; PAGE];
+        for (at, byte) in (index..).zip(&mut page) {
+            let behind = || match self {
+                Self::Erased => None,
+                Self::OfMesaflash => data.get(at.checked_sub(Self::BUFFER)?),
+            };
+            if let Some(value) = data.get(at).or_else(behind) {
+                *byte = *value;
+            }
+        }
+        page
+    }
+}
+
 /// The flash memory of a board, guarded by its layout.
 #[derive(Debug)]
 pub struct Flash<C> {
@@ -174,7 +203,9 @@ impl<C: FlashChip> Flash<C> {
     ) -> Result<(), EthernetError<C::Error>> {
         self.check_program(bitfile, area)?;
         let range = self.layout.addresses(area);
-        self.write(area, range.start, bitfile.configuration, progress)
+        let (data, mut progress) = (bitfile.configuration, progress);
+        self.check(area, range.start, data.len(), true)?;
+        self.put(range.start, data, Padding::OfMesaflash, &mut progress)
     }
 
     /// Performs the checks of [`program`](Self::program) that precede the erasing.
@@ -277,7 +308,7 @@ impl<C: FlashChip> Flash<C> {
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<C::Error>> {
         self.check(area, address, data.len(), true)?;
-        self.put(address, data, &mut progress)
+        self.put(address, data, Padding::Erased, &mut progress)
     }
 
     /// Erases, writes and verifies after all checks have passed.
@@ -285,6 +316,7 @@ impl<C: FlashChip> Flash<C> {
         &mut self,
         address: u32,
         data: &[u8],
+        padding: Padding,
         progress: &mut impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<C::Error>> {
         let mut erased = 0_usize;
@@ -294,12 +326,12 @@ impl<C: FlashChip> Flash<C> {
             progress(FlashStep::Erase, erased);
         }
         let mut written = 0_usize;
-        let pages = || data.chunks(PAGE).zip((address..).step_by(PAGE));
-        for (chunk, at) in pages().skip(1).chain(pages().take(1)) {
-            let mut page = [0xFF; PAGE];
-            for (target, byte) in page.iter_mut().zip(chunk) {
-                *target = *byte;
-            }
+        let pages = || {
+            let places = (0..).step_by(PAGE).zip((address..).step_by(PAGE));
+            data.chunks(PAGE).zip(places)
+        };
+        for (chunk, (index, at)) in pages().skip(1).chain(pages().take(1)) {
+            let page = padding.page(data, index);
             // An erased page is all FF already.
             if page != [0xFF; PAGE] {
                 self.change(at, FlashChange::WritePage(&page))?;

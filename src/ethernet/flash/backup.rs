@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use super::{Area, Flash, PACKET, SECTOR_BYTES};
+use super::{Area, Flash, PACKET, Padding, SECTOR_BYTES};
 use crate::ethernet::spartan6::BootBlock;
 use crate::ethernet::{Bitfile, EthernetError, FlashChip, FlashStep};
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
@@ -180,7 +180,7 @@ impl<C: FlashChip> Flash<C> {
                 area: Area::Whole,
                 expected: expected(),
             })?;
-        self.put(part.start, data, &mut progress)
+        self.put(part.start, data, Padding::Erased, &mut progress)
     }
 
     /// The bytes of an area in a backup.

@@ -134,6 +134,26 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
     }
 }
 
+/// mesaflash compares its whole last page when it verifies.
+#[test]
+fn the_last_page_ends_as_mesaflash_leaves_it() {
+    for len in [340_604, 340_480, 10_000, 8_192 + 100, 1_000] {
+        let (mut chip, data) = (Chip::new(), configuration(len));
+        let mut flash = open(&mut chip).expect("a 7I97");
+        flash
+            .program(&bitfile(&data), Area::User, |_, _| {})
+            .expect("it is written");
+        let end = len.next_multiple_of(PAGE);
+        let mut expected = data.clone();
+        expected.extend((len..end).map(|at| match at.checked_sub(8_192) {
+            Some(before) => data[before],
+            None => 0xFF,
+        }));
+        assert_eq!(chip.bytes[0x10_0000..][..end], expected, "{len}");
+        assert_eq!(chip.bytes[0x10_0000 + end], 0xFF, "{len}");
+    }
+}
+
 #[test]
 fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
     let mut chip = Chip::new();

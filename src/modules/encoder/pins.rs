@@ -33,6 +33,8 @@ pub struct EncoderPins {
     pub probe_enable: Output<bool>,
     /// The rising edge of the probe latches, instead of the falling one.
     pub probe_invert: Output<bool>,
+    /// A rising edge turns `count-unsure` off: the axis has been homed, whatever homed it.
+    pub homed: Output<bool>,
     /// A quadrature sequence error was detected.
     pub quad_error: Input<bool>,
     /// Detects sequence errors; turning it off clears `quad-error`, and the error in the board.
@@ -72,6 +74,7 @@ const LONGEST_IDLE: f64 = 3600.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EncoderCommand {
     pub reset: bool,
+    pub homed: bool,
     pub request: LatchRequest,
     /// The pins ask for a probe that the firmware does not have: counted as a refused value.
     pub refuses_probe: bool,
@@ -127,6 +130,7 @@ impl EncoderPins {
         let mut make = make.at(Place::default());
         pins.probe_enable = make.switch("probe-enable", false)?;
         pins.probe_invert = make.switch("probe-invert", false)?;
+        pins.homed = make.switch("homed", false)?;
         Ok(pins)
     }
 
@@ -177,6 +181,7 @@ impl EncoderPins {
         };
         EncoderCommand {
             reset: pins.fetch(self.counter.reset),
+            homed: pins.fetch(self.homed),
             request,
             refuses_probe: probes && !has_probe,
         }

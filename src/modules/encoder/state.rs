@@ -1,5 +1,7 @@
 //! State of one encoder: counts, index and velocity.
 
+use core::mem::replace;
+
 use super::latch::{HORIZON, Latch, LatchRequest, Movement};
 use super::pins::EncoderCommand;
 use super::registers::bits;
@@ -84,8 +86,8 @@ pub struct EncoderReading {
     /// - The encoder was near the highest rate that can be followed, and seemed to stop from one
     ///   read to the next, as it does beyond that rate.
     ///
-    /// Kept until the next reset, or the next index latched between two reads without such doubt or
-    /// gap.
+    /// Kept until the next reset, the next index latched between two reads without such doubt or
+    /// gap, or the next rising edge of `homed`.
     pub is_unsure: bool,
     /// The encoder turns at nine tenths or more of the highest rate that can be followed: beyond
     /// that rate counts are garbage, and no error is indicated (FACTS 12.6).
@@ -135,6 +137,8 @@ pub struct EncoderState {
     /// after it, and the next one, because the write between them drives the line again.
     disturbed_for: u8,
     velocity: VelocityEstimator,
+    /// The pin `homed` of the last command.
+    was_homed: bool,
 }
 
 impl EncoderState {
@@ -213,6 +217,11 @@ impl EncoderState {
     pub fn follow(&mut self, command: EncoderCommand) {
         if command.reset {
             self.reset();
+        }
+        let was_homed = replace(&mut self.was_homed, command.homed);
+        if command.homed && !was_homed {
+            self.is_awake |= self.reading.is_unsure;
+            self.reading.is_unsure = false;
         }
         self.latch.request(command.request);
     }

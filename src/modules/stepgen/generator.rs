@@ -355,7 +355,11 @@ impl Generator {
             let longest = PulseTimes::longest(self.clock_hz);
             self.reports.clipped(asked, longest);
         }
+        let was_homed = self.switches.is_homed;
         self.switches = self.pins.switches(pins);
+        if self.switches.is_homed && !was_homed {
+            self.counts.is_unsure = false;
+        }
         if !self.switches.is_on {
             self.rate.disabled();
         }

@@ -27,10 +27,13 @@ pub struct StepgenPins {
     pub control_type: Output<bool>,
     /// While true, `position-fb` is 0 after each read.
     pub position_reset: Output<bool>,
+    /// A rising edge turns `position-unsure` off: the axis has been homed, whatever homed it.
+    pub homed: Output<bool>,
     /// The motor may stand elsewhere: the board was set up again after a bite of its watchdog or a
     /// reset; or too much time passed between two reads; or a packet was lost, late or repeated while
     /// it moved, within 100 reads of such a set-up or of a change of its pulses; or its accumulator
-    /// did not follow its rate. Kept until the next `position-reset` or index.
+    /// did not follow its rate. Kept until the next `position-reset`, index, or rising
+    /// edge of `homed`.
     pub position_unsure: Input<bool>,
     /// The generator has nine tenths or more of the highest rate that `steplen` and `stepspace`
     /// allow. Beyond that rate the gateware loses no step: the position lags.
@@ -143,6 +146,8 @@ pub(super) struct Switches {
     pub by_speed: bool,
     /// `position-reset`.
     pub resets: bool,
+    /// `homed`.
+    pub is_homed: bool,
     pub request: LatchRequest,
     /// The bits of the edges for the MODE register.
     pub edges: u32,
@@ -225,6 +230,7 @@ impl StepgenPins {
         };
         self.control_type = make.switch("control-type", false)?;
         self.position_reset = make.switch("position-reset", false)?;
+        self.homed = make.switch("homed", false)?;
         if firmware.has_latch {
             self.index_enable = Some(make.inout("index-enable")?);
             self.probe_enable = Some(make.inout("probe-enable")?);
@@ -275,6 +281,7 @@ impl StepgenPins {
             is_on: fetch(Some(self.enable)),
             by_speed: fetch(Some(self.control_type)),
             resets: fetch(Some(self.position_reset)),
+            is_homed: fetch(Some(self.homed)),
             request,
             edges: edge(fetch(self.index_invert), bits::INDEX_RISES)
                 | edge(fetch(self.probe_invert), bits::PROBE_RISES),

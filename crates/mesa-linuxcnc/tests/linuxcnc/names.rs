@@ -22,6 +22,7 @@ const ONLY_OURS: Reasons = &[
     ),
     ("7i*.rearm", "of the component: arms a remote alone"),
     ("lost-writes", "hostmot2 does not notice them"),
+    ("*.*.homed", "a joint is homed without an index"),
     (
         "encoder.*.count-unsure",
         "hostmot2 does not notice a gap that hides a wrap-around",

@@ -63,7 +63,7 @@ pub fn written(machine: Machine, values: &str) -> Files {
     hal.args(["hal", "--sim"]).arg(machine.path());
     let done = hal.arg("--out").arg(&folder).output().expect("mesa runs");
     assert!(done.status.success(), "{done:?}");
-    let names = ["machine.ini", "board.hal", "motion.hal"];
+    let names = ["machine.ini", "board.hal", "motion.hal", "tool.tbl"];
     let text = |name| fs::read_to_string(folder.join(name)).expect("it is written");
     let mut files: Files = names.map(|name| (name.to_owned(), text(name))).into();
     let ini = merged(&files["machine.ini"], values);

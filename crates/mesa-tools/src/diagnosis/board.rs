@@ -6,6 +6,8 @@ use super::{FigureVerdict, Finding, Packets, RoundTrips};
 use crate::Counted;
 use crate::advice::told;
 use mesa_hal::Rounded;
+use mesa_hal::boards::{REMOTES, i7i77};
+use mesa_hal::discovery::{DataDirection, RemoteDescriptor};
 use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
 use mesa_hal::hostmot2::Idrom;
@@ -193,9 +195,10 @@ pub fn remote(place: &str, status: &RemoteStatus<'_>, period: Duration) -> [Find
     let place = format!("{place}, {name}");
     let mut records = status.descriptor.process_data.iter();
     let is_measured = records.any(|record| record.is_named("FieldVoltage"));
+    let unmeasured = unmeasured(status.descriptor);
     [
         state(&place, &status.state, status.faults),
-        field_power(&place, status.faults, is_measured),
+        field_power(&place, status.faults, is_measured, &unmeasured),
         watchdog(
             &format!("{place}: watchdog"),
             status.watchdog.time(),
@@ -238,9 +241,31 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
 const SUPPLY: &str = "check its supply, fuse and wires; never switch field power on by a switch or relay at the \
                       card: it must rise slower than 10 V/ms (manuals of 7I77 and 7I72)";
 
+/// Advice for a remote that does not measure its field power: what this card can do.
+fn unmeasured(descriptor: &RemoteDescriptor) -> String {
+    let mut tables = REMOTES.iter();
+    let table = tables.find(|table| table.matches(descriptor));
+    if table.is_some_and(|table| **table == i7i77::ANALOG) {
+        return "nothing to do: the field I/O of the same 7I77 has the same supply, and measures it in software \
+                mode 2"
+            .to_owned();
+    }
+    let element = table.and_then(|table| table.element("FieldVoltage", DataDirection::Input));
+    element.map_or_else(
+        || "measure it at its terminals".to_owned(),
+        |element| {
+            let mode = element.modes.trailing_zeros();
+            format!(
+                "measure it at its terminals, or let the card do it, in software mode {mode}: `mesa pins \
+                 fieldvoltage --mode PORT.CHANNEL={mode}`"
+            )
+        },
+    )
+}
+
 /// `is_measured`: the voltage is part of the process data. A remote that does not measure it
 /// reports no fault of it.
-fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding {
+fn field_power(place: &str, faults: RemoteFaults, is_measured: bool, unmeasured: &str) -> Finding {
     let check = format!("{place}: field power");
     let (figure, advice) = if faults.contains(RemoteFaults::LOW_VOLTAGE) {
         ("missing or too low", SUPPLY)
@@ -252,10 +277,12 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
     } else if is_measured {
         return Finding::good(check, "measured, and no fault reported");
     } else {
-        let figure = "not measured in this software mode";
-        let advice = "measure it at its terminals; a 7I77's field I/O measures it itself in software mode 2: \
-                      `mesa pins fieldvoltage --mode PORT.CHANNEL=2`";
-        return Finding::new(FigureVerdict::Unknown, check, figure, advice);
+        return Finding::new(
+            FigureVerdict::Unknown,
+            check,
+            "not measured here",
+            unmeasured,
+        );
     };
     Finding::new(FigureVerdict::Bad, check, figure, advice)
 }

@@ -1,11 +1,11 @@
 //! Terminals of the FPGA's I/O pins.
 
-use mesa_hal::boards::{BoardTable, DB25};
+use mesa_hal::boards::BoardTable;
 use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, ModuleInstance, PinDescriptor};
 
-/// Terminals of I/O pin `number`: those of the board itself, or the pin of an unnamed connector; and
-/// those of a card on it. Empty for a pin without a direct way to a terminal.
+/// Terminals of I/O pin `number`: those of the board itself, or port and pin of the gateware for a
+/// board whose connectors are not known; and those of a card on it. Empty for a pin without a direct way to a terminal.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     let card = of_card(board, firmware, pin);
@@ -18,12 +18,9 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
         }
         return list(&of_module(board, firmware, pin));
     }
+    // Ports of the gateware: which connector or terminal a port is at depends on the board.
     let width = firmware.idrom.port_width.max(1) as usize;
-    let (connector, pin) = (number / width, number % width);
-    let terminal = match DB25.get(pin) {
-        Some(db25) if width == DB25.len() => format!("connector {connector} DB25 pin {db25}"),
-        _ => format!("connector {connector} pin {pin}"),
-    };
+    let terminal = format!("port {} pin {}", number / width, number % width);
     if card == Place::default() {
         terminal
     } else {

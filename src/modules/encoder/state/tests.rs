@@ -537,3 +537,25 @@ fn an_index_in_a_slow_cycle_is_taken_and_stays_unsure_where_the_counter_can_wrap
     assert_eq!((reading.count, reading.index_came), (30, true));
     assert!(reading.is_unsure);
 }
+
+#[test]
+fn homed_ends_unsure_at_its_rising_edge_alone() {
+    let (mut hardware, mut encoder) = (Hardware::default(), encoder());
+    let command = |homed| EncoderCommand {
+        homed,
+        ..EncoderCommand::default()
+    };
+    let _ = encoder.read(hardware.sample());
+    for (homed, is_unsure) in [
+        (false, true),
+        (true, false),
+        (true, true),
+        (false, true),
+        (true, false),
+    ] {
+        encoder.reading.is_unsure = true;
+        encoder.follow(command(homed));
+        let reading = encoder.read(hardware.step(0, 1_000));
+        assert_eq!(reading.is_unsure, is_unsure, "{homed}");
+    }
+}

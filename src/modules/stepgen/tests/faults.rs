@@ -84,6 +84,36 @@ fn a_reset_of_the_board_sets_the_times_up_again_before_anything_moves() {
 }
 
 #[test]
+fn homed_ends_unsure_at_its_rising_edge_alone() {
+    let mut machine = Machine::enabled(2);
+    let homed = machine.pins.homed;
+    let mut after_a_reset = |homes: &[bool]| {
+        for _ in 0..60 {
+            machine.cycle(100.0);
+        }
+        machine.fpga().reload();
+        let now = machine.fpga().now().as_nanos();
+        machine.model().reload(now);
+        machine.cycle(100.0);
+        machine.cycle(100.0);
+        let _ = machine.driver.rearm().expect("it is there");
+        machine.enable(true);
+        machine.cycle(0.0);
+        machine.cycle(0.0);
+        assert!(machine.unsure());
+        for &is_homed in homes {
+            machine.driver.pins_mut().set(homed, is_homed);
+            machine.cycle(100.0);
+            machine.cycle(100.0);
+        }
+        machine.unsure()
+    };
+    assert!(!after_a_reset(&[true]));
+    assert!(after_a_reset(&[true]), "held since before the fault");
+    assert!(!after_a_reset(&[false, true]));
+}
+
+#[test]
 fn lost_writes_and_reads_make_no_more_steps_than_their_age_and_the_position_stays_true() {
     let mut machine = Machine::enabled(2);
     machine

@@ -1,5 +1,7 @@
 //! Terminals: their short form, the card that they are on, and as a person types them.
 
+use std::fmt::{self, Display};
+
 use mesa_hal::RemoteId;
 use mesa_hal::hal::{PinInfo, Place};
 
@@ -93,16 +95,41 @@ impl From<&str> for Typed {
     }
 }
 
+impl Display for Typed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.place)
+    }
+}
+
 impl Typed {
     /// True if a pin is at this terminal, or has this signal.
     pub fn fits(&self, info: &PinInfo) -> bool {
         let is_here = |card: &String| self::card(&info.name).to_lowercase().ends_with(card);
         let Place { terminal, signal } = &*info.place;
-        let mut signals = signal.split(", ");
+        let mut signals = signal.split(", ").map(str::to_lowercase);
         let mut terminals = terminal.split(", ");
-        let fits = signals.any(|signal| signal.to_lowercase() == self.place)
-            || terminals.any(|terminal| self.is_terminal(&terminal.to_lowercase()));
+        // An output has two signals, `OUT0-` and `OUT0+`: either is meant without its sign.
+        let fits = signals.any(|signal| {
+            signal == self.place || signal.trim_end_matches(['-', '+']) == self.place
+        }) || terminals.any(|terminal| self.is_terminal(&terminal.to_lowercase()));
         !self.place.is_empty() && fits && self.card.as_ref().is_none_or(is_here)
+    }
+
+    /// True if a pin has a signal that begins with the same letters.
+    pub fn is_alike(&self, info: &PinInfo) -> bool {
+        let end = self
+            .place
+            .find(|letter: char| !letter.is_ascii_alphabetic());
+        let letters = &self.place[..end.unwrap_or(self.place.len())];
+        let rest = |signal: &str| {
+            signal
+                .to_lowercase()
+                .strip_prefix(letters)
+                .map(str::to_owned)
+        };
+        let mut signals = info.place.signal.split(", ").filter_map(rest);
+        !letters.is_empty()
+            && signals.any(|rest| rest.starts_with(|next: char| next.is_ascii_digit()))
     }
 
     /// True for the form of a terminal: a connector and the number of a pin.

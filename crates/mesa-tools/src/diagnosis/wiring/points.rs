@@ -92,7 +92,8 @@ impl Point {
                 card: Card::Index(part),
             });
         }
-        if info.role != Role::Input {
+        let is_of_remote = remotes.contains(&info.group);
+        if info.role != Role::Input || !is_of_remote && counts_own_steps(pins, info) {
             return None;
         }
         let kind = match info.hal_type {
@@ -101,7 +102,6 @@ impl Point {
             HalType::Float => return None,
             _ => PointKind::Counter,
         };
-        let is_of_remote = remotes.contains(&info.group);
         if info.place.terminal.is_empty() && !(is_of_remote && kind == PointKind::Digital) {
             return None;
         }
@@ -183,6 +183,12 @@ impl Card {
     const fn is_counter(&self) -> bool {
         matches!(self, Self::Counter(_))
     }
+}
+
+/// True for a step generator's own count of its steps: nothing at its terminals changes it.
+fn counts_own_steps(pins: &Pins, info: &PinInfo) -> bool {
+    let part = info.name.rsplit_once('.');
+    part.is_some_and(|(part, _)| pins.has(&format!("{part}.position-cmd")))
 }
 
 /// The encoder to which an index's latch or level belongs, if the board has such a latch and a

@@ -102,8 +102,8 @@ impl Machine {
     }
 
     /// Loads, with retries, the files that `mesa hal` has written to `directory`: with a thread
-    /// alone (`bench`), or all of it (`linuxcnc`). The remotes get the watchdog times of
-    /// [`run`](Self::run).
+    /// alone (`bench`), or all of it (`linuxcnc`, or `prepared`), with options of `mesa hal` behind
+    /// that. The remotes get the watchdog times of [`run`](Self::run).
     pub fn load_written(
         prefix: &'static str,
         (board, remotes): (&str, &[&str]),
@@ -112,7 +112,10 @@ impl Machine {
         let directory = directory.to_str().expect("UTF-8");
         let mut said = Vec::new();
         for attempt in 1..=LOADS {
-            let mut machine = Self::start(prefix, board, &[how, directory]);
+            let (how, options) = how.split_once(' ').unwrap_or((how, ""));
+            let mut session = vec![how, directory];
+            session.extend(options.split_whitespace());
+            let mut machine = Self::start(prefix, board, &session);
             let mut load = || {
                 machine.try_hal("getp .io_error")?;
                 let mut remotes = remotes.iter();

@@ -45,6 +45,7 @@ const ONLY_LINUXCNC: Reasons = &[
 
 const ONLY_OURS: Reasons = &[
     ("lost-writes", "LinuxCNC does not notice them"),
+    ("*.*.homed", "a joint is homed without an index"),
     (
         "encoder.*.count-unsure",
         "LinuxCNC does not notice a gap that hides a wrap-around",

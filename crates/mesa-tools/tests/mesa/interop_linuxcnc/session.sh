@@ -5,6 +5,9 @@
 #   session.sh                      LinuxCNC's HAL, empty
 #   session.sh bench DIRECTORY      with what `mesa hal` writes into the directory: its bench.hal
 #   session.sh linuxcnc DIRECTORY   the same: all of LinuxCNC, with the session in place of its screen
+#   session.sh prepared DIRECTORY   the same, with every line that the files have prepared as a comment
+#
+# Options of `mesa hal` follow.
 #
 # What the realtime part says comes late, and from a process that stays: so through a file. What other
 # programs print is not between the answers.
@@ -32,7 +35,7 @@ if [ $# -eq 0 ]; then
 fi
 
 rm -rf "$2"
-"$MESA" hal --addr 10.97.0.2 --out "$2" || exit
+"$MESA" hal --addr 10.97.0.2 --out "$2" "${@:3}" || exit
 chmod -R a+rwX "$2"
 cd "$2" || exit
 # This is no realtime machine, and has no screen. Nothing else is changed.
@@ -40,12 +43,13 @@ sed -e 's/^WATCHDOG_NS = .*/WATCHDOG_NS = 1000000000/' \
   -e 's/^PACKET_ERROR_LIMIT = .*/PACKET_ERROR_LIMIT = 100000/' \
   -e 's/^SSERIAL_FAULT_LIMIT = .*/SSERIAL_FAULT_LIMIT = 1000000/' \
   -e "s|^DISPLAY = .*|DISPLAY = $session|" machine.ini > test.ini
+[ "$1" != prepared ] || sed -i -E 's/^# (net|setp|loadrt|addf) /\1 /' board.hal motion.hal
 case $1 in
   bench)
     printf 'source bench.hal\nloadusr -w bash %s\n' "$session" > "$session.hal"
     exec halrun -i test.ini -f "$session.hal"
     ;;
-  linuxcnc)
+  linuxcnc | prepared)
     # With -r it prints where it is told to.
     linuxcnc -r "$2/test.ini" > "$HOME/said" 2>&1 || sed 's/^/! /' "$HOME/said"
     ;;

@@ -95,7 +95,7 @@ fn mesaflash_and_mesa_write_the_same_boot_block_and_refuse_the_same_others() {
     let board = Board::i7i97(&[]);
     let address = board.address().to_string();
     let file = Scratch::new("boot-block.bit");
-    fs::write(&file.0, made_up(508 * 256)).unwrap();
+    fs::write(&file.0, made_up(130_004)).unwrap();
     let put = |first: &[u8]| {
         let mut bus = UdpBus::connect(board.board.address, UdpConfig::default()).unwrap();
         let mut flash = ethernet::EthernetBoard::new(&mut bus)
@@ -161,8 +161,8 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     let written = Bitfile::parse(&bytes).unwrap();
     flash.verify(&written, Area::User, |_, _| {}).unwrap();
 
-    // Whole pages, because mesaflash also compares its own buffer behind the end of the file.
-    let bytes = made_up(508 * 256);
+    // Not whole pages: mesaflash also compares its own buffer behind the end of the file.
+    let bytes = made_up(130_004);
     fs::write(&file.0, &bytes).unwrap();
     let ours = Bitfile::parse(&bytes).unwrap();
     flash.program(&ours, Area::User, |_, _| {}).unwrap();

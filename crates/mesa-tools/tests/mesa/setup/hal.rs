@@ -13,10 +13,11 @@ use crate::interop::board::Board;
 use crate::interop::{Process, example};
 use crate::run::{Run, command, done, json, run};
 
-const NAMES: [&str; 5] = [
+const NAMES: [&str; 6] = [
     "machine.ini",
     "board.hal",
     "motion.hal",
+    "tool.tbl",
     "bench.hal",
     "main.rs",
 ];
@@ -92,8 +93,9 @@ fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
     has(
         &text(&found, "motion.hal"),
         &[
-            "\nnet estop-pressed => estop-latch.2.fault-in\n",
-            "\n#   net estop-pressed <= hm2_7i92.0.7i77.0.0.input-00-not\nsets estop-pressed true\n",
+            "\nnet estop-pressed => estop-button.fault-in\n",
+            "\nsets estop-pressed true\n",
+            "\n# net estop-pressed <= hm2_7i92.0.7i77.0.0.input-00-not  # TB8 pin 1 INPUT0\n",
             "\nnet 7i77-0-1-analogout5 <= pid.5.output\n",
         ],
     );
@@ -131,6 +133,117 @@ fn outputs_that_dither_here_do_so_in_linuxcnc() {
     let all = (0..6).map(|n| format!("setp hm2_7i97.0.pwmgen.{n:02}.dither 1"));
     assert_eq!(dithers("7i97t"), all.collect::<Vec<_>>());
     assert_eq!(dithers("7i97"), [""; 0]);
+}
+
+/// The drive's times, and each letter of an axis with two motors, once.
+#[test]
+fn the_given_axes_have_joints_and_no_other_output_has_one() {
+    let found = json(&["hal", "--sim", "7i92-7i76", "--axes", "xyyz"]);
+    let ini = text(&found, "machine.ini");
+    has(
+        &ini,
+        &[
+            "\nJOINTS = 4\nKINEMATICS = trivkins coordinates=XYYZ kinstype=BOTH\n",
+            "\nTOOL_TABLE = tool.tbl\n",
+            "\nHALFILE = board.hal\nHALFILE = motion.hal\n",
+            "\n# HOME_SEARCH_VEL = ",
+        ],
+    );
+    assert_eq!(ini.matches("[AXIS_Y]").count(), 1);
+    assert!(!ini.contains("[JOINT_4]"), "{ini}");
+    let board = text(&found, "board.hal");
+    assert!(!board.contains("stepgen.04.position-scale"), "{board}");
+    has(
+        &board,
+        &["\n# net stepgen-04-enable => hm2_7i92.0.stepgen.04.enable"],
+    );
+    assert!(text(&found, "tool.tbl").starts_with("T1 "));
+    let refused = run(&["hal", "--sim", "7i92-7i76", "--axes", "XYZABC"]);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("outputs for 5"), "{refused:?}");
+    assert_eq!(run(&["hal", "--sim", "7i97", "--axes", "XQ"]).code, Some(2));
+}
+
+/// No line of the two files names a signal or a pin that is not there yet, and each input and output is
+/// used once.
+#[test]
+fn prepared_lines_use_each_terminal_once() {
+    for (machine, axes) in [
+        ("7i97,0=7i77-io", "XYZ"),
+        ("7i92-7i76", "XYZA"),
+        ("7i92-7i77", "XYZABC"),
+    ] {
+        for driver in ["hm2_eth", "mesa_eth"] {
+            let found = json(&["hal", "--sim", machine, "--axes", axes, "--driver", driver]);
+            let (board, motion) = (text(&found, "board.hal"), text(&found, "motion.hal"));
+            let uncommented = (board + &motion).replace("\n# net ", "\nnet ");
+            let nets = uncommented.lines().filter(|line| line.starts_with("net "));
+            let mut linked = std::collections::BTreeMap::new();
+            for net in nets {
+                let net = net.split("  #").next().expect("a line");
+                let mut words = net.split_whitespace().skip(1);
+                let signal = words.next().expect("a signal");
+                for pin in words.filter(|word| !word.contains('=')) {
+                    let before = linked.insert(pin.to_owned(), signal);
+                    assert!(before.is_none(), "{pin} on {before:?} and {signal}: {net}");
+                }
+            }
+            assert!(linked.len() > 100, "{}", linked.len());
+        }
+    }
+}
+
+/// Inputs that keep their last value while a card is pulled, and positions that a fault has spoilt, stop
+/// the machine: only this project's driver knows of them.
+#[test]
+fn validity_of_every_card_is_in_the_chain_of_mesa_eth() {
+    let arguments = ["hal", "--sim", "7i92-7i77,2=7i72", "--axes", "XYZ"];
+    let ours = json(&[&arguments[..], &["--driver", "mesa_eth"]].concat());
+    let motion = text(&ours, "motion.hal");
+    has(
+        &motion,
+        &[
+            "\nnet board-valid <= hm2_7i92.0.valid => inputs-valid-0.in-00\n",
+            "\nnet 7i77-0-0-valid <= hm2_7i92.0.7i77.0.0.valid => inputs-valid-0.in-01\n",
+            "\nnet 7i77-0-1-valid <= hm2_7i92.0.7i77.0.1.valid => inputs-valid-0.in-02\n",
+            "\nnet 7i72-0-2-valid <= hm2_7i92.0.7i72.0.2.valid => inputs-valid-0.in-03\n",
+            "\nnet inputs-invalid => estop-inputs.fault-in\n",
+            "\nnet position-lost => estop-position.fault-in\n",
+            "\nnet joint-2-unhome <= unhome-2.and => halui.joint.2.unhome\n",
+            "\nnet estop-reset => hm2_7i92.0.7i72.0.2.rearm\n",
+        ],
+    );
+    let theirs = text(&json(&arguments), "motion.hal");
+    for word in [".valid", ".rearm", "unhome", "unsure"] {
+        assert!(!theirs.contains(word), "{word}: {theirs}");
+    }
+}
+
+/// 7 and 8 encoders of that firmware share inputs that are at no terminal of a 7I77.
+#[test]
+fn an_encoder_without_a_terminal_has_no_line() {
+    let firmware = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/transcripts/firmwares/7I92-7I77_7I76D_34.txt"
+    );
+    let found = json(&["hal", "--sim", firmware, "--axes", "XYZ"]);
+    let board = text(&found, "board.hal");
+    has(&board, &["\nnet encoder-05-position <= "]);
+    for encoder in ["encoder-06", "encoder-07"] {
+        assert!(!board.contains(encoder), "{board}");
+    }
+}
+
+/// Mesa and LinuxCNC recommend it: jitter of the thread is no jitter of the position then.
+#[test]
+fn positions_are_sampled_by_a_timer_where_there_is_one() {
+    let board = text(&json(&["hal", "--sim", "7i92-7i76"]), "board.hal");
+    has(
+        &board,
+        &[
+            "\nsetp hm2_7i92.0.dpll.01.timer-us -50\nsetp hm2_7i92.0.encoder.timer-number 1\nsetp hm2_7i92.0.stepgen.timer-number 1\n",
+        ],
+    );
 }
 
 #[test]
@@ -293,7 +406,13 @@ fn files_are_replaced_only_when_that_is_asked_for() {
     fs::remove_file(directory.join("machine.ini")).expect("it is there");
     let refused = run(&["hal", "--sim", "7i97", "--out", out]);
     assert_eq!(refused.code, Some(2), "{refused:?}");
-    let there = ["board.hal", "motion.hal", "bench.hal", "main.rs"];
+    let there = [
+        "board.hal",
+        "motion.hal",
+        "tool.tbl",
+        "bench.hal",
+        "main.rs",
+    ];
     let there = there.map(|name| directory.join(name).display().to_string());
     let what = format!(
         "would replace {}, which already exist; nothing was done",

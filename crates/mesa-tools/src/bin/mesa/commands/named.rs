@@ -3,6 +3,7 @@
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Role, Value};
 use mesa_hal::{Remark, RemoteId};
 
+use super::set::{Hazard, hazard};
 use crate::context::{Failure, told};
 use crate::number::{self, end};
 use crate::place::{self, Typed};
@@ -25,7 +26,7 @@ pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
 }
 
 /// Finds an output by its name as [`find`], or by its terminal or signal. Of several pins there only
-/// outputs count, without parameters; fails if more than one is left.
+/// those count that [`can_be_set`]; fails if more than one is left.
 pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId, Failure> {
     let by_name = match find(pins, missing, text) {
         Ok(pin) => return Ok(pin),
@@ -33,7 +34,7 @@ pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId,
     };
     let typed = Typed::from(text);
     let there: Vec<&PinInfo> = pins.infos().iter().filter(|pin| typed.fits(pin)).collect();
-    let outputs = there.iter().filter(|pin| pin.role == Role::Output);
+    let outputs = there.iter().filter(|pin| can_be_set(pin));
     let outputs: Vec<&PinInfo> = outputs.copied().collect();
     match (&outputs[..], &there[..]) {
         ([output], _) => pins.id(&output.name).map_err(|error| usage(&error)),
@@ -42,9 +43,33 @@ pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId,
             with_place(input)
         ))),
         ([], []) if typed.is_terminal_form() => no_terminal(missing, text),
-        ([], []) => Err(by_name),
+        ([], []) => Err(no_output(pins, &typed).unwrap_or(by_name)),
         (several, _) => Err(ambiguous(text, several)),
     }
+}
+
+/// True for an output that `mesa set` takes: no parameter, and nothing that changes what another
+/// output means.
+fn can_be_set(info: &PinInfo) -> bool {
+    info.role == Role::Output && !matches!(hazard(info), Hazard::Making | Hazard::Watchdog)
+}
+
+/// Refusal of an unknown signal, with the outputs whose signals begin with the same letters.
+fn no_output(pins: &Pins, typed: &Typed) -> Option<Failure> {
+    let mut alike = pins.infos().iter().filter(|pin| can_be_set(pin));
+    let alike: Vec<&PinInfo> = alike.by_ref().filter(|pin| typed.is_alike(pin)).collect();
+    let ([first, ..], Some(last)) = (&alike[..], alike.last()) else {
+        return None;
+    };
+    let (first, last) = (with_place(first), with_place(last));
+    let found = if first == last {
+        first
+    } else {
+        format!("{first} to {last}")
+    };
+    let advice = format!("the outputs with such a signal are {found}");
+    let what = format_args!("no output `{typed}`; {advice}");
+    Some(Failure::usage(what).advising(&advice))
 }
 
 /// Refusal of a terminal that no pin has. Remotes that answer without taking part may be the reason.
@@ -70,8 +95,16 @@ fn ambiguous(text: &str, several: &[&PinInfo]) -> Failure {
         0 => String::new(),
         more => format!(", and {more} more"),
     };
-    let (names, advice) = (names.join(", or "), "give the name of one");
-    Failure::usage(format_args!("`{text}` may be {names}{more}: {advice}")).advising(advice)
+    let names = names.join(", or ");
+    let mut cards: Vec<String> = several.iter().map(|info| place::card(&info.name)).collect();
+    cards.dedup();
+    let advice = match &cards[..] {
+        [first, _, ..] if several.iter().all(|info| !info.place.terminal.is_empty()) => {
+            format!("give the name of one, or the card behind it, as `{text} of {first}`")
+        }
+        _ => "give the name of one".to_owned(),
+    };
+    Failure::usage(format_args!("`{text}` may be {names}{more}: {advice}")).advising(&advice)
 }
 
 /// A pin with its terminals, signals and card.

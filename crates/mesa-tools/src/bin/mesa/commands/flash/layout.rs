@@ -22,11 +22,17 @@ pub fn of_board(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
     if is_t_board(&card) || size.is_ok_and(|size| size == EFINIX_T20) {
         return Err(format!(
             "this is a {card}, a T board: its FPGA is an Efinix, which loads .bin files, and the layout \
-             of its flash memory is not known"
+             of its flash memory is not known: use mesaflash"
         ));
     }
-    FlashLayout::for_card(&card)
-        .ok_or_else(|| format!("this is a {card}, whose flash memory has no known layout"))
+    if card.is_empty() {
+        return Err("its EEPROM has no card name (it was never written, or is erased), so the layout of its \
+                    flash memory is not known; ask Mesa how to write the EEPROM"
+            .to_owned());
+    }
+    FlashLayout::for_card(&card).ok_or_else(|| {
+        format!("this is a {card}, whose flash memory has no known layout: use mesaflash")
+    })
 }
 
 /// The layout of the memory of a board on the PCI bus, which is named in its firmware alone.
@@ -36,11 +42,12 @@ fn of_firmware(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
     if firmware.idrom.fpga_size == EFINIX_T20 {
         return Err(format!(
             "this is a {name} with an Efinix FPGA, which loads .bin files, and the layout of its flash \
-             memory is not known"
+             memory is not known: use mesaflash"
         ));
     }
-    FlashLayout::for_card(&name)
-        .ok_or_else(|| format!("this is a {name}, whose flash memory has no known layout"))
+    FlashLayout::for_card(&name).ok_or_else(|| {
+        format!("this is a {name}, whose flash memory has no known layout: use mesaflash")
+    })
 }
 
 /// True if a file of this length can be a backup of a whole memory.

@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::ethernet::{Area, Bitfile, BitfileError, Flash as Chip};
-use mesa_hal::lbp16::registers::flash::SECTOR;
+use mesa_hal::ethernet::{Area, Bitfile, BitfileError, EthernetError, Flash as Chip};
+use mesa_hal::lbp16::registers::flash::{PAGE, SECTOR};
+use mesa_tools::BoardBusError;
 
 use crate::bus::Bus;
 use crate::consent::Asks;
@@ -36,6 +37,10 @@ missing, the fallback is loaded. File formats and memory layout are those of mes
 Example:
   mesa flash backup before.bin --addr 10.10.10.10
   mesa flash write 7i97_7i77.bit --addr 10.10.10.10";
+
+/// A memory of which at least one page in this number differs holds another configuration; one with
+/// fewer is damaged.
+const DAMAGED: usize = 4;
 
 /// Limit for the size of a file: more than any bitfile or backup has.
 const LONGEST: u64 = 32 << 20;
@@ -169,8 +174,12 @@ impl Verify {
             // As by mesaflash: without a valid boot block the FPGA loads neither configuration.
             flash.check_boot_block()?;
             let progress = Bar::new("verify", bitfile.configuration.len() as u64);
-            flash.verify(&bitfile, area, |_, done| progress.at(done as u64))?;
+            let compared = flash.verify(&bitfile, area, |_, done| progress.at(done as u64));
             progress.end();
+            if let Err(error @ EthernetError::Differs { .. }) = compared {
+                return Err(self.difference(&mut flash, (area, &bitfile), error));
+            }
+            compared?;
             Report {
                 bitfile: Some(About::of(&bitfile)),
                 areas: vec![written(&layout, area, &bitfile)],
@@ -179,6 +188,40 @@ impl Verify {
         };
         context.print(&report)?;
         Ok(context.ending())
+    }
+}
+
+impl Verify {
+    /// The failure of a comparison, with what is in the area instead: another configuration, nothing, or
+    /// this one with damage.
+    fn difference(
+        &self,
+        flash: &mut Chip<BoardChip<'_>>,
+        (area, bitfile): (Area, &Bitfile<'_>),
+        error: EthernetError<BoardBusError>,
+    ) -> Failure {
+        let data = bitfile.configuration;
+        let mut bytes = vec![0; data.len()];
+        let start = flash.layout().addresses(area).start;
+        if flash.read(start, &mut bytes).is_err() {
+            return error.into();
+        }
+        let is_sound = flash.begins(area).unwrap_or_default();
+        let file = self.file.display();
+        let part = written(flash.layout(), area, bitfile);
+        let pages = bytes.chunks(PAGE).zip(data.chunks(PAGE));
+        let differing = pages.filter(|(found, expected)| found != expected).count();
+        let what = if bytes.iter().all(|&byte| byte == 0xFF) {
+            format!("{part} is erased; `mesa flash write {file}` writes this configuration")
+        } else if differing * DAMAGED >= data.len().div_ceil(PAGE) && is_sound {
+            format!(
+                "{part} holds another configuration than {file}; `mesa flash write {file}` writes this one, \
+                 and `mesa info` shows which one the FPGA runs"
+            )
+        } else {
+            return error.into();
+        };
+        Failure::refused(what)
     }
 }
 
@@ -211,7 +254,7 @@ fn risk(is_alone: bool) -> &'static str {
 fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<BoardChip<'a>>, Failure> {
     let layout = layout::of_board(bus).map_err(|why| {
         Failure::refused(format_args!(
-            "{}: {why}, so nothing is read or written: use mesaflash",
+            "{}: {why}; nothing is read or written",
             found.address
         ))
     })?;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::SocketAddrV4;
+use std::str::FromStr;
 
 use mesa_hal::Configured;
 use mesa_hal::driver::RemarkKind;
@@ -54,9 +55,10 @@ const SETTINGS: [&str; 7] = [
 ];
 
 /// LinuxCNC's axis letters, which limit the number of joints.
-pub const LETTERS: &str = "XYZABCUVW";
+const LETTERS: &str = "XYZABCUVW";
 
 /// Parts of a board that a controller connects to.
+#[derive(Debug)]
 pub struct Machine {
     /// For example `hm2_7i97.0`.
     pub board: String,
@@ -66,9 +68,17 @@ pub struct Machine {
     pub pins: Vec<PinInfo>,
     /// Settings with their values in LinuxCNC's format.
     pub settings: Vec<(String, String)>,
-    /// Encoders, each with an analog output, and then step generators; at most as many as LinuxCNC
-    /// has letters of axes.
+    /// Encoders, each with an analog output, and then step generators; at most as many as there are
+    /// axes.
     pub joints: Vec<Joint>,
+    /// The axis of each joint. A letter stands twice for an axis with two motors.
+    pub letters: String,
+    /// Axis outputs of the board that are no joint's.
+    pub spare: Vec<Joint>,
+    /// Prefixes of the names of the cards' pins.
+    pub cards: Vec<String>,
+    /// All pins and parameters of the board, also those without a signal.
+    all: Vec<PinInfo>,
     /// Configuration of each serial port for LinuxCNC: the software mode of each channel, or `x`.
     pub ports: BTreeMap<u8, String>,
     /// Remotes, one line each.
@@ -148,6 +158,14 @@ impl Joint {
         }
     }
 
+    /// The pin that is on while its position may be wrong; only this project's driver has it.
+    pub fn unsure(&self) -> String {
+        match self {
+            Self::Servo(servo) => format!("{}.count-unsure", servo.encoder),
+            Self::Stepper(stepper) => format!("{}.position-unsure", stepper.stepgen),
+        }
+    }
+
     /// The servo axis.
     pub const fn servo(&self) -> Option<&Servo> {
         match self {
@@ -160,7 +178,15 @@ impl Joint {
 impl Machine {
     /// Takes the parts of a board that is discovered and not started: the driver's own pins, which
     /// LinuxCNC does not have, do not exist yet.
-    pub fn of(board: &Configured<Bus>, address: BoardAddress) -> Result<Self, Failure> {
+    /// `letters` are the axes of the machine; without them every output for an axis is one.
+    ///
+    /// # Errors
+    /// More axes than outputs, and a remote in a mode that LinuxCNC has no number for.
+    pub fn of(
+        board: &Configured<Bus>,
+        address: BoardAddress,
+        letters: Option<&Axes>,
+    ) -> Result<Self, Failure> {
         let all = board.pins();
         let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
         let prefix = format!("{}.", board.name());
@@ -168,12 +194,23 @@ impl Machine {
         let is_one = |patterns: &[&str], name: &str| {
             patterns.iter().any(|it| Pattern::from(*it).fits_text(name))
         };
+        let is_encoder = |info: &PinInfo| own(info).is_some_and(|it| it.starts_with("encoder."));
+        let reaches_a_terminal = |info: &PinInfo| {
+            let mut same = all.infos().iter().filter(|other| is_of_one(info, other));
+            same.any(|pin| !pin.place.terminal.is_empty())
+        };
+        let mut encoders = all.infos().iter().filter(|info| is_encoder(info));
+        let has_terminals = encoders.any(|pin| !pin.place.terminal.is_empty());
         let is_connected = |info: &&PinInfo| {
             let name = own(info).unwrap_or_default();
             // I/O pins at connectors for daughter cards only, as on the 7I92, have one terminal and
             // are left out; those of a 7I97 are on a header too.
             let is_free = name.starts_with("gpio.") && !info.place.terminal.contains(", ");
-            let is_taken = if groups.contains(&info.group) {
+            // An encoder at no terminal, where others are at one.
+            let is_nowhere = is_encoder(info) && has_terminals && !reaches_a_terminal(info);
+            let is_taken = if is_nowhere {
+                false
+            } else if groups.contains(&info.group) {
                 !is_one(&NOT_OF_REMOTES, &name)
             } else {
                 is_one(&OF_MODULES, &name) && !is_free
@@ -197,8 +234,18 @@ impl Machine {
         let mut settings: Vec<_> = settings.collect();
         settings.extend(dither(board, &prefix));
         let (ports, remotes) = ports(board)?;
+        let mut joints = joints(board, &pins);
+        let letters = axes(letters, joints.len())?;
+        let spare = joints.split_off(letters.len().min(joints.len()));
         Ok(Self {
-            joints: joints(board, &pins),
+            joints,
+            letters,
+            spare,
+            cards: board
+                .remotes()
+                .map(|(_, it)| it.pins.prefix.clone())
+                .collect(),
+            all: all.infos().to_vec(),
             settings,
             pins,
             board: board.name().to_owned(),
@@ -215,11 +262,46 @@ impl Machine {
         own.trim_start_matches('.')
     }
 
+    /// Serial ports with remotes: LinuxCNC has no pins and parameters of the others.
+    pub fn used_ports(&self) -> impl Iterator<Item = u8> {
+        let used = self.ports.iter();
+        let used = used.filter(|(_, modes)| modes.contains(|mode| mode != 'x'));
+        used.map(|(port, _)| *port)
+    }
+
+    /// True if the board has this pin or parameter.
+    pub fn has(&self, name: &str) -> bool {
+        self.all.iter().any(|pin| pin.name == name)
+    }
+
+    /// Names of the board's pins and parameters, with or without a signal, that fit a pattern.
+    pub fn of_all(&self, pattern: &str) -> impl Iterator<Item = &str> {
+        let pattern = Pattern::from(pattern);
+        let names = self.all.iter().map(|pin| &*pin.name);
+        names.filter(move |name| pattern.fits_text(self.own(name)))
+    }
+
+    /// True for an enable that a joint has too.
+    pub fn is_shared(&self, enable: &str) -> bool {
+        let mut joints = self.joints.iter();
+        joints.any(|joint| joint.enable().is_some_and(|it| it == enable))
+    }
+
     /// The number of the joint whose drive a pin enables.
     pub fn enabled_by(&self, pin: &PinInfo) -> Option<usize> {
         let mut joints = self.joints.iter();
         joints.position(|joint| joint.enable() == Some(&pin.name))
     }
+}
+
+/// True if two pins belong to the same instance of a module.
+fn is_of_one(one: &PinInfo, other: &PinInfo) -> bool {
+    let instance = |info: &PinInfo| {
+        info.name
+            .rsplit_once('.')
+            .map(|(instance, _)| instance.to_owned())
+    };
+    instance(one) == instance(other)
 }
 
 /// Dither settings of PWM modules of version 1, which `mesa-hal` always dithers. In LinuxCNC dither
@@ -289,8 +371,43 @@ fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
         }))
     };
     let servos = encoders.zip(volts).map(servo);
-    let joints = servos.chain(pins.iter().filter_map(stepper));
-    joints.take(LETTERS.len()).collect()
+    servos.chain(pins.iter().filter_map(stepper)).collect()
+}
+
+/// The letters of the axes: those that are asked for, else one for each output, and at least one.
+fn axes(requested: Option<&Axes>, outputs: usize) -> Result<String, Failure> {
+    let Some(Axes(letters)) = requested else {
+        return Ok(LETTERS.chars().take(outputs.max(1)).collect());
+    };
+    if outputs > 0 && letters.len() > outputs {
+        let what = format_args!(
+            "--axes {letters}: {} axes, and the board has outputs for {outputs}",
+            letters.len()
+        );
+        return Err(Failure::usage(what).advising("give fewer axes"));
+    }
+    Ok(letters.clone())
+}
+
+/// Axes as a person gives them: `XYZ`, and `XYYZ` for two motors on one axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Axes(String);
+
+impl FromStr for Axes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let letters = text.to_uppercase();
+        let unknown = letters.chars().find(|letter| !LETTERS.contains(*letter));
+        match unknown {
+            Some(unknown) => Err(format!("`{unknown}` is no axis; the axes are {LETTERS}")),
+            None if letters.is_empty() => Err("no axis".to_owned()),
+            None if letters.len() > LETTERS.len() => {
+                Err(format!("LinuxCNC has {} joints at most", LETTERS.len()))
+            }
+            None => Ok(Self(letters)),
+        }
+    }
 }
 
 /// True for an analog output of an axis: that of a 7I76 is for a spindle.

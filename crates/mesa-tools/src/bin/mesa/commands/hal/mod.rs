@@ -18,13 +18,14 @@ use crate::files;
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::target::Target;
-use machine::Machine;
+use machine::{Axes, Machine};
 
 const AFTER_HELP: &str = "\
-The files: machine.ini, with the values to set (marked TODO); board.hal, the driver with a signal
-for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop; bench.hal, the board
-alone; main.rs, a program for mesa-hal. None of them enables a drive. Without --out they are
-printed.
+The files: machine.ini, with the first steps and the values to set (marked TODO); board.hal, the
+driver with a signal for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop,
+and lines for switches, spindle, coolant, probe and handwheel that are prepared as comments;
+tool.tbl, the tools; bench.hal, the board alone; main.rs, a program for mesa-hal. None of them
+enables a drive. Without --out they are printed.
 
 Stops the serial ports and turns all pins into inputs: do not use this on a running machine. A board
 that another program drives is left alone. Existing files are replaced only with --yes or after a
@@ -32,7 +33,7 @@ question.
 
 Examples:
   mesa hal --addr 10.10.10.10 --mode 0.0=2 --out my_machine
-  mesa hal --addr 10.10.10.10 --driver mesa_eth --out my_machine
+  mesa hal --addr 10.10.10.10 --driver mesa_eth --axes XYZ --out my_machine
   cd my_machine && halrun -I -i machine.ini -f bench.hal
   linuxcnc my_machine/machine.ini";
 
@@ -44,6 +45,10 @@ pub struct Hal {
     target: Target,
     #[command(flatten)]
     modes: Modes,
+    /// The axes, a letter for each joint in the order of the outputs: XYZ, or XYYZ for two motors on
+    /// one axis. Default: every output that can drive an axis
+    #[arg(long, value_name = "XYZ")]
+    axes: Option<Axes>,
     /// The component of LinuxCNC that drives the board. Default: hm2_eth, or hm2_pci on the PCI bus
     #[arg(long, value_enum)]
     driver: Option<Component>,
@@ -85,13 +90,18 @@ impl Component {
         };
         Err(Failure::usage(format_args!("--driver: {other}")).advising(other))
     }
+
+    /// True for this project's components, which have pins that LinuxCNC's have not.
+    const fn is_ours(self) -> bool {
+        matches!(self, Self::MesaEth | Self::MesaPci)
+    }
 }
 
 /// The files, written or printed.
 #[derive(Debug, Serialize)]
 struct Skeleton {
     board: String,
-    files: [File; 5],
+    files: [File; NAMES.len()],
     #[serde(skip)]
     is_written: bool,
 }
@@ -103,10 +113,11 @@ struct File {
 }
 
 /// Names of the files, in the order in which they are read.
-const NAMES: [&str; 5] = [
+const NAMES: [&str; 6] = [
     "machine.ini",
     "board.hal",
     "motion.hal",
+    "tool.tbl",
     "bench.hal",
     "main.rs",
 ];
@@ -123,9 +134,10 @@ impl Hal {
             return Ok(Ending::Stopped(signal));
         }
         let texts = [
-            linuxcnc::ini(&machine),
+            linuxcnc::ini(&machine, component),
             linuxcnc::board(&machine, component),
-            linuxcnc::motion(&machine),
+            linuxcnc::motion(&machine, component),
+            linuxcnc::tools(),
             linuxcnc::bench(&machine),
             rust::program(&machine),
         ];
@@ -153,11 +165,12 @@ impl Hal {
         let mut settings = Settings::default();
         self.modes.put(&mut settings);
         let board = Board::identify(found.open()?, settings)?.discover()?;
-        let machine = Machine::of(&board, found.address)?;
+        let machine = Machine::of(&board, found.address, self.axes.as_ref())?;
         for remote in &machine.remotes {
             complain(format_args!("{}: {remote}", machine.board));
         }
-        for missing in board.missing() {
+        // Nothing has to be on a channel.
+        for missing in board.missing().iter().filter(|one| !one.is_silent()) {
             complain(format_args!("MISSING: {}", told(missing)));
         }
         for remark in board.remarks() {

@@ -27,7 +27,8 @@ const PATIENCE: Duration = Duration::from_millis(200);
 const AFTER_HELP: &str = "\
 Asks the two factory addresses of boards, 192.168.1.121 and 10.10.10.10, and those given: 1 to 1024
 addresses in all, 128 at a time, each for 200 ms. Writes nothing to a board: one that is running is
-not disturbed. For addresses without a board, prints the reason and what to type on this computer.
+not disturbed. If no board was found, and for each address that was given by itself, prints the
+reason and what to type on this computer.
 
 Exits with 0 if a board was found, with 1 if not.
 
@@ -60,6 +61,9 @@ pub struct List {
 struct Boards {
     boards: Vec<Board>,
     silent: Vec<Silent>,
+    /// The addresses that were given one by one.
+    #[serde(skip)]
+    named: Vec<Ipv4Addr>,
 }
 
 /// A board that answers.
@@ -76,6 +80,9 @@ struct Silent {
     addresses: Vec<Ipv4Addr>,
     reason: String,
     advice: String,
+    /// This computer has the address.
+    #[serde(skip)]
+    is_own: bool,
 }
 
 impl List {
@@ -88,6 +95,7 @@ impl List {
         let mut found = Boards {
             boards: Vec::new(),
             silent: Vec::new(),
+            named: self.named(),
         };
         for batch in addresses.chunks(search::MAX_PARALLEL) {
             if context.stop.signal().is_some() {
@@ -103,6 +111,12 @@ impl List {
             Ending::Done if found.boards.is_empty() => Ending::Refused,
             ending => ending,
         })
+    }
+
+    /// The addresses that were given one by one.
+    fn named(&self) -> Vec<Ipv4Addr> {
+        let named = self.ranges.iter().filter(|range| range.count() == 1);
+        named.flat_map(|range| range.addresses()).collect()
     }
 
     /// Factory addresses, then the given ones, each once.
@@ -130,13 +144,28 @@ impl List {
 }
 
 impl Boards {
+    /// The addresses of a group whose reason is of use. Where a board was found, nobody expects one at all
+    /// other addresses of a range, or at the factory addresses. That this computer has an address of a
+    /// range is no reason to change it.
+    fn explained(&self, silent: &Silent) -> Vec<Ipv4Addr> {
+        let is_expected = self.boards.is_empty() && !silent.is_own;
+        let addresses = silent.addresses.iter().copied();
+        addresses
+            .filter(|address| is_expected || self.named.contains(address))
+            .collect()
+    }
+
     fn add(&mut self, asked: AddressResult, network: &Network) {
         let address = *asked.address.ip();
         let silence = match asked.found {
             Ok(identity) => return self.boards.push(Board { address, identity }),
             Err(silence) => silence,
         };
-        let Why { reason, advice } = why::of(network, address, silence);
+        let Why {
+            reason,
+            advice,
+            is_own,
+        } = why::of(network, address, silence);
         // Addresses with the same reason are kept apart if their advice differs.
         let mut known = self.silent.iter_mut();
         match known.find(|silent| (&silent.reason, &silent.advice) == (&reason, &advice)) {
@@ -145,6 +174,7 @@ impl Boards {
                 addresses: vec![address],
                 reason,
                 advice,
+                is_own,
             }),
         }
     }
@@ -168,7 +198,11 @@ impl Display for Boards {
             writeln!(f, "no board answers")?;
         }
         for silent in &self.silent {
-            writeln!(f, "{:<15}  {}", list(&silent.addresses), silent.reason)?;
+            let addresses = match &self.explained(silent)[..] {
+                [] => continue,
+                addresses => list(addresses),
+            };
+            writeln!(f, "{addresses:<15}  {}", silent.reason)?;
             writeln!(f, "{:<15}  -> {}", "", silent.advice)?;
         }
         Ok(())

@@ -13,12 +13,15 @@ pub struct Why {
     pub reason: String,
     /// Shell commands for this computer, or things to check.
     pub advice: String,
+    /// True if this computer itself has the address.
+    pub is_own: bool,
 }
 
 /// Determines why no board answers at an address.
 pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     match (silence, network.way_to(address)) {
         (_, NetworkPath::Here) if !address.is_loopback() => Why {
+            is_own: true,
             reason: "this computer itself has this address, and sends nothing to a board"
                 .to_owned(),
             advice: format!(
@@ -28,23 +31,28 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             ),
         },
         (_, NetworkPath::Discarded(route)) => Why {
+            is_own: false,
             reason: format!("a route of this computer discards what is sent to {route}"),
             advice: format!("sudo ip route del {route}"),
         },
         (Silence::Blocked, _) => Why {
+            is_own: false,
             reason: silence.to_string(),
             advice: BusAdvice::OpenFirewall.to_string(),
         },
         (Silence::Nothing | Silence::Refused, NetworkPath::Here) => Why {
+            is_own: false,
             reason: "no simulated board listens there on this computer".to_owned(),
             advice: format!("mesa sim --board 7i97 --listen {address}"),
         },
         (Silence::Refused | Silence::Foreign, NetworkPath::Direct(_) | NetworkPath::Here) => Why {
+            is_own: false,
             reason: silence.to_string(),
             advice: "another device has this address: change the address of one of the two"
                 .to_owned(),
         },
         (_, NetworkPath::Here) => Why {
+            is_own: false,
             reason: silence.to_string(),
             advice: "choose another address of 127.0.0.0/8".to_owned(),
         },
@@ -67,16 +75,19 @@ fn in_network(network: &Network, name: &str) -> Why {
     let interface = network.interface(name);
     if interface.is_some_and(|interface| !interface.is_up) {
         Why {
+            is_own: false,
             reason: format!("the interface {name} is down"),
             advice: format!("sudo ip link set {name} up"),
         }
     } else if interface.is_some_and(|interface| !interface.has_link) {
         Why {
+            is_own: false,
             reason: format!("the interface {name} has no link"),
             advice: "check the cable and the board's power".to_owned(),
         }
     } else {
         Why {
+            is_own: false,
             reason: format!("no answer on {name}, which is in its network"),
             advice: format!(
                 "check the board's power and its address jumpers, or search its network: mesa list \
@@ -104,6 +115,7 @@ fn elsewhere(network: &Network) -> String {
 fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
     let Outside { interfaces, advice } = outside(network, address);
     Why {
+        is_own: false,
         reason: format!("{reason}, and {interfaces}"),
         advice,
     }

@@ -174,7 +174,8 @@ impl Wiring {
     }
 
     fn missing(&self, driver: &Driver<Bus>) -> Missing {
-        let missing = driver.missing().iter();
+        // Nothing has to be on a channel.
+        let missing = driver.missing().iter().filter(|one| !one.is_silent());
         Missing {
             remotes: missing.clone().map(|one| told(one)).collect(),
             is_incomplete: self.pattern.is_none() && missing.clone().any(is_there),
@@ -222,11 +223,13 @@ impl Wiring {
             let missing: Vec<String> = missing
                 .map(|one| format!("; missing: {}", told(one)))
                 .collect();
-            return Err(Failure::refused(format_args!(
+            let why = if self.pattern.is_some() {
                 "no terminal fits that could be checked; `mesa pins` lists all pins, and a pattern with * \
-                 or ? has to match a whole name{}",
-                missing.concat()
-            )));
+                 or ? has to match a whole name"
+            } else {
+                "no input of this board is at a terminal that is known; `mesa watch` shows all inputs by name"
+            };
+            return Err(Failure::refused(format_args!("{why}{}", missing.concat())));
         }
         Ok(Terminals {
             check: WiringCheck::new(points),
