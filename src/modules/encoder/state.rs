@@ -107,6 +107,7 @@ pub struct EncoderReading {
 /// # Real time
 /// Constant time, no allocation.
 #[derive(Clone, Debug, Default)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a fact of its own")]
 pub struct EncoderState {
     /// Configuration; the control word follows with the next write.
     pub config: EncoderConfig,

@@ -139,6 +139,7 @@ impl Rows {
 
 /// The switches of a generator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a pin")]
 pub(super) struct Switches {
     /// `enable`.
     pub is_on: bool,

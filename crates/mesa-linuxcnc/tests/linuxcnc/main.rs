@@ -27,6 +27,7 @@ mod threads;
 #[allow(dead_code, unreachable_pub, reason = "shared with mesa-tools")]
 mod tools;
 mod whole;
+mod written;
 
 use std::time::Duration;
 

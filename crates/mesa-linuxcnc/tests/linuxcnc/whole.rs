@@ -56,11 +56,17 @@ pub fn with_address(hal: &str) -> String {
 
 /// What `mesa hal` writes for a simulated machine, with other values in the INI file.
 pub fn written(machine: Machine, values: &str) -> Files {
+    written_for(machine, &[], values)
+}
+
+/// What `mesa hal` writes with these options.
+pub fn written_for(machine: Machine, options: &[&str], values: &str) -> Files {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("written-by-mesa");
     let folder = folder.join(machine.toml.replace('/', "-"));
     let _ = fs::remove_dir_all(&folder);
     let mut hal = Command::new(mesa());
     hal.args(["hal", "--sim"]).arg(machine.path());
+    hal.args(options);
     let done = hal.arg("--out").arg(&folder).output().expect("mesa runs");
     assert!(done.status.success(), "{done:?}");
     let names = ["machine.ini", "board.hal", "motion.hal", "tool.tbl"];
@@ -268,6 +274,17 @@ impl LinuxCnc {
     pub fn position(&mut self, joint: usize) -> f64 {
         let position = self.halcmd.value(&format!("getp joint.{joint}.pos-fb"));
         position.parse().expect("a number")
+    }
+
+    /// A command for the board's console.
+    pub fn board(&mut self, command: &str) {
+        writeln!(self.to_board, "{command}").expect("the board runs");
+        while self
+            .of_board
+            .recv_timeout(PATIENCE)
+            .expect("the board answers")
+            != "ok"
+        {}
     }
 
     /// What the board shows of its motors.

@@ -195,10 +195,10 @@ pub fn remote(place: &str, status: &RemoteStatus<'_>, period: Duration) -> [Find
     let place = format!("{place}, {name}");
     let mut records = status.descriptor.process_data.iter();
     let is_measured = records.any(|record| record.is_named("FieldVoltage"));
-    let unmeasured = unmeasured(status.descriptor);
+    let unmeasured = (!is_measured).then(|| unmeasured(status.descriptor));
     [
         state(&place, &status.state, status.faults),
-        field_power(&place, status.faults, is_measured, &unmeasured),
+        field_power(&place, status.faults, unmeasured),
         watchdog(
             &format!("{place}: watchdog"),
             status.watchdog.time(),
@@ -241,31 +241,33 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
 const SUPPLY: &str = "check its supply, fuse and wires; never switch field power on by a switch or relay at the \
                       card: it must rise slower than 10 V/ms (manuals of 7I77 and 7I72)";
 
-/// Advice for a remote that does not measure its field power: what this card can do.
-fn unmeasured(descriptor: &RemoteDescriptor) -> String {
+/// Figure and advice for a remote that does not measure its field power: what this card can do.
+fn unmeasured(descriptor: &RemoteDescriptor) -> (&'static str, String) {
     let mut tables = REMOTES.iter();
     let table = tables.find(|table| table.matches(descriptor));
     if table.is_some_and(|table| **table == i7i77::ANALOG) {
-        return "nothing to do: the field I/O of the same 7I77 has the same supply, and measures it in software \
-                mode 2"
-            .to_owned();
+        let advice = "nothing to do: the field I/O of the same 7I77 has the same supply, and measures it in \
+                      software mode 2";
+        return ("not measured by this part of the card", advice.to_owned());
     }
     let element = table.and_then(|table| table.element("FieldVoltage", DataDirection::Input));
-    element.map_or_else(
-        || "measure it at its terminals".to_owned(),
-        |element| {
-            let mode = element.modes.trailing_zeros();
-            format!(
-                "measure it at its terminals, or let the card do it, in software mode {mode}: `mesa pins \
-                 fieldvoltage --mode PORT.CHANNEL={mode}`"
-            )
-        },
-    )
+    let Some(element) = element else {
+        return (
+            "not measured by this card",
+            "measure it at its terminals".to_owned(),
+        );
+    };
+    let mode = element.modes.trailing_zeros();
+    let advice = format!(
+        "measure it at its terminals, or let the card do it, in software mode {mode}: `mesa pins fieldvoltage \
+         --mode PORT.CHANNEL={mode}`"
+    );
+    ("not measured in this software mode", advice)
 }
 
-/// `is_measured`: the voltage is part of the process data. A remote that does not measure it
-/// reports no fault of it.
-fn field_power(place: &str, faults: RemoteFaults, is_measured: bool, unmeasured: &str) -> Finding {
+/// `unmeasured`: figure and advice for a remote whose process data do not have the voltage. Such a
+/// remote reports no fault of it.
+fn field_power(place: &str, faults: RemoteFaults, unmeasured: Option<(&str, String)>) -> Finding {
     let check = format!("{place}: field power");
     let (figure, advice) = if faults.contains(RemoteFaults::LOW_VOLTAGE) {
         ("missing or too low", SUPPLY)
@@ -274,15 +276,10 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool, unmeasured:
             "too high",
             "switch it off, and check its supply: cards take 32 V at most",
         )
-    } else if is_measured {
-        return Finding::good(check, "measured, and no fault reported");
+    } else if let Some((figure, advice)) = unmeasured {
+        return Finding::new(FigureVerdict::Unknown, check, figure, advice);
     } else {
-        return Finding::new(
-            FigureVerdict::Unknown,
-            check,
-            "not measured here",
-            unmeasured,
-        );
+        return Finding::good(check, "measured, and no fault reported");
     };
     Finding::new(FigureVerdict::Bad, check, figure, advice)
 }
@@ -439,19 +436,20 @@ mod tests {
     #[test]
     fn a_remote_without_power_or_with_a_fault_is_bad() {
         let place = "port 0, channel 0";
+        let unmeasured = || Some(("not measured", String::from("measure it")));
         assert_eq!(
-            field_power(place, RemoteFaults::empty(), true).verdict,
+            field_power(place, RemoteFaults::empty(), None).verdict,
             FigureVerdict::Ok
         );
-        let unknown = field_power(place, RemoteFaults::empty(), false);
+        let unknown = field_power(place, RemoteFaults::empty(), unmeasured());
         assert_eq!(unknown.verdict, FigureVerdict::Unknown, "{unknown:?}");
         let faults = RemoteFaults::LOW_VOLTAGE;
         assert_eq!(
-            field_power(place, faults, false).verdict,
+            field_power(place, faults, unmeasured()).verdict,
             FigureVerdict::Bad
         );
         assert_eq!(
-            field_power(place, RemoteFaults::HIGH_VOLTAGE, true).verdict,
+            field_power(place, RemoteFaults::HIGH_VOLTAGE, None).verdict,
             FigureVerdict::Bad
         );
         let running = RemoteState::Running;

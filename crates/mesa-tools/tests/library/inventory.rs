@@ -51,6 +51,33 @@ fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
     }
 }
 
+/// Other programs refuse such a board.
+#[test]
+fn an_eeprom_that_was_never_written_is_a_finding() {
+    for (is_blank, lacks) in [
+        ([false, false], None),
+        ([true, false], Some("no card name")),
+        ([false, true], Some("no MAC address")),
+        ([true, true], Some("neither card name nor MAC address")),
+    ] {
+        let mut config = BoardConfig::new("7I97");
+        if is_blank[0] {
+            config.name = [0xFF; 16];
+        }
+        if is_blank[1] {
+            config.mac = [0xFF; 6];
+        }
+        let mut bus = connect(SimLink::to(SimBoard::new(config, machines::i7i97(1))));
+        let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
+        let taken = inventory::take(&mut bus, Some(ethernet), &[].into(), || true);
+        let findings = taken.expect("a 7I97").findings;
+        assert_eq!(findings.len(), usize::from(lacks.is_some()), "{findings:?}");
+        if let Some(lacks) = lacks {
+            assert!(findings[0].contains(lacks), "{findings:?}");
+        }
+    }
+}
+
 #[cfg(feature = "serde")]
 #[test]
 fn an_inventory_is_as_it_is_written() {

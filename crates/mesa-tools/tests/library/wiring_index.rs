@@ -9,6 +9,19 @@ use mesa_tools::diagnosis::wiring::{
 
 use crate::common::machine::Machine;
 
+/// What a generator has counted does not change when its motor is turned by hand.
+#[test]
+fn step_generators_are_not_turned_by_hand() {
+    let machine: Machine<SimFpga, ()> = Machine::on(machines::i7i92_7i76(), |_| {});
+    let pins = machine.driver.pins();
+    let points = points(pins, &[], |_| true);
+    let asked: Vec<_> = points.iter().filter(|point| point.is_asked).collect();
+    let of_generators = asked
+        .iter()
+        .filter(|point| point.info.name.contains(".stepgen."));
+    assert_eq!(of_generators.count(), 0, "{asked:?}");
+}
+
 struct Guide {
     machine: Machine<SimFpga, ()>,
     check: WiringCheck,

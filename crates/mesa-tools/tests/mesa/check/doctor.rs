@@ -163,6 +163,42 @@ fn a_software_mode_that_measures_field_power_is_started_and_judged() {
         finding(&found, "channel 0, 7I77: field power"),
         ("ok", "measured, and no fault reported")
     );
+    assert_eq!(
+        finding(&found, "channel 1, 7I77: field power"),
+        ("unknown", "not measured by this part of the card")
+    );
+}
+
+/// A 7I72 measures in another mode than a 7I77, and a 7I64 in none.
+#[test]
+fn field_power_that_is_not_measured_has_the_advice_of_its_card() {
+    let machine = [
+        "--sim",
+        "7i97,0=7i72,1=7i64",
+        "--yes",
+        "--exchanges",
+        "10",
+        "--period",
+        SLOW,
+    ];
+    let (_, found, _) = diagnosis(&machine);
+    for (channel, expected) in [
+        (
+            "channel 0, 7I72",
+            "in software mode 1: `mesa pins fieldvoltage --mode PORT.CHANNEL=1`",
+        ),
+        ("channel 1, 7I64", "measure it at its terminals"),
+    ] {
+        let findings = found["findings"].as_array().expect("findings");
+        let of_card = findings.iter().find(|one| {
+            let check = one["check"].as_str().expect("a check");
+            check.contains(channel) && check.ends_with("field power")
+        });
+        let advice = of_card.expect("field power")["advice"]
+            .as_str()
+            .expect("advice");
+        assert!(advice.ends_with(expected), "{advice}");
+    }
 }
 
 #[test]

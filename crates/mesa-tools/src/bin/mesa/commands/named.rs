@@ -43,6 +43,8 @@ pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId,
             with_place(input)
         ))),
         ([], []) if typed.is_terminal_form() => no_terminal(missing, text),
+        // The end of a name that several pins have.
+        ([], []) if pins.infos().iter().any(|pin| pin.name.ends_with(text)) => Err(by_name),
         ([], []) => Err(no_output(pins, &typed).unwrap_or(by_name)),
         (several, _) => Err(ambiguous(text, several)),
     }

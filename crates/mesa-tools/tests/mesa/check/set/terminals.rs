@@ -49,6 +49,10 @@ fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given()
         ] {
             assert!(refused.err.contains(candidate), "{candidate}: {refused:?}");
         }
+        if name == "TB8-20" {
+            let form = "as `TB8-20 of 7i77.0.0`";
+            assert!(refused.err.contains(form), "{refused:?}");
+        }
         assert_eq!(refused.out, "");
     }
     for name in ["TB8-20 of 7i77.0.1", "7i77.0.1.output-03"] {
@@ -56,6 +60,26 @@ fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given()
         let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(report["pin"], "hm2_7i97.0.7i77.0.1.output-03");
     }
+}
+
+/// Each output of a 7I97 is at two terminals, with a pin that inverts it beside it.
+#[test]
+fn a_terminal_of_a_7i97_names_its_output_alone() {
+    let of_7i97 = ["on", "--for", "100ms", "--sim", "7i97", "--yes", "--json"];
+    for (name, pin) in [
+        ("TB5-14", "ssr.00.out-00"),
+        ("TB5-23", "ssr.00.out-05"),
+        ("OUT0", "ssr.00.out-00"),
+        ("out5+", "ssr.00.out-05"),
+    ] {
+        let text = done(&[&["set", name], &of_7i97[..]].concat());
+        let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(report["pin"], format!("hm2_7i97.0.{pin}"), "{name}");
+    }
+    let unknown = run(&[&["set", "OUT9"], &of_7i97[..]].concat());
+    assert_eq!(unknown.code, Some(2), "{unknown:?}");
+    let alike = "hm2_7i97.0.ssr.00.out-00 (TB5 pin 13, 14 OUT0-, OUT0+ of hm2_7i97.0) to hm2_7i97.0.ssr.00.out-05";
+    assert!(unknown.err.contains(alike), "{unknown:?}");
 }
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
@@ -70,6 +94,10 @@ fn a_terminal_without_an_output_is_refused_with_what_is_there() {
         ("input2", "`input2` is not an output: "),
         ("TB8-99", "no terminal `TB8-99`; `mesa pins` lists"),
         ("TB8", "no pin or parameter `TB8`"),
+        (
+            "OUTPUT77",
+            "no output `output77`; the outputs with such a signal are ",
+        ),
         ("", "no pin or parameter ``"),
         ("TB8-20 of 7i77.0.1", "no "),
     ] {

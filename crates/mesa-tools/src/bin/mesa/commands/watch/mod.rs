@@ -30,9 +30,9 @@ use screen::Pins;
 const AFTER_HELP: &str = "\
 Starts the machine with all outputs off and drives nothing. A board that another program drives is
 left alone; with --passive its registers are shown beside that program. Pins at terminals come
-first. Keys: a lists parameters and inverted pins (-not) as well, or hides them; / filters while
-typing, Enter ends typing; arrows, PgUp, PgDn, Home, End scroll; q, Esc or Ctrl-C end the command,
-with outputs off and ports stopped.
+first, encoders with their position. Keys: a lists parameters and inverted pins (-not), and all pins
+of encoders, or hides them; / filters while typing, Enter ends typing; arrows, PgUp, PgDn, Home, End
+scroll; q, Esc or Ctrl-C end the command, with outputs off and ports stopped.
 
 Examples:
   mesa watch --sim 7i92-7i77
@@ -50,7 +50,7 @@ pub struct Watch {
     /// Initial filter: a part of a pin's name, terminal or signal, or a pattern with * or ?
     #[arg(default_value = "", hide_default_value = true)]
     pattern: String,
-    /// List parameters and inverted pins (-not) as well from the start, as key a does
+    /// List parameters, inverted pins and all pins of encoders from the start, as key a does
     #[arg(long)]
     all: bool,
     /// Period of the cycle in milliseconds, 1 to 10

@@ -30,8 +30,26 @@ pub struct Listing {
 
 impl Listing {
     /// Pins that match a pattern, grouped by terminal block; pins without a terminal follow. Without
-    /// `is_all` parameters and inverted pins are hidden.
+    /// `is_all` parameters, inverted pins, and all pins of an encoder but its position are hidden; the
+    /// latter are shown if the pattern is for them alone.
     pub fn of(snapshot: &Snapshot, pattern: &Pattern, is_all: bool, board: &str) -> Self {
+        let is_hidden = |info: &PinInfo| !is_all && is_secondary(info);
+        let is_detail = |info: &PinInfo| !is_all && is_detail(short(&info.name, board));
+        let listing = Self::without(snapshot, pattern, board, |info| {
+            is_hidden(info) || is_detail(info)
+        });
+        if listing.shown == 0 {
+            return Self::without(snapshot, pattern, board, is_hidden);
+        }
+        listing
+    }
+
+    fn without(
+        snapshot: &Snapshot,
+        pattern: &Pattern,
+        board: &str,
+        is_hidden: impl Fn(&PinInfo) -> bool,
+    ) -> Self {
         let mut groups: Vec<(Heading, Vec<usize>)> = Vec::new();
         let remotes: Vec<_> = snapshot.remotes().collect();
         let (mut shown, mut hidden) = (0, 0);
@@ -39,7 +57,7 @@ impl Listing {
             if !pattern.fits(info) {
                 continue;
             }
-            if !is_all && is_secondary(info) {
+            if is_hidden(info) {
                 hidden += 1;
                 continue;
             }
@@ -66,6 +84,14 @@ impl Listing {
 /// True for parameters, and for pins that show another one inverted.
 fn is_secondary(info: &PinInfo) -> bool {
     info.role.is_param() || info.name.ends_with("-not") || info.name.ends_with("_not")
+}
+
+/// True for a pin of an encoder of the board, apart from its position. `name` is without the board's.
+fn is_detail(name: &str) -> bool {
+    let pin = name
+        .strip_prefix("encoder.")
+        .and_then(|rest| rest.split_once('.'));
+    pin.is_some_and(|(_, pin)| pin != "position")
 }
 
 /// Heading of a group of pins.
@@ -224,6 +250,14 @@ mod tests {
         assert_eq!(listed("watchdog.has_bit", false)[0], "# watchdog");
         assert_eq!(listed("/QA3", false)[0], "# TB4");
         assert_eq!(listed("nothing such", true), [""; 0]);
+        assert_eq!(
+            listed("*.encoder.03.*", false),
+            ["# TB4", "encoder.03.position"]
+        );
+        assert_eq!(
+            listed("*.encoder.03.rawcounts", false),
+            ["# TB4", "encoder.03.rawcounts"]
+        );
         let headings = listed("", true);
         let mut headings: Vec<_> = headings
             .iter()
@@ -252,7 +286,10 @@ mod tests {
         let at_terminals = pins.iter().take_while(|info| !is_free(info)).count();
         assert!(at_terminals >= 32 + 16 + 6, "{at_terminals}");
         assert!(pins.iter().skip(at_terminals).all(|info| is_free(&info)));
-        let is_hidden = |info: &&PinInfo| info.role.is_param() || info.name.ends_with("not");
+        let is_detail =
+            |info: &PinInfo| info.name.contains(".encoder.0") && !info.name.ends_with(".position");
+        let is_hidden =
+            |info: &&PinInfo| info.role.is_param() || info.name.ends_with("not") || is_detail(info);
         assert!(!pins.iter().any(is_hidden));
         let hidden = snapshot.infos().iter().filter(is_hidden).count();
         assert_eq!((listing.shown, listing.hidden), (pins.len(), hidden));
