@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::error::remote_watchdog;
-use super::{Configured, Driver, DriverError, Remark, RemoteStatus, remark};
+use super::{Configured, Driver, DriverError, Remark, RemarkKind, RemoteStatus, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
@@ -104,7 +104,13 @@ impl CheckedWrite<'_> {
             return Err(DriverError::no_remote(remote));
         };
         let missing = |kind| DriverError::Missing(Remark::new(remote, kind));
-        remark::is_same(is, outcome).map_err(missing)?;
+        let found = outcome.map_err(|failure| missing(RemarkKind::DidNotStart(failure)))?;
+        remark::is_same(is, Ok(found)).map_err(|_| {
+            missing(RemarkKind::Changed {
+                name: is.name,
+                found: found.name,
+            })
+        })?;
         self.write(&mut PortLink { port, bus, channel })
     }
 }

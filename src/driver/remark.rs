@@ -10,7 +10,7 @@ use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
-use crate::modules::serial::{FoundRemote, RemoteWatchdog};
+use crate::modules::serial::{FoundRemote, OfflineReason, RemoteWatchdog};
 use crate::remote::RemoteError;
 use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
@@ -49,7 +49,7 @@ pub enum RemarkKind {
     /// Missing: the remote is not the configured one.
     #[error(transparent)]
     WrongRemote(IdentityError),
-    /// Missing: another remote answers than in discovery.
+    /// Another remote answers than in discovery, when a parameter is to be written.
     #[error(
         "the remote that answers ({found}) is not the {name} that was discovered, or describes itself \
          differently; no parameter was written"
@@ -59,6 +59,15 @@ pub enum RemarkKind {
         name: RemoteName,
         /// Name of the remote that answers.
         found: RemoteName,
+    },
+    /// The remote was found, and does not run at the start: its pins are there, not valid, and it is
+    /// tried again, as one that goes offline later.
+    #[error("this {name} is offline: {reason}")]
+    Offline {
+        /// Name of the remote.
+        name: RemoteName,
+        /// The reason.
+        reason: OfflineReason,
     },
     /// Missing: the pins cannot be made.
     #[error(transparent)]
@@ -160,6 +169,7 @@ impl RemarkKind {
             Self::DidNotStart(failure) => failure.advice(),
             Self::WrongRemote(error) => error.advice(),
             Self::Changed { .. } => Some(Advice::PlugInRightRemote),
+            Self::Offline { reason, .. } => reason.advice(),
             Self::Pins(error) => error.advice(),
             Self::Tables(problem) => problem.advice(),
             Self::Table { .. } => Some(Advice::CheckManual),
@@ -201,18 +211,30 @@ impl Remark {
 }
 
 /// Checks that a remote that was started again has the same identity as in discovery, except for
-/// CS.
+/// CS. The error is the reason for it to be offline.
 pub(super) fn is_same(
     is: &StartedRemote,
     outcome: Result<StartedRemote, StartFailure>,
-) -> Result<StartedRemote, RemarkKind> {
-    match outcome {
-        Ok(found) if (StartedRemote { cs: is.cs, ..found }) == *is => Ok(found),
-        Ok(found) => Err(RemarkKind::Changed {
-            name: is.name,
-            found: found.name,
-        }),
-        Err(failure) => Err(RemarkKind::DidNotStart(failure)),
+) -> Result<StartedRemote, OfflineReason> {
+    let found = outcome.map_err(|failure| OfflineReason::of_failed_start(failure.cs))?;
+    let tables = |of: &StartedRemote| u32::from(of.gtoc) << 16 | u32::from(of.ptoc);
+    if (found.name, found.unit_number) != (is.name, is.unit_number) {
+        Err(OfflineReason::AnotherDevice {
+            name: found.name,
+            unit_number: found.unit_number,
+        })
+    } else if tables(&found) != tables(is) {
+        Err(OfflineReason::OtherTables {
+            found: tables(&found),
+            expected: tables(is),
+        })
+    } else if found.sizes != is.sizes {
+        Err(OfflineReason::OtherSizes {
+            found: found.sizes,
+            expected: is.sizes,
+        })
+    } else {
+        Ok(found)
     }
 }
 

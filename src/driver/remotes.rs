@@ -8,7 +8,8 @@ use super::configure::{Assembly, Plan};
 use super::period::check_port;
 use super::remark;
 use super::{
-    Configured, Defaults, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort,
+    Configured, Defaults, DriverError, OfflineReason, Presence, Remark, RemarkKind, RemoteConfig,
+    SerialPort,
 };
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
@@ -107,7 +108,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         let stage = stages.get_mut(usize::from(remote.port));
         let found = stage.and_then(|stage| {
             let is_it = |found: &&mut FoundRemote| {
-                found.started.channel.index() == remote.channel && !found.is_absent
+                found.started.channel.index() == remote.channel && !found.is_absent()
             };
             Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
         });
@@ -281,6 +282,31 @@ impl Plan {
         Ok(())
     }
 
+    /// Notes a remote that was found, and does not run: it is offline. Fails if the machine cannot do
+    /// without it, unless the remote reports a fault, as it does without field power: it may be what
+    /// the application has to start for.
+    fn offline<E: BusError>(
+        &mut self,
+        stage: &PortStage,
+        is: &StartedRemote,
+        reason: OfflineReason,
+    ) -> Result<(), DriverError<E>> {
+        let name = is.name;
+        let kind = RemarkKind::Offline { name, reason };
+        let remark = stage.remark(is.channel.index(), kind);
+        let config = stage.config(is.channel);
+        let is_required = config.is_some_and(|config| config.presence == Presence::Required);
+        let is_reported = matches!(
+            reason,
+            OfflineReason::FieldPower(_) | OfflineReason::Reported(_)
+        );
+        if is_required && !is_reported {
+            return Err(DriverError::Missing(remark));
+        }
+        self.remarks.push(remark);
+        Ok(())
+    }
+
     /// Makes the pins of a remote, if it is the right one and its tables are understood.
     fn candidate(
         &mut self,
@@ -306,7 +332,7 @@ impl Plan {
             started: discovered.started,
             descriptor: discovered.descriptor,
             pins,
-            is_absent: false,
+            offline: None,
         })
     }
 
@@ -349,7 +375,7 @@ impl Plan {
             started: expected,
             pins: pins.map_err(|error| unusable(error.to_string()))?,
             descriptor,
-            is_absent: true,
+            offline: Some(OfflineReason::Absent),
         })
     }
 
@@ -383,7 +409,7 @@ impl Plan {
     ) -> Result<SerialPort, DriverError<B::Error>> {
         let mut port = stage.port.on(bus);
         port.stop_all()?;
-        let there = stage.remotes.iter().filter(|remote| !remote.is_absent);
+        let there = stage.remotes.iter().filter(|remote| !remote.is_absent());
         let starts: Vec<_> = there
             .map(|remote| &remote.started)
             .map(|is| (is.channel, is.software_mode))
@@ -394,19 +420,18 @@ impl Plan {
         for mut remote in core::mem::take(&mut stage.remotes) {
             let is = remote.started;
             // An absent remote has no outcome.
-            let outcome = if remote.is_absent {
-                None
-            } else {
-                outcomes.next()
-            };
-            let outcome = outcome.unwrap_or(Ok(is));
-            match remark::is_same(&is, outcome) {
-                Ok(found) => {
-                    remote.started = found;
-                    remotes.push(remote);
+            if !remote.is_absent()
+                && let Some(outcome) = outcomes.next()
+            {
+                match remark::is_same(&is, outcome) {
+                    Ok(found) => remote.started = found,
+                    Err(reason) => {
+                        self.offline(stage, &is, reason)?;
+                        remote.offline = Some(reason);
+                    }
                 }
-                Err(kind) => self.miss(stage, is.channel, kind)?,
             }
+            remotes.push(remote);
         }
         let (now, status) = (bus.now(), self.status);
         let started = StartedPort {

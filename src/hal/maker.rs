@@ -100,6 +100,12 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Input, spec, T::default())
     }
 
+    /// The opposite of an input beside it. As long as the input was never valid, which reads as off,
+    /// this one is on, as a tripped normally-closed switch shows.
+    pub fn opposite(&mut self, spec: impl Into<Spec>) -> Result<Input<bool>, PinError> {
+        self.add(Role::Input, spec, true)
+    }
+
     /// An output. It has the value `safe` before the application sets it, while its group is not
     /// armed, and when the application sets it to a value that is not finite.
     pub fn output<T: Value>(
@@ -210,6 +216,15 @@ impl<'a> PinMaker<'a> {
     }
 }
 
+/// Numbers of pins, rules, groups and parts at some moment.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PinMark {
+    pins: usize,
+    rules: usize,
+    groups: usize,
+    parts: usize,
+}
+
 impl PinStore {
     fn insert<K, T: Value>(
         &mut self,
@@ -267,6 +282,33 @@ impl PinStore {
         let newest = self.infos.iter().rev().take(NEIGHBOURS);
         let same = newest.map(|info| &info.place).find(|at| ***at == place);
         same.map_or_else(|| Arc::new(place), Arc::clone)
+    }
+
+    /// Removes all pins, groups and parts that were made since `mark`.
+    pub(crate) fn undo(&mut self, mark: PinMark) {
+        let pins = &mut **self;
+        let first = mark.pins as u32;
+        pins.infos.truncate(mark.pins);
+        pins.slots.truncate(mark.pins);
+        pins.rules.truncate(mark.rules);
+        pins.groups.truncate(mark.groups);
+        pins.parts.truncate(mark.parts);
+        pins.by_name.retain(|&index| index < first);
+        pins.aliases.retain(|&(_, index)| index < first);
+        for group in &mut pins.groups {
+            group.outputs.retain(|&index| index < first);
+        }
+    }
+
+    /// Marks the pins, groups and parts so far, so that a set of pins is made as a whole or
+    /// [not at all](Self::undo).
+    pub(crate) fn mark(&self) -> PinMark {
+        PinMark {
+            pins: self.infos.len(),
+            rules: self.rules.len(),
+            groups: self.groups.len(),
+            parts: self.parts.len(),
+        }
     }
 
     /// Releases the memory that was kept for further pins.

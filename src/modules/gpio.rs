@@ -161,7 +161,7 @@ impl GpioPins {
         if is_read {
             input = Some(DigitalIn {
                 pin: make.input("in")?,
-                not: make.input("in_not")?,
+                not: make.opposite("in_not")?,
             });
         }
         let mut flag = |there: bool, name: &str, initial: bool| {

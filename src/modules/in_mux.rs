@@ -283,7 +283,7 @@ impl InMuxPins {
             let mut pair = |name: &str| {
                 Ok::<_, PinError>(DigitalIn {
                     pin: make.input(name)?,
-                    not: make.input(format!("{name}-not"))?,
+                    not: make.opposite(format!("{name}-not"))?,
                 })
             };
             all.inputs.push(InMuxInput {

@@ -138,7 +138,7 @@ impl Maker<'_> {
         let mut not = None;
         if self.record.direction == DataDirection::Input {
             let spec = self.spec(&format!("{suffix}-not"), bit);
-            not = Some(self.maker().input(spec)?);
+            not = Some(self.maker().opposite(spec)?);
         }
         Ok((pin, not))
     }

@@ -82,9 +82,25 @@ impl RemotePins {
     /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
     /// # Errors
-    /// [`RemoteError`] with the element or parameter at fault; pins made before it stay in the
-    /// store and are never valid.
+    /// [`RemoteError`] with the element or parameter at fault; the store has none of the remote's
+    /// pins then.
     pub fn new(
+        pins: &mut PinStore,
+        board: &str,
+        id: RemoteId,
+        descriptor: &RemoteDescriptor,
+        plan: &PackingPlan,
+        table: Option<&RemoteTable>,
+    ) -> Result<Self, RemoteError> {
+        let before = pins.mark();
+        let made = Self::make(pins, board, id, descriptor, plan, table);
+        if made.is_err() {
+            pins.undo(before);
+        }
+        made
+    }
+
+    fn make(
         pins: &mut PinStore,
         board: &str,
         id: RemoteId,

@@ -130,10 +130,18 @@ impl Health {
         }
     }
 
-    /// Marks a remote that was absent at start-up: offline, never started.
-    pub fn absent(mut self, now: Instant, policy: &FaultPolicy) -> Self {
+    /// Marks a remote that does not run at the start: offline, and never started.
+    pub fn not_started(
+        mut self,
+        now: Instant,
+        reason: OfflineReason,
+        policy: &FaultPolicy,
+    ) -> Self {
         (self.has_run, self.has_failed) = (false, true);
-        self.go_offline(now, OfflineReason::Absent, 0, policy);
+        if let OfflineReason::FieldPower(faults) | OfflineReason::Reported(faults) = reason {
+            self.faults = faults;
+        }
+        self.go_offline(now, reason, 0, policy);
         self
     }
 
@@ -275,15 +283,16 @@ impl Health {
         self.has_failed = false;
         self.is_asked_for = false;
         let has_run = core::mem::replace(&mut self.has_run, true);
+        let was_absent = !has_run && self.first_fault == Some(OfflineReason::Absent);
         self.restarts.tally(1);
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
         self.has_just_failed = false;
         let remote = self.remote_id();
-        let kind = if has_run {
-            EventKind::RemoteBack { remote }
-        } else {
+        let kind = if was_absent {
             EventKind::RemoteUp { remote }
+        } else {
+            EventKind::RemoteBack { remote }
         };
         self.tell(now, kind);
     }

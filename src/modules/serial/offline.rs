@@ -131,6 +131,18 @@ impl OfflineReason {
         }
     }
 
+    /// The reason for a START that did not succeed, with this CS: a fault that the remote reports is
+    /// named as such.
+    pub(crate) fn of_failed_start(cs: CsStatus) -> Self {
+        if cs.state() == ComState::CheckFaults
+            && let reported @ (Self::FieldPower(_) | Self::Reported(_)) =
+                Self::of_faults(cs.remote_faults())
+        {
+            return reported;
+        }
+        Self::DidNotStart(cs)
+    }
+
     /// True if another device answers than expected, which cancels a re-arming.
     pub(super) const fn is_about_identity(&self) -> bool {
         matches!(
@@ -144,12 +156,6 @@ impl OfflineReason {
     /// it does not contradict.
     pub(super) fn after(self, before: Self) -> Self {
         match self {
-            Self::DidNotStart(cs) if cs.state() == ComState::CheckFaults => {
-                match Self::of_faults(cs.remote_faults()) {
-                    reported @ (Self::FieldPower(_) | Self::Reported(_)) => reported,
-                    _ => self,
-                }
-            }
             Self::DidNotStart(_) if matches!(before, Self::Absent | Self::TooManyFailures(_)) => {
                 before
             }

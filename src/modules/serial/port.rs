@@ -56,7 +56,7 @@ struct Slots {
     channels: PerChannel<[ReadSlot; 4]>,
 }
 
-/// A port that runs in normal mode, with all its remotes started except the absent ones.
+/// A port that runs in normal mode, with all its remotes started except those that are offline.
 #[derive(Debug)]
 pub(crate) struct StartedPort {
     pub port: Port,
@@ -117,11 +117,16 @@ impl SerialPort {
             };
             slots.register_channel(r.image, channel, registers);
             let mut health = Health::new(remote.started, remote.watchdog(), &policy);
-            if remote.is_absent {
+            let sink = Some((r.events.clone(), layout.instance));
+            if let Some(reason) = remote.offline {
                 port.machine.set_sizes(&remote.started);
-                health = health.absent(at, &policy);
+                if !remote.is_absent() {
+                    // That an optional remote is absent is no event.
+                    health.event_sink.clone_from(&sink);
+                }
+                health = health.not_started(at, reason, &policy);
             }
-            health.event_sink = Some((r.events.clone(), layout.instance));
+            health.event_sink = sink;
             healths.push(health);
             served.push(RemoteSlot::register(r, remote, registers, at)?);
         }

@@ -2,10 +2,10 @@
 
 use alloc::vec::Vec;
 
-use super::RemoteWatchdog;
 use super::health::{Arming, Health};
 use super::pins::RemoteFaultPins;
 use super::recovery::ReadOutcome;
+use super::{OfflineReason, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::hal::{Awaited, PinStore};
@@ -23,7 +23,8 @@ const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 /// PARAMETERS".
 pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
-/// A remote that takes part: as found, or, while absent, as described by its table.
+/// A remote that takes part: as found, whether it runs or not, or, while absent, as described by
+/// its table.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct FoundRemote {
@@ -34,14 +35,20 @@ pub struct FoundRemote {
     pub descriptor: RemoteDescriptor,
     /// The pins of the remote.
     pub pins: RemotePins,
-    /// The remote was absent, and may come up when it is plugged in.
-    pub is_absent: bool,
+    /// Reason for which the remote does not run at the start; it is offline from then on, and tried
+    /// again. `None` if it runs, or has not been started yet.
+    pub offline: Option<OfflineReason>,
 }
 
 impl FoundRemote {
     /// The remote's own watchdog: the time for which its outputs stay on without process data.
     pub fn watchdog(&self) -> RemoteWatchdog {
         RemoteWatchdog::of(&self.pins)
+    }
+
+    /// True if the remote was absent: it may come up when it is plugged in.
+    pub fn is_absent(&self) -> bool {
+        self.offline == Some(OfflineReason::Absent)
     }
 }
 
@@ -91,7 +98,7 @@ impl RemoteSlot {
         for (n, (address, data)) in registers.interfaces().zip(&mut data).enumerate() {
             *data = (n >= outputs.len()).then(|| r.image.on_demand(address));
         }
-        if found.is_absent {
+        if found.offline.is_some() {
             r.pins.fault(pins.group);
         }
         Ok(Self {

@@ -462,10 +462,12 @@ pub struct RemoteConfig {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Presence {
-    /// The rest runs, and the remote is reported as missing.
+    /// The rest runs, and the remote is reported as missing. One that was found, and does not run,
+    /// is offline: with all its pins, not valid, and tried again.
     #[default]
     Any,
-    /// The driver does not start: the machine cannot do without the remote.
+    /// The driver does not start: the machine cannot do without the remote. One that is there and
+    /// reports a fault, such as missing field power, is offline as with [`Any`](Self::Any).
     Required,
     /// The pins of the remote are made from the table of its kind, invalid and with safe outputs.
     /// The remote comes up when it is plugged in later, and then waits to be armed.

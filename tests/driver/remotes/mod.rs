@@ -1,5 +1,6 @@
 //! Remotes: each simulated device, those that are optional, and reasons of those that are offline.
 
+mod at_start;
 mod devices;
 pub mod optional;
 mod reasons;

@@ -8,12 +8,11 @@ use crate::advice::told;
 use mesa_hal::Rounded;
 use mesa_hal::boards::{REMOTES, i7i77};
 use mesa_hal::discovery::{DataDirection, RemoteDescriptor};
-use mesa_hal::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
+use mesa_hal::driver::{OfflineReason, Remark, RemarkKind, RemoteState, RemoteStatus};
 use mesa_hal::ethernet::{Counters, Identity};
 use mesa_hal::hostmot2::Idrom;
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::lbp16::registers::{eeprom, read_only};
-use mesa_hal::sslbp::StartFailureReason;
 
 /// Tolerance for lost or late replies: a machine runs with up to one in this number.
 const LOSS: u64 = 200;
@@ -294,21 +293,18 @@ pub fn missing(remark: &Remark) -> Finding {
                       FIELD POWER SUPPLY\")";
         return Finding::new(FigureVerdict::Look, check, "nothing answers", advice);
     }
-    let advice = if lacks_field_power(remark) {
-        SUPPLY
-    } else {
-        "mend what it says; `mesa info` shows what is known of the remote"
-    };
-    Finding::new(FigureVerdict::Bad, "missing remote", told(remark), advice)
+    Finding::new(FigureVerdict::Bad, "missing remote", told(remark), MEND)
 }
 
-/// True if a remote did not start because its field power is missing or too low.
+const MEND: &str = "mend what it says; `mesa info` shows what is known of the remote";
+
+/// True if a remote does not run because its field power is missing or too low.
 fn lacks_field_power(remark: &Remark) -> bool {
-    let RemarkKind::DidNotStart(failure) = &remark.kind else {
-        return false;
-    };
     let low = RemoteFaults::LOW_VOLTAGE;
-    matches!(failure.reason, StartFailureReason::FaultRemains(faults) if faults.contains(low))
+    matches!(
+        remark.kind,
+        RemarkKind::Offline { reason: OfflineReason::FieldPower(faults), .. } if faults.contains(low)
+    )
 }
 
 /// Judges an anomaly of a running remote, or a module of the firmware that is not driven.
@@ -322,6 +318,14 @@ pub fn odd(remark: &Remark) -> Finding {
             told(remark),
             advice,
         );
+    }
+    if matches!(remark.kind, RemarkKind::Offline { .. }) {
+        let advice = if lacks_field_power(remark) {
+            SUPPLY
+        } else {
+            MEND
+        };
+        return Finding::new(FigureVerdict::Bad, "remote offline", told(remark), advice);
     }
     let advice =
         "the driver believes the remote; look whether its firmware is the one that you expect";

@@ -88,7 +88,7 @@ impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     type Error = DriverError<B::Error>;
 
     fn remotes(&self) -> Vec<CabinetRemote> {
-        let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent);
+        let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent());
         let remotes = there.map(|(id, remote)| CabinetRemote {
             place: RemotePlace::Channel(id),
             descriptor: remote.descriptor.clone(),

@@ -146,7 +146,7 @@ impl Recovery {
                 if link.cs.state() == ComState::CheckFaults {
                     remote.reports(link.cs.remote_faults());
                 }
-                Some(OfflineReason::DidNotStart(link.cs))
+                Some(OfflineReason::of_failed_start(link.cs))
             } else if complete.good.contains(channel) {
                 remote.refuses(link.start_registers)
             } else {
