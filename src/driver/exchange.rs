@@ -108,11 +108,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     let now = self.bus.now();
                     self.cycle.guarded(now)
                 }
-                Order::Quiesce { has_run } => {
+                Order::Quiesce => {
                     let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
                     let _ = self.exchanges.quiesce(bus, words);
                     let now = self.bus.now();
-                    self.cycle.quiesced(now, has_run)
+                    self.cycle.quiesced(now)
                 }
                 Order::Cycle(form) => return self.write_cycle(form),
                 Order::Nothing => return Ok(()),

@@ -118,9 +118,9 @@ impl Pacer {
     ) -> Result<(), B::Error> {
         let ask = self.ask(form.extra);
         if !ask.held {
-            return exchanges.write(bus, words, form.quiet);
+            return exchanges.write(bus, words, form.writes);
         }
-        self.started = exchanges.start_cycle(bus, words, ask, form.quiet)?;
+        self.started = exchanges.start_cycle(bus, words, ask, form.writes)?;
         Ok(())
     }
 
@@ -141,7 +141,7 @@ impl Pacer {
         ReadRequest {
             held,
             extra,
-            with_writes: false,
+            after: None,
         }
     }
 }

@@ -14,8 +14,20 @@ pub struct ReadRequest {
     pub held: bool,
     /// The extra registers are read as well.
     pub extra: bool,
-    /// The writes of the cycle precede the read in the same exchange.
-    pub with_writes: bool,
+    /// The writes that precede the read in the same exchange.
+    pub after: Option<CycleWrites>,
+}
+
+/// The writes of a cycle, besides those that every cycle has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CycleWrites {
+    /// The settings that have changed.
+    Settings,
+    /// None: the board may not be set up, so no setting is written.
+    Quiet,
+    /// Those by which all pins become inputs, before the data: the board is not set up. They are in
+    /// the same exchange, so that over a network each reply still shows which writes have arrived.
+    Inputs,
 }
 
 /// The prepared lists of a frozen image, which transfer its [`Words`].
@@ -34,6 +46,8 @@ pub(super) struct Lists {
     pub read: [AccessList; 2],
     pub paced: Option<PacedReads>,
     pub write: AccessList,
+    /// As [`write`](Self::write), and all pins become inputs.
+    pub inputs: AccessList,
     pub status: AccessList,
     pub evidence: AccessList,
     /// In the order in which they are exchanged: one, unless the set-up is larger than a packet.
@@ -47,14 +61,20 @@ pub(super) struct PacedReads {
     pub read: [AccessList; 2],
     /// With the writes before them.
     pub cycle: [AccessList; 2],
+    /// With the writes before them by which all pins become inputs.
+    pub inputs: [AccessList; 2],
 }
 
 impl Lists {
     fn of(&self, ask: ReadRequest) -> &AccessList {
         let [usual, extra] = match &self.paced {
-            Some(paced) if ask.with_writes => &paced.cycle,
-            Some(paced) if ask.held => &paced.read,
-            _ => &self.read,
+            Some(paced) => match ask.after {
+                Some(CycleWrites::Inputs) => &paced.inputs,
+                Some(_) => &paced.cycle,
+                None if ask.held => &paced.read,
+                None => &self.read,
+            },
+            None => &self.read,
         };
         if ask.extra { extra } else { usual }
     }
@@ -142,23 +162,21 @@ impl Exchanges {
     }
 
     /// Writes, and requests the next read in the same exchange. Changed settings are written in a
-    /// separate exchange before it, together with all other writes, unless the cycle is `quiet`.
+    /// separate exchange before it, together with all other writes, if they belong to the `form`.
     /// Returns `None` if the writes were made but the read could not be requested.
     pub fn start_cycle<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         words: &mut Words,
         ask: ReadRequest,
-        quiet: bool,
+        form: CycleWrites,
     ) -> Result<Option<ReadRequest>, B::Error> {
-        if quiet || !words.has_news() {
-            let with_writes = ReadRequest {
-                with_writes: true,
-                ..ask
-            };
+        if form != CycleWrites::Settings || !words.has_news() {
+            let after = Some(form);
+            let with_writes = ReadRequest { after, ..ask };
             return self.start_read(bus, words, with_writes).map(Some);
         }
-        self.write(bus, words, quiet)?;
+        self.write(bus, words, form)?;
         Ok(self.start_read(bus, words, ask).ok())
     }
 
@@ -174,20 +192,23 @@ impl Exchanges {
         Ok(())
     }
 
-    /// Writes the registers of every cycle, triggers last, and the settings that have changed. The
-    /// settings are left out if the cycle is `quiet`, because the board is not set up.
+    /// Writes the registers of every cycle, triggers last, and what else belongs to the `form`.
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         words: &mut Words,
-        quiet: bool,
+        form: CycleWrites,
     ) -> Result<(), B::Error> {
-        if quiet || !words.has_news() {
-            // A write has no reply of its own: its result shows in the next read.
-            let _ = bus.run(&self.lists.write, &mut words.content)?;
-            return Ok(());
-        }
-        self.write_parts(bus, words, WriteKind::Cycle)
+        let list = match form {
+            CycleWrites::Settings if words.has_news() => {
+                return self.write_parts(bus, words, WriteKind::Cycle);
+            }
+            CycleWrites::Settings | CycleWrites::Quiet => &self.lists.write,
+            CycleWrites::Inputs => &self.lists.inputs,
+        };
+        // A write has no reply of its own: its result shows in the next read.
+        let _ = bus.run(list, &mut words.content)?;
+        Ok(())
     }
 
     /// Writes the settings of the set-up that have changed, including those that drive pins. The

@@ -61,6 +61,14 @@ impl ImagePlan {
         let write = writes.runs(|_| true);
         let writes_of = |phase| writes.runs(|write| write.phase == phase);
         let cycle = |extra| [&write[..], &read(extra)].concat();
+        let inputs = [
+            &writes_of(Phase::First)[..],
+            &quiesce,
+            &writes_of(Phase::Data),
+            &writes_of(Phase::Trigger),
+        ];
+        let inputs = inputs.concat();
+        let inputs_cycle = |extra| [&inputs[..], &read(extra)].concat();
         let evidence = reads.runs(|read| read.phase == Phase::Evidence);
         let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
         let mut both = |list: &dyn Fn(bool) -> Vec<Access>, before| {
@@ -78,9 +86,11 @@ impl ImagePlan {
                     Some(_) => Some(PacedReads {
                         read: both(&read, Some(0))?,
                         cycle: both(&cycle, Some(write.len()))?,
+                        inputs: both(&inputs_cycle, Some(inputs.len()))?,
                     }),
                 },
                 write: bus.prepare(&write, None)?,
+                inputs: bus.prepare(&inputs, None)?,
                 status: bus.prepare(&status, None)?,
                 evidence: bus.prepare(&evidence, None)?,
                 set_up: prepare_parts(bus, &set_up, &status, &evidence)?,

@@ -19,7 +19,7 @@ mod layout;
 mod plan;
 mod words;
 
-pub use exchange::{CycleLists, Exchanges, ReadRequest};
+pub use exchange::{CycleLists, CycleWrites, Exchanges, ReadRequest};
 pub(crate) use exchange::{CycleRegister, WordDirection};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub use words::Words;

@@ -2,7 +2,7 @@
 //! start.
 
 use super::*;
-use crate::bus::{CycleRegister, Reply, WordDirection};
+use crate::bus::{CycleRegister, CycleWrites, Reply, WordDirection};
 use crate::driver::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
@@ -76,7 +76,7 @@ impl Bench {
                     cycle.looked(now);
                     cycle.guarded(now)
                 }
-                Order::Quiesce { has_run } => cycle.quiesced(now, has_run),
+                Order::Quiesce => cycle.quiesced(now),
                 Order::Cycle(_) => {
                     cycle.sending(now);
                     cycle.sent(now);
@@ -89,8 +89,13 @@ impl Bench {
     }
 }
 
+/// True if these orders are a single write of this form.
+fn is_write(orders: &[Order], form: CycleWrites) -> bool {
+    matches!(orders, [Order::Cycle(CycleWrite { writes, .. })] if *writes == form)
+}
+
 fn usual(orders: &[Order]) -> bool {
-    matches!(orders, [Order::Cycle(CycleWrite { quiet: false, .. })])
+    is_write(orders, CycleWrites::Settings)
 }
 
 #[test]
@@ -106,7 +111,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
     assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
     let extra = Order::Cycle(CycleWrite {
         extra: true,
-        quiet: false,
+        writes: CycleWrites::Settings,
     });
     assert_eq!(bench.write(), [extra]);
 }
@@ -120,27 +125,15 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
     assert_eq!(report.board, BoardState::WatchdogBitten);
     for _ in 0..5 {
         let orders = bench.write();
-        let quiesce = Order::Quiesce { has_run: false };
-        assert!(
-            matches!(
-                orders[..],
-                [first, Order::Cycle(CycleWrite { quiet: true, .. })] if first == quiesce
-            ),
-            "{orders:?}"
-        );
+        assert!(is_write(&orders, CycleWrites::Inputs), "{orders:?}");
         let _ = bench.read(Reply::CERTAIN).expect("a board");
     }
     let pins = &mut bench.cycle().pins;
     let flag = pins.inout("hm2_7i92.0.watchdog.has_bit").expect("a pin");
     pins.set(flag, false);
     let orders = bench.write();
-    assert!(
-        matches!(
-            orders[..],
-            [Order::SetUp, Order::Cycle(CycleWrite { quiet: false, .. })]
-        ),
-        "{orders:?}"
-    );
+    assert_eq!(orders[0], Order::SetUp);
+    assert!(usual(&orders[1..]), "{orders:?}");
 }
 
 #[test]
@@ -153,8 +146,8 @@ fn a_set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
         let quiet = |bench: &mut Bench, writes| {
             for _ in 0..writes {
                 let _ = bench.read(Reply::CERTAIN).expect("a board");
-                let first = Order::Quiesce { has_run: false };
-                assert_eq!(bench.write()[0], first, "{before}");
+                let orders = bench.write();
+                assert!(is_write(&orders, CycleWrites::Inputs), "{before}: {orders:?}");
             }
             let _ = bench.read(Reply::CERTAIN).expect("a board");
         };
@@ -186,14 +179,11 @@ fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_th
         let orders = bench.write();
         assert_eq!(orders[0], Order::Guarded, "{orders:?}");
         if is_reset {
-            let rest = [Order::Quiesce { has_run: true }, Order::Nothing];
+            let rest = [Order::Quiesce, Order::Nothing];
             assert_eq!(orders[1..], rest);
             assert_eq!(bench.cycle().state(), BoardState::Reset);
         } else {
-            assert!(matches!(
-                orders[1..],
-                [Order::Cycle(CycleWrite { quiet: false, .. })]
-            ));
+            assert!(usual(&orders[1..]), "{orders:?}");
         }
     }
 }
@@ -211,10 +201,7 @@ fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
     }
     assert_eq!(bench.cycle().state(), BoardState::BusDown);
     let orders = bench.write();
-    assert!(
-        matches!(orders[..], [Order::Cycle(CycleWrite { quiet: true, .. })]),
-        "{orders:?}"
-    );
+    assert!(is_write(&orders, CycleWrites::Quiet), "{orders:?}");
     let mut bench = Bench::new();
     bench.show(COOKIE, 0xFFFF_FFFF);
     assert_eq!(bench.read(Reply::CERTAIN).unwrap_err(), (0xFFFF_FFFF, 1));

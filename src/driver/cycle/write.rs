@@ -1,7 +1,7 @@
 //! The write of a cycle: which exchange comes next.
 
 use super::{BoardCycle, BoardState, EventKind, Evidence};
-use crate::bus::{BusErrorKind, Instant};
+use crate::bus::{BusErrorKind, CycleWrites, Instant};
 use crate::modules::{Module, WriteCycle};
 use crate::tally::Tally;
 
@@ -10,8 +10,8 @@ use crate::tally::Tally;
 pub(in crate::driver) struct CycleWrite {
     /// The next read includes the extra registers.
     pub extra: bool,
-    /// No settings are written, because the board is not set up.
-    pub quiet: bool,
+    /// What is written besides the registers of every cycle.
+    pub writes: CycleWrites,
 }
 
 /// The next exchange of a write.
@@ -22,11 +22,9 @@ pub(in crate::driver) enum Order {
     SetUp,
     /// Settings that drive pins, between two checks of the evidence. Then [`BoardCycle::guarded`].
     Guarded,
-    /// All pins become inputs. Then [`BoardCycle::quiesced`].
-    Quiesce {
-        /// The board ran when the write began.
-        has_run: bool,
-    },
+    /// All pins become inputs, because the board was found in the middle of this write to be not set
+    /// up. Then [`BoardCycle::quiesced`].
+    Quiesce,
     /// The writes of every cycle. Then [`BoardCycle::sent`] or [`BoardCycle::write_failed`].
     Cycle(CycleWrite),
     /// No further exchange.
@@ -120,32 +118,31 @@ impl BoardCycle {
     }
 
     /// Orders that all pins become inputs in each cycle in which the board is known not to be set
-    /// up, so that late packets drive them for a cycle at most.
+    /// up, so that late packets drive them for a cycle at most. `has_run`: the board ran when the
+    /// write began.
+    ///
+    /// After settings that drive pins nothing is written before evidence is read: a board that has
+    /// bitten meanwhile drives them until its watchdog bites again, which each write would put off.
     fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Order {
-        if matches!(self.state, BoardState::WatchdogBitten | BoardState::Reset) {
-            Order::Quiesce { has_run }
-        } else {
-            self.quiesced(now, has_run)
-        }
-    }
-
-    /// Continues when all pins are inputs, if they had to be. After settings that drive pins nothing
-    /// is written before evidence is read: a board that has bitten meanwhile drives them until its
-    /// watchdog bites again, which each write would put off.
-    pub fn quiesced(&mut self, now: Instant, has_run: bool) -> Order {
-        let is_running = self.is_running();
-        let ends = if is_running {
-            self.evidence == Evidence::Unproven && !self.is_last
-        } else {
-            has_run
+        let writes = match self.state {
+            BoardState::Running if self.evidence == Evidence::Unproven && !self.is_last => {
+                return self.nothing(now);
+            }
+            BoardState::Running => CycleWrites::Settings,
+            BoardState::WatchdogBitten | BoardState::Reset if has_run => return Order::Quiesce,
+            BoardState::BusDown | BoardState::OtherFirmware if has_run => return self.nothing(now),
+            BoardState::WatchdogBitten | BoardState::Reset => CycleWrites::Inputs,
+            BoardState::BusDown | BoardState::OtherFirmware => CycleWrites::Quiet,
         };
-        if ends {
-            return self.nothing(now);
-        }
         Order::Cycle(CycleWrite {
             extra: self.wants_closer_look(),
-            quiet: !is_running,
+            writes,
         })
+    }
+
+    /// Ends the write when all pins are inputs.
+    pub fn quiesced(&mut self, now: Instant) -> Order {
+        self.nothing(now)
     }
 
     /// Ends a write whose words, which were put, are not written.

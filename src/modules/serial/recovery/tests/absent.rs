@@ -15,7 +15,8 @@ impl Rig {
             ..started(TWO)
         };
         let policy = FaultPolicy::default();
-        let remote = Health::new(kind, RemoteWatchdog::Assumed, &policy).absent(rig.now, &policy);
+        let remote = Health::new(kind, RemoteWatchdog::Assumed, &policy);
+        let remote = remote.not_started(rig.now, OfflineReason::Absent, &policy);
         rig.recovery.remotes.push(remote);
         rig.recovery.known = ChannelMask::first(3);
         rig.recovery.update();
