@@ -368,7 +368,13 @@ impl BoardCycle {
 
     /// Makes everything safe if the board is not set up any more.
     fn found(&mut self, now: Instant, failure: Option<BoardState>) {
-        if let Some(state) = failure {
+        if let Some(mut state) = failure {
+            // The first write after a reset makes the watchdog bite. A bite alone stops no channel.
+            let ports = self.parts.ports.iter();
+            let stopped = |port: &SerialPort| port.reads_stopped(&self.words);
+            if state == BoardState::WatchdogBitten && all_true(ports.filter_map(stopped)) {
+                state = BoardState::Reset;
+            }
             self.note_reset(now);
             self.fail(now, state);
         }
@@ -433,10 +439,13 @@ impl BoardCycle {
 
 /// True if every remote of every port was found stopped without a STOP command.
 fn appears_reset(ports: &[SerialPort]) -> bool {
-    let mut appear = ports
-        .iter()
-        .filter_map(|port| port.recovery.appears_reset());
-    appear.next() == Some(true) && appear.all(|one| one)
+    let ports = ports.iter();
+    all_true(ports.filter_map(|port| port.recovery.appears_reset()))
+}
+
+/// True if there are answers, and all are true.
+fn all_true(mut answers: impl Iterator<Item = bool>) -> bool {
+    answers.next() == Some(true) && answers.all(|one| one)
 }
 
 #[cfg(test)]

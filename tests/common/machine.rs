@@ -15,7 +15,7 @@ use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
-use mesa_hal_sim::{SimFpga, machines};
+use mesa_hal_sim::{SimFpga, SimPciBus, machines};
 
 use super::ethernet::SimLink;
 
@@ -43,6 +43,14 @@ pub fn device(fpga: &SimFpga, channel: usize) -> &dyn SimDevice {
 /// A bus with a simulated FPGA at its end.
 pub trait World: RegisterBus + Clock {
     fn fpga(&mut self) -> &mut SimFpga;
+
+    /// The whole board loses its configuration, and gets it back after this time.
+    fn reset_for(&mut self, nanos: u64) {
+        match nanos {
+            0 => self.fpga().reload(),
+            _ => self.fpga().reset_for(nanos),
+        }
+    }
 }
 
 /// A bus whose FPGA can be inspected without an access to the bus.
@@ -77,6 +85,18 @@ impl Embedded for Faulty<SimFpga> {
 impl World for UdpBus<SimLink> {
     fn fpga(&mut self) -> &mut SimFpga {
         self.link().board.gateware_mut()
+    }
+
+    fn reset_for(&mut self, nanos: u64) {
+        let link = self.link();
+        let now = link.time();
+        link.resets.push((now, nanos));
+    }
+}
+
+impl World for SimPciBus {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.board.gateware_mut()
     }
 }
 

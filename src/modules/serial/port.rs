@@ -17,7 +17,7 @@ use crate::hal::{GroupId, PinStore};
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
-    COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, DoitTime, MAX_CHANNELS, PerChannel,
+    COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, CsStatus, DoitTime, MAX_CHANNELS, PerChannel,
     Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults, TransferResult,
 };
 use crate::tally::Tally;
@@ -165,6 +165,15 @@ impl SerialPort {
     /// True if the last read of COMMAND was 0.
     pub(crate) fn is_idle(&self, words: &Words) -> bool {
         words.word(self.slots.command) == 0
+    }
+
+    /// True if the channels of all remotes that run read as stopped, which no bite does, and the
+    /// driver has not stopped them; `None` if none runs.
+    pub(crate) fn reads_stopped(&self, words: &Words) -> Option<bool> {
+        let running = self.recovery.running();
+        let seen = (words, &self.slots);
+        let is_stopped = |channel| CsStatus(seen.cs(channel)).is_stopped();
+        (!running.is_empty()).then(|| running.iter().all(is_stopped))
     }
 
     /// Clears the first fault of remotes whose outputs follow the application (again).

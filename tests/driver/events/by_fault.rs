@@ -17,7 +17,7 @@ use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{ChangeCause, Director, FaultKind, FaultPlace, SimFpga};
 
 /// Number of cycles with a fault.
-const FAULTY: usize = 60;
+pub const FAULTY: usize = 60;
 /// Number of quiet cycles after which the end of a row is reported.
 const QUIET: usize = 11_000;
 /// Number of occurrences of a sporadic fault.
@@ -25,7 +25,7 @@ const TIMES: u32 = 3;
 
 /// The board's own losses.
 #[derive(Clone, Debug, Default)]
-struct Losses(Arc<Mutex<[u32; 2]>>);
+pub struct Losses(Arc<Mutex<[u32; 2]>>);
 
 impl Losses {
     /// Resets, and bites of the watchdog.
@@ -52,15 +52,15 @@ impl Director for Losses {
 }
 
 /// A machine with an output of each card on, and its events.
-struct Story<B: World> {
-    machine: Machine<B>,
+pub struct Story<B: World> {
+    pub machine: Machine<B>,
     events: Events,
     losses: Losses,
-    told: Vec<EventKind>,
+    pub told: Vec<EventKind>,
 }
 
 impl<B: World> Story<B> {
-    fn of(mut machine: Machine<B>) -> Self {
+    pub fn of(mut machine: Machine<B>) -> Self {
         let losses = Losses::default();
         machine.fpga().set_director(Box::new(losses.clone()));
         machine.cards.set_one_of_each(machine.driver.pins_mut());
@@ -78,7 +78,7 @@ impl<B: World> Story<B> {
     }
 
     /// Runs cycles, some of whose exchanges may fail.
-    fn run(&mut self, cycles: usize) {
+    pub fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
             let _ = self.machine.driver.read();
             let _ = self.machine.driver.write();
@@ -89,7 +89,7 @@ impl<B: World> Story<B> {
     }
 
     /// The cards that have their output on.
-    fn on(&mut self) -> [bool; 3] {
+    pub fn on(&mut self) -> [bool; 3] {
         let fpga = self.machine.fpga();
         let world = |channel| device(fpga, channel).world();
         let volts = world(ANALOG).analog_output(1);
@@ -122,7 +122,7 @@ impl<B: World> Story<B> {
     }
 
     /// Re-arms everything.
-    fn rearm(&mut self) {
+    pub fn rearm(&mut self) {
         self.machine.rearm_all(6000);
         self.machine
             .cards
@@ -145,27 +145,29 @@ impl<B: World> Story<B> {
 
 /// Starts a fault, and ends it.
 fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
-    let now = story.machine.now();
-    let next = story.machine.driver.bus().exchanges();
+    match kind.place() {
+        FaultPlace::Bus => on_bus(story, kind),
+        FaultPlace::Wire if spoiled(kind).is_some() => spoil(story, kind),
+        _ => begin_and_end(story, kind, FAULTY),
+    }
+    story.run(QUIET);
+}
+
+/// Starts a fault of a remote, its wire, the FPGA or the host, and ends it after some cycles.
+pub fn begin_and_end<B: World>(story: &mut Story<B>, kind: FaultKind, cycles: usize) {
     match kind {
-        FaultKind::WireLost => spoil(story, WireFault::Lost),
-        FaultKind::WireCorrupted => spoil(story, WireFault::Corrupted),
-        FaultKind::WireShort => spoil(story, WireFault::Short(2)),
-        FaultKind::WireLong => spoil(story, WireFault::Long(2)),
-        FaultKind::WireLate => spoil(story, WireFault::Late(90_000)),
-        FaultKind::WireBreak => spoil(story, WireFault::Break),
         FaultKind::WireUnplugged | FaultKind::WireLow => {
             let cable = story.machine.cable(ANALOG);
             cable.set_low_when_unplugged(kind == FaultKind::WireLow);
             cable.unplug();
-            story.run(FAULTY);
+            story.run(cycles);
             story.machine.cable(ANALOG).replug();
         }
         FaultKind::WireSwapped => {
             let stranger = Cable::new(Box::new(Outputs48::i7i72().expect("a 7I72")), 3);
             let fpga = story.machine.fpga();
             let own = fpga.plug(0, FIELD, Some(Box::new(stranger)));
-            story.run(20 * FAULTY);
+            story.run(20 * cycles);
             let _ = story.machine.fpga().plug(0, FIELD, own);
         }
         FaultKind::RemoteOverTemperature | FaultKind::RemoteOverCurrent => {
@@ -177,7 +179,7 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
                     device.set_over_temperature(3, is_so)
                 };
                 done.expect("an output");
-                story.run(FAULTY);
+                story.run(cycles);
             }
         }
         FaultKind::RemoteHighVoltage | FaultKind::RemoteLowVoltage => {
@@ -187,10 +189,10 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
                 3.0
             };
             for volts in [wrong, 24.0] {
-                let now = story.machine.now();
+                let now = story.machine.driver.bus_mut().now().as_nanos();
                 let device = story.machine.device_mut(FIELD);
                 device.set_field_volts(now, volts).expect("a supply");
-                story.run(2 * FAULTY);
+                story.run(2 * cycles);
             }
         }
         FaultKind::RemoteWatchdog
@@ -202,15 +204,16 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
             remote.expect("the field I/O").set_faults(bit);
         }
         FaultKind::RemotePowerOff | FaultKind::RemotePowerGlitch => {
+            let now = story.machine.driver.bus_mut().now().as_nanos();
             story.machine.device_mut(FIELD).set_power(now, false);
             if kind == FaultKind::RemotePowerOff {
-                story.run(FAULTY);
+                story.run(cycles);
             }
-            let now = story.machine.now();
+            let now = story.machine.driver.bus_mut().now().as_nanos();
             story.machine.device_mut(FIELD).set_power(now, true);
         }
-        FaultKind::FpgaReset => story.machine.fpga().reload(),
-        FaultKind::FpgaResetLong => story.machine.fpga().reset_for(2_500_000),
+        FaultKind::FpgaReset => story.machine.driver.bus_mut().reset_for(0),
+        FaultKind::FpgaResetLong => story.machine.driver.bus_mut().reset_for(2_500_000),
         // As it bites by itself: nothing is written for longer than its time.
         FaultKind::FpgaWatchdog => {
             for _ in 0..10 {
@@ -219,42 +222,45 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
             }
         }
         FaultKind::FpgaPortStuck => story.machine.fpga().write_register(0x5B00, 0x3000),
-        FaultKind::BusNotExecuted | FaultKind::BusNoReply => {
-            for n in 0..u64::from(TIMES) {
-                let fault = if kind == FaultKind::BusNoReply {
-                    Fault::Executed(BusErrorKind::Late)
-                } else {
-                    Fault::NotExecuted(BusErrorKind::Lost)
-                };
-                let bus = story.machine.driver.bus_mut();
-                bus.fail_at(next + 20 * n, fault);
-            }
-        }
-        FaultKind::BusSilentWrite => {
-            for n in 0..u64::from(TIMES) {
-                let bus = story.machine.driver.bus_mut();
-                bus.fail_at(next + 20 * n + 1, Fault::SilentWrite);
-            }
-        }
         FaultKind::HostLate => story.machine.sleep(3),
         FaultKind::HostStall => story.machine.sleep(20),
         // No process is left to report anything.
         FaultKind::HostKilled => {}
-        FaultKind::NetworkLostRequest
-        | FaultKind::NetworkLostReply
-        | FaultKind::NetworkDuplicate
-        | FaultKind::NetworkLate
-        | FaultKind::NetworkDown => unreachable!("it needs a network"),
+        _ => unreachable!("it is a fault of another place: {kind}"),
     }
-    story.run(QUIET);
 }
 
-fn spoil(story: &mut Story<Faulty<SimFpga>>, fault: WireFault) {
-    for _ in 0..TIMES {
-        let cable = story.machine.cable(ANALOG);
-        assert!(cable.inject(Toward::Fpga, fault, 1));
-        story.run(20);
+/// Repeats a fault of the bus several times, some cycles apart.
+fn on_bus(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
+    let next = story.machine.driver.bus().exchanges();
+    let bus = story.machine.driver.bus_mut();
+    for n in 0..u64::from(TIMES) {
+        let (after, fault) = match kind {
+            FaultKind::BusNoReply => (0, Fault::Executed(BusErrorKind::Late)),
+            FaultKind::BusNotExecuted => (0, Fault::NotExecuted(BusErrorKind::Lost)),
+            _ => (1, Fault::SilentWrite),
+        };
+        bus.fail_at(next + 20 * n + after, fault);
     }
+}
+
+/// The fault of a single reply.
+pub const fn spoiled(kind: FaultKind) -> Option<WireFault> {
+    Some(match kind {
+        FaultKind::WireLost => WireFault::Lost,
+        FaultKind::WireCorrupted => WireFault::Corrupted,
+        FaultKind::WireShort => WireFault::Short(2),
+        FaultKind::WireLong => WireFault::Long(2),
+        FaultKind::WireLate => WireFault::Late(90_000),
+        FaultKind::WireBreak => WireFault::Break,
+        _ => return None,
+    })
+}
+
+/// Spoils several replies, and looks at the number of failures.
+fn spoil(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
+    let fault = spoiled(kind).expect("a fault of a reply");
+    spoil_replies(story, fault);
     let counts = story.machine.cable(ANALOG).counts(Toward::Fpga);
     assert_eq!(counts.bursts - counts.intact, u64::from(TIMES), "{fault:?}");
     story.run(QUIET);
@@ -262,6 +268,15 @@ fn spoil(story: &mut Story<Faulty<SimFpga>>, fault: WireFault) {
     // A late reply disturbs the following one.
     let each = 1 + u32::from(matches!(fault, WireFault::Late(_)));
     assert_eq!(failed, each * TIMES, "{fault:?}: {:?}", story.told);
+}
+
+/// Spoils several replies, some cycles apart.
+pub fn spoil_replies<B: World>(story: &mut Story<B>, fault: WireFault) {
+    for _ in 0..TIMES {
+        let cable = story.machine.cable(ANALOG);
+        assert!(cable.inject(Toward::Fpga, fault, 1));
+        story.run(20);
+    }
 }
 
 /// Compares all events of each fault, from its begin to the end of the re-arming, with the written

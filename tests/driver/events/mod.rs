@@ -1,4 +1,4 @@
 //! Events: their causes, order, texts and number.
 
-mod by_fault;
+pub mod by_fault;
 mod occurrences;

@@ -2,6 +2,7 @@
 
 mod another_board;
 mod board;
+mod buses;
 mod foreign_watchdog;
 mod host_delays;
 mod line_low;
