@@ -92,7 +92,9 @@ fn read(image: &mut Image, bus: &mut Memory, ask: ReadRequest) -> Vec<u16> {
 }
 
 fn written(image: &mut Image, bus: &mut Memory) -> Vec<(u16, u32)> {
-    let Ok(()) = image.exchanges.write(bus, &mut image.words, CycleWrites::Settings);
+    let Ok(()) = image
+        .exchanges
+        .write(bus, &mut image.words, CycleWrites::Settings);
     bus.take_written()
 }
 
@@ -144,17 +146,19 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
     let paced = image.exchanges.lists().paced.unwrap();
     assert_eq!(paced.as_ref().len(), 3, "two writes and a read");
     image.words.put(out, 7);
-    let Ok(started) = image
-        .exchanges
-        .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
+    let Ok(started) =
+        image
+            .exchanges
+            .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
     let Ok(()) = image
         .exchanges
         .finish(&mut bus, &mut image.words, started.unwrap());
     assert_eq!(bus.take_written(), [(0x4000, 7), (0x4200, 2)]);
     image.words.set(setting, 6);
-    let Ok(started) = image
-        .exchanges
-        .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
+    let Ok(started) =
+        image
+            .exchanges
+            .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
     let all = [(0x4000, 7), (0x4100, 6), (0x4200, 2)];
     assert_eq!(bus.take_written(), all);
     let Ok(()) = image
@@ -195,7 +199,9 @@ fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone
     image.words.set(setting, 9);
     assert_eq!(written(&mut image, &mut bus), usual, "it is so already");
     image.words.set(setting, 5);
-    let Ok(()) = image.exchanges.write(&mut bus, &mut image.words, CycleWrites::Quiet);
+    let Ok(()) = image
+        .exchanges
+        .write(&mut bus, &mut image.words, CycleWrites::Quiet);
     assert_eq!(bus.take_written(), usual, "the board is not set up");
     assert_eq!(written(&mut image, &mut bus), with);
     assert_eq!(written(&mut image, &mut bus), usual, "not heard of yet");

@@ -147,7 +147,10 @@ fn a_set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
             for _ in 0..writes {
                 let _ = bench.read(Reply::CERTAIN).expect("a board");
                 let orders = bench.write();
-                assert!(is_write(&orders, CycleWrites::Inputs), "{before}: {orders:?}");
+                assert!(
+                    is_write(&orders, CycleWrites::Inputs),
+                    "{before}: {orders:?}"
+                );
             }
             let _ = bench.read(Reply::CERTAIN).expect("a board");
         };

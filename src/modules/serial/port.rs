@@ -17,8 +17,9 @@ use crate::hal::{GroupId, PinStore};
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
-    COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, CsStatus, DoitTime, MAX_CHANNELS, PerChannel,
-    Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults, TransferResult,
+    COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, CsStatus, DoitTime, MAX_CHANNELS,
+    PerChannel, Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults,
+    TransferResult,
 };
 use crate::tally::Tally;
 

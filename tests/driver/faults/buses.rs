@@ -126,7 +126,8 @@ fn each_fault_has_the_same_account_on_every_bus() {
             let (pci, _) = account(pci(), kind, ending);
             for (bus, other) in [("UDP", udp), ("PCI", pci)] {
                 if other != embedded {
-                    wrong += &format!("{kind}, {ending:?}: {bus}: {other:#?}, and not {embedded:#?}\n");
+                    wrong +=
+                        &format!("{kind}, {ending:?}: {bus}: {other:#?}, and not {embedded:#?}\n");
                 }
             }
         }
@@ -140,9 +141,15 @@ fn remotes_of_a_bitten_board_go_offline_on_every_bus() {
     let (udp, doubts) = account(ethernet::bus(fpga()), FaultKind::FpgaWatchdog, ending);
     let (embedded, _) = account::<SimFpga>(fpga(), FaultKind::FpgaWatchdog, ending);
     for account in [udp, embedded] {
-        assert_eq!(account.states[0], format!("{:?}", BoardState::WatchdogBitten));
+        assert_eq!(
+            account.states[0],
+            format!("{:?}", BoardState::WatchdogBitten)
+        );
         for remote in &account.states[1..] {
-            assert!(remote.contains("offline: the board does not run"), "{remote}");
+            assert!(
+                remote.contains("offline: the board does not run"),
+                "{remote}"
+            );
         }
         assert_eq!(account.events.len(), 4, "{:?}", account.events);
         assert_eq!(account.stopped, [""; 0]);
