@@ -81,8 +81,9 @@ impl<E: BusError> StopError<E> {
 
 /// A remote that may have an output on when the driver was stopped: it has not confirmed its safe
 /// values, and its own watchdog, which switches the outputs off, is not known to have bitten yet.
-/// Remotes that have not started, were not driven, or have been offline for longer than the
-/// watchdog's time, are not included.
+/// Remotes that have not started, were not driven, or have had no frame for longer than the
+/// watchdog's time, are not included: because they were offline, or because the board was not fed and
+/// its own watchdog has bitten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {
@@ -163,14 +164,16 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     fn not_reached(&self, now: Instant) -> impl Iterator<Item = NotReached> {
-        let ports = self.cycle.parts.ports.iter();
-        ports.flat_map(move |port| {
+        let parts = &self.cycle.parts;
+        let silent_since = parts.watchdog.bitten_by();
+        parts.ports.iter().flat_map(move |port| {
             let number = port.layout().instance;
-            port.not_reached(now).map(move |remote| NotReached {
-                remote: RemoteId::new(number, remote.started.channel.index()),
-                name: remote.descriptor.name,
-                watchdog: remote.watchdog,
-            })
+            port.not_reached(now, silent_since)
+                .map(move |remote| NotReached {
+                    remote: RemoteId::new(number, remote.started.channel.index()),
+                    name: remote.descriptor.name,
+                    watchdog: remote.watchdog,
+                })
         })
     }
 
@@ -204,7 +207,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let now = self.bus.now();
             let mut ports = self.cycle.parts.ports.iter();
             let missed = |port: &SerialPort| {
-                let mut missed = port.not_reached(now);
+                let mut missed = port.not_reached(now, None);
                 missed.any(|remote| remote.state == RemoteState::Running)
             };
             if first.is_err() || self.cycle.is_running() && ports.any(missed) {

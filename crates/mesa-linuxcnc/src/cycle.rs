@@ -55,9 +55,9 @@ pub(crate) fn wanted<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Wanted> 
         hal_type: HalType::Bit,
     };
     let mut wanted: Vec<_> = of_driver.collect();
-    wanted.push(own(driver.name(), "valid", Role::Input));
-    for remote in driver.ports().iter().flat_map(SerialPort::remotes) {
-        let prefix = &remote.pins.prefix;
+    let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+    let remotes = remotes.map(|remote| &*remote.pins.prefix);
+    for prefix in core::iter::once(driver.name()).chain(remotes) {
         wanted.push(own(prefix, "valid", Role::Input));
         wanted.push(own(prefix, "armed", Role::Input));
         wanted.push(own(prefix, "rearm", Role::Output));
@@ -65,9 +65,10 @@ pub(crate) fn wanted<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Wanted> 
     wanted
 }
 
-/// A remote, and the numbers of the component's own pins of it in HAL.
+/// A remote, or the board's own inputs and outputs, and the numbers of the component's own pins of
+/// them in HAL.
 #[derive(Clone, Copy, Debug)]
-struct RemoteEntry {
+struct GroupEntry {
     group: GroupId,
     valid: usize,
     armed: usize,
@@ -125,9 +126,10 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     requests: Vec<(PinId, AnyValue)>,
     /// Number in HAL of the pin `run` of each port.
     run: Vec<usize>,
-    /// Number in HAL of the board's own pin `valid`.
-    valid: usize,
-    remotes: Vec<RemoteEntry>,
+    board: GroupEntry,
+    /// The board's pin `rearm` was on in the last cycle.
+    was_board_rearm: bool,
+    remotes: Vec<GroupEntry>,
     /// The driver has the period of the thread. Nothing is exchanged with the board before.
     has_begun: bool,
     /// Time of the last message that the driver does not take the period of the thread.
@@ -148,25 +150,29 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The cycle of a driver whose pins, as [`wanted`] lists them, are in `memory`.
     pub fn new(driver: Driver<B>, mut memory: M, say: Say) -> Self {
         let pins = driver.pins();
-        let table = Table::new(pins, &mut memory);
+        let mut table = Table::new(pins, &mut memory);
         let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
         let acknowledged = [id("watchdog.has_bit"), id("io_error")];
         let frequency = id("dpll.base-freq-khz");
+        if let Some(io_error) = id("io_error") {
+            table.acknowledge_by(io_error);
+        }
         let io_error = id("io_error").map(PinId::index);
         let in_remotes = in_remotes(&driver);
         let run = driver.ports().iter();
         let run = run.map(|port| format!("sserial.port-{}.run", port.layout().instance));
         let run: Vec<_> = run.filter_map(|name| Some(id(&name)?.index())).collect();
-        let valid = pins.infos().len();
+        let entry = |group, first| GroupEntry {
+            group,
+            valid: first,
+            armed: first + 1,
+            rearm: first + 2,
+        };
+        let mut places = (pins.infos().len()..).step_by(3);
+        let board = entry(driver.group(), places.next().unwrap_or_default());
         let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
-        let remotes = remotes
-            .zip((valid + 1..).step_by(3))
-            .map(|(remote, first)| RemoteEntry {
-                group: remote.pins.group,
-                valid: first,
-                armed: first + 1,
-                rearm: first + 2,
-            });
+        let remotes = remotes.zip(places);
+        let remotes = remotes.map(|(remote, first)| entry(remote.pins.group, first));
         let remotes: Vec<_> = remotes.take(MAX_REMOTES).collect();
         let mut first = 0;
         let ports = driver.ports().iter().map(|port| {
@@ -193,7 +199,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             requests: Vec::with_capacity(in_remotes.len()),
             in_remotes,
             run,
-            valid,
+            board,
+            was_board_rearm: false,
             remotes,
             has_begun: false,
             refused: None,
@@ -228,6 +235,12 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.take_changes(Table::before_read);
         if self.is_silent() {
             return self.show_own();
+        }
+        if self.is_cleared {
+            // What the user has cleared covers the faults that were known then, and none that this read
+            // finds.
+            let wishes = self.wishes();
+            self.rearm(wishes);
         }
         // Events report what fails.
         let _ = self.driver.read();
@@ -430,13 +443,19 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         wishes
     }
 
-    /// Lets these outputs follow.
+    /// Lets these outputs follow, and those of the board with a rising edge of its `rearm`.
     fn rearm(&mut self, wishes: Wishes) {
-        if !wishes.all && wishes.remotes == 0 {
+        let is_on = self.memory.load(self.board.rearm) != 0;
+        let of_board = is_on && !core::mem::replace(&mut self.was_board_rearm, is_on);
+        if !wishes.all && wishes.remotes == 0 && !of_board {
             return;
         }
         if wishes.all {
             let _ = self.driver.rearm_when_running();
+        }
+        if of_board {
+            // The board's own outputs have no port that could be off.
+            let _ = self.driver.rearm_group_when_running(self.board.group);
         }
         for (number, remote) in self.remotes.iter().enumerate() {
             if wishes.remotes >> number & 1 == 1
@@ -466,14 +485,11 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// Shows the component's own pins, all FALSE unless the board `has_contact`.
     fn show_as(&mut self, has_contact: bool) {
         let pins = self.driver.pins();
-        let board = pins.group_state(self.driver.group());
-        let is_valid = has_contact && board.is_some_and(|state| state.valid);
-        self.memory.store(self.valid, is_valid.to_bits());
-        for remote in &self.remotes {
-            let state = pins.group_state(remote.group).filter(|_| has_contact);
+        for entry in core::iter::once(&self.board).chain(&self.remotes) {
+            let state = pins.group_state(entry.group).filter(|_| has_contact);
             let [is_valid, is_armed] = state.map_or([false; 2], |state| [state.valid, state.armed]);
-            self.memory.store(remote.valid, is_valid.to_bits());
-            self.memory.store(remote.armed, is_armed.to_bits());
+            self.memory.store(entry.valid, is_valid.to_bits());
+            self.memory.store(entry.armed, is_armed.to_bits());
         }
     }
 

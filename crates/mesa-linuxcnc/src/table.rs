@@ -6,6 +6,7 @@
 //! | output | IN | | | to the driver | |
 //! | set by both | I/O | to the driver | to HAL | to the driver | to HAL |
 //! | parameter | RW | | | to the driver, or back | |
+//! | parameter by which the user acknowledges | RW | to the driver | | to the driver, or back | |
 //! | property | RO | | to HAL | | to HAL |
 //! | kept in a remote | RW | | | requested, or back to HAL | |
 //!
@@ -57,6 +58,8 @@ pub(crate) struct Table {
     outputs: Vec<Entry>,
     inouts: Vec<Shared>,
     settings: Vec<Shared>,
+    /// Those of the settings by which the user acknowledges a fault.
+    acknowledging: Vec<Shared>,
     properties: Vec<Shared>,
     in_remotes: Vec<Shared>,
     /// The driver's version of its parameters in which `settings` and `in_remotes` are.
@@ -102,6 +105,16 @@ impl Table {
         table
     }
 
+    /// Takes a setting before `read` as well: what the user acknowledges by it are the faults before
+    /// that.
+    pub fn acknowledge_by(&mut self, id: PinId) {
+        let place = self.settings.iter().position(|one| one.entry.id == id);
+        if let Some(place) = place {
+            let setting = self.settings.remove(place);
+            self.acknowledging.push(setting);
+        }
+    }
+
     /// Before `read`: what HAL has set of the values that both sides set.
     pub fn before_read(
         &mut self,
@@ -109,7 +122,7 @@ impl Table {
         memory: &mut impl Memory,
         changes: &mut dyn FnMut(Change),
     ) {
-        for shared in &mut self.inouts {
+        for shared in self.inouts.iter_mut().chain(&mut self.acknowledging) {
             shared.exchange(pins, memory, changes);
         }
     }
@@ -128,7 +141,7 @@ impl Table {
         memory: &mut impl Memory,
         changes: &mut dyn FnMut(Change),
     ) {
-        for shared in &mut self.inouts {
+        for shared in self.inouts.iter_mut().chain(&mut self.acknowledging) {
             shared.exchange(pins, memory, changes);
         }
         // There are hundreds, and they seldom change.

@@ -521,11 +521,21 @@ impl SerialPort {
 
     /// Remotes that may have an output on which was on before the last write: the last read
     /// delivered no good transfer of their safe values, and no other evidence shows that all outputs
-    /// are off.
-    pub(crate) fn not_reached(&self, now: Instant) -> impl Iterator<Item = RemoteStatus<'_>> {
+    /// are off. No frame has reached them since `silent_since`, if that is known.
+    pub(crate) fn not_reached(
+        &self,
+        now: Instant,
+        silent_since: Option<Instant>,
+    ) -> impl Iterator<Item = RemoteStatus<'_>> {
         let pairs = self.remotes.iter().zip(&self.recovery.remotes);
         let not = pairs.map(move |(served, health)| {
-            !served.has_confirmed_safe() && !health.outputs.are_off(now)
+            let has_bitten = match (silent_since, health.watchdog) {
+                (Some(since), RemoteWatchdog::Known(_)) => {
+                    since.after(health.watchdog.silence()) <= now
+                }
+                _ => false,
+            };
+            !served.has_confirmed_safe() && !health.outputs.are_off(now) && !has_bitten
         });
         let not = self.remotes().zip(not);
         not.filter_map(|(status, is_not)| is_not.then_some(status))

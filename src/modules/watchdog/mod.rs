@@ -235,6 +235,14 @@ impl Watchdog {
             && !WatchdogRegisters::runs(time)
     }
 
+    /// Time from which on the board's pins are inputs, so that no frame reaches a remote: its watchdog
+    /// has bitten by then, if no older write arrives late. `None` if the time that the board was given
+    /// is not known.
+    pub(crate) fn bitten_by(&self) -> Option<Instant> {
+        self.fed?;
+        (self.stage == WatchdogStage::Running).then(|| self.fed_by.after(self.longest_time))
+    }
+
     /// Finds the cause of a bite. After a reset the next write makes the watchdog bite at once,
     /// without a time of its own; a bite of a board that was set up needs a silence longer than its
     /// time since a write that has arrived before it could bite.

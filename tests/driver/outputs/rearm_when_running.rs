@@ -1,10 +1,11 @@
 //! Groups that are to be armed as soon as they run, unless a new fault comes before. Everything is
 //! commanded on in each cycle: the simulator's outputs show what follows.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
+use crate::common::ethernet::{self, SimLink, cut, good};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::driver::{BoardState, EventKind, Events};
 use mesa_hal::hal::{Output, PinError};
-use mesa_hal::{RemoteId, Settings};
+use mesa_hal::{RemoteId, Settings, UdpBus};
 use mesa_hal_sim::devices::{Device, FieldIo, find_mut};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
@@ -339,4 +340,56 @@ fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_
     commanded(&mut machine, RECOVERED);
     assert_eq!(machine.driver.board_state(), BoardState::Running);
     assert_eq!(on(&machine), [false; 3], "withdrawn");
+}
+
+/// The board is away until the bus is down, and may have lost its configuration by then, which is found
+/// when it answers again.
+#[test]
+fn no_event_says_safe_of_outputs_that_are_on() {
+    for is_reset in [false, true] {
+        for wait in 0..8 {
+            for is_before in [false, true] {
+                let told = format!("reset {is_reset}, {wait} cycles, in the write {is_before}");
+                let mut machine: Machine<UdpBus<SimLink>> =
+                    Machine::on(ethernet::bus(fpga()), |_| {});
+                let cycle = |machine: &mut Machine<UdpBus<SimLink>>, asks: bool| {
+                    let _ = machine.driver.read();
+                    if asks {
+                        let _ = machine.driver.rearm_when_running();
+                    }
+                    machine.cards.set_one_of_each(machine.driver.pins_mut());
+                    let _ = machine.driver.write();
+                    machine.rest();
+                };
+                (0..20).for_each(|_| cycle(&mut machine, false));
+                let mut events = machine.driver.events();
+                events.by_ref().for_each(drop);
+                let link = machine.driver.bus_mut().link();
+                link.to_board = cut();
+                if is_reset {
+                    let now = link.time();
+                    link.resets.push((now, 100_000_000));
+                }
+                (0..300).for_each(|_| cycle(&mut machine, false));
+                assert_eq!(machine.driver.board_state(), BoardState::BusDown, "{told}");
+                machine.driver.bus_mut().link().to_board = good();
+                if is_before {
+                    let _ = machine.driver.rearm_when_running();
+                }
+                (0..wait).for_each(|_| cycle(&mut machine, false));
+                if !is_before {
+                    cycle(&mut machine, true);
+                }
+                (0..400).for_each(|_| cycle(&mut machine, false));
+                let kinds = kinds(&mut events);
+                let fpga = machine.fpga();
+                let is_on = device(fpga, FIELD).world().output(3) == Some(true);
+                let act = |kind: &EventKind| matches!(kind, EventKind::Rearmed { .. });
+                let last_act = kinds.iter().rposition(act).expect("it was asked for");
+                let safe = |kind: &EventKind| kind.makes_safe() && kind.remote().is_none();
+                let last_safe = kinds.iter().rposition(safe).expect("the bus was down");
+                assert_eq!(is_on, last_act > last_safe, "{told}: {kinds:#?}");
+            }
+        }
+    }
 }

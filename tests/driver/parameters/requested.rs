@@ -310,3 +310,26 @@ fn a_write_that_ends_in_its_middle_leaves_nothing_behind() {
         }
     }
 }
+
+/// The first write is given up at each of its steps, and the value is requested anew meanwhile.
+#[test]
+fn the_newer_of_two_requests_is_written_whenever_the_first_fails() {
+    for wait in [3, 6, 10, 20, 60] {
+        let mut machine = machine(fpga(), 1);
+        cycles(&mut machine, 20);
+        request(&mut machine, FIELD, 1000);
+        restart_port(&mut machine);
+        cycles(&mut machine, wait);
+        machine.cable(FIELD).unplug();
+        cycles(&mut machine, 20);
+        request(&mut machine, FIELD, 100);
+        cycles(&mut machine, 800);
+        machine.cable(FIELD).replug();
+        // A remote whose watchdog has 1 s is silent for longer than that before it is started.
+        cycles(&mut machine, 2_000);
+        restart_port(&mut machine);
+        cycles(&mut machine, RESTARTED);
+        assert_eq!(kept(&machine, FIELD), 100, "after {wait} cycles");
+        assert_eq!(shown(&machine, FIELD), 100, "after {wait} cycles");
+    }
+}

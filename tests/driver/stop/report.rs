@@ -2,10 +2,11 @@
 //! contains the remote with an output on and the means that switches it off. The truth is the state
 //! of the simulated terminals.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use crate::common::ethernet::{self, SimLink, cut};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use crate::faults::remote_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
-use mesa_hal::Advice;
 use mesa_hal::driver::RemoteWatchdog;
+use mesa_hal::{Advice, UdpBus};
 use mesa_hal_sim::SimFpga;
 
 /// Stops the machine; returns the board, and the channels in the report.
@@ -146,4 +147,31 @@ fn a_bus_that_fails_hides_no_remote() {
         said.contains("by its watchdog; the 7I77 on port 0"),
         "{said}"
     );
+}
+
+/// While the network is away the board is not fed: its watchdog bites after 5 ms, and those of the
+/// remotes 50 ms later.
+#[test]
+fn no_remote_is_named_when_a_silent_board_must_have_bitten() {
+    let channels = [FIELD, ANALOG, OUTPUTS];
+    for cycles in [1, 20, 150, 3_000] {
+        let mut machine: Machine<UdpBus<SimLink>> = Machine::on(ethernet::bus(fpga()), |_| {});
+        machine.cards.set_one_of_each(machine.driver.pins_mut());
+        machine.cycles(20);
+        machine.driver.bus_mut().link().to_board = cut();
+        for _ in 0..cycles {
+            let _ = machine.driver.read();
+            let _ = machine.driver.write();
+            machine.rest();
+        }
+        let is_lit = |fpga: &SimFpga, channel| !on_board(fpga, channel).is_empty();
+        let lit = channels.map(|channel| is_lit(machine.fpga(), channel));
+        assert_eq!(lit, [cycles < 50; 3], "{cycles} cycles");
+        let (mut bus, stopped) = machine.driver.shutdown();
+        let error = stopped.expect_err("nothing reaches the board");
+        // The attempts to reach it take longer than the watchdogs' times.
+        assert_eq!(error.not_reached, [], "{cycles} cycles");
+        let fpga = bus.link().board.gateware_mut();
+        assert_eq!(channels.map(|channel| is_lit(fpga, channel)), [false; 3]);
+    }
 }

@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
 use mesa_hal::Settings;
+use mesa_hal::driver::BoardState;
 use mesa_hal::bus::{BusErrorKind, Fault};
 use mesa_hal::transport::Faulty;
 use mesa_hal_sim::devices::{SignalValue, find, find_cable, find_mut};
@@ -567,4 +568,65 @@ fn a_parameter_of_a_remote_is_written_with_the_next_rising_edge_of_run() {
             .is_some_and(|error| error.contains("70000 does not fit")),
         "{errors:?}"
     );
+}
+
+/// The board is away for a second, which loses its configuration; the user clears `io_error` before it
+/// is known that it did.
+#[test]
+fn no_line_says_safe_of_outputs_that_are_on() {
+    for wait in 0..6 {
+        for is_between in [false, true] {
+            let mut bench = Bench::running();
+            bench.switch_on();
+            bench.fpga().reset_for(1_000_000_000);
+            bench.run(900);
+            assert!(bench.is_on("io_error"));
+            bench.run(101 + wait);
+            if is_between {
+                bench.cycle.read(PERIOD);
+                bench.set("io_error", false);
+                bench.cycle.write(PERIOD);
+                bench.wait(PERIOD);
+            } else {
+                bench.set("io_error", false);
+            }
+            bench.run(300);
+            let told = format!("{wait}, between {is_between}: {:#?}", bench.heard(Level::Error));
+            assert_eq!(bench.cycle.driver.board_state(), BoardState::Reset, "{told}");
+            assert_eq!(bench.outputs(), [false; 3], "{told}");
+            assert!(bench.is_on("io_error") && !bench.is_on("armed"), "{told}");
+            // What is known now is covered.
+            bench.set("io_error", false);
+            bench.run(300);
+            assert_eq!(bench.outputs(), [true; 3], "{told}");
+            assert!(bench.is_on("armed") && !bench.is_on("io_error"), "{told}");
+        }
+    }
+}
+
+/// A thread that has `write` and not `read` for a while.
+#[test]
+fn outputs_off_after_writes_alone_are_shown_and_re_armed() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    assert!(bench.is_on("armed") && bench.is_on("valid"));
+    for _ in 0..20 {
+        bench.cycle.write(PERIOD);
+        bench.wait(PERIOD);
+    }
+    bench.run(10);
+    assert_eq!(bench.outputs(), [false; 3]);
+    assert!(bench.is_on("valid") && !bench.is_on("armed"));
+    assert!(!bench.is_on("7i77.0.0.armed") && !bench.is_on("7i72.0.2.armed"));
+    bench.set("rearm", true);
+    bench.run(10);
+    assert_eq!(bench.outputs(), [false, false, true]);
+    assert!(bench.is_on("armed") && !bench.is_on("7i77.0.0.armed"));
+    bench.set("7i77.0.0.rearm", true);
+    bench.run(10);
+    assert_eq!(bench.outputs(), [true, false, true]);
+    // The user's own `io_error` stops all exchanges: nothing follows then.
+    bench.set("io_error", true);
+    bench.run(1);
+    assert!(!bench.is_on("armed") && !bench.is_on("7i77.0.0.armed"));
 }

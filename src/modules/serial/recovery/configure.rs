@@ -15,12 +15,17 @@ impl Recovery {
     /// Requests the write of a parameter when the port is switched on again. Replaces an earlier
     /// request for the same parameter.
     pub fn request(&mut self, write: ParameterWrite) {
-        let is_same = |other: &ParameterWrite| {
-            (other.channel, other.parameter) == (write.channel, write.parameter)
-        };
-        self.requests.retain(|other| !is_same(other));
+        self.requests.retain(|other| !is_same(other, &write));
         debug_assert!(self.requests.len() < self.requests.capacity(), "no room");
         self.requests.push(write);
+    }
+
+    /// Keeps a write that was begun and has not succeeded for the next time, unless the parameter has
+    /// been requested anew since.
+    pub(super) fn request_again(&mut self, write: ParameterWrite) {
+        if !self.requests.iter().any(|other| is_same(other, &write)) {
+            self.request(write);
+        }
     }
 
     /// Takes whether the application has the port switched on.
@@ -94,7 +99,7 @@ impl Recovery {
             if let Restart::Configuring { ready, .. } = &mut self.restart {
                 *ready = ready.difference(ended.write.channel.mask());
             }
-            self.request(ended.write);
+            self.request_again(ended.write);
         } else if !ended.is_as_requested() {
             self.report_failure(now, &ended.write);
         }
@@ -107,4 +112,9 @@ impl Recovery {
             remote.parameter_not_written(now, write.parameter);
         }
     }
+}
+
+/// True if both write the same parameter.
+fn is_same(one: &ParameterWrite, other: &ParameterWrite) -> bool {
+    (one.channel, one.parameter) == (other.channel, other.parameter)
 }

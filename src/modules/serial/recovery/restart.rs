@@ -92,7 +92,7 @@ impl Recovery {
         // progress may have been executed, which it finds out.
         self.may_configure |= self.is_configuring();
         if let Some(write) = self.writer.give_up() {
-            self.request(write);
+            self.request_again(write);
         }
         self.restart = Restart::None;
         self.cost.end(now, &self.policy);

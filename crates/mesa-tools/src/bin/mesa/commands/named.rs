@@ -1,5 +1,6 @@
 //! Pins given by a person: by the whole name, its end, a terminal or a signal.
 
+use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Role, Value};
 use mesa_hal::{Remark, RemoteId};
 
@@ -13,14 +14,29 @@ const LISTED: usize = 8;
 
 /// Fails with the reason if the remote in a pin's name is missing.
 pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
+    takes_part(missing, name, "missing")
+}
+
+/// Fails with the reason if the remote in a pin's name did not run at the start.
+pub fn running(remarks: &[Remark], name: &str) -> Result<(), Failure> {
+    let remarks = remarks.iter();
+    let offline = remarks.filter(|remark| matches!(remark.kind, RemarkKind::Offline { .. }));
+    takes_part(offline, name, "offline")
+}
+
+fn takes_part<'a>(
+    not: impl IntoIterator<Item = &'a Remark>,
+    name: &str,
+    state: &str,
+) -> Result<(), Failure> {
     let Some(id) = place::remote(name) else {
         return Ok(());
     };
-    let mut missing = missing.iter();
-    let found = missing.find(|remark| remark.remote == Some(id));
+    let mut not = not.into_iter();
+    let found = not.find(|remark| remark.remote == Some(id));
     found.map_or(Ok(()), |Remark { kind, .. }| {
         let (RemoteId { port, channel }, said) = (id, told(kind));
-        let what = format_args!("{name}: its remote on {port}.{channel} is missing: {said}");
+        let what = format_args!("{name}: its remote on {port}.{channel} is {state}: {said}");
         Err(Failure::of(kind, what))
     })
 }

@@ -286,7 +286,7 @@ fn an_output_of_a_remote_that_does_not_start_was_never_on_and_the_reason_is_said
     board.console.run("field 0 0");
     let refused = run(&jog);
     assert_eq!(refused.code, Some(1), "{refused:?}");
-    assert!(refused.err.contains("on 0.0 is missing: "), "{refused:?}");
+    assert!(refused.err.contains("on 0.0 is offline: "), "{refused:?}");
     assert_eq!(refused.out, "");
     assert_eq!(lit(&mut board), [""; 0]);
     // The inputs of the missing remote are not observed during another jog.

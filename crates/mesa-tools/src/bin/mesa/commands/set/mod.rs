@@ -121,6 +121,7 @@ impl Set {
         }
         let mut driver = running::go(board)?;
         named::present(driver.missing(), &info.name)?;
+        named::running(driver.remarks(), &info.name)?;
         self.slow_watchdog.prove(&mut driver, &group)?;
         let plan = JogPlan {
             output,
