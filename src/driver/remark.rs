@@ -220,8 +220,8 @@ pub(super) fn is_same(
     let tables = |of: &StartedRemote| u32::from(of.gtoc) << 16 | u32::from(of.ptoc);
     if (found.name, found.unit_number) != (is.name, is.unit_number) {
         Err(OfflineReason::AnotherDevice {
-            name: found.name,
-            unit_number: found.unit_number,
+            found: found.identity(),
+            expected: is.identity(),
         })
     } else if tables(&found) != tables(is) {
         Err(OfflineReason::OtherTables {

@@ -167,13 +167,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let parts = &self.cycle.parts;
         let silent_since = parts.watchdog.bitten_by();
         parts.ports.iter().flat_map(move |port| {
-            let number = port.layout().instance;
-            port.not_reached(now, silent_since)
-                .map(move |remote| NotReached {
-                    remote: RemoteId::new(number, remote.started.channel.index()),
-                    name: remote.descriptor.name,
-                    watchdog: remote.watchdog,
-                })
+            port.not_reached(now, silent_since).map(move |remote| NotReached {
+                remote: remote.id,
+                name: remote.descriptor.name,
+                watchdog: remote.watchdog,
+            })
         })
     }
 

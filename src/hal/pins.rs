@@ -250,6 +250,12 @@ impl Pins {
         })
     }
 
+    /// The state of the group of a pin: that of its remote, or of the board. For a remote without
+    /// inputs, whose outputs have no validity of their own. `None` for a handle of another store.
+    pub fn state_of<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Option<GroupState> {
+        self.group_state(self.info(pin)?.group)
+    }
+
     /// Lets the outputs of a group follow the application again after a fault.
     ///
     /// Everything set before this call is forgotten, whether before the fault, during it or in the

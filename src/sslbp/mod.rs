@@ -25,7 +25,10 @@ pub use machine::{
 pub use operation::{COMMAND_IGNORED, PortAccess, PortOperation, StartMode, software_mode_word};
 pub use parameters::{ChannelVariable, PortParameters};
 pub use port::{Port, PortLink, SetupPort};
-pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};
+pub(crate) use started::StartProblem;
+pub use started::{
+    ProcessDataSizes, RemoteIdentity, RemoteName, StartFailure, StartFailureReason, StartedRemote,
+};
 pub use status::{ComState, CsStatus, LocalFaults};
 
 pub(crate) use layout::{ChannelRegisters, MAX_PORTS};

@@ -85,6 +85,28 @@ impl<'de> serde::Deserialize<'de> for RemoteName {
     }
 }
 
+/// Name and unit number of a remote: it is the same one if both are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct RemoteIdentity {
+    /// Its name.
+    pub name: RemoteName,
+    /// Its unit number. 0 if it is not known; for a part of a card of which only the kind is known,
+    /// its top byte.
+    pub unit_number: u32,
+}
+
+impl fmt::Display for RemoteIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, unit_number } = self;
+        match (unit_number >> 24, unit_number & 0x00FF_FFFF) {
+            (0, 0) => write!(f, "{name}"),
+            (class, 0) => write!(f, "{name} (unit number {class:#04X}......)"),
+            _ => write!(f, "{name} (unit number {unit_number:#010X})"),
+        }
+    }
+}
+
 /// A remote that START has identified.
 ///
 /// Manual: 7I77, "INTERFACE AND CS REGISTER DATA AT START".
@@ -139,6 +161,14 @@ impl StartedRemote {
             gtoc: (tables >> 16) as u16,
             sizes,
             cs,
+        }
+    }
+
+    /// Its name and unit number.
+    pub const fn identity(&self) -> RemoteIdentity {
+        RemoteIdentity {
+            name: self.name,
+            unit_number: self.unit_number,
         }
     }
 
@@ -275,6 +305,29 @@ impl StartFailureReason {
             Self::NoProcessData => Advice::PowerCycle,
             Self::NotReady | Self::Unknown => Advice::RestartChannel,
         })
+    }
+}
+
+/// The reason for which START failed, as far as CS alone indicates it.
+pub(crate) struct StartProblem(pub CsStatus);
+
+impl fmt::Display for StartProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(cs) = *self;
+        let found = StartedRemote::new(
+            Channel::ALL[0],
+            0,
+            [0; 3],
+            ProcessDataSizes::default(),
+            cs,
+        );
+        match StartFailureReason::of(&found, ProcessDataSizes::default()) {
+            StartFailureReason::Unknown => write!(f, "{cs}"),
+            StartFailureReason::IllegalMode(_) => {
+                write!(f, "the remote does not have the software mode (CS {:08X})", cs.0)
+            }
+            reason => write!(f, "{reason} (CS {:08X})", cs.0),
+        }
     }
 }
 

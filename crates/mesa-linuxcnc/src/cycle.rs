@@ -446,7 +446,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// Lets these outputs follow, and those of the board with a rising edge of its `rearm`.
     fn rearm(&mut self, wishes: Wishes) {
         let is_on = self.memory.load(self.board.rearm) != 0;
-        let of_board = is_on && !core::mem::replace(&mut self.was_board_rearm, is_on);
+        let was_on = core::mem::replace(&mut self.was_board_rearm, is_on);
+        let of_board = is_on && !was_on;
         if !wishes.all && wishes.remotes == 0 && !of_board {
             return;
         }

@@ -319,9 +319,10 @@ impl Report<'_> {
                 write!(f, "it reports {faults}; check its loads and supply")
             }
             OfflineReason::DidNotStart(cs) => write!(f, "it does not start ({cs})"),
-            OfflineReason::AnotherDevice { name, unit_number } => write!(
+            OfflineReason::AnotherDevice { found, .. } => write!(
                 f,
-                "{expected} expected, another card answers: {name} (unit 0x{unit_number:08X})"
+                "{expected} expected, another card answers: {} (unit 0x{:08X})",
+                found.name, found.unit_number
             ),
             OfflineReason::OtherTables { .. } | OfflineReason::OtherSizes { .. } => {
                 write!(

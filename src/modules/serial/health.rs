@@ -8,7 +8,9 @@ use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::{EventKind, EventRow, EventSink, Repeating};
 use crate::packed::packed_enum;
-use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
+use crate::sslbp::{
+    Channel, Failure, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote,
+};
 use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.
@@ -261,7 +263,10 @@ impl Health {
         let is_of_kind = unit == 0 || unit == unit_number & 0xFF00_0000;
         let is_kind = !self.has_run && is_of_kind;
         if name != self.started.name || unit != unit_number && !is_kind {
-            return Some(OfflineReason::AnotherDevice { name, unit_number });
+            return Some(OfflineReason::AnotherDevice {
+                found: RemoteIdentity { name, unit_number },
+                expected: self.started.identity(),
+            });
         }
         let are_known = self.has_run || expected != 0;
         (are_known && found != expected).then_some(OfflineReason::OtherTables { found, expected })

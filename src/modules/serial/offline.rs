@@ -3,7 +3,9 @@
 use super::Failure;
 use crate::advice::Advice;
 use crate::packed::{packed_enum, packed_word};
-use crate::sslbp::{ComState, CsStatus, ProcessDataSizes, RemoteFaults, RemoteName};
+use crate::sslbp::{
+    ComState, CsStatus, ProcessDataSizes, RemoteFaults, RemoteIdentity, RemoteName, StartProblem,
+};
 
 packed_enum! {
 /// Reason why a remote is offline.
@@ -38,17 +40,15 @@ pub enum OfflineReason {
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
     /// START did not succeed; CS contains its progress.
-    #[error("the remote did not start: {0}")]
+    #[error("the remote did not start: {}", StartProblem(*.0))]
     DidNotStart(CsStatus),
     /// Another device is on the channel.
-    #[error(
-        "another device answers ({name}, unit number {unit_number:#010X}), which is not taken over"
-    )]
+    #[error("{expected} expected, another card answers: {found}, which is not taken over")]
     AnotherDevice {
-        /// The name of the device.
-        name: RemoteName,
-        /// The unit number of the device.
-        unit_number: u32,
+        /// The device that answers.
+        found: RemoteIdentity,
+        /// The remote.
+        expected: RemoteIdentity,
     },
     /// The right device is on the channel, with tables in another place: another firmware.
     #[error(
@@ -143,8 +143,9 @@ impl OfflineReason {
         Self::DidNotStart(cs)
     }
 
-    /// True if another device answers than expected, which cancels a re-arming.
-    pub(super) const fn is_about_identity(&self) -> bool {
+    /// True if another device answers than expected, or another firmware of it: no attempt brings the
+    /// remote back as long as it is there. It cancels a re-arming.
+    pub const fn is_about_identity(&self) -> bool {
         matches!(
             self,
             Self::AnotherDevice { .. } | Self::OtherTables { .. } | Self::OtherSizes { .. }
@@ -183,9 +184,12 @@ packed_word!(RemoteFaults, |faults| faults.bits().into(), |bits| Some(
     Self::from_bits_retain(bits as u8)
 ),);
 packed_word!(
-    RemoteName,
-    |name| u32::from_le_bytes(name.0).into(),
-    |word| Some(Self((word as u32).to_le_bytes())),
+    RemoteIdentity,
+    |id| u64::from(u32::from_le_bytes(id.name.0)) << 32 | u64::from(id.unit_number),
+    |word| Some(Self {
+        name: RemoteName(((word >> 32) as u32).to_le_bytes()),
+        unit_number: word as u32,
+    }),
 );
 packed_word!(
     ProcessDataSizes,
@@ -215,8 +219,14 @@ mod tests {
                 expected: sizes(9, 4),
             },
             OfflineReason::AnotherDevice {
-                name: RemoteName(*b"7I72"),
-                unit_number: 0x1234_5678,
+                found: RemoteIdentity {
+                    name: RemoteName(*b"7I72"),
+                    unit_number: 0x1234_5678,
+                },
+                expected: RemoteIdentity {
+                    name: RemoteName(*b"7I77"),
+                    unit_number: 0x1200_0009,
+                },
             },
             OfflineReason::OtherTables {
                 found: 0xFEDC_BA98,

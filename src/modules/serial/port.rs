@@ -14,6 +14,7 @@ use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore};
+use crate::hostmot2::RemoteId;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
@@ -505,6 +506,7 @@ impl SerialPort {
         remotes.map(|(served, health)| {
             let link = self.port.machine.link(served.channel);
             RemoteStatus {
+                id: RemoteId::new(self.layout().instance, served.channel.index()),
                 started: &health.started,
                 descriptor: &served.descriptor,
                 pins: &served.pins,

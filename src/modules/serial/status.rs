@@ -2,6 +2,7 @@
 
 use super::{FailureCounts, OfflineReason, RemoteState, RemoteWatchdog};
 use crate::discovery::RemoteDescriptor;
+use crate::hostmot2::RemoteId;
 use crate::remote::RemotePins;
 use crate::sslbp::{RemoteFaults, StartedRemote};
 
@@ -13,6 +14,9 @@ use crate::sslbp::{RemoteFaults, StartedRemote};
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteStatus<'a> {
+    /// The address of the remote.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub id: RemoteId,
     /// The identity that START reported; for a remote that was absent at the start and has not been
     /// plugged in yet, the expected one.
     pub started: &'a StartedRemote,

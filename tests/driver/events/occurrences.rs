@@ -250,7 +250,7 @@ fn a_swapped_card_has_an_event_for_its_failure_then_one_with_the_card_that_answe
         panic!("{told:?}");
     };
     let is_another =
-        matches!(reason, OfflineReason::AnotherDevice { name, .. } if name.0 == *b"7I72");
+        matches!(reason, OfflineReason::AnotherDevice { found, .. } if found.name.0 == *b"7I72");
     assert!(is_another, "{reason}");
 }
 

@@ -256,7 +256,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
             let RemoteState::Offline { reason, .. } = machine.status(FIELD).state else {
                 return false;
             };
-            matches!(reason, OfflineReason::AnotherDevice { unit_number, .. } if unit_number == unit)
+            matches!(reason, OfflineReason::AnotherDevice { found, .. } if found.unit_number == unit)
         });
         machine.cycles(100);
         assert!(!machine.is_valid(FIELD));

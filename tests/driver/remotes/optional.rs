@@ -243,7 +243,7 @@ fn another_card_in_the_place_of_an_optional_remote_stays_offline_with_the_reason
     plug(&mut shop, Some(outputs_48()));
     stays_offline(
         &mut shop,
-        &["another device answers (7I72", "plug the right remote in"],
+        &["another card answers: 7I72 (", "plug the right remote in"],
     );
     assert!(!are_open_somewhere(&shop));
     plug(&mut shop, Some(valve_block("data More 12 bits in\n")));
@@ -272,7 +272,7 @@ fn an_optional_remote_with_another_unit_number_than_is_asked_for_is_not_taken() 
         let mut shop = shop_of(0x56);
         shop.until(12_000, |shop| {
             assert!(!shop.is_running(OUTPUTS), "{is_there}");
-            reason(shop).contains("another device answers (VLV4, unit number 0x00000055)")
+            reason(shop).contains("another card answers: VLV4 (unit number 0x00000055)")
         });
         let mut shop = shop_of(0x55);
         shop.until(12_000, |shop| shop.is_running(OUTPUTS));

@@ -241,8 +241,12 @@ fn a_generator_that_is_stopped_is_an_error_with_its_name() {
         text.ends_with("they follow again as soon as it runs"),
         "{text}"
     );
-    let (name, unit_number) = (mesa_hal::sslbp::RemoteName(*b"7I77"), 7);
-    let reason = OfflineReason::AnotherDevice { name, unit_number };
+    let found = mesa_hal::sslbp::RemoteIdentity {
+        name: mesa_hal::sslbp::RemoteName(*b"7I77"),
+        unit_number: 7,
+    };
+    let expected = mesa_hal::sslbp::RemoteIdentity::default();
+    let reason = OfflineReason::AnotherDevice { found, expected };
     let remote = mesa_hal::RemoteId::new(0, 0);
     let (level, text) = say(EventKind::RemoteStaysOffline { remote, reason });
     assert_eq!(level, Some(Level::Error));
