@@ -167,11 +167,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let parts = &self.cycle.parts;
         let silent_since = parts.watchdog.bitten_by();
         parts.ports.iter().flat_map(move |port| {
-            port.not_reached(now, silent_since).map(move |remote| NotReached {
-                remote: remote.id,
-                name: remote.descriptor.name,
-                watchdog: remote.watchdog,
-            })
+            port.not_reached(now, silent_since)
+                .map(move |remote| NotReached {
+                    remote: remote.id,
+                    name: remote.descriptor.name,
+                    watchdog: remote.watchdog,
+                })
         })
     }
 

@@ -314,17 +314,15 @@ pub(crate) struct StartProblem(pub CsStatus);
 impl fmt::Display for StartProblem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(cs) = *self;
-        let found = StartedRemote::new(
-            Channel::ALL[0],
-            0,
-            [0; 3],
-            ProcessDataSizes::default(),
-            cs,
-        );
+        let found = StartedRemote::new(Channel::ALL[0], 0, [0; 3], ProcessDataSizes::default(), cs);
         match StartFailureReason::of(&found, ProcessDataSizes::default()) {
             StartFailureReason::Unknown => write!(f, "{cs}"),
             StartFailureReason::IllegalMode(_) => {
-                write!(f, "the remote does not have the software mode (CS {:08X})", cs.0)
+                write!(
+                    f,
+                    "the remote does not have the software mode (CS {:08X})",
+                    cs.0
+                )
             }
             reason => write!(f, "{reason} (CS {:08X})", cs.0),
         }

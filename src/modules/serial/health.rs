@@ -8,9 +8,7 @@ use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::{EventKind, EventRow, EventSink, Repeating};
 use crate::packed::packed_enum;
-use crate::sslbp::{
-    Channel, Failure, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote,
-};
+use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote};
 use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.

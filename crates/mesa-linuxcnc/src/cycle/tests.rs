@@ -9,8 +9,8 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
 use mesa_hal::Settings;
-use mesa_hal::driver::BoardState;
 use mesa_hal::bus::{BusErrorKind, Fault};
+use mesa_hal::driver::BoardState;
 use mesa_hal::transport::Faulty;
 use mesa_hal_sim::devices::{SignalValue, find, find_cable, find_mut};
 use mesa_hal_sim::{Motor, SimFpga, machines};
@@ -591,8 +591,15 @@ fn no_line_says_safe_of_outputs_that_are_on() {
                 bench.set("io_error", false);
             }
             bench.run(300);
-            let told = format!("{wait}, between {is_between}: {:#?}", bench.heard(Level::Error));
-            assert_eq!(bench.cycle.driver.board_state(), BoardState::Reset, "{told}");
+            let told = format!(
+                "{wait}, between {is_between}: {:#?}",
+                bench.heard(Level::Error)
+            );
+            assert_eq!(
+                bench.cycle.driver.board_state(),
+                BoardState::Reset,
+                "{told}"
+            );
             assert_eq!(bench.outputs(), [false; 3], "{told}");
             assert!(bench.is_on("io_error") && !bench.is_on("armed"), "{told}");
             // What is known now is covered.
