@@ -1,10 +1,12 @@
 //! The contents of a scenario. Everything follows from its seed.
 
 mod extras;
+mod later;
 mod more;
 mod steppers;
 
 pub use extras::{Extras, Stranger, WRITTEN_WATCHDOG};
+pub use later::Later;
 pub use more::{LOCKED_AFTER, More};
 pub use steppers::Steppers;
 
@@ -131,6 +133,7 @@ pub struct Plan {
     pub extras: Extras,
     pub more: More,
     pub steppers: Steppers,
+    pub later: Later,
 }
 
 impl Plan {
@@ -178,6 +181,7 @@ impl Plan {
             extras: Extras::new(&mut Chance(0)),
             more: More::NOTHING,
             steppers: Steppers::NONE,
+            later: Later::NOTHING,
         };
         if seed % MINUTE_EVERY == MINUTE_SEED {
             plan.absent_for_a_minute();
@@ -185,7 +189,7 @@ impl Plan {
         if plan.is_network && !plan.is_minute && chance.one_in(10) {
             plan.homes(&mut chance);
         }
-        plan.with_extras().with_more().with_steppers()
+        plan.with_extras().with_more().with_steppers().with_later()
     }
 
     /// Homing on a network that delays and duplicates, while settings are written all the time.

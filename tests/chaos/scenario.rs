@@ -75,6 +75,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         proved_by_usual_time: BTreeSet::new(),
         came_by_pin: false,
         off: vec![0; plan.ports.len()],
+        bitten: 0,
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -169,6 +170,8 @@ struct Scenario {
     came_by_pin: bool,
     /// Cycles since each port was switched off.
     off: Vec<u64>,
+    /// Consecutive good reads of a board that has bitten.
+    bitten: u32,
 }
 
 /// A process: the driver, its application, and its end.
@@ -300,6 +303,7 @@ impl Scenario {
         application.check_inputs(driver, &self.stage, (self.took, self.sampled_before))?;
         self.validity(driver, application, good)?;
         self.detected(driver, application, good)?;
+        self.left_alone(driver, application, good)?;
         self.steppers(driver, application, good)?;
         self.neighbours(driver, application)?;
         if is_wild {
@@ -402,6 +406,30 @@ impl Scenario {
         Ok(())
     }
 
+    /// Re-arms what runs. A board that has lost its set-up gets it with one of the next writes.
+    fn rearm_when_running<B: Host>(
+        &mut self,
+        driver: &mut Driver<B>,
+        application: &mut Application,
+    ) -> Checked {
+        let was_down = driver.board_state() != BoardState::Running;
+        self.look()?;
+        if was_down {
+            self.stage.set_well(Some(false));
+            self.set_up_begins();
+            self.is_clearing = true;
+        }
+        self.oracle.rearmed(None);
+        let done = driver.rearm_when_running();
+        application.rearmed(driver, was_down);
+        if was_down {
+            let now = self.sim.now();
+            let what = format!("to be re-armed when it runs: {done:?}");
+            self.stage.tell(now, what);
+        }
+        Ok(())
+    }
+
     fn heal<B: Host>(&mut self, driver: &mut Driver<B>) {
         driver.bus_mut().heal();
         self.end_faults();
@@ -444,7 +472,11 @@ impl Scenario {
                 ensure(runs || cycles != 12, Promise::ComesBack, now, || {
                     format!("the board is {state:?} after it was cleared by pin")
                 })?;
-                self.rearm(driver, application)?;
+                if self.plan.later.when_running {
+                    self.rearm_when_running(driver, application)?;
+                } else {
+                    self.rearm(driver, application)?;
+                }
             }
             cycles += 1;
         }

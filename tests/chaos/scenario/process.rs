@@ -15,6 +15,14 @@ use super::super::oracle::{Checked, Failure, Promise, ensure};
 use super::super::plan::{MILLI, Moment, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 
+/// Faults of a remote that goes on answering.
+const REPORTED: [FaultKind; 4] = [
+    FaultKind::RemoteLowVoltage,
+    FaultKind::RemoteHighVoltage,
+    FaultKind::RemoteOverTemperature,
+    FaultKind::RemoteNoEnable,
+];
+
 impl Scenario {
     /// A new process builds its driver. With a fault the build may fail, but then everything is
     /// off; without a fault it must succeed.
@@ -50,6 +58,16 @@ impl Scenario {
                         Promise::Works,
                         now,
                         || format!("{:?}", process.driver.missing()),
+                    )?;
+                    // A remote with a fault that it reports answers: it is offline, not missing.
+                    let begun = self.stage.begun();
+                    let mut kinds = begun.iter().map(|begun| begun.planned.kind);
+                    let answer = kinds.all(|kind| kind.fault_bit().is_some() && REPORTED.contains(&kind));
+                    ensure(
+                        found == self.plan.remotes() || had_bus_fault || !answer,
+                        Promise::Works,
+                        now,
+                        || format!("with a reported fault: {:?}", process.driver.missing()),
                     )?;
                     let why = "before anything was commanded";
                     self.oracle.check_board_off(now, why)?;

@@ -14,6 +14,9 @@ const ATTEMPT: u64 = 18 * MILLI;
 /// The same while the remote answers only sometimes (docs/neighbours.md).
 const LONG_ATTEMPT: u64 = 30 * MILLI;
 
+/// Cycles without a reply after which a remote is offline, with some for a START.
+const OFFLINE_AFTER: u32 = 100;
+
 impl Scenario {
     /// Processes the events since the last call.
     pub(super) fn look(&mut self) -> Checked {
@@ -137,6 +140,23 @@ impl Scenario {
         let (left, at, remote) = (*left, *at, *remote);
         ensure(left > 0, Promise::Detected, now, || {
             format!("the fault of remote {remote} at {at} is not noticed")
+        })
+    }
+
+    /// Checks a board that has bitten and is left alone: its lines are dead, so none of its remotes runs.
+    pub(super) fn left_alone<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+        good: bool,
+    ) -> Checked {
+        let is_bitten = good && driver.board_state() == BoardState::WatchdogBitten;
+        self.bitten = if is_bitten { self.bitten + 1 } else { 0 };
+        let (now, cycles) = (self.sim.now(), self.bitten);
+        let is_due = self.plan.later.leaves_bitten && cycles > OFFLINE_AFTER;
+        let running = application.running(driver).next();
+        ensure(running.is_none() || !is_due, Promise::Detected, now, || {
+            format!("{running:?} runs {cycles} cycles after its board has bitten")
         })
     }
 

@@ -123,9 +123,8 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
     swap(&mut machine, i7i97());
     cycles(&mut machine, 3);
     let (board, stopped) = machine.driver.shutdown();
-    // The driver has not seen its own remotes switch off.
-    let error = stopped.expect_err("remotes that were not reached");
-    assert_eq!((error.failed, error.not_reached.len()), (None, 3));
+    // Its own board has not been fed for a second, so that its remotes are off.
+    assert_eq!(stopped, Ok(()));
     assert_eq!(driven(&board), (0, false));
     assert!(!board.watchdog().has_bitten(), "it was never touched");
 }

@@ -9,3 +9,4 @@ mod line_low;
 mod random;
 mod remote;
 pub mod remote_outputs;
+mod stuck_port;

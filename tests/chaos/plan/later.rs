@@ -1,0 +1,62 @@
+//! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
+
+use super::{FaultKind, FaultPlace, Plan, Stranger, scrambled};
+use crate::common::chance::Chance;
+
+/// Cycles for which a board that has bitten is left alone.
+const LEFT_ALONE: u64 = 250;
+
+/// Further habits of an application.
+#[derive(Clone, Copy, Debug)]
+pub struct Later {
+    /// Leaves a board that has bitten alone.
+    pub leaves_bitten: bool,
+    /// Re-arms what runs, and the rest as soon as it does.
+    pub when_running: bool,
+    /// Requests a parameter again, with another value, while its port starts.
+    pub asks_twice: bool,
+}
+
+impl Later {
+    pub const NOTHING: Self = Self {
+        leaves_bitten: false,
+        when_running: false,
+        asks_twice: false,
+    };
+}
+
+impl Plan {
+    /// Applies these properties to the plan.
+    pub(super) fn with_later(mut self) -> Self {
+        let mut chance = Chance(scrambled(self.seed ^ 0x1A7E));
+        let later = Later {
+            leaves_bitten: chance.one_in(3),
+            when_running: chance.one_in(3),
+            asks_twice: chance.one_in(3),
+        };
+        if self.is_minute || self.is_homing {
+            return self;
+        }
+        self.later = later;
+        self.later.leaves_bitten &= self.bites_alone();
+        if self.later.leaves_bitten {
+            self.habits.rearm_every = 0;
+            self.habits.rearm_when_safe = 0;
+            self.more.clears = false;
+            self.run += LEFT_ALONE * self.period;
+        }
+        self
+    }
+
+    /// True if a fault is a bite of the board's watchdog, and no packet is lost or doubtful.
+    fn bites_alone(&self) -> bool {
+        let mut faults = self.faults.iter();
+        let bites = faults.any(|fault| {
+            matches!(fault.kind, FaultKind::FpgaWatchdog | FaultKind::HostStall) && !fault.in_build
+        });
+        let is_bus = |place| matches!(place, FaultPlace::Network | FaultPlace::Bus);
+        let is_sound = self.faults.iter().all(|fault| !is_bus(fault.kind.place()));
+        let extras = &self.extras;
+        bites && is_sound && !extras.second_master && extras.stranger == Stranger::None && !self.has_deeds()
+    }
+}
