@@ -160,6 +160,12 @@ pub enum ProblemKind {
     /// The record extends beyond the end of the address space.
     #[error("the record does not end before the end of the address space")]
     PastEnd,
+    /// Two elements have the same name, so that their pins would have, too.
+    #[error("two of its elements are named {name}")]
+    EqualNames {
+        /// The name, as in LinuxCNC.
+        name: String,
+    },
     /// A count in two parts lacks one of them.
     #[error("the record is one part of a count, and the other part does not follow")]
     HalfCount,
@@ -174,7 +180,7 @@ impl ProblemKind {
             Self::InBootloader => Some(Advice::FinishUpdate),
             Self::IllegalSoftwareMode { .. } => Some(Advice::ChooseListedMode),
             Self::Sizes { .. } => Some(Advice::PowerCycleOrUpdate),
-            Self::TableWithoutEnd { .. } => Some(Advice::UpdateRemote),
+            Self::TableWithoutEnd { .. } | Self::EqualNames { .. } => Some(Advice::UpdateRemote),
             Self::Odd { advice, .. } => *advice,
             Self::HalfCount => Some(Advice::ChooseMode),
             Self::GaveUp { .. }

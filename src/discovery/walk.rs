@@ -1,7 +1,8 @@
 //! Traversal of the tables of one remote.
 
 use super::{
-    DataRecord, PackingPlan, Problem, ProblemKind, RemoteDescriptor, RemoteTable, Table,
+    DataRecord, DataType, PackingPlan, Problem, ProblemKind, RemoteDescriptor, RemoteTable, Table,
+    hal_name,
     record::{Reader, Record},
 };
 use crate::lbp::RemoteLink;
@@ -69,6 +70,40 @@ impl Discovery {
             self.plan = Err(problem.clone());
         }
         self.problems.push(problem);
+    }
+
+    /// Notes a name of two elements of the process data, or of two parameters.
+    fn check_names(&mut self) {
+        let RemoteDescriptor {
+            process_data,
+            parameters,
+            ..
+        } = &self.descriptor;
+        // A count in two parts has one name, and padding has no pins.
+        let is_named = |record: &&DataRecord| {
+            !matches!(record.data_type, DataType::Pad | DataType::EncoderLow)
+        };
+        let twice = |records: &[DataRecord]| {
+            let mut names = Vec::new();
+            let mut all = records.iter().filter(is_named);
+            all.find_map(|record| {
+                let name = hal_name(&record.name);
+                if names.contains(&name) {
+                    return Some(name);
+                }
+                names.push(name);
+                None
+            })
+        };
+        let (elements, parameters) = (twice(process_data), twice(parameters));
+        if let Some(name) = elements {
+            let kind = ProblemKind::EqualNames { name };
+            self.note(Table::Process, self.started.ptoc, kind);
+        }
+        if let Some(name) = parameters {
+            let kind = ProblemKind::EqualNames { name };
+            self.note(Table::Global, self.started.gtoc, kind);
+        }
     }
 
     /// Computes the layout of the process data, unless a problem has made it doubtful.
@@ -141,6 +176,7 @@ pub fn discover<M: RemoteLink>(
     if started.gtoc != 0 {
         found.walk(&mut reader, Table::Global, started.gtoc);
     }
+    found.check_names();
     found.lay_out(registers);
     found.accesses = reader.accesses;
     found.read_error = reader.error;

@@ -50,11 +50,15 @@ impl Sim {
     /// The stepper motors, and the time of their board: it is ahead of the network's while the board
     /// executes a packet.
     pub fn steppers(&self) -> (Vec<Stepper>, u64) {
-        let of = |fpga: &mut SimFpga| {
+        self.on(|fpga| {
             let axes = 0..fpga.axes();
             let motors = axes.filter_map(|axis| fpga.stepper(axis).copied());
             (motors.collect(), SimFpga::now(fpga))
-        };
+        })
+    }
+
+    /// The result of `of` for the simulated FPGA.
+    pub fn on<T>(&self, of: impl FnOnce(&mut SimFpga) -> T) -> T {
         match self {
             Self::Embedded(fpga) => of(&mut fpga.borrow_mut()),
             Self::Network(network) => of(network.borrow_mut().link.board.gateware_mut()),

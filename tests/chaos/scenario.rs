@@ -76,6 +76,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         came_by_pin: false,
         off: vec![0; plan.ports.len()],
         bitten: 0,
+        requested: vec![None; plan.ports.len()],
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -172,6 +173,8 @@ struct Scenario {
     off: Vec<u64>,
     /// Consecutive good reads of a board that has bitten.
     bitten: u32,
+    /// The value of a parameter that was requested last of the remotes of each port.
+    requested: Vec<Option<u32>>,
 }
 
 /// A process: the driver, its application, and its end.
@@ -224,6 +227,9 @@ impl Scenario {
         }
         self.comes_back(&mut process)?;
         self.steppers_arrive(&mut process)?;
+        if self.plan.later.asks_twice {
+            self.parameters_are_written(&mut process)?;
+        }
         let leaves = self.plan.habits.leaves;
         self.leave(process, leaves)
     }

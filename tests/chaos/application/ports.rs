@@ -26,23 +26,26 @@ impl Application {
         is_on
     }
 
-    /// Requests the time of the watchdog of all remotes of a port that is switched off: they are
-    /// started in setup mode before the port runs again.
+    /// Requests the time of the watchdog of all remotes of a port: they are started in setup mode before
+    /// the port runs again the next time. Returns true if all of them take it.
     pub fn request_watchdogs<B: RegisterBus + Clock>(
         driver: &mut Driver<B>,
         port: usize,
         millis: u32,
-    ) {
+    ) -> bool {
         let remotes = driver.ports().get(port).into_iter();
         let remotes = remotes.flat_map(SerialPort::remotes);
         let channels: Vec<_> = remotes
             .map(|remote| remote.started.channel.index())
             .collect();
+        let mut are_taken = true;
         for channel in channels {
             // A time that the period cannot feed is refused.
             let remote = (port as u8, channel);
-            let _ = driver.request_remote_parameter(remote, "nvwatchdogtimeout", millis);
+            let taken = driver.request_remote_parameter(remote, "nvwatchdogtimeout", millis);
+            are_taken &= taken.is_ok();
         }
+        are_taken
     }
 
     /// True if a port is commanded off.

@@ -1,6 +1,6 @@
 //! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
 
-use super::{FaultKind, FaultPlace, Plan, Stranger, scrambled};
+use super::{FaultKind, FaultPlace, Plan, Stranger, WRITTEN_WATCHDOG, scrambled};
 use crate::common::chance::Chance;
 
 /// Cycles for which a board that has bitten is left alone.
@@ -38,6 +38,10 @@ impl Plan {
             return self;
         }
         self.later = later;
+        // Only where nothing else writes parameters, and where the value changes nothing else.
+        let is_usual = self.extras.remote_watchdog == u64::from(WRITTEN_WATCHDOG);
+        self.later.asks_twice &=
+            self.more.switches_one_in > 0 && self.extras.deeds_one_in == 0 && is_usual;
         self.later.leaves_bitten &= self.bites_alone();
         if self.later.leaves_bitten {
             self.habits.rearm_every = 0;
@@ -57,6 +61,10 @@ impl Plan {
         let is_bus = |place| matches!(place, FaultPlace::Network | FaultPlace::Bus);
         let is_sound = self.faults.iter().all(|fault| !is_bus(fault.kind.place()));
         let extras = &self.extras;
-        bites && is_sound && !extras.second_master && extras.stranger == Stranger::None && !self.has_deeds()
+        bites
+            && is_sound
+            && !extras.second_master
+            && extras.stranger == Stranger::None
+            && !self.has_deeds()
     }
 }

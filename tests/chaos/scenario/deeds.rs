@@ -3,16 +3,20 @@
 use std::time::Duration;
 
 use mesa_hal::driver::{BoardState, Driver};
+use mesa_hal_sim::devices::find;
 
 use super::super::application::Application;
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{MICRO, More, WRITTEN_WATCHDOG};
-use super::Scenario;
+use super::{Process, Scenario};
 use crate::common::chance::Chance;
 
 /// Cycles after which a port that is switched off has stopped its remotes.
 const OFF_AFTER: u64 = 40;
+/// A value that is requested first where another one follows.
+const FIRST_REQUEST: u32 = WRITTEN_WATCHDOG - 5;
+const NAME: &str = "nvwatchdogtimeout";
 
 impl Scenario {
     /// Occasionally makes a rare call.
@@ -81,6 +85,9 @@ impl Scenario {
         if often(proves_one_in, &mut self.side) {
             self.proves_watchdogs(driver, application)?;
         }
+        if self.plan.later.asks_twice {
+            self.asks_again(driver);
+        }
         if often(10 * tunes_one_in, &mut self.side) {
             let takes = application.takes_nonsense(driver);
             ensure(takes.is_none(), Promise::Works, now, || {
@@ -103,10 +110,65 @@ impl Scenario {
         let is_known =
             extras.deeds_one_in > 0 || extras.remote_watchdog == u64::from(WRITTEN_WATCHDOG);
         if !run && is_known {
-            Application::request_watchdogs(driver, port, WRITTEN_WATCHDOG);
+            let first = if self.plan.later.asks_twice {
+                FIRST_REQUEST
+            } else {
+                WRITTEN_WATCHDOG
+            };
+            self.requests(driver, port, first);
         }
         let now = self.sim.now();
         self.stage.tell(now, format!("port {port} run: {run}"));
+    }
+
+    fn requests<B: Host>(&mut self, driver: &mut Driver<B>, port: usize, millis: u32) {
+        let are_taken = Application::request_watchdogs(driver, port, millis);
+        if let Some(requested) = self.requested.get_mut(port) {
+            *requested = are_taken.then_some(millis);
+        }
+    }
+
+    /// Occasionally requests another value than the last one, while that is being written or not.
+    pub(super) fn asks_again<B: Host>(&mut self, driver: &mut Driver<B>) {
+        for port in 0..self.requested.len() {
+            let is_first = self.requested.get(port) == Some(&Some(FIRST_REQUEST));
+            if is_first && self.side.one_in(20) {
+                self.requests(driver, port, WRITTEN_WATCHDOG);
+                let now = self.sim.now();
+                self.stage.tell(now, format!("port {port}: requests again"));
+            }
+        }
+    }
+
+    /// Restarts all ports: each remote then has the value that was requested last.
+    pub(super) fn parameters_are_written<B: Host>(&mut self, process: &mut Process<B>) -> Checked {
+        if self.requested.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        let ports = self.requested.len();
+        for port in 0..ports {
+            process.application.switch_port(&mut process.driver, port);
+        }
+        for _ in 0..OFF_AFTER + self.oracle.off_after() / self.plan.period {
+            self.cycle(process, false)?;
+        }
+        self.comes_back(process)?;
+        let now = self.sim.now();
+        for remote in 0..self.plan.remotes() {
+            let (port, channel) = self.plan.place(remote);
+            let Some(requested) = self.requested.get(port).copied().flatten() else {
+                continue;
+            };
+            let kept = self.sim.on(|fpga| {
+                let device = fpga.remote(port, channel).and_then(find)?;
+                let mut parameters = device.parameters().into_iter();
+                parameters.find_map(|(name, value)| (name == NAME).then_some(value))
+            });
+            ensure(kept == Some(requested.into()), Promise::Told, now, || {
+                format!("remote {remote} keeps {kept:?}, and {requested} was requested last")
+            })?;
+        }
+        Ok(())
     }
 
     /// Leaves remotes without data, to determine which of them have a watchdog.

@@ -32,6 +32,7 @@ impl Scenario {
     ) -> Result<Process<B>, Failure> {
         self.stage.set_well(None);
         self.told = None;
+        self.requested.fill(None);
         for attempt in 0..2 {
             let at = self.sim.now();
             // Earlier events that made an attempt fail were reported by that failure.
@@ -62,7 +63,8 @@ impl Scenario {
                     // A remote with a fault that it reports answers: it is offline, not missing.
                     let begun = self.stage.begun();
                     let mut kinds = begun.iter().map(|begun| begun.planned.kind);
-                    let answer = kinds.all(|kind| kind.fault_bit().is_some() && REPORTED.contains(&kind));
+                    let answer =
+                        kinds.all(|kind| kind.fault_bit().is_some() && REPORTED.contains(&kind));
                     ensure(
                         found == self.plan.remotes() || had_bus_fault || !answer,
                         Promise::Works,
