@@ -81,7 +81,7 @@ pub(crate) fn hal_name(name: &str) -> String {
 }
 
 /// The name of a card in HAL spelling: `7i77` for `7I77`, and `TsHW` for `TsHW`. As in LinuxCNC the second
-/// letter is small, and the others are as the card has them (FACTS 21.5).
+/// letter is small, and the others are as the card has them.
 pub(crate) fn hal_card_name(name: &str) -> String {
     let letters = name.chars().enumerate().map(|(at, c)| match at {
         1 => c.to_ascii_lowercase(),

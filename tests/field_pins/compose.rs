@@ -360,9 +360,10 @@ impl Words {
                     let word = pin_word(kind.tag, unit, pin);
                     let output = output_name(kind.tag, pin);
                     let name = format!("{}{unit:02}.{output}.invert_output", kind.begin);
-                    match list.has(&name) {
-                        true => named.push(word),
-                        false => wanted.push(word),
+                    if list.has(&name) {
+                        named.push(word);
+                    } else {
+                        wanted.push(word);
                     }
                 }
             }

@@ -93,8 +93,6 @@ struct Firmware {
     has_latch: bool,
     /// There are pins for tables.
     has_table: bool,
-    /// The parameters of tables are there without pins for tables, too, as in LinuxCNC.
-    names_table: bool,
 }
 
 impl Stepgens {
@@ -138,7 +136,6 @@ impl Stepgens {
             has_swap: matches!(module.version, WITH_SWAP | WITH_LATCH),
             has_latch: module.version == WITH_LATCH,
             has_table: r.firmware.pins.iter().any(|pin| is_of_table(*pin)),
-            names_table: r.settings.defaults == Defaults::LinuxCnc,
         };
         let latched_by = timer_register(r, module)?;
         for instance in 0..module.instances {
@@ -152,6 +149,13 @@ impl Stepgens {
         for instance in 0..module.instances {
             let number = of_kind.number(instance);
             generators.push(Generator::new(r, module, instance, number, firmware)?);
+            if !firmware.has_table && r.settings.defaults == Defaults::LinuxCnc {
+                // LinuxCNC has them in any firmware. Without outputs no step type uses them.
+                let mut make = r.maker(&format!("stepgen.{number:02}."));
+                for four in 0..4 {
+                    make.setting(format!("table-data-{four}"), 0_u32)?;
+                }
+            }
         }
         let timer = match latched_by {
             None => None,

@@ -256,13 +256,12 @@ impl StepgenPins {
         if firmware.has_swap {
             self.swap_step_dir = Some(make.setting("swap_step_dir", false)?);
         }
-        if firmware.has_table || firmware.names_table {
+        if firmware.has_table {
             let mut table = [Param::default(); 4];
             for (number, param) in (0..).zip(&mut table) {
                 *param = make.setting(alloc::format!("table-data-{number}"), 0)?;
             }
-            // Without outputs no step type uses them.
-            self.table_data = firmware.has_table.then_some(table);
+            self.table_data = Some(table);
         }
         Ok(())
     }

@@ -464,7 +464,7 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     assert_eq!(directions, [0b011, 0]);
 }
 
-/// Names as hostmot2 makes them: the second letter small, the others as the card has them. FACTS 21.5.
+/// Names as hostmot2 makes them: the second letter small, the others as the card has them.
 #[test]
 fn the_second_letter_of_a_cards_name_is_small_and_no_other() {
     for (name, expected) in [

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
-use mesa_hal::driver::{Driver, RemoteState};
+use mesa_hal::driver::{Driver, RemoteState, SerialPort};
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
 /// Pins of RX and TX of a channel, and of TXEN where it has one.
@@ -44,7 +44,7 @@ fn set(driver: &mut Driver<SimFpga>, pin: usize, out: bool) {
 }
 
 fn runs(driver: &Driver<SimFpga>) -> bool {
-    let remotes = driver.ports().iter().flat_map(|port| port.remotes());
+    let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
     let states: Vec<RemoteState> = remotes.map(|remote| remote.state).collect();
     states == [RemoteState::Running]
 }

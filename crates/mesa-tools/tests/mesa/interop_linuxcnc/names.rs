@@ -11,35 +11,14 @@ use super::expected::List;
 type Reasons = &'static [(&'static str, &'static str)];
 
 const ONLY_LINUXCNC: Reasons = &[
-    ("*.debug", "of the hostmot2 module, not of a board"),
     (
         "*.time",
         "how long LinuxCNC's own functions take: see DriverStatistics",
     ),
     ("*.tmax*", "how long LinuxCNC's own functions take"),
     (
-        "stepgen.*.table-data-*",
-        "here only in firmware with pins for tables",
-    ),
-    (
         "pwmgen.p*_frequency",
         "of a descriptor without instances, where there are no generators",
-    ),
-    (
-        "gpio.*.out",
-        "of a pin of serial channel that is not used here",
-    ),
-    (
-        "gpio.*.is_output",
-        "of a pin of a serial channel that is not used here",
-    ),
-    (
-        "gpio.*.invert_output",
-        "of a pin of a serial channel that is not used here",
-    ),
-    (
-        "gpio.*.is_opendrain",
-        "of a pin of a serial channel that is not used here",
     ),
 ];
 
@@ -57,6 +36,14 @@ const ONLY_OURS: Reasons = &[
     (
         "encoder.*.near-max-count-rate",
         "LinuxCNC does not notice a speed that is not followed",
+    ),
+    (
+        "encoder.*.position-interpolated",
+        "of newer versions of LinuxCNC",
+    ),
+    (
+        "encoder.*.no_clear_on_index",
+        "of newer versions of LinuxCNC",
     ),
     (
         "encoder.*.probe-enable",
@@ -83,10 +70,6 @@ const ONLY_OURS: Reasons = &[
     ("7i*.running", "remotes go offline alone"),
     ("7i*.failures", "failures are counted for each remote"),
     ("7i*.restarts", "remotes come back by themselves"),
-    (
-        "sserial.*.tx*",
-        "of a channel without remote, whose pins are plain I/O in LinuxCNC",
-    ),
     ("sserial.port-*.transfers", "statistics"),
     ("sserial.port-*.too-short", "statistics"),
 ];
