@@ -72,24 +72,28 @@ fn compare_encoders(transcript: &Transcript, words: &[u32], outcome: &mut Outcom
     }
 }
 
-/// The firmware on which a file was recorded, as its comments name it; 7I76 on a 7I92 is the usual
-/// one.
+/// The firmware on which a file was recorded, as its first line names it; 7I76 on a 7I92 with a DPLL
+/// is the usual one.
 fn firmware(transcript: &Transcript) -> SimFirmware {
-    let says = |text: &str| transcript.comments.iter().any(|line| line.contains(text));
+    let head = transcript.comments.first().map_or("", String::as_str);
     let drives = |name: &str| {
         let mut events = transcript.entries.iter().map(|entry| &entry.event);
         events.any(|event| matches!(event, Event::Drive { pin, .. } if pin.starts_with(name)))
     };
-    if says("without DPLL") {
-        return firmware_7i77_7i76();
+    let has_dpll = !head.contains("without DPLL") && !head.contains("no DPLL");
+    let mut firmware = if head.contains("index firmware") || drives("INDEX") {
+        firmware_with_index()
+    } else if head.contains("7I97 + 7I76") {
+        firmware_7i97()
+    } else if has_dpll {
+        firmware_7i76()
+    } else {
+        firmware_7i77_7i76()
+    };
+    if !has_dpll {
+        firmware.modules.retain(|module| module.gtag != gtag::DPLL);
     }
-    if drives("INDEX") {
-        return firmware_with_index();
-    }
-    if says("7I97 + 7I76") {
-        return firmware_7i97();
-    }
-    firmware_7i76()
+    firmware
 }
 
 /// Modules that were built, in their order.
@@ -125,6 +129,11 @@ fn firmware_7i77_7i76() -> SimFirmware {
     );
     set_version(&mut firmware, 2);
     firmware.pins.rotate_right(SECOND_PORT);
+    // Their descriptors are in the ROM, before those of the generators; their pins are plain I/O.
+    let others = machines::firmware_7i92_7i77();
+    let encoders = [gtag::MUXED_ENCODER, gtag::MUX_SELECT];
+    let encoders = encoders.into_iter().filter_map(|tag| others.module(tag));
+    firmware.modules.splice(2..2, encoders.copied());
     firmware
 }
 
@@ -351,7 +360,13 @@ fn steps_are_counted_in_every_file_whose_pins_show_all_of_them() {
         let transcript = Transcript::own(crate::DIRECTORY, name);
         assert!(!counted_units(&transcript).is_empty(), "{name}");
     }
-    for name in ["sg01_reset", "sg11_accwrite", "sg27_table", "sg33_wd"] {
+    for name in [
+        "sg01_reset",
+        "sg02_reset",
+        "sg11_accwrite",
+        "sg27_table",
+        "sg33_wd",
+    ] {
         let transcript = Transcript::own(crate::DIRECTORY, name);
         assert!(counted_units(&transcript).is_empty(), "{name}");
     }

@@ -9,10 +9,13 @@ const LOOK_AHEAD: u64 = 1 << 31;
 /// A 33-bit sum of the master rate. FACTS 14.5.
 ///
 /// Each change of the top bit makes the accumulators add two ticks later: at FFFFFFFF in every
-/// tick, but for one in 2^32.
+/// tick, but for one in 2^32. In a firmware without DPLL FFFFFFFF adds in every tick from the one
+/// after its write on. T:sg02, T:sg58.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Divider {
     rate: u32,
+    /// True in a firmware without DPLL.
+    skips_at_full_rate: bool,
     sum: u64,
     /// The top bit of the sum one tick ago.
     was_high: bool,
@@ -21,6 +24,14 @@ pub(super) struct Divider {
 }
 
 impl Divider {
+    /// The divider of a firmware with or without a DPLL.
+    pub(super) fn new(has_dpll: bool) -> Self {
+        Self {
+            skips_at_full_rate: !has_dpll,
+            ..Self::default()
+        }
+    }
+
     /// The master rate.
     pub(super) fn rate(&self) -> u32 {
         self.rate
@@ -34,12 +45,13 @@ impl Divider {
 
     /// True if the accumulators add in the next tick.
     pub(super) fn adds_next(&self) -> bool {
-        self.adds
+        self.adds || self.is_skipped()
     }
 
     /// Number of additions in the next `ticks`, which are fewer than 2^31.
     pub(super) fn adds(&self, ticks: u64) -> u64 {
         match ticks {
+            _ if self.is_skipped() => ticks,
             0 => 0,
             1 => self.adds.into(),
             _ => u64::from(self.adds) + u64::from(self.changes()) + self.carries(ticks - 2),
@@ -49,6 +61,9 @@ impl Divider {
     /// Ticks up to the one that makes the `count`th addition from now on. `u64::MAX` if there is
     /// none; not more than the real number for an addition that is far away.
     pub(super) fn until(&self, count: u64) -> u64 {
+        if self.is_skipped() {
+            return count;
+        }
         let pending = u64::from(self.adds) + u64::from(self.changes());
         let Some(count) = count.checked_sub(pending).filter(|&count| count > 0) else {
             return if self.adds && count == 1 { 1 } else { 2 };
@@ -71,6 +86,11 @@ impl Divider {
         };
         self.was_high = is_high(self.sum_after(before));
         self.sum = self.sum_after(ticks);
+    }
+
+    /// True if the accumulators add in every tick, whatever the sum is.
+    fn is_skipped(&self) -> bool {
+        self.skips_at_full_rate && self.rate == u32::MAX
     }
 
     /// True if the top bit has changed in the last tick.
@@ -100,11 +120,13 @@ mod tests {
     proptest! {
         #[test]
         fn ticks_that_are_skipped_give_the_same_additions_as_ticks_one_by_one(
-            rates in proptest::collection::vec((any::<u32>(), 0_u32..4, 0_u64..60), 1..5),
+            rates in proptest::collection::vec((any::<u32>(), 0_u32..5, 0_u64..60), 1..5),
+            has_dpll: bool,
         ) {
-            let mut divider = Divider::default();
+            let mut divider = Divider::new(has_dpll);
             for (rate, shift, ticks) in rates {
-                divider.set_rate(rate | (0xFFFF_FFFF_u32).checked_shl(32 - 8 * shift).unwrap_or(0));
+                // The last one is FFFFFFFF.
+                divider.set_rate(rate | u32::MAX.checked_shl(32 - 8 * shift).unwrap_or(0));
                 let (mut single, mut adds) = (divider, 0);
                 for tick in 1..=ticks {
                     if single.adds_next() {

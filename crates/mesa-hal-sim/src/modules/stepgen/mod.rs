@@ -99,11 +99,12 @@ impl SimStepgen {
             WITH_SWAP.. => SWAP_BITS,
             _ => TYPE_BITS,
         };
+        let has_dpll = firmware.module(gtag::DPLL).is_some();
         let mut generators = Self {
             clock: firmware.clock(module.clock).max(1),
-            has_dpll: firmware.module(gtag::DPLL).is_some(),
+            has_dpll,
             mode_bits,
-            master: Divider::default(),
+            master: Divider::new(has_dpll),
             timer: 0,
             generators: vec![Generator::new(has_latch); count],
             samples: Samples {
