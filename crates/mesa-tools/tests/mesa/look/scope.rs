@@ -184,6 +184,8 @@ fn a_pin_that_a_software_mode_adds_is_recorded_in_that_mode() {
     let rest = ["--sim", "7i92-7i77", "--timeout", "1", "--csv", csv.path()];
     let without = run(&[&scope[..], &rest].concat());
     assert_eq!(without.code, Some(2), "{without:?}");
+    let said = "hm2_7i92.0.7i77.0.0.fieldvoltage is a parameter, read once at the start";
+    assert!(without.err.contains(said), "{without:?}");
     let with = run(&[&scope[..], &rest, &["--mode", "0.0=2"]].concat());
     assert_eq!(with.code, Some(1), "{with:?}");
     assert!(

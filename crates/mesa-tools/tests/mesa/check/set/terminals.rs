@@ -124,7 +124,8 @@ fn a_remote_is_started_in_the_mode_that_is_given() {
     let sim = ["1", "--for", "1s", "--sim", "7i97,0=7i77-io", "--yes"];
     let count = ["set", "7i77.0.0.analogin0"];
     let without = run(&[&count[..], &sim].concat());
-    assert!(without.err.contains("no pin or parameter"), "{without:?}");
+    let said = "analogin0` is a read-only parameter";
+    assert!(without.err.contains(said), "{without:?}");
     let with = run(&[&count[..], &sim, &["--mode", "0.0=2"]].concat());
     assert_eq!(with.code, Some(2), "{with:?}");
     assert!(with.err.contains("analogin0` is an input"), "{with:?}");

@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime};
 use clap::{Args, ValueEnum};
 use mesa_hal::bus::Instant;
 use mesa_hal::driver::Pace;
-use mesa_hal::hal::{HalType, PinId, PinInfo};
+use mesa_hal::hal::{HalType, PinId, PinInfo, Role};
 use mesa_hal::runner::{
     Cycle, Edge, Ended, MAX_SCOPE_PINS, RunStatistics, Runner, Scope as Recorder, ScopeRange,
     ScopeState, Signal, Trigger,
@@ -142,6 +142,18 @@ struct Run {
     packets: Packets,
 }
 
+/// Refuses a read-only parameter: no cycle reads it.
+fn check_changes(info: &PinInfo) -> Result<(), Failure> {
+    if info.role != Role::Property {
+        return Ok(());
+    }
+    Err(Failure::usage(format_args!(
+        "{} is a parameter, read once at the start; a software mode that transfers the value \
+         makes it a pin: give it with --mode PORT.CHANNEL=MODE",
+        info.name
+    )))
+}
+
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         self.check_files(context)?;
@@ -157,6 +169,7 @@ impl Scope {
         let infos = recorded.iter().map(|&pin| info(pin));
         let infos = infos.collect::<Result<Vec<_>, _>>()?;
         let watched = info(pin)?;
+        infos.iter().chain([&watched]).try_for_each(check_changes)?;
         self.check_level(&watched)?;
         let range = ScopeRange {
             before: self.before as usize,
