@@ -67,9 +67,20 @@ impl DataRecord {
             && self.is_readable()
     }
 
-    /// True if its value can be read with an access.
+    /// True if it is a value of a size that an access can have. Pads are none, nor are bits, counters
+    /// and streams: a card lists the process data of its other software modes with its parameters.
+    /// As in LinuxCNC.
     pub fn is_readable(&self) -> bool {
-        self.data_type != DataType::Pad && AccessSize::for_bits(self.bits).is_some()
+        let is_value = !matches!(
+            self.data_type,
+            DataType::Pad
+                | DataType::Bits
+                | DataType::Stream
+                | DataType::Encoder
+                | DataType::EncoderHigh
+                | DataType::EncoderLow
+        );
+        is_value && AccessSize::for_bits(self.bits).is_some()
     }
 }
 

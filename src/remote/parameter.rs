@@ -312,25 +312,15 @@ pub struct RemoteParameter {
 }
 
 impl RemoteParameter {
-    /// Makes the parameter of a record; `None` for one that no parameter type can hold: a pad, or a
-    /// record with a width other than 1 to 64 bits; and for process data of another software mode that
-    /// is no value: bits, counters, streams. As in LinuxCNC.
+    /// Makes the parameter of a record; `None` for one that no parameter type can hold
+    /// ([`DataRecord::is_readable`]).
     pub(super) fn new(
         pins: &mut PinStore,
         group: GroupId,
         name: &str,
         record: &DataRecord,
     ) -> Result<Option<Self>, PinError> {
-        let is_value = !matches!(
-            record.data_type,
-            DataType::Pad
-                | DataType::Bits
-                | DataType::Stream
-                | DataType::Encoder
-                | DataType::EncoderHigh
-                | DataType::EncoderLow
-        );
-        if !is_value || AccessSize::for_bits(record.bits).is_none() {
+        if !record.is_readable() {
             return Ok(None);
         }
         let kind = record.parameter_type();

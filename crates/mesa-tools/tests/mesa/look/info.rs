@@ -65,6 +65,26 @@ fn step_and_direction_have_the_terminals_of_the_card_on_the_connector() {
 }
 
 #[test]
+fn each_serial_port_of_a_firmware_takes_remotes() {
+    let image = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/transcripts/firmwares/7I92-7I74x2_34.txt"
+    );
+    let found = json(&["--sim", &format!("{image},0=7i72,1.0=7i71,1.3=7i84u")]);
+    let on_port = |port: usize| {
+        let channels = found["serial_ports"][port]["channels"].as_array();
+        let named = channels.into_iter().flatten().map(|channel| {
+            let name = channel["remote"]["name"].as_str();
+            (channel["channel"].as_u64(), name.map(str::to_owned))
+        });
+        named.filter(|(_, name)| name.is_some()).collect::<Vec<_>>()
+    };
+    let is = |channel, name: &str| (Some(channel), Some(name.to_owned()));
+    assert_eq!(on_port(0), [is(0, "7I72")], "{found}");
+    assert_eq!(on_port(1), [is(0, "7I71"), is(3, "7I84")]);
+}
+
+#[test]
 fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
     let output = info(&["--sim", SIM]);
     assert!(output.status.success(), "{output:?}");

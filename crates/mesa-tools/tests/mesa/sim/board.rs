@@ -81,7 +81,7 @@ fn help_names_every_option() {
 #[test]
 fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     let board = ["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"];
-    let cases: [(&[&str], &str); 17] = [
+    let cases: [(&[&str], &str); 18] = [
         (&["--nonsense"], "nonsense"),
         (&["--board", "7i43"], "7i92-7i77"),
         (&["--listen", "nowhere"], "IPv4"),
@@ -99,6 +99,7 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
         (&["--state", ""], "a value is required"),
         (&["--remote", "0=7i99"], "7i77-analog"),
         (&["--remote", "0=/dev/zero"], "no regular file"),
+        (&["--remote", "1.0=7i72"], "port 0 only"),
     ];
     for (arguments, reason) in cases {
         let mut all = board.to_vec();
