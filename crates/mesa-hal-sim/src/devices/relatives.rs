@@ -147,7 +147,7 @@ impl Edition {
             self.software
         );
         for (index, (name, data)) in modes.iter().enumerate() {
-            text += &format!("mode {index} {name}\n{}", data.concat());
+            text.extend([format!("mode {index} {name}\n"), data.concat()]);
         }
         Description::parse(&(text + &self.parameters()))
     }

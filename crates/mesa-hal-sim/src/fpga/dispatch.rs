@@ -121,10 +121,9 @@ impl SimFpga {
             return;
         };
         let was_high = dpll.level(now.saturating_sub(1), before);
-        if was_high == Some(false) && dpll.level(now, after) == Some(true) {
-            if let Some(stepgen) = &mut self.plant.stepgen {
-                stepgen.sample();
-            }
+        let rises = was_high == Some(false) && dpll.level(now, after) == Some(true);
+        if let Some(stepgen) = self.plant.stepgen.as_mut().filter(|_| rises) {
+            stepgen.sample();
         }
     }
 
