@@ -5,7 +5,7 @@ mod messages;
 use core::fmt;
 use core::time::Duration;
 
-use mesa_hal::driver::{Events, SerialPort};
+use mesa_hal::driver::{BoardState, Events, SerialPort};
 use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
@@ -14,7 +14,7 @@ use crate::gpio::Gpio;
 use crate::interface::Interface;
 use crate::loss::Losses;
 use crate::outputs::Outputs;
-use crate::rearm::{Rearming, RemoteMask, Seen, Wishes};
+use crate::rearm::{BOARD, Rearming, RemoteMask, Seen, Wishes};
 use crate::report::Names;
 use crate::say::{Level, Say};
 use crate::table::{Change, Memory, Table};
@@ -127,8 +127,6 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     /// Number in HAL of the pin `run` of each port.
     run: Vec<usize>,
     board: GroupEntry,
-    /// The board's pin `rearm` was on in the last cycle.
-    was_board_rearm: bool,
     remotes: Vec<GroupEntry>,
     /// The driver has the period of the thread. Nothing is exchanged with the board before.
     has_begun: bool,
@@ -200,7 +198,6 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             in_remotes,
             run,
             board,
-            was_board_rearm: false,
             remotes,
             has_begun: false,
             refused: None,
@@ -423,15 +420,22 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
+    /// The remotes and the board, with the numbers of their bits.
+    fn entries(&self) -> impl Iterator<Item = (usize, &GroupEntry)> + Clone {
+        let remotes = self.remotes.iter().enumerate();
+        remotes.chain(core::iter::once((BOARD, &self.board)))
+    }
+
     /// The outputs that should follow. Says which ones stay off although the machine is switched on.
     fn wishes(&mut self) -> Wishes {
-        let rearm = self.remotes.iter().enumerate();
-        let rearm = rearm.filter(|(_, remote)| self.memory.load(remote.rearm) != 0);
+        let rearm = self.entries();
+        let rearm = rearm.filter(|(_, entry)| self.memory.load(entry.rearm) != 0);
+        let rearm = mask_of(rearm.map(|(number, _)| number));
         let [armed, waiting] = self.armed_and_waiting();
         let seen = Seen {
             is_cleared: core::mem::take(&mut self.is_cleared),
             run: run_of(&self.run, &self.memory),
-            rearm: mask_of(rearm.map(|(number, _)| number)),
+            rearm,
             waiting,
             in_use: self.outputs.in_use(armed, &self.memory),
             is_machine_on: self.outputs.is_machine_on(&self.memory),
@@ -443,24 +447,17 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         wishes
     }
 
-    /// Lets these outputs follow, and those of the board with a rising edge of its `rearm`.
+    /// Lets these outputs follow.
     fn rearm(&mut self, wishes: Wishes) {
-        let is_on = self.memory.load(self.board.rearm) != 0;
-        let was_on = core::mem::replace(&mut self.was_board_rearm, is_on);
-        let of_board = is_on && !was_on;
-        if !wishes.all && wishes.remotes == 0 && !of_board {
+        if !wishes.all && wishes.remotes == 0 {
             return;
         }
         if wishes.all {
             let _ = self.driver.rearm_when_running();
         }
-        if of_board {
-            // The board's own outputs have no port that could be off.
-            let _ = self.driver.rearm_group_when_running(self.board.group);
-        }
-        for (number, remote) in self.remotes.iter().enumerate() {
+        for number in (0..self.remotes.len()).chain([BOARD]) {
             if wishes.remotes >> number & 1 == 1
-                && let Err(error) = self.driver.rearm_group_when_running(remote.group)
+                && let Err(error) = self.driver.rearm_group_when_running(self.group(number))
             {
                 let now = since_start(self.driver.bus_mut().now());
                 self.say.refuse(now, format_args!("{error}"));
@@ -494,24 +491,27 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// Remotes whose outputs follow, and those whose outputs are safe until the user does something.
+    /// The group of a remote by its number, or of the board.
+    fn group(&self, number: usize) -> GroupId {
+        self.remotes.get(number).unwrap_or(&self.board).group
+    }
+
+    /// Those whose outputs follow, and those whose outputs are safe until the user does something.
     fn armed_and_waiting(&self) -> [RemoteMask; 2] {
         let pins = self.driver.pins();
-        let states = self
-            .remotes
-            .iter()
-            .map(|remote| pins.group_state(remote.group));
-        let with = |is_so: fn(&GroupState) -> bool| {
-            let all = states.clone().enumerate();
-            mask_of(
-                all.filter(|(_, state)| state.as_ref().is_some_and(is_so))
-                    .map(|(n, _)| n),
-            )
-        };
-        [
-            with(|state| state.armed),
-            with(|state| !state.armed && !state.coming),
-        ]
+        let (mut armed, mut waiting) = (0, 0);
+        for (number, entry) in self.entries() {
+            match pins.group_state(entry.group) {
+                Some(GroupState { armed: true, .. }) => armed |= 1 << number,
+                Some(GroupState { coming: false, .. }) => waiting |= 1 << number,
+                _ => {}
+            }
+        }
+        // After a fault of the board the user clears its flag.
+        if self.driver.board_state() != BoardState::Running {
+            waiting &= !(1 << BOARD);
+        }
+        [armed, waiting]
     }
 
     fn now(&mut self) -> Duration {
@@ -531,7 +531,9 @@ fn run_of(run: &[usize], memory: &impl Memory) -> u8 {
 }
 
 fn mask_of(numbers: impl Iterator<Item = usize>) -> RemoteMask {
-    numbers.fold(0, |mask, number| mask | 1 << (number % MAX_REMOTES))
+    numbers.fold(0, |mask, number| {
+        mask | 1 << (number % RemoteMask::BITS as usize)
+    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::SerialPort;
 use mesa_hal::hal::Role;
 
-use crate::rearm::RemoteMask;
+use crate::rearm::{BOARD, RemoteMask};
 use crate::table::Memory;
 
 /// Numbers in HAL of the outputs that count.
@@ -35,7 +35,7 @@ impl Outputs {
         });
         Self {
             enables,
-            of_remotes: of_remotes.collect(),
+            of_remotes: of_remotes.take(BOARD).collect(),
         }
     }
 
@@ -47,12 +47,7 @@ impl Outputs {
     /// Those of these remotes with an output that HAL has on.
     pub fn in_use(&self, remotes: RemoteMask, memory: &impl Memory) -> RemoteMask {
         let mut in_use = 0;
-        for (number, outputs) in self
-            .of_remotes
-            .iter()
-            .enumerate()
-            .take(RemoteMask::BITS as usize)
-        {
+        for (number, outputs) in self.of_remotes.iter().enumerate() {
             let bit = 1 << number;
             if remotes & bit != 0 && outputs.iter().any(|&index| memory.load(index) != 0) {
                 in_use |= bit;

@@ -1,7 +1,10 @@
 //! Outputs that follow again after what the user does in HAL.
 
-/// Remotes of a board as bits, in the order of the table of its remotes.
+/// Remotes of a board as bits, in the order of the table of its remotes; and [`BOARD`].
 pub(crate) type RemoteMask = u64;
+
+/// Number of the bit of the board's own outputs, which have no port.
+pub(crate) const BOARD: usize = 63;
 
 /// The values of HAL that matter, in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -10,11 +13,11 @@ pub(crate) struct Seen {
     pub is_cleared: bool,
     /// The pins `sserial.port-N.run` that are on, as bits.
     pub run: u8,
-    /// The pins `REMOTE.rearm` that are on.
+    /// The pins `rearm` that are on.
     pub rearm: RemoteMask,
-    /// Remotes whose outputs are safe, and not to follow as soon as the remote runs.
+    /// Those whose outputs are safe, and not to follow as soon as they run.
     pub waiting: RemoteMask,
-    /// Remotes whose outputs follow, with one that is on.
+    /// Those whose outputs follow, with one that is on.
     pub in_use: RemoteMask,
     /// LinuxCNC has an axis or a spindle enabled.
     pub is_machine_on: bool,
@@ -37,7 +40,7 @@ pub(crate) struct Wishes {
 ///
 /// - The first cycle, and a cleared `watchdog.has_bit` or `io_error`: everything.
 /// - A rising edge of `sserial.port-N.run`: the remotes of the port.
-/// - A rising edge of `REMOTE.rearm`: that remote.
+/// - A rising edge of a pin `rearm`: that remote, or the board's own outputs.
 /// - The machine is switched on for the first time: everything that has failed before. Until then also a
 ///   remote of which no output was ever on: a computer that is busy with the load of LinuxCNC must not
 ///   leave a card off.
@@ -52,7 +55,7 @@ pub(crate) struct Rearming {
     rearm: RemoteMask,
     is_machine_on: bool,
     has_machine_been_on: bool,
-    /// Remotes of which an output was on.
+    /// Remotes of which an output was on, and the board.
     used: RemoteMask,
 }
 
@@ -66,7 +69,8 @@ impl Rearming {
             rearm: 0,
             is_machine_on: false,
             has_machine_been_on: false,
-            used: 0,
+            // It has settings among its outputs, which are never all 0.
+            used: 1 << BOARD,
         }
     }
 
@@ -80,7 +84,7 @@ impl Rearming {
         let switched_on = seen.run & !self.run;
         let mut remotes = seen.rearm & !self.rearm;
         // Nothing is armed in a port that is switched off.
-        let mut running = 0;
+        let mut running = 1 << BOARD;
         for (port, of_port) in self.ports.iter().enumerate() {
             let of_port_if = |mask: u8| if mask >> port & 1 == 1 { *of_port } else { 0 };
             remotes |= of_port_if(switched_on);
@@ -119,7 +123,7 @@ mod tests {
     type Cycle = (bool, u8, u64, u64, u64, bool);
 
     fn cycle() -> impl Strategy<Value = Cycle> {
-        let mask = 0..16_u64;
+        let mask = (0..32_u64).prop_map(|bits| bits & 15 | (bits >> 4) << BOARD);
         let (rearm, waiting) = (mask.clone(), mask.clone());
         let machine = proptest::bool::weighted(0.1);
         (any::<bool>(), 0..16_u8, rearm, waiting, mask, machine)
@@ -145,19 +149,22 @@ mod tests {
                 let earlier = &history[..number];
                 let was_on = earlier.iter().any(|cycle| cycle.5);
                 let is_edge = is_machine_on && !earlier.last().is_some_and(|cycle| cycle.5);
-                for remote in 0..4 {
+                for remote in (0..4).chain([BOARD]) {
                     let is_on = |mask: u64| mask >> remote & 1 == 1;
                     let own = is_on(rearm) && !is_on(before.1);
-                    let of_port = |condition: &dyn Fn(usize) -> bool| {
+                    let of_port = |without_port: bool, condition: &dyn Fn(usize) -> bool| {
+                        if remote == BOARD {
+                            return without_port;
+                        }
                         let mut ports = ports.iter().enumerate();
                         ports.any(|(port, &remotes)| is_on(remotes) && condition(port))
                     };
-                    let rises = of_port(&|port| run >> port & 1 == 1 && before.0 >> port & 1 == 0);
-                    let was_used = history[..=number].iter().any(|cycle| is_on(cycle.4));
+                    let rises = of_port(false, &|port| run >> port & 1 == 1 && before.0 >> port & 1 == 0);
+                    let was_used = remote == BOARD || history[..=number].iter().any(|cycle| is_on(cycle.4));
                     let failed_before = is_on(waiting)
                         && !was_on
                         && (is_edge || !was_used)
-                        && of_port(&|port| run >> port & 1 == 1);
+                        && of_port(true, &|port| run >> port & 1 == 1);
                     prop_assert_eq!(is_on(wishes.remotes), own || rises || failed_before);
                     prop_assert_eq!(wishes.is_switched_on, is_edge);
                     let is_left_off = is_edge && !wishes.all && is_on(waiting & !wishes.remotes);

@@ -9,6 +9,7 @@ use mesa_hal::hal::{Age, Role};
 use mesa_hal::{Driver, RemoteId};
 
 use crate::interface::Interface;
+use crate::rearm::BOARD;
 use crate::say::Level;
 
 /// The names of a board and its cards in HAL.
@@ -67,8 +68,12 @@ impl Names {
         Some(&self.find(id)?.prefix)
     }
 
-    /// Text for a card that is offline, or whose outputs wait for the user, although the machine is on.
+    /// Text for a card that is offline, or for a card or the board whose outputs wait for the user,
+    /// although the machine is on.
     pub fn left_off(&self, number: usize, is_offline: bool, waits: bool) -> Option<LeftOff<'_>> {
+        if number == BOARD {
+            return waits.then_some(LeftOff::OfBoard(&self.board));
+        }
         let card = self.cards.get(number)?;
         if is_offline {
             Some(LeftOff::Offline(&card.prefix))
@@ -130,6 +135,7 @@ impl fmt::Display for Acknowledge<'_> {
 pub(crate) enum LeftOff<'a> {
     Offline(&'a str),
     Waiting(&'a str),
+    OfBoard(&'a str),
     Board(Acknowledge<'a>),
 }
 
@@ -145,6 +151,11 @@ impl fmt::Display for LeftOff<'_> {
                 f,
                 "{prefix}: the machine is on, and the outputs of this card are off; set {prefix}.rearm to \
                  FALSE and TRUE to go on"
+            ),
+            Self::OfBoard(board) => write!(
+                f,
+                "{board}: the machine is on, and the outputs of the board are off; set {board}.rearm to FALSE \
+                 and TRUE to go on"
             ),
             Self::Board(flag) => {
                 let board = flag.board;
@@ -473,11 +484,16 @@ impl Report<'_> {
                 let fault = format_args!("connection lost for {time:.3} s");
                 self.all_off(f, fault, "check cable and power")
             }
-            EventKind::NotRead { .. } => write!(
-                f,
-                "{board}.read is not called any more: inputs are not valid, all outputs off; add it to the \
-                 thread, then set {board}.io_error to TRUE and FALSE"
-            ),
+            EventKind::NotRead { .. } => {
+                write!(f, "{board}.read is not called any more: inputs are not valid, all outputs off")?;
+                match self.outputs {
+                    OutputState::Follow => f.write_str("; add it to the thread"),
+                    OutputState::Wait => write!(
+                        f,
+                        "; add it to the thread, then set {board}.rearm and that of each card to FALSE and TRUE"
+                    ),
+                }
+            }
             EventKind::OtherFirmware => write!(
                 f,
                 "another board, or another firmware, answers than at the load: all outputs stay off; load {} \

@@ -4,10 +4,10 @@ use core::time::Duration;
 
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, EventKind};
-use mesa_hal::hal::Age;
+use mesa_hal::hal::{Age, PinId};
 
-use super::{Cycle, mask_of, since_start};
-use crate::rearm::RemoteMask;
+use super::{Cycle, since_start};
+use crate::rearm::{BOARD, RemoteMask};
 use crate::report::{Flags, OutputState, Report};
 use crate::say::Level;
 use crate::table::Memory;
@@ -19,24 +19,25 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The flags that keep the outputs off, also if HAL does not have them yet.
     fn flags(&self) -> Flags {
         let board = self.driver.pins().group_state(self.driver.group());
-        // The user has cleared the flag of a fault that is not over.
-        let is_covered = board.is_some_and(|state| state.coming);
+        let is_coming = board.is_some_and(|state| state.coming);
+        // The user may have cleared the flag of a fault that is not over.
+        let keeps_off = |flag: Option<PinId>| {
+            !is_coming || flag.is_some_and(|id| self.memory.load(id.index()) != 0)
+        };
+        let [has_bit, io_error] = self.acknowledged.map(keeps_off);
         let state = self.driver.board_state();
         let is_down = !matches!(state, BoardState::Running | BoardState::WatchdogBitten);
         Flags {
-            has_bit: state == BoardState::WatchdogBitten && !is_covered,
-            io_error: (is_down && !is_covered) || self.has_io_error(),
+            has_bit: state == BoardState::WatchdogBitten && has_bit,
+            io_error: (is_down && io_error) || self.has_io_error(),
         }
     }
 
     /// State of the outputs of a remote by its number, or of the board.
-    fn output_state(&self, remote: Option<usize>) -> OutputState {
-        let entry = remote.and_then(|number| self.remotes.get(number));
-        let group = entry.map_or(self.driver.group(), |entry| entry.group);
-        let state = self.driver.pins().group_state(group);
-        let mask = mask_of(remote.into_iter());
+    fn output_state(&self, number: usize) -> OutputState {
+        let state = self.driver.pins().group_state(self.group(number));
         if state.is_some_and(|state| state.armed || state.coming)
-            || (remote.is_some() && self.rearming.follow_by_themselves(mask))
+            || self.rearming.follow_by_themselves(1 << number)
         {
             OutputState::Follow
         } else {
@@ -56,7 +57,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 kind: event.kind,
                 names: &self.names,
                 flags: self.flags(),
-                outputs: self.output_state(remote),
+                outputs: self.output_state(remote.unwrap_or(BOARD)),
                 silence: board.map_or(Age::NEVER, |state| state.age),
             };
             if let Some(level) = report.level() {
@@ -74,7 +75,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             let text = self.names.all_off(flags);
             return self.say.report(now, Level::Error, format_args!("{text}"));
         }
-        for number in 0..self.remotes.len() {
+        for number in (0..self.remotes.len()).chain([BOARD]) {
             let waits = remotes >> number & 1 != 0;
             let text = self.names.left_off(number, self.is_offline(number), waits);
             if let Some(text) = text {
@@ -85,8 +86,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
 
     /// True for a remote that has not run for longer than its start takes.
     fn is_offline(&self, number: usize) -> bool {
-        let entry = self.remotes.get(number);
-        let state = entry.and_then(|entry| self.driver.pins().group_state(entry.group));
+        let state = self.driver.pins().group_state(self.group(number));
         state.is_some_and(|state| !state.armed && state.age.time > START)
     }
 

@@ -2,6 +2,7 @@
 
 use mesa_hal::driver::{EventKind, OfflineReason};
 use mesa_hal::hal::Age;
+use mesa_hal_sim::devices::{Device, Outputs48};
 
 use super::*;
 use crate::report::{Flags, OutputState, Report};
@@ -76,6 +77,35 @@ fn a_fault_of_the_board_is_said_with_the_pin_that_ends_it() {
         error.ends_with("set hm2_7i97.0.io_error to FALSE to go on"),
         "{error}"
     );
+}
+
+/// Two cards of a kind differ by their unit numbers.
+#[test]
+fn another_card_of_the_kind_is_an_error_once() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    let mut description = Outputs48::description().expect("a 7I72");
+    description.unit ^= 1;
+    let unit = description.unit;
+    let other = Device::remote(&description, Outputs48::default()).expect("a 7I72");
+    let own = bench.fpga().plug(0, OUTPUTS, Some(Box::new(other)));
+    assert!(own.is_some());
+    bench.run(20_000);
+    let errors = bench.new_errors();
+    let about: Vec<_> = errors
+        .iter()
+        .filter(|error| error.contains("another card answers"))
+        .collect();
+    let [error] = about[..] else {
+        panic!("{errors:#?}");
+    };
+    assert!(
+        error.starts_with("hm2_7i97.0.7i72.0.2: 7I72 (unit 0x"),
+        "{error}"
+    );
+    let found = format!(") expected, another card answers: 7I72 (unit 0x{unit:08X})");
+    assert!(error.contains(&found), "{error}");
+    assert!(!bench.is_on("7i72.0.2.valid"));
 }
 
 #[test]
@@ -173,6 +203,30 @@ fn a_machine_that_is_on_without_a_card_is_an_error() {
         "hm2_7i97.0.7i77.0.0: the machine is on, and this card is offline: its inputs are not valid, its \
          outputs are off"
     );
+}
+
+#[test]
+fn a_board_that_was_not_read_is_armed_with_the_machine() {
+    for is_used in [false, true] {
+        let mut bench = Bench::running();
+        if is_used {
+            bench.switch_on();
+        }
+        for _ in 0..20 {
+            bench.cycle.write(PERIOD);
+            bench.wait(PERIOD);
+        }
+        let error = bench.new_errors().remove(0);
+        let begin = "hm2_7i97.0: hm2_7i97.0.read is not called any more";
+        assert!(error.starts_with(begin), "{error}");
+        bench.run(1_000);
+        assert!(!bench.is_on("armed"));
+        // Nothing was on: the card follows as at the load.
+        assert_eq!(bench.is_on("7i77.0.0.armed"), !is_used);
+        bench.set("pwmgen.00.enable", true);
+        bench.run(100);
+        bench.switch_on();
+    }
 }
 
 #[test]
