@@ -19,30 +19,43 @@ const PORTS: u16 = 0x041C;
 const PORT_WIDTH: u16 = 0x0424;
 const SLOTS: u16 = 30;
 
-/// Kinds of modules whose instances have names, with beginning and end of those, the outputs and
-/// inputs of an instance, and a descriptor for a firmware that has none.
+/// Kinds of modules whose instances have names, with beginning and end of those, the pins of an
+/// instance, and a descriptor for a firmware that has none.
 struct Kind {
     tag: u8,
     begin: &'static str,
     end: &'static str,
     pins: &'static [u8],
+    /// Pins with numbers: their beginning in the names, and the first.
+    row: Option<(&'static str, u8)>,
     descriptor: [u32; 3],
 }
 
-const KINDS: [Kind; 6] = [
+const KIND: Kind = Kind {
+    tag: 0,
+    begin: "",
+    end: "",
+    pins: &[],
+    row: None,
+    descriptor: [0; 3],
+};
+
+const KINDS: [Kind; 8] = [
     Kind {
         tag: ENCODER,
         begin: "encoder.",
         end: ".count",
         pins: &[0x01, 0x02, 0x03],
         descriptor: [0x0102_0304, 0x0005_3000, 0x03],
+        ..KIND
     },
     Kind {
         tag: MUXED_ENCODER,
         begin: "encoder.",
         end: ".count",
-        pins: &[],
+        pins: &[0x01, 0x02, 0x03],
         descriptor: [0x0601_040C, 0x0005_3600, 0x03],
+        ..KIND
     },
     Kind {
         tag: STEPGEN,
@@ -50,6 +63,7 @@ const KINDS: [Kind; 6] = [
         end: ".counts",
         pins: &[0x81, 0x82],
         descriptor: [0x0501_C205, 0x000A_2000, 0x1FF],
+        ..KIND
     },
     Kind {
         tag: PWM,
@@ -57,22 +71,54 @@ const KINDS: [Kind; 6] = [
         end: ".value",
         pins: &[0x81, 0x82, 0x83],
         descriptor: [0x0102_0006, 0x0005_4100, 0x03],
+        ..KIND
     },
     Kind {
         tag: 0x1E,
         begin: "inmux.",
         end: ".scan_rate",
-        pins: &[],
+        pins: &[0x01, 0x81, 0x82, 0x83, 0x84],
         descriptor: [0x0101_001E, 0x0005_8000, 0x1F],
+        ..KIND
     },
     Kind {
         tag: 0x23,
         begin: "inm.",
         end: ".scan_rate",
-        pins: &[],
+        row: Some(("input-", 0x01)),
         descriptor: [0x0101_0023, 0x0005_8500, 0x1F],
+        ..KIND
+    },
+    Kind {
+        tag: 0xC3,
+        begin: "ssr.",
+        end: ".rate",
+        row: Some(("out-", 0x81)),
+        descriptor: [0x0101_00C3, 0x0002_7D00, 0x03],
+        ..KIND
+    },
+    Kind {
+        tag: 0x2D,
+        begin: "outm.",
+        end: "",
+        row: Some(("out-", 0x81)),
+        descriptor: [0x0101_002D, 0x0001_B000, 0x01],
+        ..KIND
     },
 ];
+
+impl Kind {
+    /// The secondary pins of an instance in the list.
+    fn pins(&self, list: &List, unit: u8) -> Vec<u8> {
+        let mut pins = self.pins.to_vec();
+        if let Some((name, first)) = self.row {
+            let begin = format!("{}{unit:02}.{name}", self.begin);
+            let is_there = |number: &u8| list.has(&format!("{begin}{number:02}"));
+            pins.extend((0..32).filter(is_there).map(|number| first + number));
+        }
+        pins
+    }
+}
 
 /// A pin that no module uses.
 const PLAIN: u32 = 0x0300_0000;
@@ -85,6 +131,9 @@ const WITH_PROBE: u8 = 0x80;
 const DPLL: u8 = 0x1A;
 const DPLL_DESCRIPTOR: [u32; 3] = [0x0101_001A, 0x0007_7000, 0];
 const SERIAL: u8 = 0xC1;
+const SERIAL_DESCRIPTOR: [u32; 3] = [0x0101_00C1, 0x1006_5B00, 0x3C];
+const MUX_SELECT: u8 = 0x0D;
+const MUX_SELECT_DESCRIPTOR: [u32; 3] = [0x0101_000D, 0, 0];
 
 /// The words of an identity memory.
 #[derive(Clone, Debug)]
@@ -230,6 +279,15 @@ impl Words {
             }
             self.set_instances(kind, wanted)?;
         }
+        if is_muxed && self.module(MUX_SELECT).is_none() {
+            self.add_module(MUX_SELECT_DESCRIPTOR)?;
+        }
+        let ports = list.cards.iter().map(|card| card.port as u8 + 1).max();
+        if ports > Some(self.instances(SERIAL)) {
+            let slot = self.module(SERIAL).map(|(slot, _)| slot);
+            let slot = slot.map_or_else(|| self.add_module(SERIAL_DESCRIPTOR), Ok)?;
+            self.set_count(slot, ports.unwrap_or_default());
+        }
         // Versions that have further names.
         if list.has("pwmgen.00.dither") {
             self.set_version(PWM, |_| 1);
@@ -308,9 +366,14 @@ impl Words {
             None if wanted == 0 => return Ok(()),
             None => self.add_module(kind.descriptor)?,
         };
-        let word = self.word(slot) & 0x00FF_FFFF | u32::from(wanted) << 24;
-        self.set(slot, word);
+        self.set_count(slot, wanted);
         Ok(())
+    }
+
+    /// Sets the number of instances in the descriptor of a slot.
+    fn set_count(&mut self, slot: u16, instances: u8) {
+        let word = self.word(slot) & 0x00FF_FFFF | u32::from(instances) << 24;
+        self.set(slot, word);
     }
 
     /// Frees pins that the list has free, and uses those that it has in use.
@@ -344,7 +407,7 @@ impl Words {
         let units = match tag {
             MUXED_ENCODER => self.instances(tag).div_ceil(2),
             // The select line of multiplexed encoders.
-            0x0D => return self.instances(MUXED_ENCODER) > 0,
+            MUX_SELECT => return self.instances(MUXED_ENCODER) > 0,
             _ => self.instances(tag),
         };
         unit < units || tag == STEPGEN && unit == 0x80
@@ -355,8 +418,17 @@ impl Words {
     fn missing(&self, list: &List) -> Vec<u32> {
         let (mut named, mut wanted) = (Vec::new(), Vec::new());
         for kind in &KINDS {
-            for unit in 0..self.instances(kind.tag) {
-                for &pin in kind.pins {
+            let mut units = self.instances(kind.tag);
+            if kind.tag == MUXED_ENCODER {
+                // In pairs, which share their pins and the select line.
+                units = units.div_ceil(2);
+                let is_there =
+                    |unit: &u8| list.has(&format!("encoder.{unit:02}.sel0.invert_output"));
+                let lines = (0..u8::MAX).filter(is_there);
+                named.extend(lines.map(|unit| pin_word(MUX_SELECT, unit, 0x81)));
+            }
+            for unit in 0..units {
+                for pin in kind.pins(list, unit) {
                     let word = pin_word(kind.tag, unit, pin);
                     let output = output_name(kind.tag, pin);
                     let name = format!("{}{unit:02}.{output}.invert_output", kind.begin);

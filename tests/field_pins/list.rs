@@ -95,9 +95,13 @@ impl List {
         self.entries.contains_key(name)
     }
 
-    /// Number of instances whose pins have names with this beginning, a number, and this end.
+    /// Number of instances whose pins have names with this beginning, a number, and this end; without
+    /// an end, any.
     pub fn instances(&self, begin: &str, end: &str) -> u8 {
-        let is_there = |number: &u8| self.has(&format!("{begin}{number:02}{end}"));
+        let is_there = |number: &u8| match end {
+            "" => self.begins(&format!("{begin}{number:02}.")),
+            end => self.has(&format!("{begin}{number:02}{end}")),
+        };
         (0..u8::MAX).take_while(is_there).count() as u8
     }
 
