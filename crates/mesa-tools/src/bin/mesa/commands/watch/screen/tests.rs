@@ -5,6 +5,7 @@ mod faults;
 use super::*;
 use mesa_hal::runner::SnapshotWriter;
 use mesa_hal::{Clock, Driver};
+use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{SimFpga, machines};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -86,6 +87,35 @@ fn board_packets_watchdog_cycle_remotes_and_pins_are_on_the_screen() {
         "/ filter   a: all pins   arrows",
     ] {
         assert!(picture.contains(text), "{text}\n{picture}");
+    }
+}
+
+/// The value of a pin in a picture.
+fn value<'a>(picture: &'a str, pin: &str) -> Option<&'a str> {
+    let mut lines = lines(picture).into_iter();
+    let rest = lines.find_map(|line| line.strip_prefix(pin)?.strip_prefix(' '));
+    rest?.split_whitespace().next()
+}
+
+#[test]
+fn the_value_of_an_input_follows_its_switch() {
+    let mut driver = driver();
+    let mut screen = screen("7i77.0.0.input-0");
+    for (level, shown) in [(true, "ON"), (false, "off"), (true, "ON")] {
+        let field = driver.bus_mut().remote_mut(0, 0).unwrap();
+        find_mut(field).unwrap().set_input(7, level).unwrap();
+        screen.take(&run(&mut driver, 20));
+        let picture = picture(&mut screen);
+        assert_eq!(
+            value(&picture, "7i77.0.0.input-07"),
+            Some(shown),
+            "{picture}"
+        );
+        assert_eq!(
+            value(&picture, "7i77.0.0.input-06"),
+            Some("off"),
+            "{picture}"
+        );
     }
 }
 
