@@ -1,6 +1,7 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
 use super::handle::Key;
+use super::pins::RestatedOutput;
 use super::rule::is_scale;
 use super::{
     AnyValue, GroupId, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value,
@@ -337,19 +338,25 @@ impl Pins {
     /// that.
     #[cold]
     fn is_outdated(&mut self, pin: PinId, bits: u64) -> bool {
-        let rule = self.index(pin.0).and_then(|index| self.rule_mut(index));
-        let Some(rule) = rule else {
+        let Some(restated) = self.restated_mut(pin.0) else {
             return false;
         };
-        match rule.outdated {
+        match restated.outdated {
             Some(outdated) if outdated == bits => true,
             Some(_) => {
-                rule.outdated = None;
+                restated.outdated = None;
                 self.outdated = self.outdated.saturating_sub(1);
                 false
             }
             None => false,
         }
+    }
+
+    pub(super) fn restated_mut(&mut self, key: Key) -> Option<&mut RestatedOutput> {
+        let index = self.index(key)?;
+        let all = &mut self.restated;
+        let place = all.binary_search_by_key(&index, |one| one.index as usize);
+        all.get_mut(place.ok()?)
     }
 
     /// True if the value to which an output is set goes out: its group is armed, or faults do not

@@ -74,13 +74,23 @@ pub struct Pins<End: ?Sized = [()]> {
     /// Number of faults of groups that were armed, or ran.
     pub(super) losses: u64,
     pub(super) totals: Rejections,
-    /// Number of outputs whose last value is [outdated](Rule::outdated).
+    /// Outputs whose values may change their meaning, in ascending order of their indices.
+    pub(super) restated: Vec<RestatedOutput>,
+    /// Number of those of them that have an outdated value.
     pub(super) outdated: u32,
     pub(super) foreign: AtomicU32,
     /// Empty. Behind a reference its length is not known, so that a driver's pins cannot be
     /// replaced by others.
     #[expect(dead_code, reason = "only what it is made of counts")]
     pub(super) end: End,
+}
+
+/// An output whose values may change their meaning.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RestatedOutput {
+    pub index: u32,
+    /// The value that was set before the last change: repeated, it is no new command.
+    pub outdated: Option<u64>,
 }
 
 /// Condition under which a group that is not armed is armed without a further call.

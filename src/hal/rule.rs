@@ -91,8 +91,6 @@ pub(super) struct Rule {
     pub wire: (f64, f64),
     pub rejections: Rejections,
     pub enabling: Enabling,
-    /// The value that was set before the meaning of values changed: repeated, it is no new command.
-    pub outdated: Option<u64>,
     /// The state of the parameters from which the fields below were computed.
     pub settings: u64,
     /// The limits as narrowed by the parameters.
@@ -222,7 +220,6 @@ pub(super) fn make_slot<T: Value>(
         wire,
         rejections: Rejections::default(),
         enabling: Enabling::NONE,
-        outdated: None,
         settings: u64::MAX,
         lowest: min,
         highest: max,

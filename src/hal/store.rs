@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::handle::kind::{Publishable, Settable};
-use super::pins::{Awaited, Group, GroupPart};
+use super::pins::{Awaited, Group, GroupPart, RestatedOutput};
 use super::rule::NONE;
 use super::{
     AnyValue, GroupId, Handle, Input, Output, PinError, PinId, Pins, Rejection, Role, Value,
@@ -119,6 +119,18 @@ impl PinStore {
             if let Some(rule) = self.rule_mut(output.index()) {
                 rule.enabling.by = by.index() as u32;
             }
+        }
+    }
+
+    /// Declares that the values of an output may change their meaning: see [`restate`](Self::restate).
+    pub(crate) fn may_be_restated(&mut self, pin: Output<f64>) {
+        if let Some(index) = self.index(pin.key) {
+            let restated = RestatedOutput {
+                index: index as u32,
+                outdated: None,
+            };
+            // Pins are made in the order of their indices.
+            self.restated.push(restated);
         }
     }
 
@@ -358,21 +370,25 @@ impl PinStore {
     /// [repeats](super::Pins::repeat_bits) the value of before in each cycle does not set it again. A
     /// value that is not finite changes nothing.
     pub(crate) fn restate(&mut self, pin: Output<f64>, command: f64) {
-        let Some(index) = self.index(pin.key).filter(|_| command.is_finite()) else {
+        if !command.is_finite() {
+            return;
+        }
+        let pins = &mut self.pins;
+        let slot = pins
+            .index(pin.key)
+            .and_then(|index| pins.slots.get_mut(index));
+        let Some(slot) = slot else {
             return;
         };
-        let pins = &mut self.pins;
-        if let Some(slot) = pins.slots.get_mut(index)
-            && let Some(rule) = pins.rules.get_mut(slot.rule as usize)
+        let before = core::mem::replace(&mut slot.bits, command.to_bits());
+        // That of the first change: a repeated value is still that one.
+        if let Some(restated) = pins.restated_mut(pin.key)
+            && restated.outdated.is_none()
         {
-            let before = core::mem::replace(&mut slot.bits, command.to_bits());
-            // That of the first change: a repeated value is still that one.
-            if rule.outdated.is_none() {
-                rule.outdated = Some(before);
-                pins.outdated = pins.outdated.saturating_add(1);
-            }
-            self.changed(pin.key);
+            restated.outdated = Some(before);
+            pins.outdated = pins.outdated.saturating_add(1);
         }
+        pins.changed(pin.key);
     }
 
     /// Counts a value of `pin` as out of range that a module has replaced in its register word.

@@ -13,7 +13,8 @@ use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
-    Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Repeating, TraceSettings,
+    CorrectedValue, Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Repeating,
+    TraceSettings,
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::lbp::RemoteFaults;
@@ -140,6 +141,14 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::StepgenStands {
             generator: 2,
             rate: 5_000,
+        },
+        EventKind::ValueCorrected {
+            setting: CorrectedValue::OutputType,
+            number: 3,
+            asked: -5,
+            used: 1,
+            lowest: 1,
+            highest: 4,
         },
         EventKind::OfModule {
             module: 0x9A,

@@ -106,6 +106,7 @@ impl Generator {
         pins.enable = make.at(place).output("enable", false)?;
         pins.add_parameters(PinMaker::new(r.pins, parameters, stem), firmware)?;
         r.pins.enabled_by(pins.position_cmd, pins.enable);
+        r.pins.may_be_restated(pins.position_cmd);
         r.pins.enabled_by(pins.velocity_cmd, pins.enable);
         let clock_hz = firmware.clock_hz;
         let pulses = pins.pulses(r.pins, clock_hz);
