@@ -373,22 +373,18 @@ impl PinStore {
         if !command.is_finite() {
             return;
         }
-        let pins = &mut self.pins;
-        let slot = pins
-            .index(pin.key)
-            .and_then(|index| pins.slots.get_mut(index));
-        let Some(slot) = slot else {
+        let Some(slot) = self.slot_mut(pin.key) else {
             return;
         };
         let before = core::mem::replace(&mut slot.bits, command.to_bits());
         // That of the first change: a repeated value is still that one.
-        if let Some(restated) = pins.restated_mut(pin.key)
+        if let Some(restated) = self.restated_mut(pin.key)
             && restated.outdated.is_none()
         {
             restated.outdated = Some(before);
-            pins.outdated = pins.outdated.saturating_add(1);
+            self.outdated = self.outdated.saturating_add(1);
         }
-        pins.changed(pin.key);
+        self.changed(pin.key);
     }
 
     /// Counts a value of `pin` as out of range that a module has replaced in its register word.
