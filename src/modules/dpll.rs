@@ -193,12 +193,16 @@ impl Dpll {
             return;
         }
         // Prescale 255, and a phase step of less than a turn.
-        let slowest = libm::ldexp(f64::from(self.clock_hz), 30 - i32::from(self.dds_bits)) / 256.0;
+        let turns = libm::ldexp(
+            f64::from(self.clock_hz),
+            i32::from(self.dds_bits).saturating_neg(),
+        );
+        let slowest = libm::ldexp(turns, 30 - 8);
         let limit = Limit {
             setting: CorrectedValue::DpllFrequency,
             number: 0,
-            lowest: slowest as i64 + 1,
-            highest: libm::ldexp(f64::from(self.clock_hz), 32 - i32::from(self.dds_bits)) as i64,
+            lowest: (slowest as i64).saturating_add(1),
+            highest: libm::ldexp(turns, 32) as i64,
             instead: None,
         };
         limit.tell(cycle, asked, self.config.hz as i64);

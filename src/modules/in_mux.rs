@@ -226,7 +226,7 @@ impl InMux {
     /// Corrects rates and filters that the control register cannot have.
     fn correct(&self, cycle: &mut WriteCycle<'_>) {
         let inputs = u32::try_from(self.pins.inputs.len()).unwrap_or(1).max(1);
-        let fastest = self.clock_hz / 4 / inputs;
+        let fastest = (self.clock_hz / 4).checked_div(inputs).unwrap_or(0);
         let slowest = fastest.div_ceil(LARGEST_DIVISOR.saturating_add(1));
         let params = [
             self.pins.scan_rate,

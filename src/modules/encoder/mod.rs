@@ -290,7 +290,10 @@ impl Encoder {
 /// the next one that the clock can be divided to.
 fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRate, RegisterError> {
     let is_muxed = module.gtag == Gtag::MUXED_ENCODER;
-    let of_linuxcnc = |hz: u32| TickRate((module.clock_hz / hz).saturating_sub(2));
+    let of_linuxcnc = |hz: u32| {
+        let ticks = module.clock_hz.checked_div(hz).unwrap_or(0);
+        TickRate(ticks.saturating_sub(2))
+    };
     let usual = match (r.settings.defaults, r.board.encoder_rate) {
         (Defaults::Board, Some(rate)) => rate,
         (_, _) if is_muxed => of_linuxcnc(8_000_000),
