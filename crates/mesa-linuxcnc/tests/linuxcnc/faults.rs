@@ -74,7 +74,7 @@ const ROWS: &[Row] = &[
 ];
 
 /// Rows of other tests, or of none.
-const ELSEWHERE: [(&str, &str); 5] = [
+const ELSEWHERE: &[(&str, &str)] = &[
     (
         "counters of 64 bits",
         "no test runs for long enough; src/table.rs",
@@ -86,6 +86,27 @@ const ELSEWHERE: [(&str, &str); 5] = [
     ("loopback addresses, other ports", "tests/fake_hal"),
     ("processor time of a 7I97", "cost.rs prints it"),
     ("a panic, which would be an error", "tests/fake_hal"),
+    (
+        "a period of the thread that cannot be",
+        "src/cycle/tests/period.rs",
+    ),
+    (
+        "a period that the DPLL cannot follow",
+        "src/cycle/tests/period.rs",
+    ),
+    (
+        "a rate, filter, time or type out of range",
+        "tests/driver/setup/corrected.rs",
+    ),
+    ("a pin out of range", "tests/driver/setup/corrected.rs"),
+    ("`board_rtnet=evl`", "src/parameters.rs"),
+    (
+        "components that call functions of hostmot2",
+        "they are not driven",
+    ),
+    ("`0.debug` of a serial port", "names.rs has its name"),
+    ("positions after a time without replies", "tests/driver"),
+    ("positions after a bite", "tests/driver"),
 ];
 
 #[test]
