@@ -18,7 +18,7 @@ use crate::hal::{GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
 use crate::modules::events::EventSink;
 use crate::modules::watchdog::EvidenceRead;
-use crate::modules::{Module, ReadCycle};
+use crate::modules::{Module, Outage, ReadCycle, RunOnCycle};
 use crate::tally::Tally;
 
 /// Writes after a fault before a set-up that a pin asks for: a packet from before the fault that a
@@ -54,6 +54,8 @@ pub(super) struct BoardCycle {
     /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
     state: BoardState,
+    /// What has happened to a board that is not set up.
+    outage: Outage,
     /// The state that was published last.
     shown: Option<BoardState>,
     rows: EventRows,
@@ -94,6 +96,7 @@ impl BoardCycle {
             events,
             beats,
             state: BoardState::Running,
+            outage: Outage::default(),
             shown: None,
             rows: EventRows::default(),
             old_read_errors: 0,
@@ -235,6 +238,7 @@ impl BoardCycle {
         };
         let finding = self.parts.watchdog.examine(&read);
         self.found(now, finding);
+        self.note_bite(finding, certain || reply.lost_writes == 0);
         // With bad evidence, the inputs are not those of a board that is set up.
         if was_running && !self.is_running() {
             self.not_read();
@@ -247,6 +251,7 @@ impl BoardCycle {
         } else {
             self.beats.unlock();
             self.make_safe();
+            self.run_on(at);
         }
         self.publish();
         report.board = self.state;
@@ -301,6 +306,22 @@ impl BoardCycle {
         }
     }
 
+    /// Lets every module follow what runs on in a board that is not set up.
+    fn run_on(&mut self, at: Instant) {
+        if self.state == BoardState::OtherFirmware {
+            return;
+        }
+        self.outage.shows_bite = self.parts.watchdog.shows_bite(&self.words);
+        let cycle = RunOnCycle {
+            words: &self.words,
+            now: at,
+            outage: &self.outage,
+        };
+        for part in &mut self.parts.modules {
+            part.module.run_on(&cycle);
+        }
+    }
+
     fn not_read(&mut self) {
         for part in self.parts.each() {
             part.not_read(&mut self.pins);
@@ -331,6 +352,13 @@ impl BoardCycle {
         };
         let finding = self.parts.watchdog.examine(&read);
         self.found(now, finding);
+        self.note_bite(finding, false);
+    }
+
+    /// Evaluates a separate read of all registers before the set-up, which would hide what they show.
+    pub fn surveyed(&mut self, now: Instant) {
+        self.looked(now);
+        self.run_on(now);
     }
 
     /// True if the evidence is that of a fresh set-up.
@@ -342,8 +370,9 @@ impl BoardCycle {
     pub fn is_set_up_again(&mut self, now: Instant) {
         self.words.all_set();
         self.look_closely();
+        let outage = core::mem::take(&mut self.outage);
         for part in self.parts.each() {
-            part.restored(&mut self.pins, now);
+            part.set_up_again(&mut self.pins, now, &outage);
         }
         self.state = BoardState::Running;
         self.pins.await_after_set_up();
@@ -356,6 +385,7 @@ impl BoardCycle {
     /// Handles another firmware that answers. The application has to clear the flag before the
     /// board is checked again.
     pub fn is_other_firmware(&mut self, now: Instant) {
+        self.outage.was_replaced = true;
         let state = BoardState::OtherFirmware;
         if core::mem::replace(&mut self.state, state) != state {
             self.events.tell(now, EventKind::OtherFirmware);
@@ -395,7 +425,18 @@ impl BoardCycle {
             self.quiet_writes = QUIET_WRITES;
             self.enter(now, state);
         }
+        let is_reset = state == BoardState::Reset;
+        self.outage.was_reset |= is_reset;
+        self.outage.has_released |= is_reset || state == BoardState::WatchdogBitten;
         self.make_safe();
+    }
+
+    /// Notes when the watchdog has bitten, at the first read that shows it.
+    fn note_bite(&mut self, finding: Option<BoardState>, have_all_arrived: bool) {
+        let outage = &mut self.outage;
+        if finding == Some(BoardState::WatchdogBitten) && outage.last_feed.is_none() {
+            outage.last_feed = self.parts.watchdog.bitten_after(have_all_arrived);
+        }
     }
 
     fn enter(&mut self, now: Instant, state: BoardState) {

@@ -4,8 +4,8 @@ use core::time::Duration;
 
 use super::cycle::{CycleWrite, Order};
 use super::pace::ReadResult;
-use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
-use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, RegisterBus, Words};
+use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
+use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, ReadRequest, RegisterBus, Words};
 
 /// Pause between two polls of COMMAND.
 const POLL_PAUSE: Duration = Duration::from_micros(1);
@@ -164,6 +164,21 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
+    /// Reads all registers in a separate exchange, of a board that is not set up.
+    fn survey(&mut self) -> Result<(), B::Error> {
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let ask = ReadRequest {
+            held: false,
+            extra: true,
+            after: None,
+        };
+        let started = self.exchanges.start_read(bus, words, ask)?;
+        self.exchanges.finish(bus, words, started)?;
+        let now = self.bus.now();
+        self.cycle.surveyed(now);
+        Ok(())
+    }
+
     /// Reads all evidence in a separate exchange.
     fn look(&mut self) -> Result<(), B::Error> {
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
@@ -219,10 +234,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
             Responder::Absent => return Ok(true),
             Responder::Other => return Ok(false),
         }
-        // The set-up would hide that the board was reset while it did not answer.
-        if self.cycle.state() == BoardState::BusDown {
-            self.look()?;
-        }
+        // The set-up would hide that the board was reset while it did not answer, and what its
+        // counters show of that.
+        self.survey()?;
         let Self {
             bus,
             exchanges,

@@ -77,7 +77,9 @@ mod trace;
 mod watchdogs;
 
 pub use crate::ParseError;
-pub use crate::modules::events::{CorrectedValue, Event, EventKind, EventMask, Events, Repeating};
+pub use crate::modules::events::{
+    CorrectedValue, Event, EventKind, EventMask, Events, Positions, Repeating,
+};
 pub use crate::modules::gpio::GpioConfig;
 pub use crate::modules::report::{BoardState, CycleReport};
 pub use crate::modules::serial::{

@@ -40,6 +40,7 @@ use core::fmt;
 use core::time::Duration;
 
 use events::{EventKind, EventSink};
+use watchdog::LastFeed;
 
 use crate::bus::{Instant, Words};
 use crate::hal::{Output, PinStore};
@@ -87,10 +88,55 @@ pub trait Module: Any + fmt::Debug + Send {
         Ok(())
     }
 
+    /// Called instead of [`read`](Self::read) with each good read of a board that is not set up any
+    /// more: nothing is published, but counters and accumulators that ran on can be followed.
+    fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
+        let _ = cycle;
+    }
+
     /// Called when the board has lost its set-up and got it back: counters may contain any value.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         let _ = (pins, now);
     }
+
+    /// Called when the board has its set-up back, with what had happened to it. A module that does
+    /// not tell faults apart implements [`restored`](Self::restored), which this calls.
+    fn set_up_again(&mut self, pins: &mut PinStore, now: Instant, outage: &Outage) {
+        let _ = outage;
+        self.restored(pins, now);
+    }
+}
+
+/// What has happened to a board from the fault that ended its set-up to the next set-up.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Outage {
+    /// The board was reset or lost its power, or seems to have been: its registers may contain any
+    /// value.
+    pub was_reset: bool,
+    /// The watchdog has bitten, or the board was reset: for some time its pins were inputs. A reset
+    /// before a late packet can look like a bite.
+    pub has_released: bool,
+    /// Another board, or another firmware, has answered meanwhile.
+    pub was_replaced: bool,
+    /// The last write before the bite, as far as it is known.
+    pub(crate) last_feed: Option<LastFeed>,
+    /// The last read has shown a bite: a board that was reset, and then got a late packet of a set-up,
+    /// does not show one.
+    pub(crate) shows_bite: bool,
+}
+
+/// Input of [`Module::run_on`].
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct RunOnCycle<'a> {
+    /// The words that were read.
+    pub words: &'a Words,
+    /// Time at which the registers were read.
+    pub now: Instant,
+    /// What has happened to the board up to now.
+    pub outage: &'a Outage,
 }
 
 /// Input of [`Module::read`].

@@ -98,7 +98,7 @@ impl Application {
             gpio_inputs: gpio_inputs.collect::<Result<_, _>>()?,
             isolated: isolated.collect::<Result<_, _>>()?,
             encoders: (0..plan.extras.axes)
-                .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
+                .filter_map(|axis| Encoder::new(pins, (name, plan.has_muxed()), axis).transpose())
                 .collect::<Result<_, _>>()?,
             steppers: StepAxis::all(driver, plan),
             steps: (Chance(scrambled(plan.seed ^ 0x57E92)), false),
@@ -345,6 +345,7 @@ impl Application {
                 stepper.check_stands(motor, now, jolts)?;
             }
             stepper.check_motor(motor, now, (jolts, good && runs && armed))?;
+            stepper.jolted(jolts);
             if jolts.is_lost {
                 stepper.lost();
             } else if good && runs {

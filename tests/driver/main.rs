@@ -11,6 +11,7 @@ mod inputs;
 mod outputs;
 mod pace;
 mod parameters;
+mod positions;
 mod remotes;
 mod reset;
 mod setup;

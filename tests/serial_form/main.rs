@@ -13,8 +13,8 @@ use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
-    CorrectedValue, Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Repeating,
-    TraceSettings,
+    CorrectedValue, Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Positions,
+    Repeating, TraceSettings,
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::lbp::RemoteFaults;
@@ -149,6 +149,11 @@ fn events_are_as_they_are_written_and_come_back() {
             used: 1,
             lowest: 1,
             highest: 4,
+        },
+        EventKind::PositionUnsure {
+            of: Positions::StepGenerators,
+            first: 0,
+            mask: 0b101,
         },
         EventKind::OfModule {
             module: 0x9A,

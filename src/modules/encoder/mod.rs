@@ -4,6 +4,7 @@
 
 mod latch;
 mod pins;
+mod reach;
 mod registers;
 mod state;
 mod velocity;
@@ -12,13 +13,15 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::ops::Range;
 
-use super::events::CorrectedValue;
+use super::events::{CorrectedValue, Positions, UnsureMask};
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
+use super::{
+    Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
+};
 use crate::advice::Advice;
-use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage, Words};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 
@@ -34,6 +37,8 @@ pub struct Encoders {
     /// The pins that all encoders share.
     bank: EncoderBankPins,
     axes: Vec<Encoder>,
+    /// The number of the first of them.
+    first: u8,
     clock_hz: u32,
     /// Samples of an encoder per tick of the rate: 0.5 for multiplexed encoders, since each of the
     /// two on a set of pins is sampled in every other tick.
@@ -62,6 +67,8 @@ struct Encoder {
     command: EncoderCommand,
     /// The last published reading.
     shown: Option<EncoderReading>,
+    /// It has been reported that the position is unsure.
+    has_said_unsure: bool,
     count: ReadSlot,
     control: ReadSlot,
     mode: Setting,
@@ -129,7 +136,7 @@ impl Encoders {
         bank: usize,
         numbers: Range<u8>,
     ) -> Result<Self, RegisterError> {
-        let count = numbers.len() as u8;
+        let (count, first) = (numbers.len() as u8, numbers.start);
         let module = &of_kind.descriptor;
         let (gtag, clock_hz) = (module.gtag, module.clock_hz);
         let is_muxed = gtag == Gtag::MUXED_ENCODER;
@@ -162,6 +169,7 @@ impl Encoders {
         Ok(Self {
             bank,
             axes,
+            first,
             clock_hz,
             samples,
             has_probe: probe != 0 || has_probe_pin(r, gtag),
@@ -238,8 +246,8 @@ impl Encoder {
         let config = pins.config(r.pins);
         let (count, control) = (module.register(0, instance)?, module.register(1, instance)?);
         let mode = r.image.setting(Stage::Configure, control, config.mode);
-        r.image.step(Stage::Configure, count, 0);
-        let mut state = EncoderState::new(config);
+        // The count is never written: it goes on through every fault but a reset.
+        let mut state = EncoderState::new(config, gtag == Gtag::MUXED_ENCODER);
         state.set_rates(rates);
         r.pins.publish(pins.max_count_rate, state.max_count_rate());
         Ok(Self {
@@ -248,22 +256,36 @@ impl Encoder {
             rests: false,
             command: EncoderCommand::default(),
             shown: None,
+            has_said_unsure: false,
             count: r.image.read(Phase::Data, count),
             control: r.image.read(Phase::Data, control),
             mode,
         })
     }
 
-    /// Takes a sample, and publishes the reading if it has changed.
-    fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) {
+    /// The registers as they were read.
+    fn sample(&self, words: &Words, timestamp: u16, at: Instant) -> EncoderSample {
+        EncoderSample {
+            count: words.word(self.count),
+            control: words.word(self.control),
+            timestamp,
+            at,
+        }
+    }
+
+    /// Takes a sample, and publishes the reading if it has changed. Returns true if the position has
+    /// become unsure.
+    fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) -> bool {
         self.rests = self.state.rests(&sample);
         if self.rests {
-            return;
+            return false;
         }
         let reading = self.state.read(sample);
         if self.shown.replace(reading) != Some(reading) {
             self.pins.publish(pins, &reading);
         }
+        let is_unsure = reading.is_unsure;
+        is_unsure && !core::mem::replace(&mut self.has_said_unsure, is_unsure)
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>, has_probe: bool) {
@@ -361,15 +383,22 @@ fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<
 impl Module for Encoders {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let timestamp = cycle.words.word(self.timestamp) as u16;
-        for encoder in &mut self.axes {
-            let sample = EncoderSample {
-                count: cycle.words.word(encoder.count),
-                control: cycle.words.word(encoder.control),
-                timestamp,
-                at: cycle.now,
-            };
+        let mut unsure = UnsureMask::default();
+        for (number, encoder) in (self.first..).zip(&mut self.axes) {
+            let sample = encoder.sample(cycle.words, timestamp, cycle.now);
             encoder.state.latch.is_doubtful |= !cycle.certain;
-            encoder.read(cycle.pins, sample);
+            if encoder.read(cycle.pins, sample) {
+                unsure.add(number);
+            }
+        }
+        unsure.tell(cycle, Positions::Encoders);
+    }
+
+    fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
+        let timestamp = cycle.words.word(self.timestamp) as u16;
+        for encoder in &mut self.axes {
+            let sample = encoder.sample(cycle.words, timestamp, cycle.now);
+            encoder.state.run_on(sample, cycle.outage);
         }
     }
 
@@ -383,12 +412,10 @@ impl Module for Encoders {
         }
     }
 
-    /// Takes the next read as a new start: the counters may contain any value, and the counts
-    /// continue from their last one.
-    fn restored(&mut self, _: &mut PinStore, _: Instant) {
+    fn set_up_again(&mut self, _: &mut PinStore, _: Instant, outage: &Outage) {
         for encoder in &mut self.axes {
-            encoder.state.resume();
-            encoder.rests = false;
+            encoder.state.set_up_again(outage);
+            (encoder.rests, encoder.has_said_unsure) = (false, false);
         }
     }
 }

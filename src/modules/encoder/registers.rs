@@ -61,6 +61,8 @@ pub(super) mod bits {
     pub const B: u32 = 1 << 1;
     /// Level of the A input.
     pub const A: u32 = 1;
+    /// The bits of the mode that every firmware reads back.
+    pub const MODE: u32 = FILTER | UP_DOWN | USE_INDEX_MASK | INDEX_MASK_POLARITY | INDEX_POLARITY;
 }
 
 #[cfg(test)]

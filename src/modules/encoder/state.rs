@@ -1,12 +1,14 @@
 //! State of one encoder: counts, index and velocity.
 
-use core::mem::replace;
+use core::mem::{replace, take};
 
 use super::latch::{HORIZON, Latch, LatchRequest, Movement};
 use super::pins::EncoderCommand;
+use super::reach::Reach;
 use super::registers::bits;
 use super::velocity::{CountStep, VelocityEstimator};
 use crate::bus::Instant;
+use crate::modules::Outage;
 
 /// The registers of one encoder, as read in one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +48,7 @@ pub struct EncoderRates {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum CountEvidence {
     Certain,
-    /// The counter may have been set up again, or have moved by 32768 counts or more.
+    /// The select line of multiplexed encoders may have been released.
     Unsure,
     /// The counter may have wrapped around: the distance to a latched count is unknown.
     Lost,
@@ -80,9 +82,13 @@ pub struct EncoderReading {
     /// detection is turned off.
     pub quadrature_error: bool,
     /// `count` may be wrong, for one of these reasons:
-    /// - The counter was set up again, or may have been: an exchange within 100 reads after a
-    ///   set-up was in doubt.
-    /// - The time between two reads was long enough for a movement of 32768 counts or more.
+    /// - The board was reset or lost its power; or its watchdog has bitten, and its registers do not
+    ///   show that it was not reset before.
+    /// - The encoder is multiplexed, and its select line was released: by a bite, by a set-up, or by an
+    ///   exchange in doubt within 100 reads after one. `count` is then the best estimate.
+    /// - In the time between two reads it can have moved by 32768 counts or more: with half as much
+    ///   again as its last speed and acceleration, and 1000 counts a second. If its last edge is still
+    ///   the same, it has not moved.
     /// - The encoder was near the highest rate that can be followed, and seemed to stop from one
     ///   read to the next, as it does beyond that rate.
     ///
@@ -102,7 +108,8 @@ pub struct EncoderReading {
 /// [`control`](Self::control) for the word to write.
 ///
 /// The counter in the FPGA has 16 bits: if the encoder moves 32768 counts or more between two
-/// reads, counts are wrong. [`EncoderReading::is_unsure`] indicates that this may have happened.
+/// reads, counts are wrong. [`EncoderReading::is_unsure`] indicates that this may have happened. The
+/// counter runs on through every fault but a reset, and is never written.
 ///
 /// # Real time
 /// Constant time, no allocation.
@@ -119,6 +126,8 @@ pub struct EncoderState {
     pub index_keeps_count: bool,
     /// The next read is evaluated in full: a command or the configuration may have changed.
     pub is_awake: bool,
+    /// Two encoders share the pins of each, by means of a select line that the board drives.
+    is_muxed: bool,
     rates: EncoderRates,
     /// A gap between two reads below this limit is neither ambiguous nor lets time stamps wrap
     /// unseen.
@@ -131,8 +140,7 @@ pub struct EncoderState {
     /// it is gone.
     clears_error: bool,
     /// Number of further reads during which a packet of the last set-up may be in flight. If such a
-    /// packet is executed again, the counter is cleared, and the select line of multiplexed
-    /// encoders is not driven meanwhile.
+    /// packet is executed again, the select line of multiplexed encoders is not driven meanwhile.
     set_up_for: u32,
     /// Number of further reads in which counts may be wrong because of such a packet: the read
     /// after it, and the next one, because the write between them drives the line again.
@@ -140,13 +148,20 @@ pub struct EncoderState {
     velocity: VelocityEstimator,
     /// The pin `homed` of the last command.
     was_homed: bool,
+    reach: Reach,
+    /// Reads were passed over because nothing moved.
+    has_rested: bool,
+    outage: OutageProof,
+    /// The next read is the first one after a set-up through which the counter went on.
+    must_go_on: bool,
 }
 
 impl EncoderState {
     /// A counter at 0, with time stamps in microseconds.
-    pub fn new(config: EncoderConfig) -> Self {
+    pub fn new(config: EncoderConfig, is_muxed: bool) -> Self {
         Self {
             config,
+            is_muxed,
             is_awake: true,
             rates: EncoderRates {
                 tick_hz: 1e6,
@@ -202,6 +217,7 @@ impl EncoderState {
         *ticks = ticks.saturating_add(u64::from(step));
         last.at = sample.at;
         self.clears_error = false;
+        self.has_rested = true;
         true
     }
 
@@ -227,14 +243,42 @@ impl EncoderState {
         self.latch.request(command.request);
     }
 
-    /// Takes the next read as a new start: counts continue from here, whatever the counter in the
-    /// FPGA contains then. Used when the counter may have been reset, or moved by 32768 counts or
-    /// more unseen.
-    pub fn resume(&mut self) {
-        self.reading.is_unsure |= self.last.is_some();
-        self.last = None;
+    /// Follows the counter of a board that is not set up, as long as it was not reset.
+    pub fn run_on(&mut self, sample: EncoderSample, outage: &Outage) {
+        let Some((last, ticks)) = self.last else {
+            return;
+        };
+        self.outage.examine(self.config.mode, last.control, &sample);
+        // A reset board can have the mode from a set-up that came late, but shows no bite then.
+        self.outage.is_proven &= outage.shows_bite || self.set_up_for == 0;
+        self.outage.is_lost |= outage.was_reset && !self.outage.is_proven;
+        if !self.outage.is_lost {
+            self.reading.is_unsure |= self.is_ambiguous(last, sample);
+            self.advance(last, ticks, sample);
+        }
+    }
+
+    /// The board has its set-up back. Without a reset, the counter goes on where it was.
+    pub fn set_up_again(&mut self, outage: &Outage) {
+        let OutageProof { is_lost, is_proven } = take(&mut self.outage);
+        let is_reset = outage.was_reset && !is_proven;
         self.set_up_for = HORIZON;
         self.latch.forget();
+        self.is_awake = true;
+        if is_lost || is_reset || outage.was_replaced {
+            self.start_anew();
+        } else if self.is_muxed || outage.has_released && !is_proven {
+            self.reading.is_unsure |= self.last.is_some();
+        } else {
+            self.must_go_on = self.last.is_some();
+        }
+    }
+
+    /// Takes the next read as a new start: counts continue from here, whatever the counter in the
+    /// FPGA contains then.
+    fn start_anew(&mut self) {
+        self.reading.is_unsure |= self.last.is_some();
+        self.last = None;
         self.velocity = VelocityEstimator::default();
     }
 
@@ -264,15 +308,12 @@ impl EncoderState {
         self.clears_error &= has_error;
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
         let from = self.reading.rawcounts;
-        let gap = sample.at.since(last.at).as_secs_f64();
-        let is_ambiguous = gap * self.rates.sample_hz >= AMBIGUOUS;
+        let is_ambiguous = self.is_ambiguous(last, sample);
         let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
         self.reading.is_unsure |= is_ambiguous || is_disturbed;
-        // Allows for twice the last speed: beyond that, the counter may have wrapped around.
-        let is_lost = 2.0 * self.velocity.velocity.abs() * gap >= AMBIGUOUS;
-        let evidence = if is_lost {
+        let evidence = if is_ambiguous {
             CountEvidence::Lost
-        } else if is_ambiguous || is_disturbed {
+        } else if is_disturbed {
             CountEvidence::Unsure
         } else {
             CountEvidence::Certain
@@ -298,10 +339,35 @@ impl EncoderState {
         self.reading
     }
 
+    /// True if the counter may have wrapped around between two samples.
+    fn is_ambiguous(&mut self, last: EncoderSample, sample: EncoderSample) -> bool {
+        let rawcounts = self.reading.rawcounts;
+        if take(&mut self.has_rested) || self.last.is_none() {
+            self.reach = Reach::standing(last.at, rawcounts);
+        } else {
+            self.reach.note(last.at, rawcounts);
+        }
+        let must_go_on = take(&mut self.must_go_on);
+        // With the time of the last edge.
+        if last.count == sample.count {
+            return false;
+        }
+        let gap = sample.at.since(last.at);
+        if gap.as_nanos() < self.short_gap_ns.into() && !must_go_on {
+            return false;
+        }
+        let gap = gap.as_secs_f64();
+        let farthest = self.reach.farthest(gap);
+        // A counter that was reset between the last look at its registers and the set-up begins at 0.
+        let moved = counts_between(last, sample).unsigned_abs() as f64;
+        let is_elsewhere = must_go_on && moved > farthest + MIN_MISSING;
+        farthest.min(gap * self.rates.sample_hz) >= AMBIGUOUS || is_elsewhere
+    }
+
     /// True if a packet of the last set-up may have been executed again between the last two reads,
     /// or before them.
     fn may_be_set_up_again(&mut self) -> bool {
-        if self.set_up_for > 0 && self.latch.is_doubtful {
+        if self.is_muxed && self.set_up_for > 0 && self.latch.is_doubtful {
             self.disturbed_for = 2;
         }
         self.set_up_for = self.set_up_for.saturating_sub(1);
@@ -319,7 +385,7 @@ impl EncoderState {
     }
 
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
-        let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
+        let change = counts_between(last, sample);
         let gap = sample.at.since(last.at).as_secs_f64();
         let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.rates.tick_hz);
         // The age of a change that came after the time stamp counter was read would wrap to 65535
@@ -364,6 +430,31 @@ impl EncoderState {
         self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index
     }
+}
+
+/// What the control register has shown since the set-up was lost: a reset clears it, and nothing but
+/// the set-up writes it again.
+#[derive(Clone, Copy, Debug, Default)]
+struct OutageProof {
+    /// The counter was cleared, or may have been.
+    is_lost: bool,
+    /// It showed the mode, which is not 0.
+    is_proven: bool,
+}
+
+impl OutageProof {
+    /// Takes a sample: the mode is the one that was written last, or the one that was read last.
+    fn examine(&mut self, written: u32, read: u32, sample: &EncoderSample) {
+        let shown = sample.control & bits::MODE;
+        let expected = [written, read].map(|word| word & bits::MODE);
+        self.is_proven = shown != 0 && expected.contains(&shown);
+        self.is_lost |= !self.is_proven && !expected.contains(&shown);
+    }
+}
+
+/// The shortest way from one count to another.
+fn counts_between(from: EncoderSample, to: EncoderSample) -> i64 {
+    i64::from((to.count as u16).wrapping_sub(from.count as u16) as i16)
 }
 
 /// Fraction of the highest count rate that counts as near to it.

@@ -20,7 +20,7 @@ impl Machine {
         let make = PinMaker::new(&mut pins, group, "hm2_7i92.0.encoder.00.");
         let handles = EncoderPins::new(make, Default::default(), true).unwrap();
         Self {
-            state: EncoderState::new(handles.config(&mut pins)),
+            state: EncoderState::new(handles.config(&mut pins), false),
             pins,
             group,
             handles,

@@ -351,6 +351,17 @@ pub enum EventKind {
         /// The largest allowed value.
         highest: i64,
     },
+    /// Positions are not known any more, and stay so until the axes are homed again: by an index, or by
+    /// `reset` or `position-reset`.
+    [POSITION_UNSURE = 29, fault; "position unsure of {of} {}: home again", Numbers { first: *first, mask: *mask }]
+    PositionUnsure {
+        /// The kind of counter.
+        of: Positions,
+        /// The number of bit 0 of the mask.
+        first: u32,
+        /// The bit of each counter whose position has become unsure.
+        mask: u32,
+    },
     /// An event of a module outside of this crate, by
     /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
     [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]
@@ -486,6 +497,29 @@ pub enum Repeating {
 }
 }
 
+packed_enum! {
+/// What counts a position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Positions {
+    /// The encoders of the board: pin `count-unsure`.
+    Encoders,
+    /// The step generators of the board: pin `position-unsure`.
+    StepGenerators,
+}
+}
+
+impl fmt::Display for Positions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Encoders => "encoders",
+            Self::StepGenerators => "step generators",
+        })
+    }
+}
+
 impl Repeating {
     const fn remote(self) -> Option<RemoteId> {
         match self {
@@ -514,6 +548,23 @@ impl fmt::Display for EventKind {
             write!(f, "{remote}: ")?;
         }
         write_text(self, f)
+    }
+}
+
+/// The numbers of a mask: `00, 01, 02`.
+struct Numbers {
+    first: u32,
+    mask: u32,
+}
+
+impl fmt::Display for Numbers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for bit in (0..u32::BITS).filter(|bit| self.mask >> bit & 1 != 0) {
+            write!(f, "{separator}{:02}", self.first.saturating_add(bit))?;
+            separator = ", ";
+        }
+        Ok(())
     }
 }
 

@@ -3,13 +3,15 @@
 mod kind;
 mod queue;
 mod row;
+mod unsure;
 mod words;
 
-pub use kind::{CorrectedValue, EventKind, EventMask, Repeating};
+pub use kind::{CorrectedValue, EventKind, EventMask, Positions, Repeating};
 pub use queue::Events;
 
 pub(crate) use queue::EventSink;
 pub(crate) use row::EventRow;
+pub(crate) use unsure::UnsureMask;
 
 use core::fmt;
 

@@ -22,7 +22,56 @@ pub(super) struct StepCounts {
     last: Option<u32>,
 }
 
+/// The movement of a motor until its pins were released, in sub-counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Expected {
+    /// As long, whatever the accumulator shows: it may have wrapped around.
+    ByTime(i64),
+    /// As long, and no longer than that of the accumulator.
+    Within(i64),
+    /// That of the accumulator, less this.
+    Beyond(i64),
+    /// In the time that it ran, of the whole time since the last read, both in seconds, with a change
+    /// from one speed to the other, in sub-counts per second: the accumulator shows when.
+    Changed {
+        speeds: [f64; 2],
+        ran: f64,
+        gap: f64,
+    },
+}
+
+impl Expected {
+    /// The movement of the motor, if the accumulator has moved by `moved`.
+    fn made(self, moved: i64) -> i64 {
+        let made = match self {
+            Self::ByTime(made) => return made,
+            Self::Within(made) => made,
+            Self::Beyond(beyond) => moved.saturating_sub(beyond),
+            Self::Changed {
+                speeds: [before, after],
+                ran,
+                gap,
+            } => {
+                let change = before - after;
+                let changed_at = if change == 0.0 {
+                    0.0
+                } else {
+                    ((moved as f64 - after * gap) / change).clamp(0.0, gap)
+                };
+                let first = changed_at.min(ran);
+                return (before * first + after * (ran - first)) as i64;
+            }
+        };
+        made.clamp(moved.min(0), moved.max(0))
+    }
+}
+
 impl StepCounts {
+    /// True if a position is known that can be lost.
+    pub const fn has_begun(&self) -> bool {
+        self.last.is_some()
+    }
+
     /// Takes the accumulator; returns its movement since the last read.
     pub fn read(&mut self, accumulator: u32) -> i64 {
         let last = self.last.replace(accumulator).unwrap_or(accumulator);
@@ -37,6 +86,16 @@ impl StepCounts {
         let is_ambiguous = self.last.is_some() && gap.as_secs_f64() * fastest >= AMBIGUOUS;
         self.is_unsure |= is_ambiguous;
         is_ambiguous
+    }
+
+    /// Takes the accumulator of a generator whose pins were released, after it had moved by
+    /// `expected`: the motor has stood still since.
+    pub fn released(&mut self, accumulator: u32, expected: Expected) {
+        let before = self.sub_counts;
+        let moved = self.read(accumulator);
+        let made = expected.made(moved);
+        self.sub_counts = before.wrapping_add(made);
+        self.is_unsure = true;
     }
 
     /// Makes the present position 0.
@@ -137,6 +196,40 @@ mod tests {
             (-8, -1),
             "rounded down"
         );
+    }
+
+    #[test]
+    fn a_motor_stands_where_it_was_when_its_pins_were_released() {
+        const STEP: i64 = 65_536;
+        let changed = |speeds: [f64; 2]| Expected::Changed {
+            speeds: speeds.map(|speed| speed * STEP as f64),
+            ran: 0.02,
+            gap: 0.1,
+        };
+        for (expected, moved, made) in [
+            (Expected::ByTime(100), 7, 100),
+            (Expected::Within(100), 500, 100),
+            (Expected::Within(100), 80, 80),
+            (Expected::Within(100), -5, 0),
+            (Expected::Beyond(-400), -500, -100),
+            (Expected::Beyond(400), 300, 0),
+            // At once, in the middle of the time that it ran, and when it did not run any more.
+            (changed([1_000.0, 5_000.0]), 500 * STEP, 100 * STEP),
+            (changed([1_000.0, 5_000.0]), 460 * STEP, 60 * STEP),
+            (changed([5_000.0, 0.0]), 50 * STEP, 50 * STEP),
+            (changed([5_000.0, 0.0]), 400 * STEP, 100 * STEP),
+            (changed([5_000.0, 5_000.0]), 500 * STEP, 100 * STEP),
+        ] {
+            let mut counts = StepCounts::default();
+            counts.read(12);
+            counts.released(12_u32.wrapping_add(moved as u32), expected);
+            assert!(
+                (counts.sub_counts - made).abs() <= 2,
+                "{expected:?}: {}",
+                counts.sub_counts
+            );
+            assert!(counts.is_unsure);
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::control::{ControlLaw, ControlLimits};
-use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
+use super::counts::{AMBIGUOUS, Expected, SUB_COUNTS, StepCounts};
 use super::latch::{AccumulatorLatch, LatchRequest};
 use super::pins::{Rows, StepgenPins, Switches};
 use super::pulses::PulseChange;
@@ -11,7 +11,8 @@ use super::rate::RateRegister;
 use super::registers::Registers;
 use super::reports::Reports;
 use super::timing::PulseTimes;
-use super::{Firmware, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::{Firmware, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle};
+use crate::bus::Instant;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::ModuleDescriptor;
 
@@ -44,8 +45,6 @@ struct Factors {
     /// Periods in a second, and its inverse.
     periods: f64,
     seconds: f64,
-    /// The highest rate of the gateware in steps per second.
-    highest: f64,
     /// Rate register from which on the rate is near the highest.
     near: u32,
     /// Rate register from which on each read shows a movement.
@@ -57,6 +56,7 @@ struct Factors {
 }
 
 /// A step generator.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub(super) struct Generator {
     pins: StepgenPins,
@@ -86,6 +86,10 @@ pub(super) struct Generator {
     /// The acceleration before a change of the scale at speed, in the units of after it and as a
     /// change of the move: for the way down to the highest speed. 0 at rest.
     old_ramp: f64,
+    /// It has been reported that the position is unsure.
+    has_said_unsure: bool,
+    /// The pins were released since the last good read of a board that was set up.
+    is_released: bool,
 }
 
 impl Generator {
@@ -131,6 +135,8 @@ impl Generator {
             is_enabled: false,
             was_reset: false,
             old_ramp: 0.0,
+            has_said_unsure: false,
+            is_released: false,
         })
     }
 
@@ -167,13 +173,15 @@ impl Generator {
         self.halt();
         self.rate = RateRegister::new();
         self.change.restored();
+        (self.has_said_unsure, self.is_released) = (false, false);
     }
 }
 
 /// The read.
 impl Generator {
-    /// Takes the accumulator. `gap` is the time since the last good read.
-    pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap: Duration) {
+    /// Takes the accumulator. `gap` is the time since the last good read. Returns true if the position
+    /// has become unsure.
+    pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap: Duration) -> bool {
         self.reports.tell(cycle);
         let certain = cycle.certain;
         if self.change.read(certain) && self.rate.may_have_moved() {
@@ -186,7 +194,8 @@ impl Generator {
             .read(cycle.words.word(self.registers.accumulator));
         if self.rate.observe(moved, certain, self.factors.visible) {
             self.counts.is_unsure = true;
-            self.reports.stands(self.steps_per_second(self.rate.word));
+            let magnitude = self.rate.word.unsigned_abs();
+            self.reports.stands(self.steps_per_second(magnitude));
         }
         let is_still = self.rate.word == 0 && moved == 0 && certain;
         self.change.observe_rest(cycle.now, is_still, self.clock_hz);
@@ -212,21 +221,70 @@ impl Generator {
         if !self.is_enabled {
             to.set_safe(pins.position_cmd, self.position);
         }
+        is_unsure && !core::mem::replace(&mut self.has_said_unsure, is_unsure)
+    }
+
+    /// Follows the accumulator of a board that is not set up, as long as its pins are outputs.
+    pub fn run_on(&mut self, cycle: &RunOnCycle<'_>, read_at: Instant) {
+        let outage = cycle.outage;
+        let is_lost = outage.was_reset || outage.was_replaced;
+        if is_lost || self.is_released || !self.counts.has_begun() {
+            return;
+        }
+        let accumulator = cycle.words.word(self.registers.accumulator);
+        let gap = cycle.now.since(read_at);
+        let fastest = self.steps_per_second(self.rate.fastest());
+        if !outage.has_released {
+            self.counts.observe_gap(gap, fastest);
+            self.counts.read(accumulator);
+            return;
+        }
+        self.is_released = true;
+        let sent = self.rate.sent();
+        let [before, first, last] =
+            [sent.before, sent.first, sent.last].map(|word| self.speed(word));
+        let gap = gap.as_secs_f64();
+        let (mut ran, mut speed, mut is_last) = (0.0, first, false);
+        if let Some(feed) = outage.last_feed {
+            ran = feed.bitten_at.since(read_at).as_secs_f64();
+            speed = if feed.at > read_at { first } else { before };
+            is_last = feed.is_last && !self.rate.has_failed();
+        }
+        let by_time = (speed * ran) as i64;
+        let expected = if gap * fastest >= AMBIGUOUS {
+            Expected::ByTime(by_time)
+        } else if !is_last {
+            Expected::Within(by_time)
+        } else if sent.is_one {
+            Expected::Changed {
+                speeds: [before, first],
+                ran,
+                gap,
+            }
+        } else {
+            Expected::Beyond((last * (gap - ran)) as i64)
+        };
+        self.counts.released(accumulator, expected);
+    }
+
+    /// The speed of a word in sub-counts per second.
+    fn speed(&self, word: i32) -> f64 {
+        f64::from(word) / STEP_PER_TICK * f64::from(self.clock_hz) * SUB_COUNTS
     }
 
     /// After a doubtful exchange an older rate than that of the last writes may have been in force.
     fn observe_gap(&mut self, gap: Duration, certain: bool) -> bool {
         let fastest = if certain {
-            f64::from(self.rate.fastest()) / STEP_PER_TICK * f64::from(self.clock_hz)
+            self.rate.fastest()
         } else {
-            self.factors.highest
+            self.rate.fastest_of_late()
         };
-        self.counts.observe_gap(gap, fastest)
+        self.counts.observe_gap(gap, self.steps_per_second(fastest))
     }
 
-    /// The rate of a word of the rate register.
-    fn steps_per_second(&self, word: i32) -> f64 {
-        f64::from(word.unsigned_abs()) / STEP_PER_TICK * f64::from(self.clock_hz)
+    /// The rate of a magnitude of the rate register.
+    fn steps_per_second(&self, magnitude: u32) -> f64 {
+        f64::from(magnitude) / STEP_PER_TICK * f64::from(self.clock_hz)
     }
 
     fn take_latch(&mut self, mode: u32, certain: bool, pins: &mut PinStore) {
@@ -399,7 +457,6 @@ impl Generator {
             rate: scale * STEP_PER_TICK / (clock * seconds),
             periods: 1.0 / seconds,
             seconds,
-            highest,
             near: (NEAR * highest * STEP_PER_TICK / clock) as u32,
             // At least 1: a rate of 0 is no movement, however long the period is.
             visible: libm::ceil(VISIBLE * SUB_COUNTS / (clock * seconds)).max(1.0) as u32,

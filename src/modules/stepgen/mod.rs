@@ -11,7 +11,7 @@
 //! - **A change of the direction inside a pulse.** The hold time in the register includes the pulse.
 //! - **Motion after a bite of the watchdog.** A bite does not stop the generator (FACTS 14.15). The
 //!   rate becomes 0 with the first write after it and in the set-up, both before any direction. The
-//!   position continues where it was read last, and is unsure.
+//!   position is the one at which the pins were released, as well as that is known, and is unsure.
 //! - **A step that the driver does not know.** The position is that of the accumulator, which makes
 //!   exactly one step for each crossing of a whole number. It is never written. One that does not move
 //!   at its rate is not believed: the generator stops, and its position is unsure.
@@ -37,11 +37,13 @@ pub use pins::StepgenPins;
 
 use generator::{Generator, Moment};
 
-use super::events::CorrectedValue;
+use super::events::{CorrectedValue, Positions, UnsureMask};
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
+use super::{
+    Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
+};
 use crate::bus::{Instant, Setting, Stage};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
@@ -63,6 +65,8 @@ const FIRST_OF_TABLE: u8 = 0x83;
 #[derive(Debug)]
 pub struct Stepgens {
     generators: Vec<Generator>,
+    /// The number of the first of them.
+    first: u8,
     /// Source that latches all accumulators; only with a DPLL.
     timer: Option<LatchTimer>,
     /// Time of the last good read.
@@ -166,6 +170,7 @@ impl Stepgens {
             .step(Stage::Configure, module.register(9, 0)?, EVERY_TICK);
         Ok(Self {
             generators,
+            first: of_kind.number(0),
             timer,
             read_at: Instant::default(),
             period: r.settings.period,
@@ -269,9 +274,20 @@ impl Module for Stepgens {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let gap = cycle.now.since(self.read_at);
         self.read_at = cycle.now;
-        for generator in &mut self.generators {
-            generator.read(cycle, gap);
+        let mut unsure = UnsureMask::default();
+        for (number, generator) in (self.first..).zip(&mut self.generators) {
+            if generator.read(cycle, gap) {
+                unsure.add(number);
+            }
         }
+        unsure.tell(cycle, Positions::StepGenerators);
+    }
+
+    fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
+        for generator in &mut self.generators {
+            generator.run_on(cycle, self.read_at);
+        }
+        self.read_at = cycle.now;
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
@@ -309,8 +325,8 @@ impl Module for Stepgens {
         Ok(())
     }
 
-    /// Takes the next read as a new origin: steps may have been made while the pins were no outputs.
-    fn restored(&mut self, _: &mut PinStore, _: Instant) {
+    /// Takes the next read as a new origin: pins that are released and driven again make edges.
+    fn set_up_again(&mut self, _: &mut PinStore, _: Instant, _: &Outage) {
         self.generators.iter_mut().for_each(Generator::restored);
     }
 }

@@ -4,6 +4,20 @@
 /// timers of a step for less than 1 ms, which a cycle of 20 us reads 50 times.
 const STANDING_READS: u32 = 60;
 
+/// The words of the writes since the last read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SentRates {
+    /// That of the write before.
+    pub before: i32,
+    pub first: i32,
+    pub last: i32,
+    /// There was one write at most.
+    pub is_one: bool,
+}
+
+/// Number of reads after which no older write is in flight any more.
+const HORIZON: u32 = 100;
+
 /// The rate register of a generator.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateRegister {
@@ -11,8 +25,20 @@ pub(super) struct RateRegister {
     pub word: i32,
     /// The magnitude of the fastest rate that may have been in force since the last read.
     fastest: u32,
+    /// The magnitudes of the fastest rates of this and the last [`HORIZON`] reads: a packet can be late
+    /// by as much.
+    recent: [u32; 2],
+    /// Number of further reads of this one.
+    left: u32,
     /// The last write was sent.
     has_arrived: bool,
+    /// The words of the first and the last write since the last read, except those that have failed,
+    /// and true if they are the same write.
+    sent: Option<(i32, i32, bool)>,
+    /// A write has failed since the last read: it may have been executed.
+    has_failed: bool,
+    /// The word of the last write before.
+    before: i32,
     /// Number of consecutive reads without a movement, at a rate at which there is one in each.
     standing: u32,
 }
@@ -23,7 +49,12 @@ impl RateRegister {
         Self {
             word: 0,
             fastest: 0,
+            recent: [0; 2],
+            left: HORIZON,
             has_arrived: true,
+            sent: None,
+            has_failed: false,
+            before: 0,
             standing: 0,
         }
     }
@@ -33,12 +64,45 @@ impl RateRegister {
     pub fn put(&mut self, word: i32) {
         self.word = word;
         self.fastest = self.fastest.max(word.unsigned_abs());
+        let [now, _] = &mut self.recent;
+        *now = self.fastest.max(*now);
     }
 
     /// Takes the outcome of a write.
     #[inline]
-    pub const fn written(&mut self, arrived: bool) {
+    pub fn written(&mut self, arrived: bool) {
         self.has_arrived = arrived;
+        self.has_failed |= !arrived;
+        if arrived {
+            self.sent = Some(match self.sent {
+                None => (self.word, self.word, true),
+                Some((first, ..)) => (first, self.word, false),
+            });
+        }
+    }
+
+    /// The words that were sent since the last read.
+    pub fn sent(&self) -> SentRates {
+        let before = self.before;
+        match self.sent {
+            None => SentRates {
+                before,
+                first: before,
+                last: before,
+                is_one: true,
+            },
+            Some((first, last, is_one)) => SentRates {
+                before,
+                first,
+                last,
+                is_one,
+            },
+        }
+    }
+
+    /// True if a write since the last read has failed.
+    pub const fn has_failed(&self) -> bool {
+        self.has_failed
     }
 
     /// True if the generator may have moved since the last read.
@@ -51,9 +115,24 @@ impl RateRegister {
         self.fastest
     }
 
+    /// The fastest rate that a late packet may have brought into force since the last read.
+    pub fn fastest_of_late(&self) -> u32 {
+        let [now, before] = self.recent;
+        self.fastest.max(now).max(before)
+    }
+
     /// Takes a read. After a write in doubt, the rate of before may still be in force.
     #[inline]
     pub fn read(&mut self, certain: bool) {
+        self.has_failed = false;
+        self.left = self.left.saturating_sub(1);
+        if self.left == 0 {
+            let [now, _] = self.recent;
+            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON);
+        }
+        if let Some((_, last, _)) = self.sent.take() {
+            self.before = last;
+        }
         let newest = self.word.unsigned_abs();
         self.fastest = if certain && self.has_arrived {
             newest
@@ -111,6 +190,25 @@ mod tests {
         assert_eq!(rate.fastest(), 900, "perhaps lost");
         rate.read(true);
         assert_eq!(rate.fastest(), 10);
+    }
+
+    #[test]
+    fn a_late_packet_has_a_rate_of_the_last_hundred_reads() {
+        let mut rate = RateRegister::new();
+        for word in [5_000, 10] {
+            rate.put(word);
+            rate.written(true);
+            rate.read(true);
+        }
+        assert_eq!((rate.fastest(), rate.fastest_of_late()), (10, 5_000));
+        for _ in 0..HORIZON - 2 {
+            rate.read(true);
+            assert_eq!(rate.fastest_of_late(), 5_000);
+        }
+        for _ in 0..=HORIZON {
+            rate.read(true);
+        }
+        assert_eq!(rate.fastest_of_late(), 10);
     }
 
     #[test]

@@ -53,6 +53,11 @@ pub struct Watchdog {
     confirmed_before: Option<Instant>,
     /// Start of the last write that is known to have restarted it, by evidence read after it.
     confirmed: Option<Instant>,
+    /// Starts of the first and the last write since then that may have restarted it, except those that
+    /// have failed.
+    unconfirmed: Option<[Instant; 2]>,
+    /// Start of the first write since then that the next one followed too late.
+    starved: Option<Instant>,
     /// Start of the current write: the host may be suspended between that and its end.
     sent_from: Option<Instant>,
     status: ReadSlot,
@@ -80,6 +85,17 @@ enum WatchdogStage {
     Held,
     /// The cycle runs: a time of the cycle.
     Running,
+}
+
+/// The last write that restarted a watchdog before it has bitten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct LastFeed {
+    /// Its start.
+    pub at: Instant,
+    /// The watchdog's time after that.
+    pub bitten_at: Instant,
+    /// No further write has arrived since.
+    pub is_last: bool,
 }
 
 /// A read with evidence of the set-up.
@@ -134,6 +150,8 @@ impl Watchdog {
             fed_by: Instant::default(),
             confirmed_before: None,
             confirmed: None,
+            unconfirmed: None,
+            starved: None,
             sent_from: None,
             status: r.image.read(Phase::Evidence, status),
             time_left: r.image.read(Phase::Evidence, time),
@@ -187,6 +205,7 @@ impl Watchdog {
         if is_set_up {
             self.stage = WatchdogStage::Held;
             (self.fed, self.confirmed) = (None, None);
+            (self.unconfirmed, self.starved) = (None, None);
         }
         is_set_up
     }
@@ -222,9 +241,14 @@ impl Watchdog {
             self.stage = WatchdogStage::Running;
         }
         if is_certain {
-            self.confirmed = self.fed;
+            (self.confirmed, self.unconfirmed, self.starved) = (self.fed, None, None);
         }
         None
+    }
+
+    /// True if the status shows a bite.
+    pub(crate) fn shows_bite(&self, words: &Words) -> bool {
+        has_bitten(words.word(self.status))
     }
 
     /// True if the evidence is that of a reset: no bite, and no time from a set-up.
@@ -260,6 +284,24 @@ impl Watchdog {
         } else {
             BoardState::WatchdogBitten
         }
+    }
+
+    /// The last write before a bite that was found. `have_all_arrived`: all writes up to now have;
+    /// otherwise that is taken of the first one after the last good evidence only.
+    pub(crate) fn bitten_after(&self, have_all_arrived: bool) -> Option<LastFeed> {
+        let fed = match self.unconfirmed {
+            Some([_, last]) if have_all_arrived => Some(last),
+            Some([first, _]) => Some(first),
+            None => self.confirmed,
+        };
+        let is_last = have_all_arrived && self.starved.is_none();
+        let at = self.starved.or(fed)?;
+        let bitten_at = at.after(self.timeout().max(self.shortest));
+        Some(LastFeed {
+            at,
+            bitten_at,
+            is_last,
+        })
     }
 
     /// True if a watchdog that was restarted at `fed` cannot have bitten at `now`.
@@ -331,11 +373,18 @@ impl Module for Watchdog {
         cycle.request_extra();
     }
 
-    fn written(&mut self, now: Instant, _: bool) {
+    fn written(&mut self, now: Instant, arrived: bool) {
         let sent_from = self.sent_from.take().unwrap_or(now);
         if self.is_fed {
+            let time = self.timeout().max(self.shortest);
+            let is_late = |fed: &Instant| sent_from.since(*fed) >= time;
+            self.starved = self.starved.or(self.fed.filter(is_late));
             (self.fed, self.fed_by) = (Some(sent_from), now);
             self.confirmed_before = self.confirmed;
+            if arrived {
+                let [first, _] = self.unconfirmed.unwrap_or([sent_from; 2]);
+                self.unconfirmed = Some([first, sent_from]);
+            }
         }
     }
 }

@@ -18,9 +18,18 @@ const LONG: u64 = 30 * MILLI;
 /// Counts in a time in which an encoder can have moved by 32768, one way or the other.
 const AMBIGUOUS: f64 = 32_768.0;
 
+/// After a time without a read in which a motor makes this part of them, an encoder may have doubts: it
+/// may have begun to turn shortly before.
+const LIKELY: f64 = 0.02;
+
+/// Reads after a set-up in which a packet of it may come again.
+const SETTLED: u32 = 110;
+
 /// An encoder, and the knowledge about it.
 pub(super) struct Encoder {
     axis: usize,
+    /// It shares its pins with another one.
+    is_muxed: bool,
     rawcounts: Input<i32>,
     count: Input<i32>,
     pub(super) index_enable: InOut<bool>,
@@ -46,13 +55,21 @@ pub(super) struct Encoder {
     is_begun: bool,
     /// The long filter was selected at the last look.
     is_long: Option<bool>,
-    /// The board was set up again since, and no index has occurred.
+    /// It is multiplexed, the board was set up again since, and no index has occurred.
     must_doubt: bool,
+    /// It may have doubts, and has had them ever since.
+    may_doubt: bool,
+    /// Good reads since the last set-up.
+    reads_since: u32,
 }
 
 impl Encoder {
     /// The encoder of an axis; `None` if the firmware does not have it.
-    pub(super) fn new(pins: &Pins, name: &str, axis: usize) -> Result<Option<Self>, PinError> {
+    pub(super) fn new(
+        pins: &Pins,
+        (name, is_muxed): (&str, bool),
+        axis: usize,
+    ) -> Result<Option<Self>, PinError> {
         let stem = format!("{name}.encoder.{axis:02}");
         // The driver compares an unknown name with all others, which takes long.
         let has = |info: &PinInfo| info.name.starts_with(&stem);
@@ -61,6 +78,7 @@ impl Encoder {
         }
         Ok(Some(Self {
             axis,
+            is_muxed,
             rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
             count: pins.input(&format!("{stem}.count"))?,
             index_enable: pins.inout(&format!("{stem}.index-enable"))?,
@@ -78,6 +96,8 @@ impl Encoder {
             is_begun: false,
             is_long: None,
             must_doubt: false,
+            may_doubt: false,
+            reads_since: 0,
         }))
     }
 
@@ -91,9 +111,23 @@ impl Encoder {
         self.read_until = None;
     }
 
-    /// The counter of the board loses its value.
+    /// The select line is released.
     pub(super) fn is_set_up_anew(&mut self) {
-        self.must_doubt |= self.is_begun;
+        self.must_doubt |= self.is_begun && self.is_muxed;
+        self.reads_since = 0;
+    }
+
+    /// True if an encoder may have doubts that begin with a read after `gap`.
+    fn may_begin_to_doubt(&mut self, (pins, plan): (&Pins, &Plan), gap: u64) -> bool {
+        let is_recent = self.reads_since < SETTLED;
+        self.reads_since += 1;
+        // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in it.
+        let has_mode = pins.param(self.filter);
+        let may_be_reset = plan.may_be_reset() || !has_mode;
+        let is_lost = is_recent && (self.is_muxed || may_be_reset);
+        let likely = plan.speed(self.axis).abs() * gap as f64 * 1e-9;
+        let is_long = likely > LIKELY * AMBIGUOUS;
+        is_lost || is_long || plan.extras.is_fast
     }
 
     /// Checks that `count-unsure` is on when it must be, and off without a reason.
@@ -105,22 +139,17 @@ impl Encoder {
         self.must_doubt &= !has_come;
         self.is_begun = true;
         ensure(is_unsure || !self.must_doubt, Promise::Inputs, now, || {
-            format!("encoder {axis} has no doubts, but the board was set up anew")
+            format!("encoder {axis} has no doubts, but its select line was released")
         })?;
         let gap = self
             .read_until
             .map_or(0, |until| from.saturating_sub(until));
         self.read_until = Some(now);
-        // A level lasts for two counts, and for three samples.
-        let samples = plan.fastest() * 1.5;
-        let is_long = gap as f64 * 1e-9 * samples > AMBIGUOUS * 1.01;
-        let must = is_long && !has_come && !plan.more.is_latched;
-        ensure(is_unsure || !must, Promise::Inputs, now, || {
-            format!("encoder {axis} has no doubts after {gap} ns without a read")
-        })?;
-        let may = !plan.spares_the_board() || plan.extras.is_fast;
-        ensure(!is_unsure || may, Promise::Inputs, now, || {
-            format!("encoder {axis} has doubts, and nothing has happened to the board")
+        // Whether it should have some, its counts show.
+        self.may_doubt &= is_unsure;
+        self.may_doubt |= self.may_begin_to_doubt((pins, plan), gap);
+        ensure(!is_unsure || self.may_doubt, Promise::Inputs, now, || {
+            format!("encoder {axis} has doubts without a reason, {gap} ns after the read before")
         })?;
         let is_long = pins.param(self.filter);
         let is_new = self.is_long.replace(is_long) != Some(is_long);

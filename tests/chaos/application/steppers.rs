@@ -50,6 +50,8 @@ pub(super) struct StepAxis {
     is_resetting: bool,
     /// Steps of the motor while the position is 0: the least and the greatest that all reads permit.
     zero: Option<[f64; 2]>,
+    /// The same before the board was lost, by a bite and nothing else, and the edges since.
+    estimate: Option<([f64; 2], u32)>,
     /// The driver has read it.
     is_begun: bool,
     /// The board was set up again since, and the position was not reset.
@@ -67,6 +69,10 @@ pub struct Jolts {
     pub edges: u32,
     /// The board has bitten or was reset, and this may not have been detected.
     pub is_lost: bool,
+    /// One of them was a reset.
+    pub is_reset: bool,
+    /// Time by which the driver may mistake the last write that has arrived.
+    pub mistaken_by: u64,
     /// The driver has no reason for doubts.
     pub is_calm: bool,
     /// The network can repeat a write, or hold it back: a rate of before then moves the motor until the
@@ -101,6 +107,7 @@ impl StepAxis {
             is_on: false,
             is_resetting: false,
             zero: None,
+            estimate: None,
             is_begun: false,
             must_doubt: false,
             seen: None,
@@ -235,7 +242,32 @@ impl StepAxis {
     /// The board has been set up again, or will be: its steps meanwhile are not known.
     pub(super) fn lost(&mut self) {
         self.must_doubt |= self.is_begun;
-        self.zero = None;
+        if let Some(zero) = self.zero.take() {
+            self.estimate = Some((zero, 0));
+        }
+    }
+
+    /// Notes the edges of the last cycle, which a bite and a set-up make.
+    pub(super) fn jolted(&mut self, jolts: Jolts) {
+        if let Some((_, edges)) = &mut self.estimate {
+            *edges += jolts.edges;
+        }
+        self.estimate = self.estimate.filter(|_| !jolts.is_reset);
+    }
+
+    /// Compares the estimate of a position after a bite with the motor.
+    fn check_estimate(&mut self, at: f64, rough: f64, now: u64, jolts: Jolts) -> Checked {
+        let Some(([least, most], edges)) = self.estimate.take() else {
+            return Ok(());
+        };
+        let (number, edges) = (self.number, f64::from(2 * edges));
+        let wrong = self.at_full_speed(jolts.mistaken_by) as f64 + rough + edges;
+        let is_near = (least - wrong..=most + wrong).contains(&at);
+        ensure(is_near, Promise::Inputs, now, || {
+            format!(
+                "stepper {number} has its zero at {at} after a bite, and had it at {least} to {most}"
+            )
+        })
     }
 
     /// Checks the movement of the motor since the last look.
@@ -309,7 +341,7 @@ impl StepAxis {
         self.is_begun = true;
         let is_unsure = pins.read(self.pins.position_unsure).value;
         if std::mem::take(&mut self.is_resetting) {
-            (self.must_doubt, self.zero) = (false, None);
+            (self.must_doubt, self.zero, self.estimate) = (false, None, None);
             return Ok(());
         }
         ensure(is_unsure || !self.must_doubt, Promise::Inputs, now, || {
@@ -318,13 +350,14 @@ impl StepAxis {
         ensure(!is_unsure || !jolts.is_calm, Promise::Inputs, now, || {
             format!("stepper {number} has doubts without a reason")
         })?;
-        if is_unsure {
-            self.zero = None;
-            return Ok(());
-        }
         let shown = pins.read(self.pins.position_fb).value * self.scale;
         let rough = ROUGH + (took + 20 * MICRO) as f64 * 1e-9 * SPEED * self.speed * SCALE;
         let at = motor.commanded() as f64 - shown;
+        if is_unsure {
+            self.zero = None;
+            return self.check_estimate(at, rough, now, jolts);
+        }
+        self.estimate = None;
         let [least, most] = self.zero.unwrap_or([f64::MIN, f64::MAX]);
         let zero = [least.max(at - rough), most.min(at + rough)];
         self.zero = Some(zero);

@@ -170,6 +170,27 @@ impl Plan {
         !self.has_deeds() && !self.extras.second_master && self.more.jitter == 0
     }
 
+    /// True if its encoders share their pins.
+    pub fn has_muxed(&self) -> bool {
+        self.board == Board::I7i97 || !self.steppers.is_7i76
+    }
+
+    /// True if the board is reset or exchanged, or seems to be.
+    pub fn may_be_reset(&self) -> bool {
+        use FaultKind as Kind;
+        let mut faults = self.faults.iter();
+        let resets = |kind| {
+            matches!(
+                kind,
+                Kind::FpgaReset | Kind::FpgaResetLong | Kind::HostStall
+            )
+        };
+        faults.any(|fault| resets(fault.kind))
+            || self.extras.stranger != Stranger::None
+            || self.extras.second_master
+            || self.has_deeds()
+    }
+
     /// True if nothing happens to the board, to its host, or between the two.
     pub fn spares_the_board(&self) -> bool {
         use mesa_hal_sim::FaultPlace;

@@ -24,6 +24,8 @@ pub(super) struct StepperWatch {
     is_lost: bool,
     /// It has at any time.
     was_lost: bool,
+    /// It was reset since the last look.
+    is_reset: bool,
 }
 
 impl StepperWatch {
@@ -33,6 +35,7 @@ impl StepperWatch {
         self.edges += u32::from(is_lost || matches!(what, What::Opened | What::Closed));
         self.is_lost |= is_lost && !is_before_set_up;
         self.was_lost |= is_lost;
+        self.is_reset |= matches!(what, What::Reset);
     }
 }
 
@@ -74,6 +77,13 @@ impl Scenario {
         }
         let watch = self.steppers;
         (self.steppers.edges, self.steppers.is_lost) = (0, false);
+        self.steppers.is_reset = false;
+        // Without replies it goes on writing until the bus is down.
+        let unheard = if self.plan.loses_replies() {
+            4 * u64::from(self.plan.extras.bus_error_limit)
+        } else {
+            0
+        };
         let is_calm = !watch.was_lost
             && self.stage.begun().is_empty()
             && self.stage.happened().is_empty()
@@ -82,6 +92,8 @@ impl Scenario {
         let jolts = Jolts {
             edges: watch.edges,
             is_lost: watch.is_lost || self.watch.is_some(),
+            is_reset: watch.is_reset,
+            mistaken_by: (unheard + 2) * self.plan.period + self.plan.lateness(),
             is_calm,
             has_old_writes: self.plan.faults.iter().any(|fault| {
                 matches!(

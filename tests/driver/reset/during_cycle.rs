@@ -346,12 +346,17 @@ fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_hol
 
 #[test]
 fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
-    // From the first write of the set-up on, which follows a read of the cookie and of the
-    // firmware's description: an earlier loss is repaired by the set-up itself.
+    // From the first write of the set-up on, which follows a read of the cookie, of the firmware's
+    // description and of all registers: an earlier loss is repaired by the set-up itself.
     let mut machine = Machine::running(world(false), false, "a look".into());
     let begin = SimFpga::now(machine.fpga());
     HostMot2::identify(machine.fpga()).expect("a firmware");
-    let looks = SimFpga::now(machine.fpga()) - begin + 4 * DEFAULT_ACCESS_COST;
+    let looks = SimFpga::now(machine.fpga()) - begin + 12 * DEFAULT_ACCESS_COST;
+    machine.fpga().reload();
+    let _ = machine.driver.read();
+    let begin = SimFpga::now(machine.fpga());
+    let _ = machine.driver.read();
+    let looks = looks + SimFpga::now(machine.fpga()) - begin;
     for delay in (looks..looks + 40_000).step_by(1_300) {
         let mut machine = Machine::running(world(false), false, format!("{delay} ns"));
         let before = machine.counts();

@@ -1,0 +1,185 @@
+//! Encoders that turn while the fault lasts.
+
+use super::*;
+
+/// What is expected of the count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Count {
+    /// It is that of the motor, and sure.
+    Exact,
+    /// It is that of the motor, and unsure.
+    Estimate,
+    /// It is unsure.
+    Lost,
+}
+
+use Count::{Estimate, Exact, Lost};
+use Trouble::{Cut, Deaf, Reset, ResetInStall, Stall};
+
+impl<B: Rig> Machine<B> {
+    fn turn(&mut self, speed: f64) {
+        let axis = self.axis;
+        let motor = self.driver.bus_mut().fpga().motor(axis);
+        let motor = motor.expect("a motor");
+        motor.turn_by_hand(Some(speed));
+    }
+
+    /// The counts of the driver, and those of the motor.
+    fn counts(&mut self) -> (i32, f64) {
+        let reading = self.driver.pins().read(self.encoder.counter.rawcounts);
+        let axis = self.axis;
+        let motor = self.driver.bus_mut().fpga().motor(axis);
+        let motor = motor.expect("a motor");
+        (reading.value, motor.counts())
+    }
+
+    fn is_unsure(&self) -> bool {
+        let pin = self.encoder.counter.count_unsure.expect("it has one");
+        self.driver.pins().read(pin).value
+    }
+
+    fn stand(&mut self) {
+        self.turn(0.0);
+        self.cycles(20);
+    }
+
+    /// The motor turns at this speed in counts per second while the trouble lasts.
+    fn check(&mut self, trouble: Trouble, speed: f64, expected: Count) {
+        let told = format!("{}, {trouble:?}, {speed}", self.name);
+        let (count, motor) = self.counts();
+        self.turn(speed / 1e3);
+        self.cycles(150);
+        assert!(!self.is_unsure(), "{told}");
+        let _ = self.told(Positions::Encoders);
+        self.happens(trouble);
+        self.comes_back();
+        self.cycles(20);
+        let is_unsure = self.is_unsure();
+        self.stand();
+        assert_eq!(self.is_unsure(), is_unsure, "{told}");
+        let (now, motor_now) = self.counts();
+        let missing = motor_now - motor - f64::from(now.wrapping_sub(count));
+        assert_eq!(is_unsure, expected != Exact, "{told}: {missing}");
+        let most = match expected {
+            Exact => 1.0,
+            Estimate => 4.0,
+            Lost => f64::INFINITY,
+        };
+        assert!(missing.abs() <= most, "{told}: {missing}");
+        let events = self.told(Positions::Encoders);
+        assert_eq!(events >> self.axis & 1 != 0, is_unsure, "{told}");
+        // Homed.
+        self.driver.pins_mut().set(self.encoder.counter.reset, true);
+        self.cycles(2);
+        self.driver
+            .pins_mut()
+            .set(self.encoder.counter.reset, false);
+        self.cycles(150);
+        assert!(!self.is_unsure(), "{told}");
+    }
+}
+
+/// 20,000 counts in a second.
+const FAST: f64 = 20_000.0;
+
+/// Faults and what becomes of an encoder on pins of its own, and of a multiplexed one.
+const FAULTS: [(Trouble, f64, Count, Count); 15] = [
+    // Without a bite.
+    (Cut(3), FAST, Exact, Exact),
+    (Cut(15), -FAST, Exact, Exact),
+    (Deaf(15), FAST, Exact, Exact),
+    (Stall(50), FAST, Exact, Exact),
+    (Stall(50), 400_000.0, Exact, Exact),
+    (Stall(90), -400_000.0, Lost, Lost),
+    // With one.
+    (Cut(300), FAST, Exact, Estimate),
+    (Deaf(300), -FAST, Exact, Estimate),
+    (Stall(300), FAST, Exact, Estimate),
+    (Cut(5_000), 2_000.0, Exact, Estimate),
+    (Cut(5_000), 0.0, Exact, Estimate),
+    (Stall(60_000), 0.0, Exact, Estimate),
+    (Cut(5_000), FAST, Lost, Lost),
+    (Reset, FAST, Lost, Lost),
+    (ResetInStall(300), FAST, Lost, Lost),
+];
+
+fn all<B: Rig>(plain: &mut Machine<B>, muxed: &mut Machine<B>) {
+    for (trouble, speed, of_plain, of_muxed) in FAULTS {
+        plain.check(trouble, speed, of_plain);
+        muxed.check(trouble, speed, of_muxed);
+    }
+}
+
+#[test]
+fn counts_are_those_of_the_motor_after_faults_of_an_embedded_bus() {
+    let mut one = Machine::new(embedded(plain()), "embedded, plain");
+    let mut other = Machine::new(embedded(muxed()), "embedded, muxed");
+    all(&mut one, &mut other);
+}
+
+#[test]
+fn counts_are_those_of_the_motor_after_faults_of_a_network() {
+    let mut one = Machine::new(network(plain()), "network, plain");
+    let mut other = Machine::new(network(muxed()), "network, muxed");
+    all(&mut one, &mut other);
+}
+
+#[test]
+fn counts_are_those_of_the_motor_after_faults_of_a_pci_bus() {
+    let mut one = Machine::new(pci(plain()), "PCI, plain");
+    let mut other = Machine::new(pci(muxed()), "PCI, muxed");
+    all(&mut one, &mut other);
+}
+
+#[test]
+fn counts_are_followed_while_the_board_waits_to_be_re_armed() {
+    let mut machine = Machine::new(network(plain()), "waiting");
+    let (count, motor) = machine.counts();
+    machine.turn(20.0);
+    machine.cycles(50);
+    machine.happens(Cut(300));
+    // A minute, in which the axis turns by much more than a counter has.
+    for _ in 0..10 {
+        machine.cycles(3_000);
+        machine.turn(-5.0);
+        machine.cycles(3_000);
+        machine.turn(40.0);
+    }
+    assert_ne!(machine.driver.board_state(), BoardState::Running);
+    machine.comes_back();
+    machine.stand();
+    let (now, motor_now) = machine.counts();
+    assert!(motor_now - motor > 400_000.0);
+    let missing = motor_now - motor - f64::from(now.wrapping_sub(count));
+    assert!(missing.abs() <= 1.0, "{missing}");
+    assert!(!machine.is_unsure());
+}
+
+#[test]
+fn unsure_encoders_are_one_event() {
+    let mut machine = Machine::new(network(muxed()), "one event");
+    let _ = machine.told(Positions::Encoders);
+    machine.happens(Cut(300));
+    machine.comes_back();
+    machine.cycles(50);
+    let told: Vec<_> = machine
+        .events
+        .by_ref()
+        .map(|event| event.kind.to_string())
+        .collect();
+    let unsure: Vec<_> = told.iter().filter(|text| text.contains("unsure")).collect();
+    assert_eq!(
+        unsure,
+        ["position unsure of encoders 00, 01, 02, 03, 04, 05: home again"]
+    );
+    let kind = EventKind::PositionUnsure {
+        of: Positions::Encoders,
+        first: 32,
+        mask: 0x8000_0001,
+    };
+    assert_eq!(
+        kind.to_string(),
+        "position unsure of encoders 32, 63: home again"
+    );
+    assert!(kind.is_fault());
+}
