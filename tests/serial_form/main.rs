@@ -67,6 +67,7 @@ fn settings_are_as_they_are_written_and_come_back() {
     assert_eq!(format!("{back:?}"), format!("{settings:?}"));
 }
 
+#[expect(clippy::too_many_lines, reason = "one event of each kind")]
 #[test]
 fn events_are_as_they_are_written_and_come_back() {
     let remote = RemoteId::new(0, 2);
