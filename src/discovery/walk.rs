@@ -72,8 +72,12 @@ impl Discovery {
         self.problems.push(problem);
     }
 
-    /// Notes a name of two elements of the process data, or of two parameters.
+    /// Notes a name of two elements of the process data, or of two parameters, unless the process data
+    /// is doubtful already.
     fn check_names(&mut self) {
+        if self.plan.is_err() {
+            return;
+        }
         let RemoteDescriptor {
             process_data,
             parameters,
@@ -176,8 +180,8 @@ pub fn discover<M: RemoteLink>(
     if started.gtoc != 0 {
         found.walk(&mut reader, Table::Global, started.gtoc);
     }
-    found.check_names();
     found.lay_out(registers);
+    found.check_names();
     found.accesses = reader.accesses;
     found.read_error = reader.error;
     found

@@ -61,7 +61,11 @@ impl Bench {
     }
 
     fn with(settings: Settings) -> Self {
-        let bus = Faulty::new(machines::six_axes_7i97(Motor::default()), 1);
+        Self::on(machines::six_axes_7i97(Motor::default()), settings)
+    }
+
+    fn on(fpga: SimFpga, settings: Settings) -> Self {
+        let bus = Faulty::new(fpga, 1);
         let driver = Driver::start(bus, settings).expect("the machine is complete");
         let (cycle, numbers, heard) = cycle_of(driver);
         Self {
@@ -636,4 +640,40 @@ fn outputs_off_after_writes_alone_are_shown_and_re_armed() {
     bench.set("io_error", true);
     bench.run(1);
     assert!(!bench.is_on("armed") && !bench.is_on("7i77.0.0.armed"));
+}
+
+/// An emergency stop that cuts field power leaves a card without it when LinuxCNC loads the driver.
+#[test]
+fn a_card_without_field_power_at_the_load_has_all_its_pins() {
+    let set_volts = |fpga: &mut SimFpga, volts| {
+        let now = SimFpga::now(fpga);
+        let remote = fpga.remote_mut(0, FIELD).expect("a remote");
+        let device = find_mut(remote).expect("a device");
+        device.set_field_volts(now, volts).expect("field power");
+    };
+    let mut fpga = machines::six_axes_7i97(Motor::default());
+    set_volts(&mut fpga, 0.0);
+    let mut bench = Bench::on(fpga, Settings::default());
+    let names = ["7i77.0.0.input-03", "7i77.0.0.input-03-not"];
+    let shown = |bench: &Bench| names.map(|name| bench.is_on(name));
+    assert_eq!(shown(&bench), [false, true]);
+    bench.run(300);
+    assert_eq!(shown(&bench), [false, true]);
+    assert!(!bench.is_on("7i77.0.0.valid") && !bench.is_on("7i77.0.0.armed"));
+    assert!(bench.is_on("7i72.0.2.valid") && bench.is_on("7i72.0.2.armed"));
+    let errors = bench.heard(Level::Error);
+    assert!(
+        errors.iter().any(|error| error.contains("7i77.0.0")),
+        "{errors:#?}"
+    );
+    set_volts(bench.fpga(), 24.0);
+    let remote = bench.fpga().remote_mut(0, FIELD).expect("a remote");
+    let device = find_mut(remote).expect("a device");
+    device.set_input(3, true).expect("an input");
+    bench.set("sserial.port-0.run", false);
+    bench.run(100);
+    bench.set("sserial.port-0.run", true);
+    bench.run(100);
+    assert_eq!(shown(&bench), [true, false]);
+    assert!(bench.is_on("7i77.0.0.valid") && bench.is_on("7i77.0.0.armed"));
 }
