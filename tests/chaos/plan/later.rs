@@ -1,6 +1,6 @@
 //! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
 
-use super::{FaultKind, FaultPlace, Plan, Stranger, WRITTEN_WATCHDOG, scrambled};
+use super::{FaultKind, FaultPlace, MILLI, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled};
 use crate::common::chance::Chance;
 
 /// Cycles for which a board that has bitten is left alone.
@@ -32,16 +32,17 @@ impl Plan {
         let later = Later {
             leaves_bitten: chance.one_in(3),
             when_running: chance.one_in(3),
-            asks_twice: chance.one_in(3),
+            asks_twice: chance.one_in(20),
         };
         if self.is_minute || self.is_homing {
             return self;
         }
         self.later = later;
-        // Only where nothing else writes parameters, and where the value changes nothing else.
-        let is_usual = self.extras.remote_watchdog == u64::from(WRITTEN_WATCHDOG);
-        self.later.asks_twice &=
-            self.more.switches_one_in > 0 && self.extras.deeds_one_in == 0 && is_usual;
+        self.later.asks_twice &= self.extras.deeds_one_in == 0 && !self.more.runs;
+        self.later.asks_twice &= self.extras.stranger == Stranger::None;
+        if self.later.asks_twice {
+            self.asks_for_parameters(&mut chance);
+        }
         self.later.leaves_bitten &= self.bites_alone();
         if self.later.leaves_bitten {
             self.habits.rearm_every = 0;
@@ -50,6 +51,29 @@ impl Plan {
             self.run += LEFT_ALONE * self.period;
         }
         self
+    }
+
+    /// Switches its ports off and on again and again, with parameters to write, while the board is reset.
+    fn asks_for_parameters(&mut self, chance: &mut Chance) {
+        // A value that changes nothing else.
+        self.extras.remote_watchdog = WRITTEN_WATCHDOG.into();
+        self.extras.second_master = false;
+        self.more.switches_one_in = 40;
+        self.more.proves_one_in = 0;
+        self.habits.rearm_when_safe = 2;
+        self.run += 600 * self.period;
+        let run = self.run;
+        self.faults = Vec::new();
+        for _ in 0..3 {
+            self.faults.push(Planned {
+                kind: FaultKind::FpgaReset,
+                in_build: false,
+                after: chance.below(run),
+                lasts: MILLI,
+                target: 0,
+                dice: 0,
+            });
+        }
     }
 
     /// True if a fault is a bite of the board's watchdog, and no packet is lost or doubtful.

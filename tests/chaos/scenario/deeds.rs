@@ -132,7 +132,7 @@ impl Scenario {
     pub(super) fn asks_again<B: Host>(&mut self, driver: &mut Driver<B>) {
         for port in 0..self.requested.len() {
             let is_first = self.requested.get(port) == Some(&Some(FIRST_REQUEST));
-            if is_first && self.side.one_in(20) {
+            if is_first && self.side.one_in(8) {
                 self.requests(driver, port, WRITTEN_WATCHDOG);
                 let now = self.sim.now();
                 self.stage.tell(now, format!("port {port}: requests again"));
