@@ -26,6 +26,7 @@ const LIKELY: f64 = 0.02;
 const SETTLED: u32 = 110;
 
 /// An encoder, and the knowledge about it.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub(super) struct Encoder {
     axis: usize,
     /// It shares its pins with another one.

@@ -63,6 +63,7 @@ pub(super) struct StepAxis {
 }
 
 /// What has happened since the last look.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Jolts {
     /// Number of bites, resets and set-ups: each makes edges on pins that are driven or released.
