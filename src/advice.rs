@@ -96,7 +96,7 @@ kinds! {
     ChooseExisting: "ask for one that exists",
 
     CheckBoardAddress: "check that the address is right, and that it is the right board",
-    CheckByteOrder: "check whether the bus swaps bytes, and whether this firmware is older or newer than this crate",
+    CheckByteOrder: "write the firmware of the board again; on a bus of your own, check whether it swaps bytes",
     LoadMatchingFirmware: "load a firmware for the boards that are connected",
     UseKnownFirmware: "use a firmware with a module that is known",
     UseOtherFirmware: "use another firmware image",

@@ -206,6 +206,8 @@ fn list(modes: &[u8]) -> String {
     if modes.is_empty() {
         return "it tells of none".into();
     }
+    let mut modes = modes.to_vec();
+    modes.sort_unstable();
     let modes: Vec<String> = modes.iter().map(ToString::to_string).collect();
     modes.join(", ")
 }

@@ -227,7 +227,7 @@ fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
     ethernet.set_eeprom_ip(next).expect("it is written");
     drop(bus);
     let address = moving(&board, next);
-    let said = format!("It will be at {next}: from EEPROM (W16 down, W17 up)");
+    let said = format!("By its jumpers it will be at {next}: from EEPROM (W16 down, W17 up)");
     let asked = run(&["reset", "--addr", &address]);
     assert!(asked.err.contains(&said), "{asked:?}");
     let reset = run(&["--json", "reset", "--addr", &address, "--yes"]);

@@ -5,6 +5,7 @@ use std::net::Ipv4Addr;
 
 use clap::Args;
 use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
+use mesa_hal::transport::network::{Network, NetworkPath};
 use serde::Serialize;
 
 use crate::bus::Bus;
@@ -142,6 +143,10 @@ fn next(board: &Identity, now: Ipv4Addr, is_change: bool) -> Vec<String> {
     let mask = board
         .eeprom_netmask
         .unwrap_or(Ipv4Addr::new(255, 255, 255, 0));
+    let is_beside = |here: Network| matches!(here.way_to(board.eeprom_ip), NetworkPath::Direct(_));
+    if Network::here().is_ok_and(is_beside) {
+        return next;
+    }
     let network = board.eeprom_ip & mask;
     let host = [1, 2].map(|host| Ipv4Addr::from_bits(network.to_bits() | host));
     let [first, second] = host;

@@ -152,7 +152,10 @@ impl Restarting<'_> {
         };
         let from = self.identity.address_from.of_card(&self.identity.card);
         let at = moved.address.ip().map(|ip| ip.to_string());
-        format!(". It will be at {}: {from}", at.unwrap_or_default())
+        format!(
+            ". By its jumpers it will be at {}: {from}",
+            at.unwrap_or_default()
+        )
     }
 
     /// Waits until the board answers; returns its address, or `None` after a signal.

@@ -39,10 +39,11 @@ pub struct Write {
 impl Write {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let bytes = files::read(&self.file, LONGEST)?;
-        let bitfile = parse(&self.file, &bytes)?;
         let found = self.change.target.find()?;
         let mut bus = found.open()?;
         let mut flash = self.change.open(&mut bus, &found)?;
+        // After the board: a .bin file is right for a T board, and no file of it is written yet.
+        let bitfile = parse(&self.file, &bytes)?;
         let layout = *flash.layout();
         let dry_run = self.change.target.dry_run;
         let area = area(self.fallback);
