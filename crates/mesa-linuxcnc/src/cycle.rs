@@ -127,6 +127,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     /// Number in HAL of the pin `run` of each port.
     run: Vec<usize>,
     board: GroupEntry,
+    /// The board's pin `rearm` was on in the last read.
+    was_acknowledging: bool,
     remotes: Vec<GroupEntry>,
     /// The driver has the period of the thread. Nothing is exchanged with the board before.
     has_begun: bool,
@@ -198,6 +200,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             in_remotes,
             run,
             board,
+            was_acknowledging: false,
             remotes,
             has_begun: false,
             refused: None,
@@ -229,6 +232,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     pub fn read(&mut self, period: Duration) {
         self.begin(period);
         self.calls_since_read = Some(0);
+        self.acknowledge();
         self.take_changes(Table::before_read);
         if self.is_silent() {
             return self.show_own();
@@ -245,6 +249,19 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.show_own();
         self.say_events();
         self.say_losses();
+    }
+
+    /// A rising edge of the board's `rearm` clears `io_error` and `watchdog.has_bit`, as the user does:
+    /// `io_error` is a parameter, which no signal reaches.
+    fn acknowledge(&mut self) {
+        let is_on = self.memory.load(self.board.rearm) != 0;
+        let was_on = core::mem::replace(&mut self.was_acknowledging, is_on);
+        if !is_on || was_on {
+            return;
+        }
+        for id in self.acknowledged.iter().flatten() {
+            self.memory.store(id.index(), false.to_bits());
+        }
     }
 
     /// True if nothing may be exchanged with the board until the user clears `io_error`, as in

@@ -391,6 +391,33 @@ fn lost_packets_are_an_io_error_and_clearing_that_brings_everything_back() {
     assert!(bench.is_on("valid"));
 }
 
+/// A signal reaches it, as that of F1, and no parameter.
+#[test]
+fn the_boards_rearm_clears_io_error_and_has_bit() {
+    for held_before in [false, true] {
+        let mut bench = Bench::running();
+        bench.switch_on();
+        bench.set("rearm", held_before);
+        bench.run(10);
+        bench
+            .cycle
+            .driver
+            .bus_mut()
+            .fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 1.0);
+        bench.run(400);
+        bench.cycle.driver.bus_mut().heal();
+        bench.run(500);
+        assert!(bench.is_on("io_error"), "nobody has asked for anything");
+        bench.set("rearm", false);
+        bench.run(2);
+        assert!(bench.is_on("io_error"));
+        bench.set("rearm", true);
+        bench.run(1_000);
+        assert_eq!(bench.outputs(), [true; 3]);
+        assert!(!bench.is_on("io_error") && !bench.is_on("watchdog.has_bit"));
+    }
+}
+
 #[test]
 fn a_new_fault_withdraws_what_was_asked_for() {
     let mut bench = Bench::running();

@@ -210,6 +210,7 @@ fn validity_of_every_card_is_in_the_chain_of_mesa_eth() {
             "\nnet inputs-invalid => estop-inputs.fault-in\n",
             "\nnet position-lost => estop-position.fault-in\n",
             "\nnet joint-2-unhome <= unhome-2.and => halui.joint.2.unhome\n",
+            "\nnet estop-reset => hm2_7i92.0.rearm\n",
             "\nnet estop-reset => hm2_7i92.0.7i72.0.2.rearm\n",
         ],
     );

@@ -226,11 +226,11 @@ fn position_known(number: usize, joint: &Joint, parts: &mut Parts) -> String {
 fn resets(machine: &Machine, parts: &mut Parts) -> String {
     parts.add("timedelay", "estop-reset-late");
     let mut text = String::from(
-        "\n# The button of LinuxCNC's screen (F1) lets the outputs of each card follow again, and then resets the\n\
-         # chain.\n\
+        "\n# The button of LinuxCNC's screen (F1) clears io_error and has_bit of the board, lets the outputs of the\n\
+         # board and of each card follow again, and then resets the chain.\n\
          net estop-reset <= iocontrol.0.user-request-enable => estop-reset-late.in\n",
     );
-    for prefix in &machine.cards {
+    for prefix in std::iter::once(&machine.board).chain(&machine.cards) {
         let _ = writeln!(text, "net estop-reset => {prefix}.rearm");
     }
     text + "setp estop-reset-late.on-delay [HOSTMOT2]RESET_TIME\n\

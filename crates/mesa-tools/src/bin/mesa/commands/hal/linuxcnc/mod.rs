@@ -75,7 +75,8 @@ fn after_a_fault(machine: &Machine, component: Component) -> String {
     };
     if component.is_ours() {
         return format!(
-            "They stay until they are cleared, with halcmd:\n# {io_error}`sets board-watchdog false`.\n"
+            "F1 on the screen clears them (motion.hal); on the bench\n\
+             # `setp {board}.rearm true` does, and `setp {board}.rearm false` before the next time.\n"
         );
     }
     let runs = machine.used_ports();
