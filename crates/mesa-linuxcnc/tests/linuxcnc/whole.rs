@@ -276,31 +276,27 @@ impl LinuxCnc {
         position.parse().expect("a number")
     }
 
-    /// A command for the board's console.
-    pub fn board(&mut self, command: &str) {
+    /// A command for the board, and the lines of its answer.
+    pub fn board(&mut self, command: &str) -> Vec<String> {
         writeln!(self.to_board, "{command}").expect("the board runs");
-        while self
-            .of_board
-            .recv_timeout(PATIENCE)
-            .expect("the board answers")
-            != "ok"
-        {}
-    }
-
-    /// What the board shows of its motors.
-    pub fn motors(&mut self) -> BTreeMap<String, String> {
-        writeln!(self.to_board, "show motors").expect("the board runs");
-        let mut shown = BTreeMap::new();
+        let mut lines = Vec::new();
         loop {
             let line = self.of_board.recv_timeout(PATIENCE);
             let line = line.expect("the board answers");
             if line == "ok" {
-                return shown;
+                return lines;
             }
-            if let Some((name, value)) = line.split_once(' ') {
-                shown.insert(name.to_owned(), value.to_owned());
-            }
+            assert!(!line.starts_with("error"), "{command}: {line}");
+            lines.push(line);
         }
+    }
+
+    /// What the board shows of its motors.
+    pub fn motors(&mut self) -> BTreeMap<String, String> {
+        let lines = self.board("show motors");
+        let pairs = lines.iter().filter_map(|line| line.split_once(' '));
+        let pairs = pairs.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        pairs.collect()
     }
 
     /// A number of a motor.

@@ -7,6 +7,7 @@ and a line `= STATUS`.
     off                         switches it off
     home JOINT                  homes a joint
     jog JOINT DISTANCE SPEED    moves a joint; prints the following error of each moment
+    move JOINT DISTANCE SPEED   begins to move a joint, and does not wait for its end
     joints                      prints the number of joints
     mdi CODE...                 moves with G-code, and ends in the mode for joints
     COMMAND...                  any other command is halcmd's
@@ -96,6 +97,12 @@ def jog(joint, distance, speed):
     return " ".join(map(str, found))
 
 
+def move(joint, distance, speed):
+    joint = int(joint)
+    command.jog(linuxcnc.JOG_INCREMENT, True, joint, float(speed), float(distance))
+    until("the joint moves", lambda: abs(stat.joint[joint]["velocity"]) > 0.9 * float(speed))
+
+
 def joints():
     stat.poll()
     return str(stat.joints)
@@ -123,7 +130,8 @@ def halcmd(*words):
 
 
 def answer(words):
-    own = {"on": on, "off": off, "home": home, "jog": jog, "joints": joints, "mdi": mdi}.get(words[0])
+    own = {"on": on, "off": off, "home": home, "jog": jog, "move": move, "joints": joints, "mdi": mdi}
+    own = own.get(words[0])
     return own(*words[1:]) if own else halcmd(*words)
 
 
