@@ -361,6 +361,16 @@ impl BoardCycle {
         self.run_on(now);
     }
 
+    /// True if the board still has its set-up, as its evidence has just shown: only the bus was down.
+    pub fn is_standing(&self) -> bool {
+        self.state == BoardState::BusDown && self.outage.has_kept_set_up()
+    }
+
+    /// Notes that pins were let go of, or may have been.
+    pub fn note_quiesced(&mut self) {
+        self.outage.has_released = true;
+    }
+
     /// True if the evidence is that of a fresh set-up.
     pub fn shows_set_up(&mut self) -> bool {
         self.parts.watchdog.is_set_up(&self.words)

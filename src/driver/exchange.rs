@@ -243,13 +243,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
             cycle,
             ..
         } = self;
-        let set_up = exchanges.set_up(&mut **bus, &mut cycle.words);
+        let set_up = if cycle.is_standing() {
+            exchanges.renew(&mut **bus, &mut cycle.words)
+        } else {
+            exchanges.set_up(&mut **bus, &mut cycle.words)
+        };
         let is_set_up = set_up.map(|()| cycle.shows_set_up());
         if matches!(is_set_up, Ok(true)) {
             cycle.is_set_up_again(now);
         } else {
             // The board may be set up, and its watchdog is not fed.
             let _ = exchanges.quiesce(&mut **bus, &mut cycle.words);
+            cycle.note_quiesced();
         }
         is_set_up.map(|_| true)
     }

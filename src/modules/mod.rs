@@ -115,8 +115,8 @@ pub struct Outage {
     /// The board was reset or lost its power, or seems to have been: its registers may contain any
     /// value.
     pub was_reset: bool,
-    /// The watchdog has bitten, or the board was reset: for some time its pins were inputs. A reset
-    /// before a late packet can look like a bite.
+    /// The watchdog has bitten, the board was reset, or a set-up has failed: for some time its pins were
+    /// inputs. A reset before a late packet can look like a bite.
     pub has_released: bool,
     /// Another board, or another firmware, has answered meanwhile.
     pub was_replaced: bool,
@@ -125,6 +125,14 @@ pub struct Outage {
     /// The last read has shown a bite: a board that was reset, and then got a late packet of a set-up,
     /// does not show one.
     pub(crate) shows_bite: bool,
+}
+
+impl Outage {
+    /// True if the board has kept its set-up: only the bus was down. The set-up is then written again
+    /// without letting go of a pin.
+    pub const fn has_kept_set_up(&self) -> bool {
+        !self.was_reset && !self.has_released && !self.was_replaced
+    }
 }
 
 /// Input of [`Module::run_on`].

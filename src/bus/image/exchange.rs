@@ -52,6 +52,8 @@ pub(super) struct Lists {
     pub evidence: AccessList,
     /// In the order in which they are exchanged: one, unless the set-up is larger than a packet.
     pub set_up: Vec<AccessList>,
+    /// The set-up, without the writes that let go of pins first.
+    pub renewal: Vec<AccessList>,
     pub quiesce: AccessList,
 }
 
@@ -260,14 +262,17 @@ impl Exchanges {
 
     /// Writes the whole set-up again, with the present words of the settings, and reads all
     /// evidence after it. A set-up that is larger than a packet is written in parts, each after the
-    /// reply to the one before, and what drives pins with the last. If the evidence matches, the caller calls [`Words::all_set`].
+    /// reply to the one before, and what drives pins with the last. If the evidence matches, the caller
+    /// calls [`Words::all_set`].
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
-        words.expect_all();
-        for list in &self.lists.set_up {
-            let reply = bus.run(list, &mut words.content)?;
-            words.add_reply(reply);
-        }
-        Ok(())
+        run_all(bus, words, &self.lists.set_up)
+    }
+
+    /// As [`set_up`](Self::set_up), for a board that still has its set-up: settings that were lost are
+    /// written, and outputs get their safe words, but no pin is let go of meanwhile. The select line of
+    /// multiplexed encoders is one of them.
+    pub fn renew<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+        run_all(bus, words, &self.lists.renewal)
     }
 
     /// Writes the first stage of the set-up: nothing is driven.
@@ -275,6 +280,20 @@ impl Exchanges {
         let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }
+}
+
+/// Runs lists that contain the settings.
+fn run_all<B: RegisterBus>(
+    bus: &mut B,
+    words: &mut Words,
+    lists: &[AccessList],
+) -> Result<(), B::Error> {
+    words.expect_all();
+    for list in lists {
+        let reply = bus.run(list, &mut words.content)?;
+        words.add_reply(reply);
+    }
+    Ok(())
 }
 
 /// Bytes of writes that fit a packet of any bus, with what the bus adds.

@@ -56,7 +56,11 @@ impl ImagePlan {
         content.extend(writes.places.iter().map(|(_, write)| write.word));
         content.extend(self.settings.iter().map(|setting| setting.word));
         content.extend(self.writes.iter().map(|write| write.word));
-        let (set_up, quiesce) = self.step_accesses(first_setting, &mut content);
+        let StepAccesses {
+            all: set_up,
+            renewal,
+            quiesce,
+        } = self.step_accesses(first_setting, &mut content);
         let read = |extra| reads.runs(|read| extra || !read.is_extra);
         let write = writes.runs(|_| true);
         let writes_of = |phase| writes.runs(|write| write.phase == phase);
@@ -94,6 +98,7 @@ impl ImagePlan {
                 status: bus.prepare(&status, None)?,
                 evidence: bus.prepare(&evidence, None)?,
                 set_up: prepare_parts(bus, &set_up, &status, &evidence)?,
+                renewal: prepare_parts(bus, &renewal, &status, &evidence)?,
                 quiesce: bus.prepare(&quiesce, None)?,
             },
             parts: SettingExchanges::new(self, writes_of, first_setting),
@@ -103,15 +108,11 @@ impl ImagePlan {
         Ok((exchanges, words))
     }
 
-    /// The accesses of all steps in their order, and of those that quiesce the board. Appends the
-    /// words of the steps that have no other place to `content`.
-    fn step_accesses(
-        &self,
-        first_setting: u16,
-        content: &mut Vec<u32>,
-    ) -> (Vec<Access>, Vec<Access>) {
+    /// The accesses of the steps in their order. Appends the words of the steps that have no other place
+    /// to `content`.
+    fn step_accesses(&self, first_setting: u16, content: &mut Vec<u32>) -> StepAccesses {
         let first_safe = first_setting.saturating_add(self.settings.len() as u16);
-        let (mut all, mut quiesce) = (Vec::new(), Vec::new());
+        let mut accesses = StepAccesses::default();
         for step in self.sorted_steps() {
             let place = match step.again {
                 RepeatedWord::Setting(setting) => first_setting.saturating_add(setting.0),
@@ -119,13 +120,34 @@ impl ImagePlan {
                 RepeatedWord::Word(word) => push(content, word),
             };
             let access = Access::write(step.address, place, 1);
-            all.push(access);
-            if step.place == StepPlace::In(Stage::Quiesce) {
-                quiesce.push(access);
+            let quiesces = step.place == StepPlace::In(Stage::Quiesce);
+            accesses.all.push(access);
+            if quiesces {
+                accesses.quiesce.push(access);
+            }
+            if !quiesces || !self.drives_pins(step.address) {
+                accesses.renewal.push(access);
             }
         }
-        (all, quiesce)
+        accesses
     }
+
+    /// True if a later step writes this register to drive pins.
+    fn drives_pins(&self, address: u16) -> bool {
+        let drive = StepPlace::In(Stage::Drive);
+        let mut steps = self.steps.iter();
+        steps.any(|step| step.address == address && step.place == drive)
+    }
+}
+
+/// The accesses of the steps of a set-up.
+#[derive(Default)]
+struct StepAccesses {
+    all: Vec<Access>,
+    /// All but those that let go of pins which a later stage drives.
+    renewal: Vec<Access>,
+    /// Those of the first stage.
+    quiesce: Vec<Access>,
 }
 
 /// Registers that are read, or written, in the order of the exchange.

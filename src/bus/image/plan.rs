@@ -134,7 +134,7 @@ pub struct ImagePlan {
     pub(super) reads: Vec<Register>,
     pub(super) writes: Vec<Register>,
     pub(super) settings: Vec<SettingRegister>,
-    steps: Vec<Step>,
+    pub(super) steps: Vec<Step>,
 }
 
 impl ImagePlan {

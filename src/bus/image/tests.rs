@@ -265,6 +265,17 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     assert_eq!(written(&mut image, &mut bus), [(0x4000, 99)]);
     let Ok(()) = image.exchanges.quiesce(&mut bus, &mut image.words);
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
+    image.words.put_safe(output, 5);
+    let Ok(()) = image.exchanges.renew(&mut bus, &mut image.words);
+    let renewed = [
+        (0x0C00, 2),
+        (0x4000, 5),
+        (0x1100, 0x30),
+        (0x7D00, 4),
+        (0x0D00, 8),
+    ];
+    assert_eq!(bus.take_written(), renewed, "no pin is let go of");
+    assert_eq!(bus.take_read(), [0x1100]);
 }
 
 /// Behind the settings come the safe words, and behind these the steps: a number that this image

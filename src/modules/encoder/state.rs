@@ -84,8 +84,9 @@ pub struct EncoderReading {
     /// `count` may be wrong, for one of these reasons:
     /// - The board was reset or lost its power; or its watchdog has bitten, and its registers do not
     ///   show that it was not reset before.
-    /// - The encoder is multiplexed, and its select line was released: by a bite, by a set-up, or by an
-    ///   exchange in doubt within 100 reads after one. `count` is then the best estimate.
+    /// - The encoder is multiplexed, and its select line was released: by a bite, by the set-up that
+    ///   follows one, or by an exchange in doubt within 100 reads after that. `count` is then the best
+    ///   estimate.
     /// - In the time between two reads it can have moved by 32768 counts or more: with half as much
     ///   again as its last speed and acceleration, and 1000 counts a second. If its last edge is still
     ///   the same, it has not moved.
@@ -267,7 +268,7 @@ impl EncoderState {
         self.is_awake = true;
         if is_lost || is_reset || outage.was_replaced {
             self.start_anew();
-        } else if self.is_muxed || outage.has_released && !is_proven {
+        } else if outage.has_released && (self.is_muxed || !is_proven) {
             self.reading.is_unsure |= self.last.is_some();
         } else {
             self.must_go_on = self.last.is_some();

@@ -167,12 +167,14 @@ impl Generator {
     }
 
     /// The board has its set-up again, with a rate of 0.
-    pub fn restored(&mut self) {
-        self.counts.resume();
+    pub fn set_up_again(&mut self, was_released: bool) {
+        if was_released {
+            self.counts.resume();
+            self.change.restored();
+        }
         self.latch.forget();
         self.halt();
         self.rate = RateRegister::new();
-        self.change.restored();
         (self.has_said_unsure, self.is_released) = (false, false);
     }
 }

@@ -325,9 +325,11 @@ impl Module for Stepgens {
         Ok(())
     }
 
-    /// Takes the next read as a new origin: pins that are released and driven again make edges.
-    fn set_up_again(&mut self, _: &mut PinStore, _: Instant, _: &Outage) {
-        self.generators.iter_mut().for_each(Generator::restored);
+    /// Pins that are released and driven again make edges: the next read is then a new origin.
+    fn set_up_again(&mut self, _: &mut PinStore, _: Instant, outage: &Outage) {
+        for generator in &mut self.generators {
+            generator.set_up_again(!outage.has_kept_set_up());
+        }
     }
 }
 

@@ -83,7 +83,7 @@ impl<B: Rig> Machine<B> {
 const FAST: f64 = 20_000.0;
 
 /// Faults and what becomes of an encoder on pins of its own, and of a multiplexed one.
-const FAULTS: [(Trouble, f64, Count, Count); 15] = [
+const FAULTS: [(Trouble, f64, Count, Count); 17] = [
     // Without a bite.
     (Cut(3), FAST, Exact, Exact),
     (Cut(15), -FAST, Exact, Exact),
@@ -91,7 +91,10 @@ const FAULTS: [(Trouble, f64, Count, Count); 15] = [
     (Stall(50), FAST, Exact, Exact),
     (Stall(50), 400_000.0, Exact, Exact),
     (Stall(90), -400_000.0, Lost, Lost),
-    // With one.
+    // The bus is down, and the board has its set-up.
+    (Cut(75), -FAST, Exact, Exact),
+    (Deaf(75), FAST, Exact, Exact),
+    // With a bite.
     (Cut(300), FAST, Exact, Estimate),
     (Deaf(300), -FAST, Exact, Estimate),
     (Stall(300), FAST, Exact, Estimate),
@@ -152,6 +155,19 @@ fn counts_are_followed_while_the_board_waits_to_be_re_armed() {
     assert!(motor_now - motor > 400_000.0);
     let missing = motor_now - motor - f64::from(now.wrapping_sub(count));
     assert!(missing.abs() <= 1.0, "{missing}");
+    assert!(!machine.is_unsure());
+}
+
+/// The select line of multiplexed encoders is a pin that the set-up lets go of.
+#[test]
+fn a_bus_that_was_down_leaves_multiplexed_encoders_sure() {
+    let mut machine = Machine::new(network(muxed()), "bus down");
+    let _ = machine.told(Positions::Encoders);
+    machine.happens(Cut(75));
+    assert_eq!(machine.driver.board_state(), BoardState::BusDown);
+    machine.comes_back();
+    machine.cycles(50);
+    assert_eq!(machine.told(Positions::Encoders), 0);
     assert!(!machine.is_unsure());
 }
 

@@ -70,6 +70,9 @@ impl<B: Rig> Machine<B> {
             self.check_steps(Cut(8), speed, false, Some(1.5));
             self.check_steps(Deaf(8), speed, false, Some(1.5));
             self.check_steps(Stall(50), speed, false, Some(1.5));
+            // The bus is down, and the board has its set-up.
+            self.check_steps(Cut(75), speed, false, Some(1.5));
+            self.check_steps(Deaf(75), speed, false, Some(1.5));
             // With one.
             self.check_steps(Stall(300), speed, true, estimate);
             self.check_steps(Cut(300), speed, true, estimate);
