@@ -181,7 +181,7 @@ fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
     assert_eq!(chip.bytes[..PAGE], FlashLayout::I7I97.boot_page());
     assert_eq!(chip.bytes[0x16_0000], 0x12);
     assert!(
-        chip.bytes[0x10_0000 + 340_001..0x16_0000]
+        chip.bytes[0x10_0000 + 340_001_usize.next_multiple_of(PAGE)..0x16_0000]
             .iter()
             .all(|&byte| byte == 0xFF)
     );

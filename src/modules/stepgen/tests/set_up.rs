@@ -27,7 +27,7 @@ fn names_types_and_fresh_values_are_those_of_linuxcnc() {
         control-type bit IN false|counts s32 OUT 0|dbg_err_at_match float OUT 0|dbg_ff_vel float OUT 0|\
         dbg_pos_minus_prev_cmd float OUT 0|dbg_s_to_match float OUT 0|dbg_step_rate s32 OUT 0|\
         dbg_vel_error float OUT 0|dirhold u32 RW 163830|dirsetup u32 RW 163830|disable-ramp bit RW false|\
-        enable bit IN false|index-enable bit I/O false|index-invert bit IN false|maxaccel float RW 1|\
+        enable bit IN false|homed bit IN false|index-enable bit I/O false|index-invert bit IN false|maxaccel float RW 1|\
         maxvel float RW 0|near-max-rate bit OUT false|position-cmd float IN 0|position-fb float OUT 0|\
         position-lag float OUT 0|position-latch float OUT 0|position-reset bit IN false|\
         position-scale float RW 1|position-unsure bit OUT false|probe-enable bit I/O false|\
