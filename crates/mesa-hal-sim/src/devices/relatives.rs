@@ -43,6 +43,7 @@ const MODES_7I76: [(&str, &[&str]); 3] = [
 ];
 
 /// Parameters whose directions differ between the revisions of a card, and their factory values.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Copy)]
 struct Edition {
     software: u8,

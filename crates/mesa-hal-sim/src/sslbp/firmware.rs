@@ -62,6 +62,7 @@ pub(super) struct Uart {
 }
 
 /// The processor with everything that it accesses.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Debug)]
 pub(super) struct Firmware {
     pub config: PortConfig,
