@@ -118,7 +118,7 @@ fn kinds() -> impl Iterator<Item = FaultKind> {
 
 #[test]
 fn each_fault_has_the_same_account_on_every_bus() {
-    let mut wrong = String::new();
+    let mut wrong = Vec::new();
     for kind in kinds() {
         for ending in [Ending::LeftAlone, Ending::Stopped, Ending::Rearmed] {
             let (embedded, _) = account::<SimFpga>(fpga(), kind, ending);
@@ -126,13 +126,13 @@ fn each_fault_has_the_same_account_on_every_bus() {
             let (pci, _) = account(pci(), kind, ending);
             for (bus, other) in [("UDP", udp), ("PCI", pci)] {
                 if other != embedded {
-                    wrong +=
-                        &format!("{kind}, {ending:?}: {bus}: {other:#?}, and not {embedded:#?}\n");
+                    let place = format!("{kind}, {ending:?}, {bus}");
+                    wrong.push(format!("{place}: {other:#?}, and not {embedded:#?}"));
                 }
             }
         }
     }
-    assert!(wrong.is_empty(), "{wrong}");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

@@ -58,7 +58,7 @@ pub struct List {
 
 /// Result of the search.
 #[derive(Debug, Serialize)]
-struct Boards {
+struct SearchResult {
     boards: Vec<Board>,
     silent: Vec<Silent>,
     /// The addresses that were given one by one.
@@ -92,7 +92,7 @@ impl List {
         }
         let addresses = self.addresses()?;
         let network = Network::below(&self.root)?;
-        let mut found = Boards {
+        let mut found = SearchResult {
             boards: Vec::new(),
             silent: Vec::new(),
             named: self.named(),
@@ -143,7 +143,7 @@ impl List {
     }
 }
 
-impl Boards {
+impl SearchResult {
     /// The addresses of a group whose reason is of use. Where a board was found, nobody expects one at all
     /// other addresses of a range, or at the factory addresses. That this computer has an address of a
     /// range is no reason to change it.
@@ -180,7 +180,7 @@ impl Boards {
     }
 }
 
-impl Display for Boards {
+impl Display for SearchResult {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for Board { address, identity } in &self.boards {
             writeln!(

@@ -181,7 +181,7 @@ fn joint(number: usize, letter: char, joint: Option<&Joint>) -> String {
 
 /// Homing, as comments: without it a joint is at 0 where it stands.
 fn homing(letter: char, joint: Option<&Joint>) -> String {
-    let sequence = if letter == 'Z' { 0 } else { 1 };
+    let sequence = u8::from(letter != 'Z');
     let index = match joint {
         Some(Joint::Servo(_)) => "# HOME_USE_INDEX = YES\n",
         Some(Joint::Stepper(stepper)) if stepper.has_index => "# HOME_USE_INDEX = YES\n",

@@ -65,9 +65,10 @@ impl Parts {
 
     /// The lines that add their functions to the thread.
     pub fn functions(&self) -> String {
-        let lines = self.functions.iter();
-        lines
-            .map(|name| format!("addf {name} servo-thread\n"))
-            .collect()
+        let mut text = String::new();
+        for name in &self.functions {
+            let _ = writeln!(text, "addf {name} servo-thread");
+        }
+        text
     }
 }
