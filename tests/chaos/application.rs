@@ -131,12 +131,14 @@ impl Application {
     }
 
     /// Compares all valid inputs with the truth. The board's own values were read within the last
-    /// `took`, and its encoders were latched up to `before` earlier than that.
+    /// `took`, and its encoders were latched up to `before` earlier than that. Its pins were released,
+    /// or not, and driven again by a set-up.
     pub fn check_inputs<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
         stage: &Stage,
         (took, before): (u64, u64),
+        (is_released, is_set_up): (bool, bool),
     ) -> Checked {
         let pins = driver.pins();
         let now = pins.now().as_nanos();
@@ -181,8 +183,9 @@ impl Application {
         if !state.armed {
             self.forget_index();
         }
-        if driver.board_state() != BoardState::Running {
-            self.encoders.iter_mut().for_each(Encoder::is_set_up_anew);
+        if driver.board_state() != BoardState::Running || is_set_up {
+            let encoders = self.encoders.iter_mut();
+            encoders.for_each(|encoder| encoder.is_set_up_anew(is_released || is_set_up));
         }
         if state.valid {
             let from = now.saturating_sub(state.age.time.as_nanos() as u64 + took + 5 * MICRO);

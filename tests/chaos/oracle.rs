@@ -397,6 +397,11 @@ impl Oracle {
         self.is_setting_up = is_written;
     }
 
+    /// True while the set-up is written.
+    pub fn is_setting_up(&self) -> bool {
+        self.is_setting_up
+    }
+
     /// The application re-arms everything, or one remote.
     pub fn rearmed(&mut self, remote: Option<usize>) {
         if let Some(remote) = remote {

@@ -56,6 +56,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         is_written: false,
         is_open: false,
         opened: 0,
+        released: (false, false),
         told: None,
         is_armed: false,
         cycles: 0,
@@ -136,6 +137,9 @@ struct Scenario {
     is_open: bool,
     /// Time at which the first pin was driven after none was.
     opened: u64,
+    /// All pins were released since the last set-up; and before the set-up that was written since the
+    /// last read.
+    released: (bool, bool),
     /// A remote has reported a fault: its number, the time, its earlier faults, and the number of
     /// good reads that may miss it.
     told: Option<(usize, u64, u64, u32)>,
@@ -306,7 +310,9 @@ impl Scenario {
         self.locks(report, started, is_wild)?;
         application.notice(driver);
         self.look()?;
-        application.check_inputs(driver, &self.stage, (self.took, self.sampled_before))?;
+        let age = (self.took, self.sampled_before);
+        let released = self.are_released(driver);
+        application.check_inputs(driver, &self.stage, age, released)?;
         self.validity(driver, application, good)?;
         self.detected(driver, application, good)?;
         self.left_alone(driver, application, good)?;

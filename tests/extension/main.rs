@@ -170,7 +170,7 @@ impl Machine {
 fn board_module_and_card_from_outside_have_names_terminals_and_values_as_any_other() {
     let mut machine = Machine::new();
     assert_eq!(machine.terminal("gpio.021.out"), "X2 pin 7");
-    assert_eq!(machine.terminal("vlv4.0.0.valve-02"), "X2.5");
+    assert_eq!(machine.terminal("VlV4.0.0.valve-02"), "X2.5");
     machine.set(5_000.0, true, true);
     let supply = find_mut(
         machine

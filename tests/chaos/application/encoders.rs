@@ -25,6 +25,9 @@ const LIKELY: f64 = 0.02;
 /// Reads after a set-up in which a packet of it may come again.
 const SETTLED: u32 = 110;
 
+/// Looks after which a setting has been written, whatever was lost.
+const WRITTEN: u32 = 12;
+
 /// An encoder, and the knowledge about it.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub(super) struct Encoder {
@@ -56,7 +59,9 @@ pub(super) struct Encoder {
     is_begun: bool,
     /// The long filter was selected at the last look.
     is_long: Option<bool>,
-    /// It is multiplexed, the board was set up again since, and no index has occurred.
+    /// Looks since it was selected.
+    long_for: u32,
+    /// It is multiplexed, its select line was released since, and no index has occurred.
     must_doubt: bool,
     /// It may have doubts, and has had them ever since.
     may_doubt: bool,
@@ -96,6 +101,7 @@ impl Encoder {
             read_until: None,
             is_begun: false,
             is_long: None,
+            long_for: 0,
             must_doubt: false,
             may_doubt: false,
             reads_since: 0,
@@ -112,9 +118,10 @@ impl Encoder {
         self.read_until = None;
     }
 
-    /// The select line is released.
-    pub(super) fn is_set_up_anew(&mut self) {
-        self.must_doubt |= self.is_begun && self.is_muxed;
+    /// The board is not set up, or was set up again. With all pins released, the select line is one of
+    /// them.
+    pub(super) fn is_set_up_anew(&mut self, is_released: bool) {
+        self.must_doubt |= is_released && self.is_begun && self.is_muxed;
         self.reads_since = 0;
     }
 
@@ -122,8 +129,9 @@ impl Encoder {
     fn may_begin_to_doubt(&mut self, (pins, plan): (&Pins, &Plan), gap: u64) -> bool {
         let is_recent = self.reads_since < SETTLED;
         self.reads_since += 1;
-        // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in it.
-        let has_mode = pins.param(self.filter);
+        // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in it. It
+        // may still be on its way to the board.
+        let has_mode = pins.param(self.filter) && self.long_for > WRITTEN;
         let may_be_reset = plan.may_be_reset() || !has_mode;
         let is_lost = is_recent && (self.is_muxed || may_be_reset);
         let likely = plan.speed(self.axis).abs() * gap as f64 * 1e-9;
@@ -154,6 +162,11 @@ impl Encoder {
         })?;
         let is_long = pins.param(self.filter);
         let is_new = self.is_long.replace(is_long) != Some(is_long);
+        self.long_for = if is_new || !is_long {
+            0
+        } else {
+            self.long_for.saturating_add(1)
+        };
         if is_new || !plan.spares_the_board() {
             // The setting may not be written yet.
             return Ok(());

@@ -28,6 +28,7 @@ impl Scenario {
         let alone = begun.len() <= 1 && self.plan.faults.len() <= 1;
         events.iter().try_for_each(|event| {
             self.what_is_told.happened(event);
+            self.releases(event.what);
             let is_before = self.is_before_set_up(event);
             self.steppers.happened(&event.what, is_before);
             if is_before {
@@ -36,6 +37,25 @@ impl Scenario {
             self.expect_detection(event, alone);
             self.oracle.event(event, alone)
         })
+    }
+
+    /// Notes that all pins are released, or driven again. A copy of a packet can do both without a fault.
+    fn releases(&mut self, what: What) {
+        match what {
+            What::Closed => self.released.0 = true,
+            What::Opened if self.oracle.is_setting_up() => self.released.1 |= self.released.0,
+            What::Opened => self.released.0 = false,
+            _ => {}
+        }
+    }
+
+    /// True if pins were released, of a board that is not set up or was set up again; and if they were
+    /// before the last set-up.
+    pub(super) fn are_released<B: Host>(&mut self, driver: &Driver<B>) -> (bool, bool) {
+        let (is_released, is_set_up) = &mut self.released;
+        let is_set_up = std::mem::take(is_set_up);
+        *is_released &= !is_set_up || driver.board_state() != BoardState::Running;
+        (*is_released, is_set_up)
     }
 
     /// The set-up is written from here on. Earlier events of the board are irrelevant after it:

@@ -91,7 +91,10 @@ fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
 /// Manual: 7I77, "DATA_LENGTH": up to 255 bits, but the registers have 96.
 #[test]
 fn process_data_that_does_not_fit_is_reported_for_each_direction() {
-    let wide = |direction| data(96, 1, direction, [0.0; 2], "wide");
+    let wide = |direction| {
+        let name = if direction == 0x00 { "wide in" } else { "wide out" };
+        data(96, 1, direction, [0.0; 2], name)
+    };
     let one = |direction| data(1, 1, direction, [0.0; 2], "one");
     let (mut image, remote) = with_records(&[wide(0x00), wide(0x80)], 13, 12);
     assert_eq!(run(&mut image, &remote).problems, []);
