@@ -55,7 +55,7 @@ macro_rules! kinds {
 kinds! {
     ListPins: "list the names with `Pins::infos`",
     ShortenName: "give the remote a shorter name, of characters that HAL takes",
-    NumberBoards: "give each board its own number (`Settings::board_number`)",
+    ChooseOtherName: "choose another name; two boards in one program need two numbers (`Settings::board_number`)",
     LeaveBoardsOut: "leave boards or modules out",
     UseMatchingHandle: "take the handle of that kind",
     SetOpposite: "set the opposite instead",

@@ -152,7 +152,7 @@ impl PinError {
     pub fn advice(&self) -> Option<Advice> {
         match self {
             Self::BadName { .. } => Some(Advice::ShortenName),
-            Self::NameTaken { .. } => Some(Advice::NumberBoards),
+            Self::NameTaken { .. } => Some(Advice::ChooseOtherName),
             Self::TooMany => Some(Advice::LeaveBoardsOut),
             Self::NotFound { nearest: None, .. } => Some(Advice::ListPins),
             Self::WrongKind { .. } => Some(Advice::UseMatchingHandle),

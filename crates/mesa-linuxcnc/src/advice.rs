@@ -28,7 +28,7 @@ impl Words {
             | Advice::SetEncoderRate
             | Advice::ChoosePhase
             | Advice::ChooseHostPace
-            | Advice::NumberBoards
+            | Advice::ChooseOtherName
             | Advice::UseLayoutOfBoard
             | Advice::WriteBootBlock
             | Advice::WriteFallback

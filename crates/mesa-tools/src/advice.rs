@@ -33,8 +33,9 @@ use crate::setup::{SerialCabinetError, SerialError};
 /// other advice has the text of the library.
 pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
     let text = match advice {
-        // The command has no option for these.
-        Advice::SetWatchdog
+        // The command has no option for these, and no second board.
+        Advice::ChooseOtherName
+        | Advice::SetWatchdog
         | Advice::SetBusErrorLimit
         | Advice::SetFaultPolicy
         | Advice::SetStaleAfter
@@ -45,7 +46,6 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         | Advice::ChoosePhase
         | Advice::SetPeriodFirst => return None,
         Advice::ListPins => "`mesa pins` lists them",
-        Advice::NumberBoards => "check whether two boards have the same number",
         Advice::WriteRemoteParameter => "`mesa param set` writes it",
         Advice::ListParameters => "`mesa param list` lists those that it has",
         Advice::SetInstances => "load a firmware that has more",

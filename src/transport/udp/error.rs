@@ -224,8 +224,14 @@ impl<E: BusError> BusError for UdpError<E> {
 
     fn advice(&self) -> Option<BusAdvice> {
         Some(match self {
+            // A board whose replies are late has power and a cable.
+            Self::Late { .. }
+            | Self::Stale { .. }
+            | Self::GaveUp {
+                last: BusErrorKind::Late | BusErrorKind::Stale,
+                ..
+            } => BusAdvice::CheckHost,
             Self::Lost { .. } | Self::GaveUp { .. } => BusAdvice::CheckBoard,
-            Self::Late { .. } | Self::Stale { .. } => BusAdvice::CheckHost,
             Self::Foreign { .. } => BusAdvice::CheckAddress,
             Self::Short { .. } => BusAdvice::FindOtherProgram,
             Self::OtherHost { .. } => BusAdvice::EndOtherProgram,

@@ -130,12 +130,14 @@ impl BusError for SocketError {
     }
 
     fn advice(&self) -> Option<BusAdvice> {
-        Some(match self.kind() {
-            BusErrorKind::Unreachable => BusAdvice::CheckInterface,
+        match self.kind() {
+            BusErrorKind::Unreachable => Some(BusAdvice::CheckInterface),
+            // Another host answers, so that the cable is good.
+            BusErrorKind::Refused => Some(BusAdvice::CheckAddress),
             // The firewall of this computer refuses to send.
-            _ if self.0 == ErrorKind::PermissionDenied => BusAdvice::OpenFirewall,
-            _ => BusAdvice::CheckAddressAndCable,
-        })
+            _ if self.0 == ErrorKind::PermissionDenied => Some(BusAdvice::OpenFirewall),
+            _ => None,
+        }
     }
 }
 

@@ -6,7 +6,7 @@ mod posted;
 mod sequences;
 
 use super::*;
-use crate::bus::{BusError, BusErrorKind};
+use crate::bus::{BusAdvice, BusError, BusErrorKind};
 use network::{Execution, Fate, GOOD, Network};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -308,6 +308,25 @@ fn a_lost_write_is_said_by_the_next_read_once() {
     bus.run(&cycle.read, &mut words).unwrap();
     assert_eq!(bus.statistics().lost_writes, 1);
     assert_eq!(bus.link().registers[&0x2000], 42);
+}
+
+#[test]
+fn the_power_is_doubted_only_if_no_reply_came_at_all() {
+    let gave_up = |last| UdpError::<SocketError>::GaveUp {
+        request: 1,
+        tries: 10,
+        within: Duration::from_millis(200),
+        last,
+    };
+    let advice = |last| BusError::advice(&gave_up(last));
+    assert_eq!(advice(BusErrorKind::Lost), Some(BusAdvice::CheckBoard));
+    for last in [BusErrorKind::Late, BusErrorKind::Stale] {
+        assert_eq!(advice(last), Some(BusAdvice::CheckHost));
+    }
+    let refused = SocketError(std::io::ErrorKind::ConnectionRefused);
+    assert_eq!(refused.advice(), Some(BusAdvice::CheckAddress));
+    let other = SocketError(std::io::ErrorKind::OutOfMemory);
+    assert_eq!(other.advice(), None);
 }
 
 #[test]

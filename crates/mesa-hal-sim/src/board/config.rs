@@ -28,6 +28,9 @@ pub struct BoardConfig {
     pub name: [u8; 16],
     /// MAC address in the EEPROM.
     pub mac: [u8; 6],
+    /// The EEPROM says that the board is simulated, in words that a real board reserves. False: as
+    /// on a real board, whose outputs no program may leave on for longer than it would there.
+    pub is_marked: bool,
     /// IP address in the EEPROM.
     pub ip: Ipv4Addr,
     /// Netmask in the EEPROM; firmware 16 and later has one.
@@ -58,6 +61,7 @@ impl BoardConfig {
         Self {
             name: padded,
             mac: [0x00, 0x60, 0x1B, 0x1B, 0x00, 0x97],
+            is_marked: true,
             ip: Ipv4Addr::new(10, 10, 10, 10),
             netmask: Ipv4Addr::new(255, 255, 255, 0),
             jumpers: AddressJumpers::Eeprom,

@@ -4,6 +4,7 @@ use super::BoardConfig;
 use crate::wire::Nanos;
 use mesa_wire::lbp16::registers::eeprom::{
     CARD_NAME, FIRST_WRITABLE, IP_ADDRESS, LED_MODE, LEN, MAC, NETMASK, NETMASK_FIRMWARE,
+    SIMULATED, SIMULATED_MARK,
 };
 
 /// Time to program one word of the Ethernet chip's serial EEPROM. Unknown; mesaflash, which waits 2
@@ -21,6 +22,8 @@ pub(super) struct NotWritable;
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     words: [u16; EEPROM_WORDS],
+    /// The mark of a simulated board. Not among the words: saved states from before it are good.
+    mark: [u16; SIMULATED_MARK.len()],
     changes: u64,
 }
 
@@ -29,6 +32,11 @@ impl Eeprom {
     pub(super) fn new(config: &BoardConfig) -> Self {
         let mut this = Self {
             words: [0; EEPROM_WORDS],
+            mark: if config.is_marked {
+                SIMULATED_MARK
+            } else {
+                Default::default()
+            },
             changes: 0,
         };
         for (address, word) in (MAC..).step_by(2).zip(config.mac_words()) {
@@ -48,7 +56,9 @@ impl Eeprom {
 
     /// The word at a byte address within the space.
     pub(super) fn read(&self, address: u16) -> u16 {
-        let word = self.words.get(usize::from(address / 2));
+        let of_mark = address.checked_sub(SIMULATED).map(|from| from / 2);
+        let mark = of_mark.and_then(|word| self.mark.get(usize::from(word)));
+        let word = mark.or_else(|| self.words.get(usize::from(address / 2)));
         word.copied().unwrap_or(0)
     }
 
@@ -113,6 +123,21 @@ mod tests {
         assert_eq!(eeprom.read(0x12).to_le_bytes(), *b"97");
         assert_eq!([eeprom.read(0x20), eeprom.read(0x22)], [0x0A0A, 0x0A0A]);
         assert_eq!([eeprom.read(0x24), eeprom.read(0x26)], [0xFF00, 0xFFFF]);
+    }
+
+    #[test]
+    fn a_simulated_board_says_so_where_a_real_one_is_silent() {
+        let read = |eeprom: &Eeprom| -> Vec<_> {
+            let words = (0x08..0x10).step_by(2).map(|at| eeprom.read(at));
+            words.flat_map(u16::to_le_bytes).collect()
+        };
+        let mut config = BoardConfig::new("7I97");
+        let mut marked = Eeprom::new(&config);
+        assert_eq!(read(&marked), *b"mesa-sim");
+        marked.restore(*marked.words());
+        assert_eq!(read(&marked), *b"mesa-sim");
+        config.is_marked = false;
+        assert_eq!(read(&Eeprom::new(&config)), [0; 8]);
     }
 
     #[test]

@@ -351,13 +351,13 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
     problems.extend(found.read_error.map(|error| with_advice(error, advice)));
     let faults = if found.started.ptoc == 0 {
         // Remotes older than discovery do not have this location.
-        Ok(0)
+        Ok((0, 0))
     } else {
-        present_faults(&mut memory)
+        faults_of(&mut memory)
     };
-    let faults = faults.unwrap_or_else(|error| {
+    let (faults, faults_before) = faults.unwrap_or_else(|error| {
         problems.push(with_advice(&error, error.advice()));
-        0
+        (0, 0)
     });
     let parameters = descriptor.parameters.iter();
     let parameters = parameters
@@ -375,6 +375,7 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
         tx_size: found.started.sizes.tx,
         built_in_table: found.started.ptoc == 0,
         faults: words(RemoteFaults::from_bits_retain(faults)),
+        faults_before: words(RemoteFaults::from_bits_retain(faults_before)),
         modes: descriptor.modes.iter().map(mode).collect(),
         process_data: process_data.map(|record| element(record, table)).collect(),
         parameters,
@@ -400,12 +401,15 @@ fn mode(record: &ModeRecord) -> InventoryMode {
     }
 }
 
-/// Faults present now: latched faults stay until cleared, so they are cleared before the read.
-fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
+/// The faults that are present now, and those that the remote kept from before. Latched faults stay
+/// until cleared, so they are cleared between two reads.
+fn faults_of<M: RemoteLink>(memory: &mut M) -> Result<(u8, u8), M::Error> {
+    let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
+    let kept = memory.access(None, read)? as u8;
     let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
     memory.access(None, clear)?;
-    let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
-    memory.access(None, read).map(|byte| byte as u8)
+    let now = memory.access(None, read)? as u8;
+    Ok((now, kept & !now))
 }
 
 /// Each fault as text.

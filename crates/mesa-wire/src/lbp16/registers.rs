@@ -9,6 +9,16 @@ pub mod eeprom {
     pub const FIRST_WRITABLE: u16 = 0x20;
     /// MAC address, low word first: three words.
     pub const MAC: u16 = 0x02;
+    /// Mark of a simulated board: four words that are reserved or unused, and read only, on a real
+    /// board, so that none can be given it.
+    pub const SIMULATED: u16 = 0x08;
+    /// The words of the mark: `mesa-sim` as text.
+    pub const SIMULATED_MARK: [u16; 4] = [
+        u16::from_le_bytes(*b"me"),
+        u16::from_le_bytes(*b"sa"),
+        u16::from_le_bytes(*b"-s"),
+        u16::from_le_bytes(*b"im"),
+    ];
     /// Card name: sixteen characters.
     pub const CARD_NAME: u16 = 0x10;
     /// IP address, low word first: two words.

@@ -1,27 +1,29 @@
 //! Target board of a command.
 
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::Settings;
 use mesa_hal::bus::{BusError, BusErrorKind};
-use mesa_hal::ethernet::{EthernetBoard, Identity};
-use mesa_hal::lbp16;
+use mesa_hal::ethernet::{EthernetBoard, EthernetError, Identity};
+use mesa_hal::lbp16::{self, Space, registers::eeprom};
+use mesa_hal::runner::Stop;
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink};
+use mesa_hal::{Rounded, Settings};
 
 use crate::address::{BoardAddress, PciPlace};
 use crate::bus::Bus;
 use crate::consent::Asks;
 use crate::context::{Failure, told};
-use crate::link::BoardLink;
+use crate::link::{BoardLink, SocketLink};
 use crate::look::LookBus;
 use crate::sim::machine::{Machine, MachineOptions};
 use crate::simulated::{Passage, Simulated};
 use mesa_pci::{PciDevice, PciOpenError};
 use mesa_tools::Counted;
+use mesa_tools::advice::with_advice;
 
 /// Timeout of an answer when the identity of a board is checked again.
 const AGAIN: Duration = Duration::from_millis(100);
@@ -91,6 +93,10 @@ pub struct Found {
     device: Option<PciDevice>,
     /// The first board that answered at the address.
     who: OnceCell<Identity>,
+    /// The signals that end the command, if it is one that ends in the middle of a step.
+    stop: Option<Stop>,
+    /// That board said of itself that it is simulated.
+    says_simulated: Cell<bool>,
     /// Simulated machine in place of a board.
     simulated: Option<Simulated>,
 }
@@ -158,6 +164,8 @@ impl Found {
             address,
             device,
             who: OnceCell::new(),
+            stop: None,
+            says_simulated: Cell::new(false),
             simulated,
         }
     }
@@ -185,6 +193,13 @@ impl Found {
         self
     }
 
+    /// Lets a signal end the waits for a board that is silent. For commands that may be cut off
+    /// anywhere, which neither write memory nor restart a board.
+    pub fn ended_by(mut self, stop: &Stop) -> Self {
+        self.stop = Some(stop.clone());
+        self
+    }
+
     /// The board as it was when it was opened first.
     pub fn identity(&self) -> Option<&Identity> {
         self.who.get()
@@ -197,6 +212,7 @@ impl Found {
         let is_real = self.simulated.is_none();
         is_real.then(|| Self {
             who: self.who.clone(),
+            says_simulated: self.says_simulated.clone(),
             ..Self::new(SocketAddrV4::new(ip, address.port()).into(), None, None)
         })
     }
@@ -210,7 +226,13 @@ impl Found {
     fn link_to(&self, address: SocketAddrV4) -> Result<BoardLink, SocketError> {
         match &self.simulated {
             Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
-            None => UdpLink::connect(address).map(BoardLink::Socket),
+            None => {
+                let socket = UdpLink::connect(address)?;
+                Ok(BoardLink::Socket(SocketLink::new(
+                    socket,
+                    self.stop.clone(),
+                )))
+            }
         }
     }
 
@@ -246,17 +268,44 @@ impl Found {
     }
 
     fn open_on_ethernet(&self, address: SocketAddrV4, config: UdpConfig) -> Result<Bus, Failure> {
-        let config = self.patient(config);
-        let tries = config.setup_tries;
-        let link = self.link_to(address).map_err(UdpError::from);
-        let bus = link.and_then(|link| UdpBus::new(link, config));
-        let mut bus = bus.map_err(|error| self.refuses(tries, error))?;
-        let is = EthernetBoard::new(&mut bus).identity()?;
-        self.check_same(is)?;
+        let patient = self.patient(config);
+        let mut bus = self.bus_to(address, patient)?;
+        let mut board = EthernetBoard::new(&mut bus);
+        self.check_same(board.identity()?)?;
+        self.says_simulated.set(says_simulated(&mut board)?);
+        if !self.is_simulated() && patient.cycle_deadline != config.cycle_deadline {
+            // A real board behind a relay on this host: its cycle does not wait for that long.
+            let setup_deadline = patient.setup_deadline;
+            drop(bus);
+            bus = self.bus_to(
+                address,
+                UdpConfig {
+                    setup_deadline,
+                    ..config
+                },
+            )?;
+        }
         Ok(Bus::Ethernet(bus.into()))
     }
 
-    /// True if the board is simulated, in this program or in another one on this host.
+    fn bus_to(
+        &self,
+        address: SocketAddrV4,
+        config: UdpConfig,
+    ) -> Result<UdpBus<BoardLink>, Failure> {
+        let link = self.link_to(address).map_err(UdpError::from);
+        let bus = link.and_then(|link| UdpBus::new(link, config));
+        bus.map_err(|error| self.refuses(config.setup_tries, error))
+    }
+
+    /// True if the board is simulated, by what itself says; the address is no evidence, as a relay
+    /// makes a real board answer anywhere. False on Ethernet until the board was opened.
+    fn is_simulated(&self) -> bool {
+        let on_pci = self.device.as_ref().is_some_and(PciDevice::is_simulated);
+        self.simulated.is_some() || on_pci || self.says_simulated.get()
+    }
+
+    /// True if what answers is a program on this host: a simulated board, or a relay.
     fn is_on_this_host(&self) -> bool {
         match (self.address.ip(), &self.device) {
             (Some(ip), _) => ip.is_loopback(),
@@ -274,8 +323,9 @@ impl Found {
     }
 
     /// Lengthens the times in `settings` after which a simulated board and its inputs are given up.
+    /// Call it after the board was opened: until then, one on Ethernet counts as real.
     pub fn with_patience(&self, mut settings: Settings) -> Settings {
-        if self.is_on_this_host() {
+        if self.is_simulated() {
             settings.watchdog = settings.watchdog.map(|time| time.max(WATCHDOG));
             settings.fault_policy.stale_after = STALE_AFTER;
         }
@@ -330,10 +380,28 @@ impl Found {
             _ if matches!(error, UdpError::Foreign { .. }) => {
                 format!("no board answers, asked {tries}, but another host does: {said}")
             }
+            BusErrorKind::Lost if let UdpError::GaveUp { tries, within, .. } = &error => {
+                let tries = Counted::of(*tries as usize, "time");
+                let facts = format!("no board answers, asked {tries} within {}", Rounded(within));
+                with_advice(facts, error.advice())
+            }
             BusErrorKind::Lost => format!("no board answers, asked {tries}: {said}"),
             _ => said,
         };
         Failure::of(&error, format_args!("{}: {why}", self.address))
+    }
+}
+
+/// True if the board has the mark of a simulated one. A board that refuses the access has not.
+fn says_simulated(
+    board: &mut EthernetBoard<'_, UdpBus<BoardLink>>,
+) -> Result<bool, EthernetError<UdpError>> {
+    let mark = eeprom::SIMULATED_MARK.map(u32::from);
+    let count = mark.len() as u16;
+    match board.peek(Space::Eeprom, eeprom::SIMULATED, count) {
+        Ok(words) => Ok(words == mark),
+        Err(EthernetError::NoRegister { .. }) => Ok(false),
+        Err(error) => Err(error),
     }
 }
 
@@ -357,3 +425,6 @@ pub fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
             format!("`{text}` is no IPv4 address; give it as 10.10.10.10 or 10.10.10.10:27181")
         })
 }
+
+#[cfg(test)]
+mod tests;

@@ -197,6 +197,15 @@ fn every_number_has_its_range() {
     assert!(count > 10, "{count} numbers were looked at");
 }
 
+/// The manual page lists them in this order, without the groups of the help.
+#[test]
+fn the_manual_page_lists_the_commands_by_name() {
+    let all = command_line();
+    let names = all.get_subcommands().map(clap::Command::get_name);
+    let names: Vec<_> = names.filter(|name| *name != "help").collect();
+    assert!(names.is_sorted(), "{names:?}");
+}
+
 #[test]
 fn no_line_of_help_is_broken_where_it_was_not_meant() {
     for (name, command) in commands() {

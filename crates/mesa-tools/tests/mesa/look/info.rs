@@ -218,7 +218,7 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
         text.contains("127.93.0.2:27181: no program listens"),
         "{text}"
     );
-    assert!(text.contains("check the board's IP address"), "{text}");
+    assert!(text.contains("check the address and the port"), "{text}");
 }
 
 #[test]
@@ -228,8 +228,9 @@ fn a_silent_address_is_said_to_be_silent() {
     let output = info(&["--addr", &address.to_string()]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
-    let said = format!("{address}:27181: no board answers, asked 10 times: ");
+    let said = format!("{address}:27181: no board answers, asked 10 times within ");
     assert!(text.contains(&said), "{text}");
+    assert!(!text.contains("request"), "said twice: {text}");
     assert!(text.contains("check the board's power"), "{text}");
     assert!(output.stdout.is_empty());
 }

@@ -116,7 +116,8 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         names,
         [
             "hm2_7i92.0.encoder.00.index-enable",
-            "hm2_7i92.0.encoder.00.input-index"
+            "hm2_7i92.0.encoder.00.input-index",
+            "hm2_7i92.0.encoder.00.no_clear_on_index"
         ]
     );
     assert!(index[1].ends_with("TB3 pin 7, 8 IDX0, /IDX0"), "{index:?}");

@@ -127,7 +127,7 @@ impl Hal {
         if let Some(directory) = &self.out {
             may_replace(directory, self.asks, context)?;
         }
-        let machine = self.look()?;
+        let machine = self.look(context)?;
         let component = Component::of(self.driver, &machine)?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was written"));
@@ -160,8 +160,8 @@ impl Hal {
 
     /// Discovers the board with all outputs off. Prints its remotes, missing remotes and remarks to
     /// standard error.
-    fn look(&self) -> Result<Machine, Failure> {
-        let found = self.target.find()?;
+    fn look(&self, context: &Context) -> Result<Machine, Failure> {
+        let found = self.target.find()?.ended_by(&context.stop);
         let mut settings = Settings::default();
         self.modes.put(&mut settings);
         let board = Board::identify(found.open()?, settings)?.discover()?;

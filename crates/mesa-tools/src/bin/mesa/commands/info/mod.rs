@@ -49,7 +49,7 @@ struct Found(Inventory);
 
 impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find()?.ended_by(&context.stop);
         if self.passive {
             return passive::run(&found, context);
         }

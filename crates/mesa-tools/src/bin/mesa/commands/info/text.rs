@@ -197,7 +197,11 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
         } else {
             remote.faults.join(", ")
         };
-        writeln!(f, "    faults: {faults}")?;
+        let before = match remote.faults_before.join(", ") {
+            before if before.is_empty() => before,
+            before => format!(" now; before, and cleared by this look: {before}"),
+        };
+        writeln!(f, "    faults: {faults}{before}")?;
     }
     for mode in &remote.modes {
         let is_current = mode.set_by == "software" && mode.index == remote.software_mode;

@@ -157,7 +157,7 @@ fn check_changes(info: &PinInfo) -> Result<(), Failure> {
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         self.check_files(context)?;
-        let driver = self.start()?;
+        let driver = self.start(context)?;
         let pins = driver.pins();
         let find = |name: &String| named::find(pins, driver.missing(), name);
         let mut recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
@@ -264,8 +264,8 @@ impl Scope {
         }
     }
 
-    fn start(&self) -> Result<Driver<Bus>, Failure> {
-        let found = self.target.find()?;
+    fn start(&self, context: &Context) -> Result<Driver<Bus>, Failure> {
+        let found = self.target.find()?.ended_by(&context.stop);
         let mut settings = Settings {
             period: Duration::from_micros(self.period.into()),
             watchdog: Some(running::WATCHDOG),

@@ -90,10 +90,15 @@ pub struct Set {
 
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?.pass_time(Passage::Paced);
+        let found = self
+            .target
+            .find()?
+            .pass_time(Passage::Paced)
+            .ended_by(&context.stop);
+        let bus = found.open_with(unhurried())?;
         let mut settings = found.with_patience(settings());
         self.modes.put(&mut settings);
-        let board = Board::identify(found.open_with(unhurried())?, settings)?;
+        let board = Board::identify(bus, settings)?;
         // All outputs are off, and no remote runs before the consent.
         let board = board.discover()?;
         let pins = board.pins();

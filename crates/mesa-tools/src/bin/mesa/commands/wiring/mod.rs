@@ -110,9 +110,13 @@ impl Wiring {
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;
         }
-        let found = self.target.find()?.pass_time(Passage::Paced);
-        let settings = found.with_patience(self.settings());
+        let found = self
+            .target
+            .find()?
+            .pass_time(Passage::Paced)
+            .ended_by(&context.stop);
         let mut bus = found.open_with(set::unhurried())?;
+        let settings = found.with_patience(self.settings());
         let identity = bus
             .is_on_ethernet()
             .then(|| EthernetBoard::new(&mut bus).identity());
