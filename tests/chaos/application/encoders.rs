@@ -113,9 +113,11 @@ impl Encoder {
         self.zero.is_some()
     }
 
-    /// The driver has read it by itself, or can no longer report the time of the read.
+    /// The driver has read it by itself, or can no longer report the time of the read: the shortest time
+    /// between two reads, which limits the error of a velocity, is not known.
     pub(super) fn was_read(&mut self) {
         self.read_until = None;
+        self.reads = [0; 4];
     }
 
     /// The board is not set up, or was set up again. With all pins released, the select line is one of

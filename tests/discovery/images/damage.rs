@@ -92,7 +92,11 @@ fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
 #[test]
 fn process_data_that_does_not_fit_is_reported_for_each_direction() {
     let wide = |direction| {
-        let name = if direction == 0x00 { "wide in" } else { "wide out" };
+        let name = if direction == 0x00 {
+            "wide in"
+        } else {
+            "wide out"
+        };
         data(96, 1, direction, [0.0; 2], name)
     };
     let one = |direction| data(1, 1, direction, [0.0; 2], "one");
