@@ -224,16 +224,12 @@ impl Found {
     }
 
     fn link_to(&self, address: SocketAddrV4) -> Result<BoardLink, SocketError> {
-        match &self.simulated {
-            Some(simulated) => Ok(BoardLink::Simulated(simulated.link())),
-            None => {
-                let socket = UdpLink::connect(address)?;
-                Ok(BoardLink::Socket(SocketLink::new(
-                    socket,
-                    self.stop.clone(),
-                )))
-            }
+        if let Some(simulated) = &self.simulated {
+            return Ok(BoardLink::Simulated(simulated.link()));
         }
+        let socket = UdpLink::connect(address)?;
+        let link = SocketLink::new(socket, self.stop.clone());
+        Ok(BoardLink::Socket(link))
     }
 
     /// A bus for a look at the board beside a program that drives it. Nothing is sent.
