@@ -263,7 +263,9 @@ impl EncoderState {
     pub fn set_up_again(&mut self, outage: &Outage) {
         let OutageProof { is_lost, is_proven } = take(&mut self.outage);
         let is_reset = outage.was_reset && !is_proven;
-        self.set_up_for = HORIZON;
+        if !outage.has_kept_set_up() {
+            self.set_up_for = HORIZON;
+        }
         self.latch.forget();
         self.is_awake = true;
         if is_lost || is_reset || outage.was_replaced {

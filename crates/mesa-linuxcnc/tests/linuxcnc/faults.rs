@@ -107,6 +107,10 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("`0.debug` of a serial port", "names.rs has its name"),
     ("positions after a time without replies", "tests/driver"),
     ("positions after a bite", "tests/driver"),
+    (
+        "a board that was away for its packets has lost its configuration",
+        "src/cycle/tests.rs",
+    ),
 ];
 
 #[test]

@@ -21,6 +21,8 @@ const ONLY_OURS: Reasons = &[
         "of the component: outputs of the remote follow",
     ),
     ("7i*.rearm", "of the component: arms a remote alone"),
+    ("armed", "of the component: outputs of the board follow"),
+    ("rearm", "of the component: arms the board and its cards"),
     ("lost-writes", "hostmot2 does not notice them"),
     ("*.*.homed", "a joint is homed without an index"),
     (
@@ -62,6 +64,10 @@ const ONLY_OURS: Reasons = &[
 ];
 
 const OTHER_VALUE: Reasons = &[
+    (
+        "7i*.input-*-not",
+        "as a tripped switch that is normally closed shows, until the input was valid",
+    ),
     ("gpio.*.in*", "a level, read at another moment of the load"),
     ("dpll.ddsize", "hostmot2 reads it when the thread starts"),
     (

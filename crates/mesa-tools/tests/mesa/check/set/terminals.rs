@@ -114,7 +114,7 @@ fn a_terminal_without_an_output_is_refused_with_what_is_there() {
     ]);
     assert_eq!(run.code, Some(1), "{run:?}");
     assert!(
-        run.err.contains("its remote on 0.0 is missing: "),
+        run.err.contains("its remote on 0.0 is offline: "),
         "{run:?}"
     );
 }
