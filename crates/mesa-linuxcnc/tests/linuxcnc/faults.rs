@@ -111,6 +111,15 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "a board that was away for its packets has lost its configuration",
         "src/cycle/tests.rs",
     ),
+    (
+        "in newer versions of LinuxCNC",
+        "names.rs of mesa-linuxcnc, tests/field_pins",
+    ),
+    ("a card's name in pins", "tests/driver/remotes/devices.rs"),
+    (
+        "a card has no field power when LinuxCNC loads the driver",
+        "src/cycle/tests.rs",
+    ),
 ];
 
 #[test]
@@ -151,15 +160,16 @@ fn check_page() {
                 + "|"
         })
         .collect();
-    let mut found = 0;
+    let (mut found, mut untried) = (0, Vec::new());
     for line in lines {
         let is_elsewhere = |(fault, _): &(&str, &str)| line.contains(fault);
         if rows.iter().any(|row| row == line) {
             found += 1;
         } else if !ELSEWHERE.iter().any(is_elsewhere) {
-            panic!("this row is not tried: {line}");
+            untried.push(line);
         }
     }
+    assert!(untried.is_empty(), "rows that are not tried: {untried:#?}");
     assert_eq!(found, rows.len(), "rows that the page does not have");
 }
 

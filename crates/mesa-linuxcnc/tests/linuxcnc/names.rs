@@ -65,7 +65,7 @@ const ONLY_OURS: Reasons = &[
 
 const OTHER_VALUE: Reasons = &[
     (
-        "7i*.input-*-not",
+        "*input-*-not",
         "as a tripped switch that is normally closed shows, until the input was valid",
     ),
     ("gpio.*.in*", "a level, read at another moment of the load"),

@@ -150,7 +150,11 @@ fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
     let third = entry(&report, "input-02");
     assert_eq!(third["others"], serde_json::json!([name(1)]));
     assert_eq!(third["terminal"], "TB8 pin 3");
-    assert_eq!(report["missing"], serde_json::json!([]), "no card is expected at channel 2");
+    assert_eq!(
+        report["missing"],
+        serde_json::json!([]),
+        "no card is expected at channel 2"
+    );
     // It names when and on what it was made.
     check_date(report["date"].as_str().expect("a date"));
     assert_eq!(
