@@ -237,26 +237,50 @@ impl<B: RegisterBus + Clock> Driver<B> {
         // The set-up would hide that the board was reset while it did not answer, and what its
         // counters show of that.
         self.survey()?;
+        if self.cycle.is_standing() {
+            return self.renew(now).map(|()| true);
+        }
         let Self {
             bus,
             exchanges,
             cycle,
             ..
         } = self;
-        let set_up = if cycle.is_standing() {
-            exchanges.renew(&mut **bus, &mut cycle.words)
-        } else {
-            exchanges.set_up(&mut **bus, &mut cycle.words)
-        };
+        let set_up = exchanges.set_up(&mut **bus, &mut cycle.words);
         let is_set_up = set_up.map(|()| cycle.shows_set_up());
         if matches!(is_set_up, Ok(true)) {
             cycle.is_set_up_again(now);
         } else {
             // The board may be set up, and its watchdog is not fed.
-            let _ = exchanges.quiesce(&mut **bus, &mut cycle.words);
-            cycle.note_quiesced();
+            self.quiesce();
         }
         is_set_up.map(|_| true)
+    }
+
+    /// Renews the set-up of a board that still has it. If it has lost it meanwhile, another set-up is
+    /// needed.
+    fn renew(&mut self, begun: Instant) -> Result<(), B::Error> {
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let renewed = self.exchanges.renew(bus, words);
+        if renewed.is_ok() {
+            let now = self.bus.now();
+            self.cycle.looked(now);
+        }
+        if renewed.is_ok() && self.cycle.is_standing() {
+            self.cycle.is_set_up_again(begun);
+        } else {
+            // A board that was reset meanwhile may drive pins without a watchdog.
+            self.quiesce();
+        }
+        renewed
+    }
+
+    /// Lets go of all pins.
+    fn quiesce(&mut self) {
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        // What fails here is tried again with the next write.
+        let _ = self.exchanges.quiesce(bus, words);
+        self.cycle.note_quiesced();
     }
 
     /// Discards the read that was requested ahead.

@@ -52,7 +52,7 @@ pub(super) struct Lists {
     pub evidence: AccessList,
     /// In the order in which they are exchanged: one, unless the set-up is larger than a packet.
     pub set_up: Vec<AccessList>,
-    /// The set-up, without the writes that let go of pins first.
+    /// The set-up, without the writes that let go of pins first, and without those of the watchdog.
     pub renewal: Vec<AccessList>,
     pub quiesce: AccessList,
 }
@@ -270,7 +270,8 @@ impl Exchanges {
 
     /// As [`set_up`](Self::set_up), for a board that still has its set-up: settings that were lost are
     /// written, and outputs get their safe words, but no pin is let go of meanwhile. The select line of
-    /// multiplexed encoders is one of them.
+    /// multiplexed encoders is one of them. The watchdog is left alone, so that the evidence, which is
+    /// read behind it, still shows a bite or a reset of any moment before.
     pub fn renew<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
         run_all(bus, words, &self.lists.renewal)
     }

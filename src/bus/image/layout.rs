@@ -121,11 +121,13 @@ impl ImagePlan {
             };
             let access = Access::write(step.address, place, 1);
             let quiesces = step.place == StepPlace::In(Stage::Quiesce);
+            let is_of_watchdog = matches!(step.place, StepPlace::Opening | StepPlace::Closing);
             accesses.all.push(access);
             if quiesces {
                 accesses.quiesce.push(access);
             }
-            if !quiesces || !self.drives_pins(step.address) {
+            let lets_go = quiesces && self.drives_pins(step.address);
+            if !lets_go && !is_of_watchdog {
                 accesses.renewal.push(access);
             }
         }
@@ -144,7 +146,8 @@ impl ImagePlan {
 #[derive(Default)]
 struct StepAccesses {
     all: Vec<Access>,
-    /// All but those that let go of pins which a later stage drives.
+    /// All but those that let go of pins which a later stage drives, and those of the watchdog, which would
+    /// hide that it has bitten.
     renewal: Vec<Access>,
     /// Those of the first stage.
     quiesce: Vec<Access>,

@@ -1,5 +1,7 @@
 //! Encoders that turn while the fault lasts.
 
+use mesa_hal::Clock;
+
 use super::*;
 
 /// What is expected of the count.
@@ -169,6 +171,81 @@ fn a_bus_that_was_down_leaves_multiplexed_encoders_sure() {
     machine.cycles(50);
     assert_eq!(machine.told(Positions::Encoders), 0);
     assert!(!machine.is_unsure());
+}
+
+/// A machine whose encoder turns, and whose bus was down for 75 ms.
+fn out_of_reach(fpga: fn() -> SimFpga) -> (Machine<Faulty<SimFpga>>, f64) {
+    let mut machine = Machine::new(embedded(fpga()), "out of reach");
+    let (count, motor) = machine.counts();
+    machine.turn(20.0);
+    machine.cycles(50);
+    machine.driver.bus_mut().cut();
+    machine.cycles(75);
+    assert_eq!(machine.driver.board_state(), BoardState::BusDown);
+    (machine, motor - f64::from(count))
+}
+
+/// The machine is re-armed. Returns true if its count is unsure; one that is sure is that of the motor.
+fn is_unsure_after_a_re_arm(
+    (mut machine, zero): (Machine<Faulty<SimFpga>>, f64),
+    what: &str,
+) -> bool {
+    machine.driver.bus_mut().mend();
+    let _ = machine.driver.rearm();
+    machine.comes_back();
+    machine.stand();
+    let (count, motor) = machine.counts();
+    let missing = motor - f64::from(count) - zero;
+    let is_unsure = machine.is_unsure();
+    assert!(
+        missing.abs() <= 1.0 || is_unsure,
+        "{what}: {missing} missing"
+    );
+    is_unsure
+}
+
+/// A re-arm of a board that was only out of reach reads, then writes its set-up again: whatever happens
+/// between these accesses, a count is that of the motor, or it is unsure.
+#[test]
+fn a_reset_within_a_re_arm_leaves_no_wrong_count_sure() {
+    for fpga in [plain, muxed] {
+        let is_unsure = |access: u64| {
+            let (mut machine, zero) = out_of_reach(fpga);
+            let fpga = machine.driver.bus_mut().fpga();
+            let at = SimFpga::now(fpga) + access * DEFAULT_ACCESS_COST + DEFAULT_ACCESS_COST / 2;
+            Watch::since_a_loss(fpga).seen().reset_at = Some(at);
+            is_unsure_after_a_re_arm((machine, zero), &format!("reset at access {access}"))
+        };
+        let unsure = (0..200).filter(|access| is_unsure(*access)).count();
+        assert!(unsure > 20, "{unsure}");
+    }
+}
+
+/// The select line of multiplexed encoders is released.
+#[test]
+fn a_bite_within_a_re_arm_leaves_no_wrong_count_sure() {
+    let is_unsure = |wait: u64| {
+        let (mut machine, zero) = out_of_reach(muxed);
+        let bus = machine.driver.bus_mut();
+        bus.wait(Duration::from_nanos(wait));
+        is_unsure_after_a_re_arm((machine, zero), &format!("re-armed {wait} ns later"))
+    };
+    // The watchdog bites between these.
+    let (mut before, mut after) = (0, 40_000_000);
+    while after - before > DEFAULT_ACCESS_COST {
+        let middle = u64::midpoint(before, after);
+        if is_unsure(middle) {
+            after = middle;
+        } else {
+            before = middle;
+        }
+    }
+    for access in 0..400 {
+        is_unsure(
+            (before + 200 * DEFAULT_ACCESS_COST).saturating_sub(access * DEFAULT_ACCESS_COST),
+        );
+    }
+    assert!(!is_unsure(0) && before > 0 && is_unsure(after), "{before}");
 }
 
 #[test]

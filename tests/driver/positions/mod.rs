@@ -12,12 +12,13 @@ use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::transport::{Fault, Faulty};
 use mesa_hal_sim::{
-    AxisWiring, BoardConfig, DriveSource, Motor, MotorConfig, SimBoard, SimFpga, SimPciBus,
-    Stepper, StepperConfig, StepperWiring, machines,
+    AxisWiring, BoardConfig, DEFAULT_ACCESS_COST, DriveSource, Motor, MotorConfig, SimBoard,
+    SimFpga, SimPciBus, Stepper, StepperConfig, StepperWiring, machines,
 };
 
 use crate::common::ethernet::{self, SimLink, cut, good};
 use crate::common::machine::World;
+use crate::common::watch::Watch;
 
 /// Failed exchanges after which the bus is down: for longer than the shortest troubles.
 const LIMIT: u32 = 60;
