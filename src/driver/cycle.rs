@@ -343,22 +343,35 @@ impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
     pub fn looked(&mut self, now: Instant) {
+        self.look(now, true, false);
+    }
+
+    fn look(&mut self, now: Instant, is_certain: bool, have_all_arrived: bool) {
         self.evidence = self.evidence.min(Evidence::Doubtful);
         let read = EvidenceRead {
             words: &self.words,
             at: now,
             closely: true,
-            is_certain: true,
+            is_certain,
         };
         let finding = self.parts.watchdog.examine(&read);
         self.found(now, finding);
-        self.note_bite(finding, false);
+        self.note_bite(finding, have_all_arrived);
     }
 
     /// Evaluates a separate read of all registers before the set-up, which would hide what they show.
     pub fn surveyed(&mut self, now: Instant) {
         self.looked(now);
         self.run_on(now);
+    }
+
+    /// Evaluates a separate read of all registers of a board that waits to be re-armed.
+    pub fn followed(&mut self, now: Instant) {
+        let replies = self.words.replies();
+        let certain = replies.certain;
+        self.look(now, certain, certain || replies.lost_writes == 0);
+        self.run_on(now);
+        self.publish();
     }
 
     /// True if the board still has its set-up, as its evidence has just shown: only the bus was down.

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::cycle::{CycleWrite, Order};
 use super::pace::ReadResult;
-use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
+use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, ReadRequest, RegisterBus, Words};
 
 /// Pause between two polls of COMMAND.
@@ -164,8 +164,40 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    /// Reads all registers in a separate exchange, of a board that is not set up.
+    /// Reads a board that waits to be re-armed, without a write, so that its positions are followed and
+    /// stay exact: see [`faults`](super::faults), "Positions". For an application that neither reads nor
+    /// writes meanwhile, like the component for LinuxCNC. Returns true if the board was read.
+    ///
+    /// Inputs keep their values, which are not valid. A read that fails is neither counted nor reported,
+    /// because the fault before it was; a reset that it finds is.
+    ///
+    /// # Real time
+    /// One exchange. None, and false, for a board that runs, or in whose place another one has answered.
+    /// No allocation.
+    pub fn follow(&mut self) -> bool {
+        let state = self.cycle.state();
+        if matches!(state, BoardState::Running | BoardState::OtherFirmware) {
+            return false;
+        }
+        self.forget_started();
+        if self.read_all().is_err() || self.cycle.check().is_err() {
+            return false;
+        }
+        let now = self.bus.now();
+        self.cycle.followed(now);
+        true
+    }
+
+    /// Reads all registers before the set-up, of a board that is not set up.
     fn survey(&mut self) -> Result<(), B::Error> {
+        self.read_all()?;
+        let now = self.bus.now();
+        self.cycle.surveyed(now);
+        Ok(())
+    }
+
+    /// Reads all registers in a separate exchange.
+    fn read_all(&mut self) -> Result<(), B::Error> {
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         let ask = ReadRequest {
             held: false,
@@ -173,10 +205,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             after: None,
         };
         let started = self.exchanges.start_read(bus, words, ask)?;
-        self.exchanges.finish(bus, words, started)?;
-        let now = self.bus.now();
-        self.cycle.surveyed(now);
-        Ok(())
+        self.exchanges.finish(bus, words, started)
     }
 
     /// Reads all evidence in a separate exchange.

@@ -30,6 +30,9 @@ const FRESH_CALLS: u32 = 10;
 /// screen may begin after the thread.
 const REPEAT: Duration = Duration::from_secs(5);
 
+/// Time between looks for a board that does not answer, each of which takes as long as a reply may.
+const LOOK_AGAIN: Duration = Duration::from_millis(10);
+
 /// Period whose share is the deadline of the read at the load.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -132,6 +135,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     remotes: Vec<GroupEntry>,
     /// The driver has the period of the thread. Nothing is exchanged with the board before.
     has_begun: bool,
+    /// Time of the last look at a board that waits, if it was not reached.
+    missed: Option<Duration>,
     /// Time of the last message that the driver does not take the period of the thread.
     refused: Option<Duration>,
     /// Calls of other functions since the last `read` of the thread; `None` before the first one.
@@ -203,6 +208,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             was_acknowledging: false,
             remotes,
             has_begun: false,
+            missed: None,
             refused: None,
             calls_since_read: None,
             is_cleared: false,
@@ -235,6 +241,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.acknowledge();
         self.take_changes(Table::before_read);
         if self.is_silent() {
+            self.follow();
             return self.show_own();
         }
         if self.is_cleared {
@@ -251,6 +258,24 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.say_losses();
     }
 
+    /// Reads a board that waits until the user clears its `io_error`: positions are followed, and nothing
+    /// is written. An `io_error` that the user has set stops all exchanges, as in LinuxCNC.
+    fn follow(&mut self) {
+        if matches!(
+            self.driver.board_state(),
+            BoardState::Running | BoardState::WatchdogBitten
+        ) {
+            return;
+        }
+        let now = self.now();
+        let is_recent = |missed| now.saturating_sub(missed) < LOOK_AGAIN;
+        if self.missed.is_some_and(is_recent) {
+            return;
+        }
+        self.missed = (!self.driver.follow()).then_some(now);
+        self.say_events();
+    }
+
     /// A rising edge of the board's `rearm` clears `io_error` and `watchdog.has_bit`, as the user does:
     /// `io_error` is a parameter, which no signal reaches.
     fn acknowledge(&mut self) {
@@ -264,15 +289,14 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// True if nothing may be exchanged with the board until the user clears `io_error`, as in
-    /// LinuxCNC.
+    /// True if nothing may be written to the board until the user clears `io_error`, as in LinuxCNC.
     fn has_io_error(&self) -> bool {
         self.io_error
             .is_some_and(|number| self.memory.load(number) != 0)
     }
 
-    /// True if nothing may be exchanged with the board: because of `io_error`, or because the driver
-    /// does not take the period of the thread.
+    /// True if nothing may be written to the board: because of `io_error`, or because the driver does not
+    /// take the period of the thread.
     fn is_silent(&self) -> bool {
         !self.has_begun || self.has_io_error()
     }

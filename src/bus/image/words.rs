@@ -119,6 +119,11 @@ impl Words {
         core::mem::replace(&mut self.replies, Reply::CERTAIN)
     }
 
+    /// Combined state of all replies since the last call of [`take_replies`](Self::take_replies).
+    pub(crate) const fn replies(&self) -> Reply {
+        self.replies
+    }
+
     /// The word that was read last.
     #[inline]
     pub fn word(&self, slot: ReadSlot) -> u32 {

@@ -19,7 +19,7 @@ use Count::{Estimate, Exact, Lost};
 use Trouble::{Cut, Deaf, Reset, ResetInStall, Stall};
 
 impl<B: Rig> Machine<B> {
-    fn turn(&mut self, speed: f64) {
+    pub(super) fn turn(&mut self, speed: f64) {
         let axis = self.axis;
         let motor = self.driver.bus_mut().fpga().motor(axis);
         let motor = motor.expect("a motor");
@@ -27,7 +27,7 @@ impl<B: Rig> Machine<B> {
     }
 
     /// The counts of the driver, and those of the motor.
-    fn counts(&mut self) -> (i32, f64) {
+    pub(super) fn counts(&mut self) -> (i32, f64) {
         let reading = self.driver.pins().read(self.encoder.counter.rawcounts);
         let axis = self.axis;
         let motor = self.driver.bus_mut().fpga().motor(axis);
@@ -35,12 +35,12 @@ impl<B: Rig> Machine<B> {
         (reading.value, motor.counts())
     }
 
-    fn is_unsure(&self) -> bool {
+    pub(super) fn is_unsure(&self) -> bool {
         let pin = self.encoder.counter.count_unsure.expect("it has one");
         self.driver.pins().read(pin).value
     }
 
-    fn stand(&mut self) {
+    pub(super) fn stand(&mut self) {
         self.turn(0.0);
         self.cycles(20);
     }

@@ -1,6 +1,7 @@
 //! Positions after faults, on each bus, compared with the motors: the counters of the board run on.
 
 mod encoders;
+mod followed;
 mod steppers;
 
 use std::time::Duration;

@@ -12,20 +12,20 @@ impl<B: Rig> Machine<B> {
     }
 
     /// The steps of the driver, and those of the motor.
-    fn steps(&mut self) -> (f64, f64) {
+    pub(super) fn steps(&mut self) -> (f64, f64) {
         let shown = self.driver.pins().read(self.stepgen().position_fb).value;
         let motor = self.driver.bus_mut().fpga().stepper(1).expect("a motor");
         (shown * SCALE, motor.commanded() as f64)
     }
 
-    fn is_step_unsure(&self) -> bool {
+    pub(super) fn is_step_unsure(&self) -> bool {
         self.driver
             .pins()
             .read(self.stepgen().position_unsure)
             .value
     }
 
-    fn run(&mut self, speed: Option<f64>) {
+    pub(super) fn run(&mut self, speed: Option<f64>) {
         let (pins, to) = (self.stepgen(), self.driver.pins_mut());
         to.set(pins.control_type, true);
         to.set(pins.enable, speed.is_some());
