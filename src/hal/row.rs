@@ -1,7 +1,7 @@
 //! Inputs that are published together.
 
 use super::handle::Key;
-use super::{AnyValue, PinError, PinId, PinStore, Rejection, Role};
+use super::{AnyValue, PinError, PinId, PinStore, Role};
 
 /// Inputs that were made one after the other: they are published with one look at their place.
 #[derive(Clone, Copy, Debug)]
@@ -38,22 +38,22 @@ impl PinStore {
         let Some(slots) = slots.and_then(|slots| slots.first_chunk_mut::<N>()) else {
             return self.count_foreign();
         };
-        let mut are_finite = true;
-        for (slot, value) in slots.iter_mut().zip(&values) {
-            are_finite &= slot.accept(*value);
+        // One look at all of them: a sum with NaN is NaN.
+        let doubt = values.map(AnyValue::nonfinite_part);
+        if !doubt.into_iter().sum::<f64>().is_nan() {
+            for (slot, value) in slots.iter_mut().zip(values) {
+                slot.take(value);
+            }
+            return;
         }
-        if !are_finite {
-            self.reject_some(row.0, &values);
+        for (index, value) in (row.0.index..).zip(values) {
+            self.publish_doubtful(Key { index, ..row.0 }, value);
         }
     }
 
     #[cold]
-    fn reject_some(&mut self, first: Key, values: &[AnyValue]) {
-        for (index, value) in (first.index..).zip(values) {
-            if !value.is_finite() {
-                self.reject(Key { index, ..first }, Rejection::NotFinite);
-            }
-        }
+    fn publish_doubtful(&mut self, key: Key, value: AnyValue) {
+        self.publish_any(key, value);
     }
 }
 

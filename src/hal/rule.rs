@@ -73,6 +73,12 @@ impl PinSlot {
         }
         !self.bad
     }
+
+    /// Takes a value that is finite.
+    #[inline]
+    pub fn take(&mut self, value: AnyValue) {
+        (self.bits, self.bad) = (value.bits, false);
+    }
 }
 
 /// Permitted values of a pin, and counts of the values that were not permitted. Outputs have one, and

@@ -164,7 +164,7 @@ impl PinStore {
         self.publish_any(pin.key, value);
     }
 
-    fn publish_any(&mut self, key: Key, value: AnyValue) {
+    pub(super) fn publish_any(&mut self, key: Key, value: AnyValue) {
         let Some(slot) = self.slot_mut(key) else {
             return;
         };

@@ -156,6 +156,15 @@ impl AnyValue {
         self.hal_type != HalType::Float || f64::from_bits(self.bits).is_finite()
     }
 
+    /// 0, or NaN if the value is not finite: the sum over many values is one look at all of them.
+    #[inline]
+    pub(super) fn nonfinite_part(self) -> f64 {
+        match self.hal_type {
+            HalType::Float => f64::from_bits(self.bits) - f64::from_bits(self.bits),
+            _ => 0.0,
+        }
+    }
+
     /// The value as a real number; a bit is 0 or 1.
     pub fn as_f64(self) -> f64 {
         match self.hal_type {

@@ -148,8 +148,8 @@ pub(super) struct ControlLaw {
     change: f64,
     /// The present move of the generator.
     step: f64,
-    /// The move before that, until it is known whether the present one was written.
-    before: Option<f64>,
+    /// The move before that, until the present one was written.
+    before: f64,
 }
 
 impl ControlLaw {
@@ -171,9 +171,10 @@ impl ControlLaw {
     /// Takes the outcome of the write of the present move. If it did not arrive, the generator goes
     /// on with the one before.
     pub const fn written(&mut self, arrived: bool) {
-        if let (Some(before), false) = (self.before.take(), arrived) {
-            self.step = before;
+        if !arrived {
+            self.step = self.before;
         }
+        self.before = self.step;
     }
 
     /// Positions have another origin: all are greater by `distance`.
@@ -191,7 +192,7 @@ impl ControlLaw {
             step,
             before,
         } = self;
-        for number in [command, feed, change, step].into_iter().chain(before) {
+        for number in [command, feed, change, step, before] {
             *number *= factor;
         }
     }
@@ -298,7 +299,7 @@ impl ControlLaw {
     }
 
     const fn advance(&mut self, step: f64) {
-        self.before = Some(core::mem::replace(&mut self.step, step));
+        self.before = core::mem::replace(&mut self.step, step);
     }
 }
 

@@ -257,7 +257,7 @@ impl Generator {
             Expected::ByTime(by_time)
         } else if !is_last {
             Expected::Within(by_time)
-        } else if sent.is_one {
+        } else if sent.is_one() {
             Expected::Changed {
                 speeds: [before, first],
                 ran,

@@ -4,15 +4,22 @@
 /// timers of a step for less than 1 ms, which a cycle of 20 us reads 50 times.
 const STANDING_READS: u32 = 60;
 
-/// The words of the writes since the last read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The words of the writes since the last read. All are the same if there was none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SentRates {
     /// That of the write before.
     pub before: i32,
     pub first: i32,
     pub last: i32,
+    /// Number of writes.
+    writes: u32,
+}
+
+impl SentRates {
     /// There was one write at most.
-    pub is_one: bool,
+    pub const fn is_one(&self) -> bool {
+        self.writes <= 1
+    }
 }
 
 /// Number of reads after which no older write is in flight any more.
@@ -32,13 +39,10 @@ pub(super) struct RateRegister {
     left: u32,
     /// The last write was sent.
     has_arrived: bool,
-    /// The words of the first and the last write since the last read, except those that have failed,
-    /// and true if they are the same write.
-    sent: Option<(i32, i32, bool)>,
+    /// The words of the writes since the last read, except those that have failed.
+    sent: SentRates,
     /// A write has failed since the last read: it may have been executed.
     has_failed: bool,
-    /// The word of the last write before.
-    before: i32,
     /// Number of consecutive reads without a movement, at a rate at which there is one in each.
     standing: u32,
 }
@@ -50,11 +54,15 @@ impl RateRegister {
             word: 0,
             fastest: 0,
             recent: [0; 2],
-            left: HORIZON,
+            left: HORIZON - 1,
             has_arrived: true,
-            sent: None,
+            sent: SentRates {
+                before: 0,
+                first: 0,
+                last: 0,
+                writes: 0,
+            },
             has_failed: false,
-            before: 0,
             standing: 0,
         }
     }
@@ -74,30 +82,18 @@ impl RateRegister {
         self.has_arrived = arrived;
         self.has_failed |= !arrived;
         if arrived {
-            self.sent = Some(match self.sent {
-                None => (self.word, self.word, true),
-                Some((first, ..)) => (first, self.word, false),
-            });
+            let sent = &mut self.sent;
+            if sent.writes == 0 {
+                sent.first = self.word;
+            }
+            sent.last = self.word;
+            sent.writes = sent.writes.saturating_add(1);
         }
     }
 
     /// The words that were sent since the last read.
-    pub fn sent(&self) -> SentRates {
-        let before = self.before;
-        match self.sent {
-            None => SentRates {
-                before,
-                first: before,
-                last: before,
-                is_one: true,
-            },
-            Some((first, last, is_one)) => SentRates {
-                before,
-                first,
-                last,
-                is_one,
-            },
-        }
+    pub const fn sent(&self) -> SentRates {
+        self.sent
     }
 
     /// True if a write since the last read has failed.
@@ -125,14 +121,19 @@ impl RateRegister {
     #[inline]
     pub fn read(&mut self, certain: bool) {
         self.has_failed = false;
-        self.left = self.left.saturating_sub(1);
-        if self.left == 0 {
+        if let Some(left) = self.left.checked_sub(1) {
+            self.left = left;
+        } else {
             let [now, _] = self.recent;
-            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON);
+            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON - 1);
         }
-        if let Some((_, last, _)) = self.sent.take() {
-            self.before = last;
-        }
+        let last = self.sent.last;
+        self.sent = SentRates {
+            before: last,
+            first: last,
+            last,
+            writes: 0,
+        };
         let newest = self.word.unsigned_abs();
         self.fastest = if certain && self.has_arrived {
             newest
