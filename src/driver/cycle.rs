@@ -56,6 +56,8 @@ pub(super) struct BoardCycle {
     state: BoardState,
     /// What has happened to a board that is not set up.
     outage: Outage,
+    /// Time of the request of the last read.
+    asked: Instant,
     /// The state that was published last.
     shown: Option<BoardState>,
     rows: EventRows,
@@ -97,6 +99,7 @@ impl BoardCycle {
             beats,
             state: BoardState::Running,
             outage: Outage::default(),
+            asked: Instant::default(),
             shown: None,
             rows: EventRows::default(),
             old_read_errors: 0,
@@ -209,6 +212,11 @@ impl BoardCycle {
         u32::try_from(errors.saturating_sub(self.old_read_errors)).unwrap_or(u32::MAX)
     }
 
+    /// Notes the request of the read that is handed over next.
+    pub const fn asked(&mut self, from: Instant) {
+        self.asked = from;
+    }
+
     /// Lets every module take its inputs from the valid image read at `at`.
     fn take(&mut self, now: Instant, at: Instant, closely: bool) -> CycleReport {
         let reply = self.words.take_replies();
@@ -287,6 +295,7 @@ impl BoardCycle {
         let mut cycle = ReadCycle {
             words: &self.words,
             pins: &mut self.pins,
+            asked: self.asked,
             now: at,
             certain,
             is_running,
@@ -314,6 +323,7 @@ impl BoardCycle {
         self.outage.shows_bite = self.parts.watchdog.shows_bite(&self.words);
         let cycle = RunOnCycle {
             words: &self.words,
+            asked: self.asked,
             now: at,
             outage: &self.outage,
         };

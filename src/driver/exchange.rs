@@ -49,7 +49,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let answer = self
             .pacer
             .read(&mut *self.bus, &self.exchanges, words, asked);
-        let ReadResult { extra, at, result } = answer;
+        let ReadResult {
+            extra,
+            from,
+            at,
+            result,
+        } = answer;
+        self.cycle.asked(from);
         let now = self.bus.now();
         if let Err(source) = result {
             let consecutive = self.cycle.read_failed(now, source.kind());
@@ -198,6 +204,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Reads all registers in a separate exchange.
     fn read_all(&mut self) -> Result<(), B::Error> {
+        self.cycle.asked(self.bus.now());
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         let ask = ReadRequest {
             held: false,
@@ -210,6 +217,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Reads all evidence in a separate exchange.
     fn look(&mut self) -> Result<(), B::Error> {
+        self.cycle.asked(self.bus.now());
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         self.exchanges.read_evidence(bus, words)?;
         let now = self.bus.now();

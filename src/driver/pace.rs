@@ -12,9 +12,9 @@ use crate::fraction::Fraction;
 pub(super) struct Pacer {
     pub pace: Pace,
     pub period: Duration,
-    /// The read that was requested ahead.
-    started: Option<ReadRequest>,
-    /// Begin of the last cycle.
+    /// The read that was requested ahead, and when.
+    started: Option<(ReadRequest, Instant)>,
+    /// Begin of the last cycle, where the board paces.
     begun: Option<Instant>,
     /// Consecutive failed reads.
     failures: u32,
@@ -29,6 +29,8 @@ const MAX_FAILURES: u32 = 2;
 pub(super) struct ReadResult<E> {
     /// The read included the extra registers.
     pub extra: bool,
+    /// Time of the request.
+    pub from: Instant,
     /// Time of arrival; the cycle may begin later.
     pub at: Instant,
     pub result: Result<(), E>,
@@ -51,7 +53,7 @@ impl Pacer {
         exchanges: &Exchanges,
         words: &mut Words,
     ) {
-        if let Some(started) = self.started.take() {
+        if let Some((started, _)) = self.started.take() {
             // After any outcome, nothing waits in the board any more.
             let _ = exchanges.finish(bus, words, started);
         }
@@ -68,9 +70,12 @@ impl Pacer {
         if self.started.is_none() && self.is_behind() {
             self.rest(bus, self.period);
         }
-        let started = match self.started.take() {
-            Some(started) => Ok(started),
-            None => exchanges.start_read(bus, words, self.ask(extra)),
+        let (started, from) = match self.started.take() {
+            Some((started, from)) => (Ok(started), from),
+            None => {
+                let from = bus.now();
+                (exchanges.start_read(bus, words, self.ask(extra)), from)
+            }
         };
         let (extra, result) = match started {
             Ok(started) => (started.extra, exchanges.finish(bus, words, started)),
@@ -87,15 +92,22 @@ impl Pacer {
             self.failures = 0;
             self.period.fraction(1, 2)
         };
-        self.rest(bus, least);
-        self.begun = Some(bus.now());
-        ReadResult { extra, at, result }
+        if self.pace == Pace::Board {
+            self.rest(bus, least);
+            self.begun = Some(bus.now());
+        }
+        ReadResult {
+            extra,
+            from,
+            at,
+            result,
+        }
     }
 
     /// Waits until the previous cycle has taken `least`, where the board paces but does not wait:
     /// the application's loop would spin otherwise.
     fn rest<B: RegisterBus + Clock>(&self, bus: &mut B, least: Duration) {
-        let (Pace::Board, Some(before)) = (self.pace, self.begun) else {
+        let Some(before) = self.begun else {
             return;
         };
         let left = before.after(least).since(bus.now());
@@ -109,7 +121,7 @@ impl Pacer {
     }
 
     /// Writes, and requests the next inputs with the write if the board paces.
-    pub fn write<B: RegisterBus>(
+    pub fn write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         exchanges: &mut Exchanges,
@@ -120,20 +132,24 @@ impl Pacer {
         if !ask.held {
             return exchanges.write(bus, words, form.writes);
         }
-        self.started = exchanges.start_cycle(bus, words, ask, form.writes)?;
+        let from = bus.now();
+        let started = exchanges.start_cycle(bus, words, ask, form.writes)?;
+        self.started = started.map(|started| (started, from));
         Ok(())
     }
 
     /// Requests inputs ahead. If that fails, the next read requests them again, and returns the
     /// error.
-    pub fn start_read<B: RegisterBus>(
+    pub fn start_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         exchanges: &Exchanges,
         words: &Words,
         extra: bool,
     ) {
-        self.started = exchanges.start_read(bus, words, self.ask(extra)).ok();
+        let from = bus.now();
+        let started = exchanges.start_read(bus, words, self.ask(extra));
+        self.started = started.ok().map(|started| (started, from));
     }
 
     fn ask(&self, extra: bool) -> ReadRequest {

@@ -280,14 +280,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
-        self.cycle.parts.watchdog.hold();
-        let mut fed = self.bus.exchange(&accesses, &mut words);
-        for _ in 1..TRIES {
-            if fed.is_err() {
-                fed = self.bus.exchange(&accesses, &mut words);
+        let mut tries = 1..TRIES;
+        loop {
+            let at = self.bus.now();
+            let fed = self.bus.exchange(&accesses, &mut words);
+            let by = self.bus.now();
+            let watchdog = &mut self.cycle.parts.watchdog;
+            watchdog.fed_outside(at, by, time, fed.is_ok());
+            if fed.is_ok() || tries.next().is_none() {
+                return fed.map_err(DriverError::Bus);
             }
         }
-        fed.map_err(DriverError::Bus)
     }
 
     fn write_in_setup(

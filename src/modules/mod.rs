@@ -141,6 +141,8 @@ impl Outage {
 pub struct RunOnCycle<'a> {
     /// The words that were read.
     pub words: &'a Words,
+    /// Time of the request: see [`ReadCycle::asked`].
+    pub asked: Instant,
     /// Time at which the registers were read.
     pub now: Instant,
     /// What has happened to the board up to now.
@@ -155,7 +157,10 @@ pub struct ReadCycle<'a> {
     pub words: &'a Words,
     /// The store that takes the inputs.
     pub pins: &'a mut PinStore,
-    /// Time at which the registers were read.
+    /// Time of the request: the registers were not read before. A host that is suspended between the
+    /// read and [`now`](Self::now) has old values.
+    pub asked: Instant,
+    /// Time at which the registers were read: the arrival of the reply.
     pub now: Instant,
     /// All writes have arrived, the newest last. If false, older writes may have been executed
     /// after the newest, or the newest not at all: the network lost, delayed or duplicated packets.

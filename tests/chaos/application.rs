@@ -350,11 +350,12 @@ impl Application {
             stepper.check_motor(motor, now, (jolts, good && runs && armed))?;
             stepper.jolted(jolts);
             if jolts.is_lost {
-                stepper.lost();
+                stepper.lost(self.board.is_retimed);
             } else if good && runs {
                 stepper.check_position(pins, motor, (took, now), jolts)?;
             }
         }
+        self.board.is_retimed &= jolts.is_lost || !good || !runs;
         Ok(())
     }
 

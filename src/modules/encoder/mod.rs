@@ -264,11 +264,13 @@ impl Encoder {
     }
 
     /// The registers as they were read.
-    fn sample(&self, words: &Words, timestamp: u16, at: Instant) -> EncoderSample {
+    fn sample(&self, words: &Words, timestamp: u16, times: [Instant; 2]) -> EncoderSample {
+        let [asked, at] = times;
         EncoderSample {
             count: words.word(self.count),
             control: words.word(self.control),
             timestamp,
+            asked,
             at,
         }
     }
@@ -383,9 +385,10 @@ fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<
 impl Module for Encoders {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let timestamp = cycle.words.word(self.timestamp) as u16;
+        let times = [cycle.asked, cycle.now];
         let mut unsure = UnsureMask::default();
         for (number, encoder) in (self.first..).zip(&mut self.axes) {
-            let sample = encoder.sample(cycle.words, timestamp, cycle.now);
+            let sample = encoder.sample(cycle.words, timestamp, times);
             encoder.state.latch.is_doubtful |= !cycle.certain;
             if encoder.read(cycle.pins, sample) {
                 unsure.add(number);
@@ -396,8 +399,9 @@ impl Module for Encoders {
 
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
         let timestamp = cycle.words.word(self.timestamp) as u16;
+        let times = [cycle.asked, cycle.now];
         for encoder in &mut self.axes {
-            let sample = encoder.sample(cycle.words, timestamp, cycle.now);
+            let sample = encoder.sample(cycle.words, timestamp, times);
             encoder.state.run_on(sample, cycle.outage);
         }
     }

@@ -20,6 +20,8 @@ pub struct EncoderSample {
     pub control: u32,
     /// The low 16 bits of the time-stamp counter.
     pub timestamp: u16,
+    /// Time of the request, before which the registers were not read.
+    pub asked: Instant,
     /// Time of the exchange.
     pub at: Instant,
 }
@@ -202,7 +204,7 @@ impl EncoderState {
         };
         let is_same = last.count == sample.count && last.control == sample.control;
         let has_error = sample.control & bits::QUADRATURE_ERROR != 0;
-        let gap_ns = sample.at.as_nanos().saturating_sub(last.at.as_nanos());
+        let gap_ns = sample.at.as_nanos().saturating_sub(last.asked.as_nanos());
         if !is_same
             || has_error
             || self.is_awake
@@ -216,7 +218,7 @@ impl EncoderState {
         }
         let step = sample.timestamp.wrapping_sub(*ticks as u16);
         *ticks = ticks.saturating_add(u64::from(step));
-        last.at = sample.at;
+        last.asked = sample.asked;
         self.clears_error = false;
         self.has_rested = true;
         true
@@ -346,16 +348,16 @@ impl EncoderState {
     fn is_ambiguous(&mut self, last: EncoderSample, sample: EncoderSample) -> bool {
         let rawcounts = self.reading.rawcounts;
         if take(&mut self.has_rested) || self.last.is_none() {
-            self.reach = Reach::standing(last.at, rawcounts);
+            self.reach = Reach::standing(last.asked, rawcounts);
         } else {
-            self.reach.note(last.at, rawcounts);
+            self.reach.note(last.asked, rawcounts);
         }
         let must_go_on = take(&mut self.must_go_on);
         // With the time of the last edge.
         if last.count == sample.count {
             return false;
         }
-        let gap = sample.at.since(last.at);
+        let gap = sample.at.since(last.asked);
         if gap.as_nanos() < self.short_gap_ns.into() && !must_go_on {
             return false;
         }
@@ -389,7 +391,7 @@ impl EncoderState {
 
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
         let change = counts_between(last, sample);
-        let gap = sample.at.since(last.at).as_secs_f64();
+        let gap = sample.at.since(last.asked).as_secs_f64();
         let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.rates.tick_hz);
         // The age of a change that came after the time stamp counter was read would wrap to 65535
         // ticks.

@@ -37,6 +37,7 @@ impl Machine {
             count: u32::from(count),
             control,
             timestamp: (self.ms * 1000) as u16,
+            asked: at,
             at,
         };
         let reading = self.state.read(sample);

@@ -226,15 +226,16 @@ impl Generator {
         is_unsure && !core::mem::replace(&mut self.has_said_unsure, is_unsure)
     }
 
-    /// Follows the accumulator of a board that is not set up, as long as its pins are outputs.
-    pub fn run_on(&mut self, cycle: &RunOnCycle<'_>, read_at: Instant) {
+    /// Follows the accumulator of a board that is not set up, as long as its pins are outputs. The last
+    /// read was requested at `asked_at`, and its reply had arrived at `read_at`.
+    pub fn run_on(&mut self, cycle: &RunOnCycle<'_>, read_at: Instant, asked_at: Instant) {
         let outage = cycle.outage;
         let is_lost = outage.was_reset || outage.was_replaced;
         if is_lost || self.is_released || !self.counts.has_begun() {
             return;
         }
         let accumulator = cycle.words.word(self.registers.accumulator);
-        let gap = cycle.now.since(read_at);
+        let gap = cycle.now.since(asked_at);
         let fastest = self.steps_per_second(self.rate.fastest());
         if !outage.has_released {
             self.counts.observe_gap(gap, fastest);
@@ -245,9 +246,13 @@ impl Generator {
         let sent = self.rate.sent();
         let [before, first, last] =
             [sent.before, sent.first, sent.last].map(|word| self.speed(word));
-        let gap = gap.as_secs_f64();
         let (mut ran, mut speed, mut is_last) = (0.0, first, false);
+        let mut gap = gap.as_secs_f64();
         if let Some(feed) = outage.last_feed {
+            // A read from after the bite would have shown it: the host was suspended with the reply.
+            let is_old = read_at > feed.bitten_at;
+            let read_at = if is_old { asked_at } else { read_at };
+            gap = cycle.now.since(read_at).as_secs_f64();
             ran = feed.bitten_at.since(read_at).as_secs_f64();
             speed = if feed.at > read_at { first } else { before };
             is_last = feed.is_last && !self.rate.has_failed();

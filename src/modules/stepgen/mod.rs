@@ -69,8 +69,9 @@ pub struct Stepgens {
     first: u8,
     /// Source that latches all accumulators; only with a DPLL.
     timer: Option<LatchTimer>,
-    /// Time of the last good read.
+    /// Time of the last good read, and of its request.
     read_at: Instant,
+    asked_at: Instant,
     period: Duration,
     /// Periods in a second.
     per_second: f64,
@@ -173,6 +174,7 @@ impl Stepgens {
             first: of_kind.number(0),
             timer,
             read_at: Instant::default(),
+            asked_at: Instant::default(),
             period: r.settings.period,
             per_second: 1.0 / r.settings.period.as_secs_f64(),
             delay: 0.0,
@@ -272,8 +274,8 @@ pub(crate) const fn is_old(version: u8) -> bool {
 
 impl Module for Stepgens {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let gap = cycle.now.since(self.read_at);
-        self.read_at = cycle.now;
+        let gap = cycle.now.since(self.asked_at);
+        (self.read_at, self.asked_at) = (cycle.now, cycle.asked);
         let mut unsure = UnsureMask::default();
         for (number, generator) in (self.first..).zip(&mut self.generators) {
             if generator.read(cycle, gap) {
@@ -285,9 +287,9 @@ impl Module for Stepgens {
 
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
         for generator in &mut self.generators {
-            generator.run_on(cycle, self.read_at);
+            generator.run_on(cycle, self.read_at, self.asked_at);
         }
-        self.read_at = cycle.now;
+        (self.read_at, self.asked_at) = (cycle.now, cycle.asked);
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {

@@ -46,18 +46,18 @@ pub struct Watchdog {
     longest_time: Duration,
     /// The next write restarts the watchdog.
     is_fed: bool,
-    /// Start of the last write that restarted it.
-    fed: Option<Instant>,
-    /// End of that write, and the start of the last one that was known to have restarted it then.
+    /// The last write that restarted it.
+    fed: Option<Feed>,
+    /// End of that write, and the last one that was known to have restarted it then.
     fed_by: Instant,
-    confirmed_before: Option<Instant>,
-    /// Start of the last write that is known to have restarted it, by evidence read after it.
-    confirmed: Option<Instant>,
-    /// Starts of the first and the last write since then that may have restarted it, except those that
-    /// have failed.
-    unconfirmed: Option<[Instant; 2]>,
-    /// Start of the first write since then that the next one followed too late.
-    starved: Option<Instant>,
+    confirmed_before: Option<Feed>,
+    /// The last write that is known to have restarted it, by evidence read after it.
+    confirmed: Option<Feed>,
+    /// The first and the last write since then that may have restarted it, except those that have
+    /// failed.
+    unconfirmed: Option<[Feed; 2]>,
+    /// The first write since then that the next one followed too late.
+    starved: Option<Feed>,
     /// Start of the current write: the host may be suspended between that and its end.
     sent_from: Option<Instant>,
     status: ReadSlot,
@@ -85,6 +85,22 @@ enum WatchdogStage {
     Held,
     /// The cycle runs: a time of the cycle.
     Running,
+}
+
+/// A write that restarted the watchdog.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Feed {
+    /// Its start.
+    at: Instant,
+    /// The time that it gave to the watchdog, or left to it.
+    time: Duration,
+}
+
+impl Feed {
+    /// Time at which the watchdog bites, without a further write.
+    fn bitten_at(&self) -> Instant {
+        self.at.after(self.time)
+    }
 }
 
 /// The last write that restarted a watchdog before it has bitten.
@@ -189,11 +205,25 @@ impl Watchdog {
         }
     }
 
-    /// Takes that a long time may be in use, until the cycle has written its own: what the board was
-    /// given outside the cycle is no sign of a reset.
-    pub(crate) fn hold(&mut self) {
+    /// Takes a write outside the cycle, from its start to its end, which gives this time to the
+    /// watchdog: what the board has from that is no sign of a reset, until the cycle has written its own
+    /// time.
+    pub(crate) fn fed_outside(&mut self, at: Instant, by: Instant, time: Duration, arrived: bool) {
         if self.stage == WatchdogStage::Running {
             self.stage = WatchdogStage::Held;
+        }
+        self.note_feed(Feed { at, time }, by, arrived);
+    }
+
+    /// Takes a write that restarted the watchdog, and its end.
+    fn note_feed(&mut self, feed: Feed, by: Instant, arrived: bool) {
+        let is_late = |fed: &Feed| feed.at >= fed.bitten_at();
+        self.starved = self.starved.or(self.fed.filter(is_late));
+        (self.fed, self.fed_by) = (Some(feed), by);
+        self.confirmed_before = self.confirmed;
+        if arrived {
+            let [first, _] = self.unconfirmed.unwrap_or([feed; 2]);
+            self.unconfirmed = Some([first, feed]);
         }
     }
 
@@ -295,18 +325,18 @@ impl Watchdog {
             None => self.confirmed,
         };
         let is_last = have_all_arrived && self.starved.is_none();
-        let at = self.starved.or(fed)?;
-        let bitten_at = at.after(self.timeout().max(self.shortest));
+        let feed = self.starved.or(fed)?;
         Some(LastFeed {
-            at,
-            bitten_at,
+            at: feed.at,
+            bitten_at: feed.bitten_at(),
             is_last,
         })
     }
 
-    /// True if a watchdog that was restarted at `fed` cannot have bitten at `now`.
-    fn cannot_bite(&self, fed: Instant, now: Instant) -> bool {
-        now.since(fed) < self.longest_time
+    /// True if a watchdog that was restarted by this write cannot have bitten at `now`, even if an
+    /// older time was in use.
+    fn cannot_bite(&self, fed: Feed, now: Instant) -> bool {
+        now.since(fed.at) < self.longest_time
     }
 
     /// True if the application has cleared the bite.
@@ -377,14 +407,11 @@ impl Module for Watchdog {
         let sent_from = self.sent_from.take().unwrap_or(now);
         if self.is_fed {
             let time = self.timeout().max(self.shortest);
-            let is_late = |fed: &Instant| sent_from.since(*fed) >= time;
-            self.starved = self.starved.or(self.fed.filter(is_late));
-            (self.fed, self.fed_by) = (Some(sent_from), now);
-            self.confirmed_before = self.confirmed;
-            if arrived {
-                let [first, _] = self.unconfirmed.unwrap_or([sent_from; 2]);
-                self.unconfirmed = Some([first, sent_from]);
-            }
+            let feed = Feed {
+                at: sent_from,
+                time,
+            };
+            self.note_feed(feed, now, arrived);
         }
     }
 }

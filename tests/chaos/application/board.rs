@@ -27,6 +27,8 @@ pub(super) struct BoardOutputs {
     drive: Option<Output<u32>>,
     is_driven: bool,
     watchdog: Param<u32>,
+    /// Its watchdog has got another time since the last good read.
+    pub(super) is_retimed: bool,
     port_width: usize,
     /// Values set since the outputs were armed.
     pub(super) set: BoardCommand,
@@ -69,6 +71,7 @@ impl BoardOutputs {
             drive: drive.transpose()?,
             is_driven: true,
             watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
+            is_retimed: false,
             port_width: gpio.width,
             set: BoardCommand::default(),
         })
@@ -170,9 +173,10 @@ impl BoardOutputs {
         Some(format!("scale of an analog output {new}: {done:?}"))
     }
 
-    pub(super) fn change_watchdog(&self, pins: &mut Pins, chance: &mut Chance) -> String {
+    pub(super) fn change_watchdog(&mut self, pins: &mut Pins, chance: &mut Chance) -> String {
         let time = chance.of(&[6, 9, LONGEST_WATCHDOG / MILLI]) * MILLI;
         let done = pins.set_param(self.watchdog, time as u32);
+        self.is_retimed = true;
         format!("watchdog {time} ns: {done:?}")
     }
 

@@ -8,7 +8,7 @@ use mesa_hal::driver::Driver;
 use mesa_hal_sim::Stepper;
 
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::{MICRO, Plan, scrambled};
+use super::super::plan::{LONGEST_WATCHDOG, MICRO, Plan, scrambled};
 use crate::common::chance::Chance;
 
 /// Steps for a unit, and the greatest speed in units per second.
@@ -240,11 +240,17 @@ impl StepAxis {
         }
     }
 
-    /// The board has been set up again, or will be: its steps meanwhile are not known.
-    pub(super) fn lost(&mut self) {
+    /// The board has been set up again, or will be: its steps meanwhile are not known. If the last write
+    /// gives another time to the watchdog and the host stalls in it, nobody knows which one was in force.
+    pub(super) fn lost(&mut self, is_retimed: bool) {
         self.must_doubt |= self.is_begun;
-        if let Some(zero) = self.zero.take() {
-            self.estimate = Some((zero, 0));
+        let wrong = if is_retimed {
+            self.at_full_speed(LONGEST_WATCHDOG) as f64
+        } else {
+            0.0
+        };
+        if let Some([least, most]) = self.zero.take() {
+            self.estimate = Some(([least - wrong, most + wrong], 0));
         }
     }
 

@@ -26,6 +26,7 @@ impl Hardware {
             count: u32::from(self.count as u16) | (u32::from(self.changed_us as u16) << 16),
             control: self.control,
             timestamp: self.now_us as u16,
+            asked: Instant::from_nanos(self.now_us * 1_000),
             at: Instant::from_nanos(self.now_us * 1_000),
         }
     }
@@ -94,7 +95,7 @@ proptest! {
         for (count, control, timestamp, ns) in words {
             at = at.after(core::time::Duration::from_nanos(u64::from(ns)));
             let reading = encoder.read(EncoderSample {
-                count, control, timestamp, at,
+                count, control, timestamp, asked: at, at,
             });
             prop_assert!(reading.position.is_finite() && reading.velocity.is_finite());
         }
@@ -297,6 +298,17 @@ fn an_encoder_whose_last_edge_is_the_same_has_not_moved() {
     let (mut encoder, mut hardware) = running(20);
     assert!(!encoder.read(hardware.step(0, 60_000_000)).is_unsure);
     assert!(encoder.read(hardware.step(1, 60_000_000)).is_unsure);
+}
+
+#[test]
+fn a_reply_that_lay_unread_is_as_old_as_its_request() {
+    let (mut encoder, mut hardware) = running(20);
+    let mut sample = hardware.step(0, 1_000);
+    // The host was suspended with the reply.
+    hardware.now_us += 60_000_000;
+    sample.at = Instant::from_nanos(hardware.now_us * 1_000);
+    assert!(!encoder.read(sample).is_unsure, "the last edge is the same");
+    assert!(encoder.read(hardware.step(20, 1_000)).is_unsure);
 }
 
 #[test]
