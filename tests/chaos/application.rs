@@ -351,6 +351,8 @@ impl Application {
             stepper.jolted(jolts);
             if jolts.is_lost {
                 stepper.lost(self.board.is_retimed);
+            } else if self.board.was_retimed && driver.board_state() == BoardState::Reset {
+                stepper.is_taken_for_reset();
             } else if good && runs {
                 stepper.check_position(pins, motor, (took, now), jolts)?;
             }

@@ -301,15 +301,17 @@ impl Watchdog {
     /// without a time of its own; a bite of a board that was set up needs a silence longer than its
     /// time since a write that has arrived before it could bite.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
+        // Whatever time of the cycle is in use.
+        let is_short = |fed: Feed, by: Instant| by.since(fed.at) < self.longest_time;
         let before = self.confirmed_before;
         // The last write ended before the watchdog could bite, if it arrived.
-        let is_in_time = before.is_none_or(|before| self.cannot_bite(before, self.fed_by));
-        let fed = if is_certain && is_in_time {
-            self.fed
+        let is_in_time = before.is_none_or(|before| is_short(before, self.fed_by));
+        let cannot_bite = if is_certain && is_in_time {
+            self.fed.is_some_and(|fed| now < fed.bitten_at())
         } else {
-            self.confirmed
+            self.confirmed.is_some_and(|fed| is_short(fed, now))
         };
-        if !is_counting(time) && fed.is_some_and(|fed| self.cannot_bite(fed, now)) {
+        if !is_counting(time) && cannot_bite {
             BoardState::Reset
         } else {
             BoardState::WatchdogBitten
@@ -331,12 +333,6 @@ impl Watchdog {
             bitten_at: feed.bitten_at(),
             is_last,
         })
-    }
-
-    /// True if a watchdog that was restarted by this write cannot have bitten at `now`, even if an
-    /// older time was in use.
-    fn cannot_bite(&self, fed: Feed, now: Instant) -> bool {
-        now.since(fed.at) < self.longest_time
     }
 
     /// True if the application has cleared the bite.

@@ -29,6 +29,8 @@ pub(super) struct BoardOutputs {
     watchdog: Param<u32>,
     /// Its watchdog has got another time since the last good read.
     pub(super) is_retimed: bool,
+    /// It has ever got another time: in doubt the longest one of all counts.
+    pub(super) was_retimed: bool,
     port_width: usize,
     /// Values set since the outputs were armed.
     pub(super) set: BoardCommand,
@@ -72,6 +74,7 @@ impl BoardOutputs {
             is_driven: true,
             watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
             is_retimed: false,
+            was_retimed: false,
             port_width: gpio.width,
             set: BoardCommand::default(),
         })
@@ -176,7 +179,7 @@ impl BoardOutputs {
     pub(super) fn change_watchdog(&mut self, pins: &mut Pins, chance: &mut Chance) -> String {
         let time = chance.of(&[6, 9, LONGEST_WATCHDOG / MILLI]) * MILLI;
         let done = pins.set_param(self.watchdog, time as u32);
-        self.is_retimed = true;
+        (self.is_retimed, self.was_retimed) = (true, true);
         format!("watchdog {time} ns: {done:?}")
     }
 

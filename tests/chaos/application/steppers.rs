@@ -254,6 +254,11 @@ impl StepAxis {
         }
     }
 
+    /// The driver cannot tell the bite from a reset.
+    pub(super) fn is_taken_for_reset(&mut self) {
+        self.estimate = None;
+    }
+
     /// Notes the edges of the last cycle, which a bite and a set-up make.
     pub(super) fn jolted(&mut self, jolts: Jolts) {
         if let Some((_, edges)) = &mut self.estimate {
