@@ -499,8 +499,9 @@ impl Scenario {
         } = process;
         let now = self.sim.now();
         if self.plan.is_network {
-            // The last write is on its way.
-            self.sim.pass(self.plan.period / 4);
+            // The last write is on its way. A whole period, so that the DPLL finds the next read at
+            // the phase of before.
+            self.sim.pass(self.plan.period);
             self.look()?;
         }
         application.all_is_well(driver).map_err(|text| Failure {
