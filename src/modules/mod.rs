@@ -7,6 +7,7 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod doubt;
 pub mod dpll;
 pub mod encoder;
 mod error;

@@ -67,8 +67,6 @@ struct Encoder {
     command: EncoderCommand,
     /// The last published reading.
     shown: Option<EncoderReading>,
-    /// It has been reported that the position is unsure.
-    has_said_unsure: bool,
     count: ReadSlot,
     control: ReadSlot,
     mode: Setting,
@@ -256,7 +254,6 @@ impl Encoder {
             rests: false,
             command: EncoderCommand::default(),
             shown: None,
-            has_said_unsure: false,
             count: r.image.read(Phase::Data, count),
             control: r.image.read(Phase::Data, control),
             mode,
@@ -275,8 +272,8 @@ impl Encoder {
         }
     }
 
-    /// Takes a sample, and publishes the reading if it has changed. Returns true if the position has
-    /// become unsure.
+    /// Takes a sample, and publishes the reading if it has changed. Returns true if a position that the
+    /// application had is lost.
     fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) -> bool {
         self.rests = self.state.rests(&sample);
         if self.rests {
@@ -286,8 +283,7 @@ impl Encoder {
         if self.shown.replace(reading) != Some(reading) {
             self.pins.publish(pins, &reading);
         }
-        let is_unsure = reading.is_unsure;
-        is_unsure && !core::mem::replace(&mut self.has_said_unsure, is_unsure)
+        self.state.has_lost_position()
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>, has_probe: bool) {
@@ -419,7 +415,7 @@ impl Module for Encoders {
     fn set_up_again(&mut self, _: &mut PinStore, _: Instant, outage: &Outage) {
         for encoder in &mut self.axes {
             encoder.state.set_up_again(outage);
-            (encoder.rests, encoder.has_said_unsure) = (false, false);
+            encoder.rests = false;
         }
     }
 }

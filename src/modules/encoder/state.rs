@@ -9,6 +9,7 @@ use super::registers::bits;
 use super::velocity::{CountStep, VelocityEstimator};
 use crate::bus::Instant;
 use crate::modules::Outage;
+use crate::modules::doubt::PositionDoubt;
 
 /// The registers of one encoder, as read in one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,6 +140,7 @@ pub struct EncoderState {
     last: Option<(EncoderSample, u64)>,
     /// The current values, as far as they are kept from read to read.
     reading: EncoderReading,
+    doubt: PositionDoubt,
     /// The error in the control register is an old one, which is cleared, and not published until
     /// it is gone.
     clears_error: bool,
@@ -226,11 +228,10 @@ impl EncoderState {
 
     /// Makes the current count 0.
     pub fn reset(&mut self) {
-        let EncoderReading {
-            count, is_unsure, ..
-        } = &mut self.reading;
-        self.is_awake |= *is_unsure || *count != 0;
-        (*count, *is_unsure) = (0, false);
+        let EncoderReading { count, .. } = &mut self.reading;
+        self.is_awake |= self.doubt.is_unsure() || *count != 0;
+        *count = 0;
+        self.doubt.settle();
     }
 
     /// Takes the command of this write.
@@ -240,8 +241,8 @@ impl EncoderState {
         }
         let was_homed = replace(&mut self.was_homed, command.homed);
         if command.homed && !was_homed {
-            self.is_awake |= self.reading.is_unsure;
-            self.reading.is_unsure = false;
+            self.is_awake |= self.doubt.is_unsure();
+            self.doubt.settle();
         }
         self.latch.request(command.request);
     }
@@ -256,7 +257,8 @@ impl EncoderState {
         self.outage.is_proven &= outage.shows_bite || self.set_up_for == 0;
         self.outage.is_lost |= outage.was_reset && !self.outage.is_proven;
         if !self.outage.is_lost {
-            self.reading.is_unsure |= self.is_ambiguous(last, sample);
+            let is_ambiguous = self.is_ambiguous(last, sample);
+            self.doubt.add(is_ambiguous);
             self.advance(last, ticks, sample);
         }
     }
@@ -270,10 +272,11 @@ impl EncoderState {
         }
         self.latch.forget();
         self.is_awake = true;
+        self.doubt.set_up_again();
         if is_lost || is_reset || outage.was_replaced {
             self.start_anew();
         } else if outage.has_released && (self.is_muxed || !is_proven) {
-            self.reading.is_unsure |= self.last.is_some();
+            self.doubt.add(self.last.is_some());
         } else {
             self.must_go_on = self.last.is_some();
         }
@@ -282,7 +285,7 @@ impl EncoderState {
     /// Takes the next read as a new start: counts continue from here, whatever the counter in the
     /// FPGA contains then.
     fn start_anew(&mut self) {
-        self.reading.is_unsure |= self.last.is_some();
+        self.doubt.add(self.last.is_some());
         self.last = None;
         self.velocity = VelocityEstimator::default();
     }
@@ -315,7 +318,7 @@ impl EncoderState {
         let from = self.reading.rawcounts;
         let is_ambiguous = self.is_ambiguous(last, sample);
         let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
-        self.reading.is_unsure |= is_ambiguous || is_disturbed;
+        self.doubt.add(is_ambiguous || is_disturbed);
         let evidence = if is_ambiguous {
             CountEvidence::Lost
         } else if is_disturbed {
@@ -337,11 +340,17 @@ impl EncoderState {
             scale,
             index_came,
             quadrature_error: self.watches_errors && has_error,
+            is_unsure: self.doubt.is_unsure(),
             is_near_max: fastest > 0.0 && velocity.abs() >= NEAR_FRACTION * fastest,
             inputs: [bits::A, bits::B, bits::INDEX].map(input),
             ..self.reading
         };
         self.reading
+    }
+
+    /// Ends a read. True, once, if a position that the application had is lost.
+    pub fn has_lost_position(&mut self) -> bool {
+        self.doubt.read()
     }
 
     /// True if the counter may have wrapped around between two samples.
@@ -399,7 +408,7 @@ impl EncoderState {
         let age = if age > u16::MAX - READ_SKEW { 0 } else { age };
         let elapsed = ticks.saturating_sub(last_ticks);
         let changed_at = ticks.saturating_sub(u64::from(age).min(elapsed));
-        self.reading.is_unsure |= self.has_gone_beyond(change, elapsed);
+        self.doubt.add(self.has_gone_beyond(change, elapsed));
         self.reading.rawcounts = self.reading.rawcounts.wrapping_add(change);
         self.reading.count = self.reading.count.wrapping_add(change);
         let step = CountStep {
@@ -430,7 +439,8 @@ impl EncoderState {
         let is_index = wanted == LatchRequest::Index;
         if is_index && !self.index_keeps_count {
             self.reading.count = behind;
-            self.reading.is_unsure = evidence != CountEvidence::Certain;
+            self.doubt.settle();
+            self.doubt.add(evidence != CountEvidence::Certain);
         }
         self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index

@@ -352,7 +352,8 @@ pub enum EventKind {
         highest: i64,
     },
     /// Positions are not known any more, and stay so until the axes are homed again: by an index, or by
-    /// `reset` or `position-reset`.
+    /// `reset`, `position-reset` or `homed`. Not in the first 100 reads after the start: unless an axis
+    /// was homed before, or its generator enabled, there was no position yet that could be lost.
     [POSITION_UNSURE = 29, fault; "position unsure of {of} {}: home again", Numbers { first: *first, mask: *mask }]
     PositionUnsure {
         /// The kind of counter.

@@ -4,6 +4,8 @@
 
 use core::time::Duration;
 
+use crate::modules::doubt::PositionDoubt;
+
 /// Number of steps between two reads that is the same in either direction, less one.
 pub(super) const AMBIGUOUS: f64 = 32_767.0;
 
@@ -11,13 +13,13 @@ pub(super) const AMBIGUOUS: f64 = 32_767.0;
 pub(super) const SUB_COUNTS: f64 = 65_536.0;
 
 /// The position in sub-counts: 65536 for each step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StepCounts {
     /// Sub-counts since the start, the last reset or the last index.
     pub sub_counts: i64,
     /// The motor may stand elsewhere: steps were made while its pins were no outputs, or the
     /// accumulator may have wrapped around unseen. Kept until the next reset or index.
-    pub is_unsure: bool,
+    pub doubt: PositionDoubt,
     /// The accumulator of the last read; `None` if the next one is the origin.
     last: Option<u32>,
 }
@@ -84,7 +86,7 @@ impl StepCounts {
     /// in steps per second, the accumulator may have wrapped around. Returns true if so.
     pub fn observe_gap(&mut self, gap: Duration, fastest: f64) -> bool {
         let is_ambiguous = self.last.is_some() && gap.as_secs_f64() * fastest >= AMBIGUOUS;
-        self.is_unsure |= is_ambiguous;
+        self.doubt.add(is_ambiguous);
         is_ambiguous
     }
 
@@ -95,18 +97,20 @@ impl StepCounts {
         let moved = self.read(accumulator);
         let made = expected.made(moved);
         self.sub_counts = before.wrapping_add(made);
-        self.is_unsure = true;
+        self.doubt.add(true);
     }
 
     /// Makes the present position 0.
     pub fn reset(&mut self) {
-        (self.sub_counts, self.is_unsure) = (0, false);
+        self.sub_counts = 0;
+        self.doubt.settle();
     }
 
     /// Makes the position 0 where the accumulator had a latched value.
     pub fn restart_at(&mut self, latched: u32) {
         let behind = self.behind(latched);
-        (self.sub_counts, self.is_unsure) = (behind, false);
+        self.sub_counts = behind;
+        self.doubt.settle();
     }
 
     /// The position at which the accumulator had a latched value: its upper 24 bits.
@@ -123,7 +127,7 @@ impl StepCounts {
     /// Takes the next accumulator as the origin: the position continues from here, whatever steps
     /// were made meanwhile.
     pub fn resume(&mut self) {
-        self.is_unsure |= self.last.is_some();
+        self.doubt.add(self.last.is_some());
         self.last = None;
     }
 
@@ -154,7 +158,7 @@ mod tests {
                 prop_assert_eq!(counts.sub_counts, wide - i64::from(start));
                 prop_assert_eq!(counts.steps(), (counts.sub_counts >> 16) as i32);
             }
-            prop_assert!(!counts.is_unsure);
+            prop_assert!(!counts.doubt.is_unsure());
         }
 
         #[test]
@@ -171,9 +175,9 @@ mod tests {
             let latched = at as u32 >> 8;
             let below = at & 0xFF;
             prop_assert_eq!(counts.position_at(latched), before - below);
-            counts.is_unsure = true;
+            counts.doubt.add(true);
             counts.restart_at(latched);
-            prop_assert_eq!((counts.sub_counts, counts.is_unsure), (after + below, false));
+            prop_assert_eq!((counts.sub_counts, counts.doubt.is_unsure()), (after + below, false));
         }
     }
 
@@ -183,13 +187,13 @@ mod tests {
         assert!(!counts.observe_gap(MS * 9, 4e6));
         counts.read(5);
         assert!(!counts.observe_gap(MS * 8, 4e6));
-        assert!(!counts.is_unsure);
+        assert!(!counts.doubt.is_unsure());
         assert!(counts.observe_gap(MS * 9, 4e6));
         counts.read(7);
         assert!(!counts.observe_gap(MS, 4e6));
-        assert!(counts.is_unsure);
+        assert!(counts.doubt.is_unsure());
         counts.reset();
-        assert_eq!((counts.sub_counts, counts.is_unsure), (0, false));
+        assert_eq!((counts.sub_counts, counts.doubt.is_unsure()), (0, false));
         counts.read(u32::MAX);
         assert_eq!(
             (counts.sub_counts, counts.steps()),
@@ -228,7 +232,7 @@ mod tests {
                 "{expected:?}: {}",
                 counts.sub_counts
             );
-            assert!(counts.is_unsure);
+            assert!(counts.doubt.is_unsure());
         }
     }
 
@@ -236,12 +240,12 @@ mod tests {
     fn the_position_goes_on_where_it_was_after_steps_that_nobody_saw() {
         let mut counts = StepCounts::default();
         counts.resume();
-        assert!(!counts.is_unsure, "nothing to lose");
+        assert!(!counts.doubt.is_unsure(), "nothing to lose");
         counts.read(0);
         counts.read(9 << 16);
         counts.resume();
         assert_eq!(counts.read(500 << 16), 0);
-        assert_eq!((counts.steps(), counts.is_unsure), (9, true));
+        assert_eq!((counts.steps(), counts.doubt.is_unsure()), (9, true));
         counts.read(501 << 16);
         assert_eq!(counts.steps(), 10);
     }

@@ -86,8 +86,6 @@ pub(super) struct Generator {
     /// The acceleration before a change of the scale at speed, in the units of after it and as a
     /// change of the move: for the way down to the highest speed. 0 at rest.
     old_ramp: f64,
-    /// It has been reported that the position is unsure.
-    has_said_unsure: bool,
     /// The pins were released since the last good read of a board that was set up.
     is_released: bool,
 }
@@ -135,7 +133,6 @@ impl Generator {
             is_enabled: false,
             was_reset: false,
             old_ramp: 0.0,
-            has_said_unsure: false,
             is_released: false,
         })
     }
@@ -168,6 +165,7 @@ impl Generator {
 
     /// The board has its set-up again, with a rate of 0.
     pub fn set_up_again(&mut self, was_released: bool) {
+        self.counts.doubt.set_up_again();
         if was_released {
             self.counts.resume();
             self.change.restored();
@@ -175,19 +173,19 @@ impl Generator {
         self.latch.forget();
         self.halt();
         self.rate = RateRegister::new();
-        (self.has_said_unsure, self.is_released) = (false, false);
+        self.is_released = false;
     }
 }
 
 /// The read.
 impl Generator {
-    /// Takes the accumulator. `gap` is the time since the last good read. Returns true if the position
-    /// has become unsure.
+    /// Takes the accumulator. `gap` is the time since the last good read. Returns true if a position that
+    /// the application had is lost.
     pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap: Duration) -> bool {
         self.reports.tell(cycle);
         let certain = cycle.certain;
         if self.change.read(certain) && self.rate.may_have_moved() {
-            self.counts.is_unsure = true;
+            self.counts.doubt.add(true);
         }
         let is_ambiguous = gap >= self.factors.safe_gap && self.observe_gap(gap, certain);
         self.rate.read(certain);
@@ -195,7 +193,7 @@ impl Generator {
             .counts
             .read(cycle.words.word(self.registers.accumulator));
         if self.rate.observe(moved, certain, self.factors.visible) {
-            self.counts.is_unsure = true;
+            self.counts.doubt.add(true);
             let magnitude = self.rate.word.unsigned_abs();
             self.reports.stands(self.steps_per_second(magnitude));
         }
@@ -217,13 +215,13 @@ impl Generator {
         self.position = self.counts.sub_counts as f64 * self.factors.units;
         self.is_read = true;
         let (pins, to) = (&self.pins, &mut *cycle.pins);
-        let (steps, is_unsure) = (self.counts.steps(), self.counts.is_unsure);
+        let (steps, is_unsure) = (self.counts.steps(), self.counts.doubt.is_unsure());
         let values = [self.position.into(), steps.into(), is_unsure.into()];
         to.publish_row(self.rows.read, values);
         if !self.is_enabled {
             to.set_safe(pins.position_cmd, self.position);
         }
-        is_unsure && !core::mem::replace(&mut self.has_said_unsure, is_unsure)
+        self.counts.doubt.read()
     }
 
     /// Follows the accumulator of a board that is not set up, as long as its pins are outputs. The last
@@ -402,6 +400,9 @@ impl Generator {
             self.position += self.law.step();
         }
         self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
+        if self.is_enabled {
+            self.counts.doubt.rely();
+        }
         let lag = self.control(cycle, moment);
         self.rate.put((self.law.step() * self.factors.rate) as i32);
         let word = self.rate.word;
@@ -424,7 +425,7 @@ impl Generator {
         let was_homed = self.switches.is_homed;
         self.switches = self.pins.switches(pins);
         if self.switches.is_homed && !was_homed {
-            self.counts.is_unsure = false;
+            self.counts.doubt.settle();
         }
         if !self.switches.is_on {
             self.rate.disabled();

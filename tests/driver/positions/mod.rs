@@ -1,5 +1,6 @@
 //! Positions after faults, on each bus, compared with the motors: the counters of the board run on.
 
+mod at_the_start;
 mod encoders;
 mod followed;
 mod steppers;
@@ -152,7 +153,15 @@ fn pci(fpga: SimFpga) -> Faulty<SimPciBus> {
 }
 
 impl<B: Rig> Machine<B> {
+    /// Of which no packet of the set-up is in flight.
     fn new(bus: B, name: &str) -> Self {
+        let mut machine = Self::fresh(bus, name);
+        machine.cycles(150);
+        machine
+    }
+
+    /// Before the first cycle.
+    fn fresh(bus: B, name: &str) -> Self {
         let settings = Settings {
             watchdog: Some(WATCHDOG),
             bus_error_limit: LIMIT,
@@ -187,8 +196,6 @@ impl<B: Rig> Machine<B> {
                 to.set_param(time, 2_500).expect("a time");
             }
         }
-        // Until no packet of the set-up is in flight.
-        machine.cycles(150);
         machine
     }
 

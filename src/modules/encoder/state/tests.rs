@@ -681,7 +681,7 @@ fn homed_ends_unsure_at_its_rising_edge_alone() {
         (false, true),
         (true, false),
     ] {
-        encoder.reading.is_unsure = true;
+        encoder.doubt.add(true);
         encoder.follow(command(homed));
         let reading = encoder.read(hardware.step(0, 1_000));
         assert_eq!(reading.is_unsure, is_unsure, "{homed}");

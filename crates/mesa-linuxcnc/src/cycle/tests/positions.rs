@@ -116,3 +116,26 @@ fn a_reset_is_found_while_the_board_waits_for_the_operator() {
     assert_eq!(bench.outputs(), [true; 3]);
     assert!(bench.is_on("armed") && !bench.is_on("io_error"));
 }
+
+/// A write that is lost in one of the first cycles, as on a computer that is busy with LinuxCNC's start.
+#[test]
+fn a_doubt_at_the_start_is_on_no_screen_and_a_loss_is() {
+    for in_cycle in [1, 20, 80] {
+        let mut bench = Bench::new();
+        bench.run(in_cycle);
+        let next = exchanges(&bench);
+        let bus = bench.cycle.driver.bus_mut();
+        bus.fail_at(next + 1, Fault::SilentWrite);
+        bench.run(300);
+        assert!(bench.is_on("encoder.00.count-unsure"), "{in_cycle}");
+        assert_eq!(bench.heard(Level::Error), [""; 0], "{in_cycle}");
+        bench.wait(Duration::from_secs(1));
+        bench.run(10);
+        bench.set("watchdog.has_bit", false);
+        bench.run(100);
+        let errors = bench.heard(Level::Error);
+        let told = "hm2_7i97.0: position unsure of encoders 00, 01, 02, 03, 04, 05: home again";
+        let told = errors.iter().filter(|error| **error == told);
+        assert_eq!(told.count(), 1, "{errors:#?}");
+    }
+}
