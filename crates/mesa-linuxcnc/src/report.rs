@@ -205,9 +205,10 @@ impl Report<'_> {
             EventKind::RemoteOffline { reason, .. } if is_other_card(reason) => Level::Error,
             // The board's own message has the next step for all.
             EventKind::RemoteOffline { .. } if self.flags.any() => Level::Note,
-            // The board, or this computer, has not fed it for a moment.
+            // The board, or this computer, has not fed it for a moment; or a reset has stopped it.
             EventKind::RemoteOffline {
-                reason: OfflineReason::Watchdog | OfflineReason::BoardDown,
+                reason:
+                    OfflineReason::Watchdog | OfflineReason::BoardDown | OfflineReason::NotRunning(_),
                 ..
             } => waits(Level::Error),
             EventKind::RemoteOffline { .. } => Level::Error,

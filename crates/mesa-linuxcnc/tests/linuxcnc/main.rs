@@ -12,6 +12,7 @@ mod installed;
 mod look;
 mod messages;
 mod names;
+mod operator;
 mod outage;
 #[path = "../../../mesa-tools/tests/interop/passive.rs"]
 #[allow(unreachable_pub, reason = "shared with mesa-tools")]

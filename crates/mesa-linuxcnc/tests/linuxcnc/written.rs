@@ -20,7 +20,7 @@ const STOPS: Duration = Duration::from_secs(2);
 /// Attempts to switch the machine on.
 const TRIES: usize = 5;
 
-fn load(name: &str) -> LinuxCnc {
+pub fn load(name: &str) -> LinuxCnc {
     let files = written_for(MILL, OPTIONS, include_str!("written/values.ini"));
     let mut linuxcnc = LinuxCnc::load(name, &files, MILL);
     switch_on(&mut linuxcnc);
@@ -29,7 +29,7 @@ fn load(name: &str) -> LinuxCnc {
 }
 
 /// F1 and F2, again where a busy computer stops the machine at once.
-fn switch_on(linuxcnc: &mut LinuxCnc) {
+pub fn switch_on(linuxcnc: &mut LinuxCnc) {
     for _ in 0..TRIES {
         linuxcnc.hal("on");
         std::thread::sleep(Duration::from_millis(300));
@@ -48,7 +48,7 @@ fn is_on(linuxcnc: &mut LinuxCnc, name: &str) -> bool {
     linuxcnc.halcmd.value(&format!("getp {name}")) == "TRUE"
 }
 
-fn expect(linuxcnc: &mut LinuxCnc, name: &str, on: bool, within: Duration) {
+pub fn expect(linuxcnc: &mut LinuxCnc, name: &str, on: bool, within: Duration) {
     let begun = Instant::now();
     while is_on(linuxcnc, name) != on {
         assert!(begun.elapsed() < within, "{name} stays {}", !on);

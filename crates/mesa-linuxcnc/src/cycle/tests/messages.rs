@@ -84,6 +84,28 @@ fn a_fault_of_the_board_is_said_with_the_pin_that_ends_it() {
     );
 }
 
+/// A reset stops the cards as well, which follow with the board.
+#[test]
+fn a_reset_that_the_user_has_acknowledged_is_no_fault_of_the_cards() {
+    let mut bench = Bench::running();
+    bench.switch_on();
+    bench.fpga().reload();
+    bench.run(100);
+    let error = bench.new_error();
+    assert!(
+        error.starts_with("hm2_7i97.0: the board was reset"),
+        "{error}"
+    );
+    bench.set("io_error", false);
+    bench.run(1_000);
+    assert_eq!(bench.outputs(), [true; 3]);
+    let error = bench.new_error();
+    assert!(
+        error.starts_with("hm2_7i97.0: position unsure of encoders 00, 01"),
+        "{error}"
+    );
+}
+
 /// Two cards of a kind differ by their unit numbers.
 #[test]
 fn another_card_of_the_kind_is_an_error_once() {

@@ -5,6 +5,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddrV4, TcpStream, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -57,6 +58,30 @@ fn mishaps_are_changed_while_it_runs() {
     let summary = board.stop("INT");
     assert_eq!(summary["network.received.lost"], "1");
     assert_eq!(summary["network.received.duplicate"], "1");
+}
+
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
+#[test]
+fn a_board_that_is_reset_is_away_for_the_time_and_answers_again() {
+    let mut board = start(&[]);
+    let socket = client(board.address);
+    ask_cookie(&socket);
+    board.console.run("reset 400ms");
+    let brief = Duration::from_millis(20);
+    socket.set_read_timeout(Some(brief)).unwrap();
+    let (mut missed, mut buffer) = (0, [0; 100]);
+    loop {
+        socket.send(&ASK_COOKIE).unwrap();
+        match socket.recv(&mut buffer) {
+            Ok(len) => break assert_eq!(buffer[..len], COOKIE),
+            Err(_) => missed += 1,
+        }
+        assert!(missed < 1_000, "it stays away");
+    }
+    assert!(missed >= 3, "{missed}");
+    for bad in ["reset", "reset x", "reset -1s", "reset 1s 2s"] {
+        assert!(board.console.command(bad).is_err(), "{bad}");
+    }
 }
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]

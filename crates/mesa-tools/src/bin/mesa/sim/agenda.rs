@@ -87,7 +87,7 @@ impl Agenda {
 }
 
 /// Parses a time: `2.5s`, `2.5` or `200ms`.
-fn parse_time(text: &str) -> Result<Duration, String> {
+pub fn parse_time(text: &str) -> Result<Duration, String> {
     number::time(text, 0.0..=LONGEST)
 }
 

@@ -10,6 +10,7 @@ use std::{
 
 use mesa_hal_sim::{UdpCounters, UdpFace};
 
+use super::agenda::parse_time;
 use super::face::Face;
 use super::{machine::Machine, mechanics, remotes, slot::Slot};
 use crate::pattern::is_match;
@@ -29,6 +30,8 @@ turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
 stall AXIS [on|off]        jam an axis, or free it; AXIS: its number or its name
 wheel CLICKS [WHEEL]       turn a handwheel
 estop on|off               press the emergency stop, or release it
+reset TIME                 let the board lose its configuration, and be away for TIME (1s, 300ms), as
+                           in a dip of its supply
 input CH N on|off          digital input of the remote on channel CH (PORT.CH on a serial
                            port other than 0)
 volts CH N VOLTS           voltage on an input of a remote
@@ -173,10 +176,11 @@ fn order(machine: &mut Machine, words: &[&str]) -> Result<String, String> {
         ["wheel", clicks] => mechanics::turn_wheel(machine, clicks, "0").map(nothing),
         ["wheel", clicks, wheel] => mechanics::turn_wheel(machine, clicks, wheel).map(nothing),
         ["estop", state] => mechanics::estop(machine, state).map(nothing),
+        ["reset", time] => reset(machine, time).map(nothing),
         ["leds", owner] => give_leds(machine, owner),
         [
             "quit" | "help" | "show" | "pin" | "turn" | "leds" | "stall" | "wheel" | "estop"
-            | "loss" | "late" | "dup",
+            | "reset" | "loss" | "late" | "dup",
             ..,
         ] => Err(wrong(words[0])),
         [command, slot, ref rest @ ..] => slot
@@ -187,6 +191,13 @@ fn order(machine: &mut Machine, words: &[&str]) -> Result<String, String> {
             "`{word}` is no command, or it takes something else: try help"
         )),
     }
+}
+
+fn reset(machine: &mut Machine, time: &str) -> Result<(), String> {
+    let nanos = parse_time(time)?.as_nanos();
+    let nanos = u64::try_from(nanos).map_err(|_| wrong("reset"))?;
+    machine.board.reset_for(nanos);
+    Ok(())
 }
 
 fn set_mishap(face: &mut Face, what: &str, chance: &str) -> Result<(), String> {
