@@ -98,6 +98,19 @@ impl Asks {
         board.map_or(Ok(()), Found::check_free)
     }
 
+    /// As [`consent`](Self::consent), to a change of the board or its remotes that a signal does not
+    /// interrupt from then on.
+    pub fn consent_to_change(
+        self,
+        context: &Context,
+        plan: &Plan,
+        board: Option<&Found>,
+    ) -> Result<(), Failure> {
+        self.consent(context, plan, board)?;
+        context.hurry.finish_first();
+        Ok(())
+    }
+
     /// Checks that a file [can be written](files::check) at `path`, and asks for consent if one
     /// exists there, before the work whose result the file takes.
     pub fn replaces(self, context: &Context, path: &Path) -> Result<(), Failure> {
@@ -134,7 +147,7 @@ impl Context {
         let address = found.address;
         if !target.dry_run {
             let plan = Plan::at(address, action);
-            target.asks.consent(self, &plan, Some(found))?;
+            target.asks.consent_to_change(self, &plan, Some(found))?;
             return Ok(true);
         }
         self.print(&Planned {

@@ -6,13 +6,16 @@ use std::fmt::{self, Display};
 use std::process::ExitCode;
 
 use mesa_hal::Advice;
+use mesa_hal::driver::StopError;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
+use mesa_tools::BoardBusError;
 use mesa_tools::advice::{advice_of, in_command_words, with_advice};
 use mesa_tools::setup::RestoreError;
 
 use crate::commands::param::cabinet::CabinetError;
+use crate::hurry::Hurry;
 use crate::output;
 
 /// Context of every command.
@@ -22,6 +25,8 @@ pub struct Context {
     pub json: bool,
     /// Set by a signal that asks for the end.
     pub stop: Stop,
+    /// What a signal has cut short.
+    pub hurry: Hurry,
 }
 
 impl Context {
@@ -63,6 +68,8 @@ pub struct Failure {
     why: Why,
     message: String,
     advice: Option<String>,
+    /// True if an exchange with the board failed, and nothing is to be said about outputs.
+    is_of_exchange: bool,
 }
 
 /// A failure as JSON, for programs: one line of standard error.
@@ -103,6 +110,7 @@ impl Failure {
             why,
             message: message.to_string(),
             advice: None,
+            is_of_exchange: false,
         }
     }
 
@@ -110,7 +118,20 @@ impl Failure {
     pub fn of(error: &(dyn Error + 'static), message: impl Display) -> Self {
         Self {
             advice: advice_on(error),
+            is_of_exchange: error.downcast_ref::<StopError<BoardBusError>>().is_none(),
             ..Self::refused(message)
+        }
+    }
+
+    /// The failure of a command after a signal. If waits for replies were cut short, a failed
+    /// exchange says nothing about the board, and is the end by the signal.
+    pub fn after(self, context: &Context) -> Self {
+        match context.hurry.gave_up() {
+            Some(signal) if self.is_of_exchange => {
+                let what = "while replies of the board were missing";
+                Self::stopped(signal, format_args!("ended by {signal}, {what}"))
+            }
+            _ => self,
         }
     }
 

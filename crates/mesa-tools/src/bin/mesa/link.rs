@@ -3,20 +3,10 @@
 use std::time::Duration;
 
 use mesa_hal::bus::Instant;
-use mesa_hal::runner::Stop;
 use mesa_hal::transport::udp::{PacketLink, SocketError, UdpLink};
 
+use crate::hurry::{Hurry, Patience};
 use crate::simulated::SimulatedLink;
-
-/// Time of silence after a signal that a command allows for its orderly end. What it drove is off
-/// without it as well: nothing feeds the board's watchdog while no reply comes.
-const PATIENCE: Duration = Duration::from_millis(500);
-
-/// Longest wait for a reply when that time is over. A board answers in less.
-const HASTE: Duration = Duration::from_millis(2);
-
-/// Longest wait for a signal to be noticed.
-const NOTICE: Duration = Duration::from_millis(100);
 
 /// A link to a board.
 #[derive(Debug)]
@@ -29,29 +19,22 @@ pub enum BoardLink {
 #[derive(Debug)]
 pub struct SocketLink {
     socket: UdpLink,
-    /// The signals that end the command; `None` if it finishes what it has begun.
-    stop: Option<Stop>,
-    /// Time waited in vain since a signal came.
-    silence: Duration,
+    hurry: Hurry,
+    patience: Patience,
 }
 
 impl SocketLink {
-    pub const fn new(socket: UdpLink, stop: Option<Stop>) -> Self {
+    pub fn new(socket: UdpLink, hurry: Hurry) -> Self {
         Self {
             socket,
-            stop,
-            silence: Duration::ZERO,
+            hurry,
+            patience: Patience::default(),
         }
     }
 
-    fn is_ending(&self) -> bool {
-        self.stop
-            .as_ref()
-            .is_some_and(|stop| stop.signal().is_some())
-    }
-
-    /// Receives a datagram. A board that is silent after a signal is soon waited for no longer than
-    /// it needs for an answer, so that a step of many exchanges ends soon as well.
+    /// Receives a datagram. A board that does not answer after a signal is soon waited for no longer
+    /// than it needs for an answer, and at last not at all, so that a step of many exchanges ends soon
+    /// as well.
     fn receive(
         &mut self,
         buffer: &mut [u8],
@@ -59,27 +42,17 @@ impl SocketLink {
     ) -> Result<Option<usize>, SocketError> {
         loop {
             let begun = self.socket.now();
-            let until = deadline.min(begun.after(longest_wait(self.silence)));
+            let until = self.patience.until(begun, deadline);
             let received = self.socket.receive(buffer, until)?;
             if received.is_some() {
                 return Ok(received);
             }
-            if self.is_ending() {
-                self.silence += self.socket.now().since(begun);
-            }
-            if until == deadline || self.silence >= PATIENCE {
+            let now = self.socket.now();
+            let is_over = self.hurry.waited(&mut self.patience, begun, now);
+            if until == deadline || is_over {
                 return Ok(None);
             }
         }
-    }
-}
-
-/// Longest wait at a time, after this time of silence since a signal.
-const fn longest_wait(silence: Duration) -> Duration {
-    if silence.as_nanos() < PATIENCE.as_nanos() {
-        NOTICE
-    } else {
-        HASTE
     }
 }
 
@@ -133,31 +106,5 @@ impl PacketLink for BoardLink {
             Self::Socket(link) => link.socket.sleep(duration),
             Self::Simulated(link) => link.sleep(duration),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-
-    use super::*;
-
-    #[test]
-    fn a_silent_board_is_waited_for_in_full_unless_a_signal_came() {
-        let silent = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("loopback is there");
-        let Ok(SocketAddr::V4(address)) = silent.local_addr() else {
-            panic!("an IPv4 socket");
-        };
-        let link = UdpLink::connect(address).expect("loopback is there");
-        let mut link = SocketLink::new(link, None);
-        let mut buffer = [0; 8];
-        let deadline = link.socket.now().after(NOTICE * 2);
-        assert_eq!(link.receive(&mut buffer, deadline), Ok(None));
-        assert!(link.socket.now() >= deadline);
-        // The silence after a signal.
-        link.silence = PATIENCE;
-        let hour = link.socket.now().after(Duration::from_secs(3600));
-        assert_eq!(link.receive(&mut buffer, hour), Ok(None));
-        assert!(link.socket.now() < hour);
     }
 }

@@ -12,6 +12,7 @@ mod context;
 mod date;
 mod files;
 mod full_screen;
+mod hurry;
 mod link;
 mod look;
 mod modes;
@@ -35,6 +36,7 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 
 use commands::{Command, GROUPS, Group};
 use context::{Context, Ending, Failure};
+use hurry::Hurry;
 use mesa_hal::runner::Stop;
 
 /// Find, inspect, test, set up and simulate Mesa Electronics' motion I/O boards
@@ -179,11 +181,12 @@ fn main() -> ExitCode {
     };
     let context = Context {
         json: cli.json,
+        hurry: Hurry::new(stop.clone()),
         stop,
     };
     match cli.command.run(&context) {
         Ok(ending) => ended(ending, cli.json),
-        Err(failure) => failure.report(cli.json),
+        Err(failure) => failure.after(&context).report(cli.json),
     }
 }
 

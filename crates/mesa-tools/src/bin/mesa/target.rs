@@ -8,7 +8,6 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, EthernetError, Identity};
 use mesa_hal::lbp16::{self, Space, registers::eeprom};
-use mesa_hal::runner::Stop;
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink};
 use mesa_hal::{Rounded, Settings};
@@ -16,7 +15,8 @@ use mesa_hal::{Rounded, Settings};
 use crate::address::{BoardAddress, PciPlace};
 use crate::bus::Bus;
 use crate::consent::Asks;
-use crate::context::{Failure, told};
+use crate::context::{Context, Failure, told};
+use crate::hurry::Hurry;
 use crate::link::{BoardLink, SocketLink};
 use crate::look::LookBus;
 use crate::sim::machine::{Machine, MachineOptions};
@@ -79,8 +79,8 @@ pub struct ChangedTarget {
 
 impl ChangedTarget {
     /// As [`Target::find`].
-    pub fn find(&self) -> Result<Found, Failure> {
-        self.target.find()
+    pub fn find(&self, context: &Context) -> Result<Found, Failure> {
+        self.target.find(context)
     }
 }
 
@@ -93,8 +93,8 @@ pub struct Found {
     device: Option<PciDevice>,
     /// The first board that answered at the address.
     who: OnceCell<Identity>,
-    /// The signals that end the command, if it is one that ends in the middle of a step.
-    stop: Option<Stop>,
+    /// The end of the command by a signal.
+    hurry: Hurry,
     /// That board said of itself that it is simulated.
     says_simulated: Cell<bool>,
     /// Simulated machine in place of a board.
@@ -103,11 +103,12 @@ pub struct Found {
 
 impl Target {
     /// Determines the address of the board; builds the simulated machine if that is the board.
-    pub fn find(&self) -> Result<Found, Failure> {
+    pub fn find(&self, context: &Context) -> Result<Found, Failure> {
+        let hurry = context.hurry.clone();
         if let Some(place) = &self.pci {
             let device = find_on_pci(place)?;
             let address = BoardAddress::Pci(device.address());
-            return Ok(Found::new(address, Some(device), None));
+            return Ok(Found::new(address, hurry, Some(device), None));
         }
         let (address, simulated) = match (&self.sim, self.addr) {
             (Some(options), _) => {
@@ -122,7 +123,7 @@ impl Target {
             (None, Some(address)) => (address.into(), None),
             (None, None) => (from_environment()?.into(), None),
         };
-        Ok(Found::new(address, None, simulated))
+        Ok(Found::new(address, hurry, None, simulated))
     }
 }
 
@@ -159,12 +160,17 @@ fn not_opened(error: &PciOpenError) -> Failure {
 }
 
 impl Found {
-    fn new(address: BoardAddress, device: Option<PciDevice>, simulated: Option<Simulated>) -> Self {
+    fn new(
+        address: BoardAddress,
+        hurry: Hurry,
+        device: Option<PciDevice>,
+        simulated: Option<Simulated>,
+    ) -> Self {
         Self {
             address,
             device,
             who: OnceCell::new(),
-            stop: None,
+            hurry,
             says_simulated: Cell::new(false),
             simulated,
         }
@@ -193,13 +199,6 @@ impl Found {
         self
     }
 
-    /// Lets a signal end the waits for a board that is silent. For commands that may be cut off
-    /// anywhere, which neither write memory nor restart a board.
-    pub fn ended_by(mut self, stop: &Stop) -> Self {
-        self.stop = Some(stop.clone());
-        self
-    }
-
     /// The board as it was when it was opened first.
     pub fn identity(&self) -> Option<&Identity> {
         self.who.get()
@@ -213,7 +212,12 @@ impl Found {
         is_real.then(|| Self {
             who: self.who.clone(),
             says_simulated: self.says_simulated.clone(),
-            ..Self::new(SocketAddrV4::new(ip, address.port()).into(), None, None)
+            ..Self::new(
+                SocketAddrV4::new(ip, address.port()).into(),
+                self.hurry.clone(),
+                None,
+                None,
+            )
         })
     }
 
@@ -228,7 +232,7 @@ impl Found {
             return Ok(BoardLink::Simulated(simulated.link()));
         }
         let socket = UdpLink::connect(address)?;
-        let link = SocketLink::new(socket, self.stop.clone());
+        let link = SocketLink::new(socket, self.hurry.clone());
         Ok(BoardLink::Socket(link))
     }
 

@@ -7,4 +7,5 @@ mod files;
 mod firewall;
 pub mod manual;
 mod second_master;
+pub mod signals;
 mod troubles;

@@ -1,12 +1,13 @@
 //! `mesa flash`.
 
 use std::fs;
-use std::net::Ipv4Addr;
+use std::net::{Ipv4Addr, SocketAddrV4};
 
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, EthernetBoard};
 use mesa_hal::transport::udp::UdpBus;
 
+use crate::every_command::signals::{Network, Relay};
 use crate::interop::mesaflash::{Mesaflash, bitfile, configuration, free_address};
 use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch, board::Board, wait_until};
@@ -369,11 +370,20 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
 
 /// A board with a boot block and a fallback, and a write to its user area that has begun to erase.
 fn begun(name: &str) -> (Board, Process, Scratch, String) {
+    let (board, process, file, ()) = begun_over(name, |board| (board.address, ()));
+    let address = board.address.ip().to_string();
+    (board, process, file, address)
+}
+
+/// The same over a relay.
+fn begun_over<R>(
+    name: &str,
+    relay: impl FnOnce(&Board) -> (SocketAddrV4, R),
+) -> (Board, Process, Scratch, R) {
     let state = Scratch::new(&format!("{name}.state"));
     let path = state.0.clone();
     let address = free_address();
     let board = Board::start_from(state, address, &["--board", "7i97"]);
-    let address = address.to_string();
     erase(&board);
     give_boot_block_and_fallback(&board);
     // Data behind the first sector, which an erase removes.
@@ -385,11 +395,13 @@ fn begun(name: &str) -> (Board, Process, Scratch, String) {
     wait_until("its state is kept", is_filled);
     let new = bitfile("7i97.ncd", PART, &configuration(200_000));
     let file = file(&format!("{name}.bit"), &new);
+    let (address, relay) = relay(&board);
+    let address = address.to_string();
     let write = ["flash", "write", file.path(), "--addr", &address, "--yes"];
     let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
     wait_until("it erases", || !is_filled());
     assert!(!process.has_ended(), "it still writes");
-    (board, process, file, address)
+    (board, process, file, relay)
 }
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
@@ -401,6 +413,28 @@ fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
     assert_eq!(ended.code, Some(130), "{ended:?}");
     assert!(ended.err.contains("is finished first"), "{ended:?}");
     done(&["flash", "verify", good.path(), "--addr", &address]);
+}
+
+/// A signal does not cut off a write. Where the board does not answer any more after it, the state of
+/// the memory is named.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
+#[test]
+fn a_signal_and_then_silence_ends_a_write_with_the_state_of_the_memory() {
+    let (_board, mut process, _file, relay) = begun_over("flash-signal", |board| {
+        let relay = Relay::start(board.address, Network::Good);
+        (relay.address, relay)
+    });
+    process.signal("TERM");
+    relay.set(Network::Silent);
+    let ended = Run::from(process.output());
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    for said in [
+        "was cut off",
+        "the FPGA loads the fallback",
+        "leave the board switched on",
+    ] {
+        assert!(ended.err.contains(said), "{said}: {ended:?}");
+    }
 }
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]

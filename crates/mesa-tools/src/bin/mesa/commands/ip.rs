@@ -52,7 +52,7 @@ struct Addresses {
 
 impl Ip {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         let own = *found.need_ethernet("an IP address")?.ip();
         let mut bus = found.open()?;
         let mut board = EthernetBoard::new(&mut bus);
@@ -82,7 +82,9 @@ impl Ip {
                 found.address,
                 format_args!("write {new} into the EEPROM, which holds {old}"),
             );
-            self.target.asks.consent(context, &plan, Some(&found))?;
+            self.target
+                .asks
+                .consent_to_change(context, &plan, Some(&found))?;
             write(&mut board, ip, netmask)?;
         }
         let shown = if self.target.dry_run {

@@ -51,7 +51,7 @@ struct Leds {
 
 impl Led {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         found.need_ethernet("the choice of what the LEDs show")?;
         let mut bus = found.open()?;
         let mut board = EthernetBoard::new(&mut bus);

@@ -85,7 +85,7 @@ struct Row {
 
 impl Pins {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         let mut settings = Settings {
             period: PERIOD,
             watchdog: Some(running::WATCHDOG),

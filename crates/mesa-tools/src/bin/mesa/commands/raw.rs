@@ -99,7 +99,7 @@ impl Raw {
         if self.dry_run {
             return self.print(context, &request, None, lines(&[])?);
         }
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         found.need_ethernet("a packet")?;
         // Before the question: fails if another program drives the board.
         drop(found.open()?);
@@ -143,7 +143,7 @@ impl Raw {
         }
         let action = format_args!("write {}", writes.join(", "));
         let plan = Plan::at(found.address, action);
-        self.asks.consent(context, &plan, Some(found))
+        self.asks.consent_to_change(context, &plan, Some(found))
     }
 
     fn print(

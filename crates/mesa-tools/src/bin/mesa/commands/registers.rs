@@ -114,7 +114,7 @@ struct Register {
 
 impl Peek {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         if self.any {
             return self.read_any(context, &found);
         }
@@ -238,7 +238,7 @@ impl Poke {
         }
         EthernetBoard::<Bus>::check_poke(space, address, self.values.len())
             .map_err(|error| Failure::usage(told(&error)))?;
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         let values: Vec<String> = self
             .values
             .iter()

@@ -103,7 +103,7 @@ impl Restart {
         what: &str,
         restart: impl FnOnce(&mut Bus) -> Result<(), Failure>,
     ) -> Result<Ending, Failure> {
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         found.need_ethernet("a reset or reload by this command")?;
         let mut bus = found.open()?;
         let mut board = EthernetBoard::new(&mut bus);

@@ -174,7 +174,7 @@ impl Update {
     ) -> Result<Option<Report>, Failure> {
         // clap requires `--at` unless `--serial` is given.
         let id = self.at.unwrap_or(RemoteId::new(0, 0));
-        let found = self.target.target.find()?;
+        let found = self.target.target.find(context)?;
         // Only this remote of the port takes part.
         let only = SerialConfig {
             channels: [(id.channel, RemoteConfig::default())].into(),
@@ -238,7 +238,8 @@ impl Update {
             return Err(UpdateError::<L::Error>::NotReadable.into());
         }
         bar.clear();
-        self.asks.consent(context, &report.plan(card), card.board)?;
+        self.asks
+            .consent_to_change(context, &report.plan(card), card.board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
             Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
             done => done?,

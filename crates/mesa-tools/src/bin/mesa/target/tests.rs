@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
+use mesa_hal::runner::Stop;
 use mesa_hal_sim::{BoardConfig, Mishaps, Motor, SimBoard, UdpFace, machines};
 
 use super::*;
@@ -28,7 +29,8 @@ fn watchdogs(is_marked: bool) -> [Option<Duration>; 2] {
                 step.expect("loopback is there");
             }
         });
-        let found = Found::new(address.into(), None, None);
+        let stop = Stop::on_signals().expect("signals are caught");
+        let found = Found::new(address.into(), Hurry::new(stop), None, None);
         let before = found.with_patience(set::settings());
         let opened = found.open();
         is_over.store(true, Ordering::Relaxed);

@@ -85,7 +85,7 @@ const CYCLES: Duration = Duration::from_millis(300);
 
 impl Doctor {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         if !self.passive {
             let plan = Plan::at(
                 found.address,

@@ -112,7 +112,7 @@ impl Backup {
     fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
         self.asks.replaces(context, path)?;
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         let mut bus = found.open()?;
         let mut flash = open(&mut bus, &found)?;
         let layout = *flash.layout();
@@ -138,7 +138,7 @@ impl Backup {
 impl Verify {
     fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let bytes = files::read(&self.file, LONGEST)?;
-        let found = self.target.find()?;
+        let found = self.target.find(context)?;
         let mut bus = found.open()?;
         let mut flash = open(&mut bus, &found)?;
         let layout = *flash.layout();

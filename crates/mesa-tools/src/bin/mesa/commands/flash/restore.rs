@@ -35,7 +35,7 @@ pub struct Restore {
 impl Restore {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let backup = files::read(&self.file, LONGEST)?;
-        let found = self.change.target.find()?;
+        let found = self.change.target.find(context)?;
         let mut bus = found.open()?;
         let mut flash = self.change.open(&mut bus, &found)?;
         let layout = *flash.layout();
@@ -107,7 +107,7 @@ impl Restore {
             format_args!("erase and write {places} of the flash memory{risk}"),
         );
         let asks = &self.change.target.asks;
-        asks.consent(context, &plan, Some(found))
+        asks.consent_to_change(context, &plan, Some(found))
     }
 
     /// Fails if an area that the board may need to start differs and its flag was not given.

@@ -39,7 +39,7 @@ pub struct Write {
 impl Write {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let bytes = files::read(&self.file, LONGEST)?;
-        let found = self.change.target.find()?;
+        let found = self.change.target.find(context)?;
         let mut bus = found.open()?;
         let mut flash = self.change.open(&mut bus, &found)?;
         // After the board: a .bin file is right for a T board, and no file of it is written yet.
@@ -73,7 +73,7 @@ impl Write {
                 format_args!("erase and write {first}{written} of the flash memory: {about}{risk}"),
             );
             let asks = &self.change.target.asks;
-            asks.consent(context, &plan, Some(&found))?;
+            asks.consent_to_change(context, &plan, Some(&found))?;
             if let Some(boot_block) = boot_block {
                 let mut progress = Progress::of_write(context, boot_block, is_alone);
                 let done = flash.write_boot_block(|step, bytes| progress.step(step, bytes));

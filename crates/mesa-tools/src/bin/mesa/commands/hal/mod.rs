@@ -161,7 +161,7 @@ impl Hal {
     /// Discovers the board with all outputs off. Prints its remotes, missing remotes and remarks to
     /// standard error.
     fn look(&self, context: &Context) -> Result<Machine, Failure> {
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         let mut settings = Settings::default();
         self.modes.put(&mut settings);
         let board = Board::identify(found.open()?, settings)?.discover()?;

@@ -49,7 +49,7 @@ struct Found(Inventory);
 
 impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         if self.passive {
             return passive::run(&found, context);
         }

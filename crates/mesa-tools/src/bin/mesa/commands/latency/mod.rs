@@ -105,11 +105,7 @@ impl Latency {
         if let Some(file) = &self.plot {
             self.asks.replaces(context, file)?;
         }
-        let found = self
-            .target
-            .find()?
-            .pass_time(Passage::Host)
-            .ended_by(&context.stop);
+        let found = self.target.find(context)?.pass_time(Passage::Host);
         let bus = found.open()?;
         let measured = self.watched(|| measure::each(self, bus, context))?;
         let report = Report::of(self.rate, &measured);

@@ -14,7 +14,7 @@ use mesa_tools::setup::{
 use serialport::SerialPort;
 
 use super::board::BoardCabinet;
-use crate::context::{Failure, told};
+use crate::context::{Context, Failure, told};
 use crate::output::complain;
 use crate::target::{Found, Target};
 
@@ -99,7 +99,7 @@ pub enum CabinetError {
 impl CabinetTarget {
     /// Stops the ports of the board and starts its remotes in setup mode, or identifies the remote
     /// on the serial port. Prints missing remotes and problems to standard error.
-    pub fn open(&self) -> Result<OpenCabinet, Failure> {
+    pub fn open(&self, context: &Context) -> Result<OpenCabinet, Failure> {
         if let Some(line) = self.line.open()? {
             let device = self.line.serial.as_deref().unwrap_or_default();
             let open = SerialCabinet::open(line);
@@ -118,7 +118,7 @@ impl CabinetTarget {
             return Ok(OpenCabinet::Serial(Box::new(open)));
         }
         let rates = self.line.rates();
-        let cabinet = BoardCabinet::open(self.target.find()?, &rates)?;
+        let cabinet = BoardCabinet::open(self.target.find(context)?, &rates)?;
         Ok(OpenCabinet::Board(Box::new(cabinet)))
     }
 }

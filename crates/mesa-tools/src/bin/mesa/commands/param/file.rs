@@ -78,7 +78,7 @@ impl Save {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
         self.asks.replaces(context, path)?;
-        let mut cabinet = self.at.cabinet.open()?;
+        let mut cabinet = self.at.cabinet.open(context)?;
         let mut saved = SavedCabinet::take(&mut cabinet)?;
         saved.origin = Some(self.origin(&cabinet, &saved));
         let text = if is_toml(path) {
@@ -151,7 +151,7 @@ impl Restore {
                 "{path}: {why}; give a file of `mesa param save`"
             ))
         })?;
-        let mut cabinet = self.at.cabinet.open()?;
+        let mut cabinet = self.at.cabinet.open(context)?;
         let by = if self.by_place {
             RemoteMatch::Place
         } else {
@@ -211,7 +211,7 @@ impl Restore {
             "write {count} in the non-volatile memory of remotes, to be used from the next power-up \
              on{warnings}"
         ));
-        self.asks.consent(context, &plan, cabinet.found())
+        self.asks.consent_to_change(context, &plan, cabinet.found())
     }
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {

@@ -97,7 +97,7 @@ impl Shown {
 
 impl List {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let mut cabinet = self.at.cabinet.open()?;
+        let mut cabinet = self.at.cabinet.open(context)?;
         let mut remotes = Vec::new();
         for CabinetRemote { place, descriptor } in cabinet.remotes() {
             let mut parameters = Vec::new();

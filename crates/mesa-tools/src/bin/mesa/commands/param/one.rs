@@ -74,7 +74,7 @@ impl One {
 
 impl Get {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let mut cabinet = self.at.cabinet.open()?;
+        let mut cabinet = self.at.cabinet.open(context)?;
         let named = named(&cabinet, &self.name)?;
         let raw = named.read(&mut cabinet)?;
         context.print(&One::new(&named, raw, None))?;
@@ -84,7 +84,7 @@ impl Get {
 
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let mut cabinet = self.at.cabinet.open()?;
+        let mut cabinet = self.at.cabinet.open(context)?;
         let named = named(&cabinet, &self.name)?;
         let wanted = self.wanted(&named)?;
         let raw = named.read(&mut cabinet)?;
@@ -99,7 +99,8 @@ impl Set {
                     named.effect(wanted)
                 ),
             );
-            self.asks.consent(context, &plan, cabinet.found())?;
+            self.asks
+                .consent_to_change(context, &plan, cabinet.found())?;
             go_on(context)?;
             match &named.value {
                 NamedValue::Parameter(record) => cabinet.write(place, &record.name, self.value)?,

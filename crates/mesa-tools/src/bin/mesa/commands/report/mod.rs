@@ -89,7 +89,7 @@ impl Report {
         // Before a board is asked.
         let wiring = self.wiring.as_deref().map(WiringReport::read).transpose()?;
         let given = self.latency.as_deref().map(read_picture).transpose()?;
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         let inventory = info::take(&found, &self.modes, context)?;
         let pins = self.pins(&found)?;
         let (address, found) = (found.address, found.pass_time(Passage::Host));

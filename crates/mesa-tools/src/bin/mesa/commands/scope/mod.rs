@@ -265,7 +265,7 @@ impl Scope {
     }
 
     fn start(&self, context: &Context) -> Result<Driver<Bus>, Failure> {
-        let found = self.target.find()?.ended_by(&context.stop);
+        let found = self.target.find(context)?;
         let mut settings = Settings {
             period: Duration::from_micros(self.period.into()),
             watchdog: Some(running::WATCHDOG),

@@ -90,11 +90,7 @@ pub struct Set {
 
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        let found = self
-            .target
-            .find()?
-            .pass_time(Passage::Paced)
-            .ended_by(&context.stop);
+        let found = self.target.find(context)?.pass_time(Passage::Paced);
         let bus = found.open_with(unhurried())?;
         let mut settings = found.with_patience(settings());
         self.modes.put(&mut settings);

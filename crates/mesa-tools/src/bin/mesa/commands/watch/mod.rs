@@ -75,22 +75,14 @@ pub struct Watch {
 impl Watch {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         if self.passive {
-            let found = self
-                .target
-                .find()?
-                .pass_time(Passage::Paced)
-                .ended_by(&context.stop);
+            let found = self.target.find(context)?.pass_time(Passage::Paced);
             return passive::run(&found, context, &self.pattern, self.every);
         }
         full_screen::check(
             context,
             "`mesa pins` prints the pins once, `mesa pins --json` for programs",
         )?;
-        let found = self
-            .target
-            .find()?
-            .pass_time(Passage::Paced)
-            .ended_by(&context.stop);
+        let found = self.target.find(context)?.pass_time(Passage::Paced);
         let mut settings = Settings {
             period: Duration::from_millis(self.period),
             watchdog: Some(running::WATCHDOG),

@@ -110,11 +110,7 @@ impl Wiring {
         if let Some(path) = &self.report {
             self.asks.replaces(context, path)?;
         }
-        let found = self
-            .target
-            .find()?
-            .pass_time(Passage::Paced)
-            .ended_by(&context.stop);
+        let found = self.target.find(context)?.pass_time(Passage::Paced);
         let mut bus = found.open_with(set::unhurried())?;
         let settings = found.with_patience(self.settings());
         let identity = bus
