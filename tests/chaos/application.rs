@@ -402,6 +402,16 @@ impl Application {
         }
     }
 
+    /// The remotes that are armed as soon as they run.
+    pub fn coming<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        let is_coming = |group| {
+            let state = driver.pins().group_state(group);
+            state.is_some_and(|state| state.coming)
+        };
+        let coming = self.remotes.iter().filter(|remote| is_coming(remote.group));
+        coming.map(|remote| remote.number).collect()
+    }
+
     /// Outputs start from their safe values after they were armed.
     pub fn rearmed<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>, board_was_down: bool) {
         self.notice(driver);

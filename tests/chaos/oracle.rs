@@ -374,9 +374,14 @@ impl Oracle {
     /// The board is set up again by a re-arming. The effects of its outage on remotes, whose own
     /// watchdogs bite sooner or later, end with it.
     pub fn remotes_come(&mut self) {
-        for track in &mut self.remotes {
-            (track.is_coming, track.is_started) = (true, false);
-        }
+        (0..self.remotes.len()).for_each(|remote| self.comes(remote));
+    }
+
+    /// A remote is to be armed as soon as it runs. Until it is started, its watchdog bites because of
+    /// what was known.
+    pub fn comes(&mut self, remote: usize) {
+        let track = &mut self.remotes[remote];
+        (track.is_coming, track.is_started) = (true, false);
     }
 
     /// The board is set up again without a re-arming. A remote that got a fault meanwhile, or gets

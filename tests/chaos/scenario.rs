@@ -434,6 +434,9 @@ impl Scenario {
         self.oracle.rearmed(None);
         let done = driver.rearm_when_running();
         application.rearmed(driver, was_down);
+        for remote in application.coming(driver) {
+            self.oracle.comes(remote);
+        }
         if was_down {
             let now = self.sim.now();
             let what = format!("to be re-armed when it runs: {done:?}");
