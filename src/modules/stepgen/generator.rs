@@ -245,21 +245,27 @@ impl Generator {
         let [before, first, last] =
             [sent.before, sent.first, sent.last].map(|word| self.speed(word));
         let (mut ran, mut speed, mut is_last) = (0.0, first, false);
-        let mut gap = gap.as_secs_f64();
+        let is_ambiguous = gap.as_secs_f64() * fastest >= AMBIGUOUS;
+        // Until it was stopped.
+        let (mut gap, mut has_stopped) = (gap.as_secs_f64(), false);
         if let Some(feed) = outage.last_feed {
             // A read from after the bite would have shown it: the host was suspended with the reply.
             let is_old = read_at > feed.bitten_at;
             let read_at = if is_old { asked_at } else { read_at };
-            gap = cycle.now.since(read_at).as_secs_f64();
+            let until = sent.stopped_at.unwrap_or(cycle.now);
+            has_stopped = until < feed.bitten_at;
+            gap = until.since(read_at).as_secs_f64();
             ran = feed.bitten_at.since(read_at).as_secs_f64();
             speed = if feed.at > read_at { first } else { before };
             is_last = feed.is_last && !self.rate.has_failed();
         }
         let by_time = (speed * ran) as i64;
-        let expected = if gap * fastest >= AMBIGUOUS {
+        let expected = if is_ambiguous {
             Expected::ByTime(by_time)
         } else if !is_last {
             Expected::Within(by_time)
+        } else if has_stopped {
+            Expected::Beyond(0)
         } else if sent.is_one() {
             Expected::Changed {
                 speeds: [before, first],
@@ -398,6 +404,9 @@ impl Generator {
         }
         if !core::mem::take(&mut self.is_read) {
             self.position += self.law.step();
+        }
+        if cycle.hold && !cycle.is_running {
+            self.rate.stop(cycle.now);
         }
         self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
         if self.is_enabled {

@@ -1,5 +1,7 @@
 //! The rates that may be in force, and whether the accumulator follows them.
 
+use crate::bus::Instant;
+
 /// Number of reads in which an accumulator may stand still although it has a rate: it waits for the
 /// timers of a step for less than 1 ms, which a cycle of 20 us reads 50 times.
 const STANDING_READS: u32 = 60;
@@ -13,6 +15,9 @@ pub(super) struct SentRates {
     pub last: i32,
     /// Number of writes.
     writes: u32,
+    /// Start of the first write of a board that is not set up: it and the next ones stop the generator,
+    /// and do not restart the watchdog. They are no part of the others.
+    pub stopped_at: Option<Instant>,
 }
 
 impl SentRates {
@@ -61,6 +66,7 @@ impl RateRegister {
                 first: 0,
                 last: 0,
                 writes: 0,
+                stopped_at: None,
             },
             has_failed: false,
             standing: 0,
@@ -76,13 +82,19 @@ impl RateRegister {
         *now = self.fastest.max(*now);
     }
 
+    /// The next write is one of a board that is not set up.
+    pub fn stop(&mut self, now: Instant) {
+        let at = &mut self.sent.stopped_at;
+        *at = at.or(Some(now));
+    }
+
     /// Takes the outcome of a write.
     #[inline]
     pub fn written(&mut self, arrived: bool) {
         self.has_arrived = arrived;
         self.has_failed |= !arrived;
-        if arrived {
-            let sent = &mut self.sent;
+        let sent = &mut self.sent;
+        if arrived && sent.stopped_at.is_none() {
             if sent.writes == 0 {
                 sent.first = self.word;
             }
@@ -133,6 +145,7 @@ impl RateRegister {
             first: last,
             last,
             writes: 0,
+            stopped_at: None,
         };
         let newest = self.word.unsigned_abs();
         self.fastest = if certain && self.has_arrived {
