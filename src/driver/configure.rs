@@ -506,8 +506,7 @@ fn begin_cycle<B: RegisterBus>(
 fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
     let period = settings.period;
     check_range(period)?;
-    let of = "the board's watchdog";
-    DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
+    DriverError::check_watchdog(None, settings.watchdog_time(), period)?;
     settings.check()?;
     let rest = &mut settings.fault_policy.rest;
     *rest = (*rest).max(FaultPolicy::SHORTEST_REST);

@@ -93,6 +93,8 @@ pub enum DriverError<E: BusError> {
     WatchdogTooShort {
         /// Name of the watchdog, and of its setting.
         of: Box<str>,
+        /// The remote that has the watchdog; `None` for the board's.
+        remote: Option<RemoteId>,
         /// The time of the watchdog; 50 ms for a remote without a known time.
         watchdog: Duration,
         /// The least time that the period requires.
@@ -143,9 +145,12 @@ pub enum DriverError<E: BusError> {
 /// lost.
 const WATCHDOG_FEEDS: u32 = 2;
 
-/// Returns the name of a remote's watchdog, and of its parameter.
-pub(super) fn remote_watchdog(remote: RemoteId) -> String {
-    format!("{remote}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)")
+/// Returns the name of a watchdog, and of its parameter.
+fn watchdog_name(remote: Option<RemoteId>) -> String {
+    match remote {
+        Some(remote) => format!("{remote}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)"),
+        None => "the board's watchdog".into(),
+    }
 }
 
 impl<E: BusError> DriverError<E> {
@@ -175,9 +180,9 @@ impl<E: BusError> DriverError<E> {
         }
     }
 
-    /// Refuses a watchdog that is too short for the period.
+    /// Refuses a watchdog of a remote or of the board that is too short for the period.
     pub(super) fn check_watchdog(
-        of: &str,
+        remote: Option<RemoteId>,
         watchdog: Duration,
         period: Duration,
     ) -> Result<(), Self> {
@@ -186,7 +191,8 @@ impl<E: BusError> DriverError<E> {
             return Ok(());
         }
         Err(Self::WatchdogTooShort {
-            of: of.into(),
+            of: watchdog_name(remote).into(),
+            remote,
             watchdog,
             needed,
             period,

@@ -2,7 +2,6 @@
 
 use core::time::Duration;
 
-use super::error::remote_watchdog;
 use super::{Configured, Driver, DriverError, Remark, RemarkKind, RemoteStatus, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::DataRecord;
@@ -56,8 +55,8 @@ impl<'a> KeptParameter<'a> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
         // 0 switches the watchdog off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
-            let of = remote_watchdog(self.remote);
-            DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
+            let time = Duration::from_millis(raw);
+            DriverError::check_watchdog(Some(self.remote), time, period)?;
         }
         Ok(CheckedWrite {
             parameter: self,

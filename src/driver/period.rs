@@ -3,7 +3,6 @@
 use core::time::Duration;
 
 use super::arrival::ArrivalClock;
-use super::error::remote_watchdog;
 use super::{Driver, DriverError, Pace, Pacer};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::hostmot2::RemoteId;
@@ -37,7 +36,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         check_range(period)?;
         let parts = &self.cycle.parts;
         let watchdog = parts.watchdog.time_at(period, &self.cycle.pins);
-        DriverError::check_watchdog("the board's watchdog", watchdog, period)?;
+        DriverError::check_watchdog(None, watchdog, period)?;
         for port in &parts.ports {
             check_port(port, period)?;
         }
@@ -89,7 +88,7 @@ pub(super) fn check_port<E: BusError>(
     for remote in port.remotes() {
         if let Some(time) = remote.watchdog.time() {
             let id = RemoteId::new(number, remote.started.channel.index());
-            DriverError::check_watchdog(&remote_watchdog(id), time, period)?;
+            DriverError::check_watchdog(Some(id), time, period)?;
         }
     }
     Ok(())

@@ -2,10 +2,10 @@
 //!
 //!     simulated_board [ANY WORDS] --board NAME [--second NAME] --listen ADDRESS
 //!
-//! NAME is 7i97, 7i92-7i77, or 7i92-7i76 and 7i92-7i76-index, which have a 7I76 alone. The second board is at port 27182 of the same address. Commands for the
-//! first one on standard input, one a line, each answered by a line: `plug N`, `unplug N`,
-//! `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the
-//! 7I72 and 2 of the board.
+//! NAME is 7i97, 7i92-7i77, or 7i92-7i76 and 7i92-7i76-index, which have a 7I76 alone. The second board is at port
+//! 27182 of the same address. Commands for the first one on standard input, one a line, each answered by a line:
+//! `plug N`, `unplug N`, `field N VOLTS`, `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3
+//! of the 7I77, 17 of the 7I72 and 2 of the board.
 
 #[path = "../tests/fake_hal/board.rs"]
 mod board;
@@ -48,6 +48,9 @@ fn answer(board: &Board, line: &str) -> Option<String> {
         }
         ["plug", channel] => board.plug(channel.parse().ok()?, true),
         ["unplug", channel] => board.plug(channel.parse().ok()?, false),
+        ["field", channel, volts] => {
+            board.set_field(channel.parse().ok()?, volts.parse().ok()?);
+        }
         ["lose", part] => board.lose(part.parse().ok()?),
         ["input", number, state] => board.set_input(number.parse().ok()?, state == "on"),
         _ => return None,

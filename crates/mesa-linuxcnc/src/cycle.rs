@@ -9,12 +9,12 @@ use mesa_hal::driver::{BoardState, Events, SerialPort};
 use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
-use crate::advice::WithAdvice;
 use crate::gpio::Gpio;
 use crate::interface::Interface;
 use crate::loss::Losses;
 use crate::outputs::Outputs;
 use crate::rearm::{BOARD, Rearming, RemoteMask, Seen, Wishes};
+use crate::refused::RefusedPeriod;
 use crate::report::Names;
 use crate::say::{Level, Say};
 use crate::table::{Change, Memory, Table};
@@ -386,14 +386,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.take_changes(Table::before_write);
         let before = self.frequency.map(|id| self.driver.pins().bits_of(id));
         if let Err(error) = self.driver.set_period(period) {
-            let error = WithAdvice::new(&error, error.advice());
-            let board = self.driver.name();
-            self.say.refuse(
-                now,
-                format_args!(
-                    "{error}. All outputs are off; set {board}.io_error to FALSE to try again"
-                ),
-            );
+            let (names, error) = (&self.names, &error);
+            let text = RefusedPeriod { names, error };
+            self.say.report(now, Level::Error, format_args!("{text}"));
             self.refused = Some(now);
             if let Some(number) = self.io_error {
                 self.memory.store(number, true.to_bits());

@@ -50,6 +50,7 @@ mod memory;
 mod outputs;
 mod parameters;
 mod rearm;
+mod refused;
 mod report;
 mod say;
 mod table;

@@ -63,6 +63,11 @@ impl Names {
         }
     }
 
+    /// The name of the board in HAL.
+    pub fn board(&self) -> &str {
+        &self.board
+    }
+
     /// The name of a remote in HAL, if it has pins.
     pub fn card(&self, id: RemoteId) -> Option<&str> {
         Some(&self.find(id)?.prefix)

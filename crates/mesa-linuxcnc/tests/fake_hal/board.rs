@@ -129,6 +129,16 @@ impl Board {
         });
     }
 
+    /// Field power of a remote.
+    pub fn set_field(&self, channel: usize, volts: f64) {
+        self.with(move |fpga, _| {
+            let now = SimFpga::now(fpga);
+            let device = find_mut(fpga.remote_mut(0, channel).expect("a remote"));
+            let device = device.expect("a device");
+            device.set_field_volts(now, volts).expect("field power");
+        });
+    }
+
     pub fn plug(&self, channel: usize, is_in: bool) {
         self.with(move |fpga, _| {
             let cable = find_cable(fpga.remote_mut(0, channel).expect("a remote"));

@@ -88,7 +88,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("a panic, which would be an error", "tests/fake_hal"),
     (
         "a period of the thread that cannot be",
-        "src/cycle/tests/period.rs",
+        "messages.rs; src/cycle/tests/period.rs",
     ),
     (
         "a period that the DPLL cannot follow",
@@ -96,7 +96,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ),
     (
         "a rate, filter, time or type out of range",
-        "tests/driver/setup/corrected.rs",
+        "messages.rs; tests/driver/setup/corrected.rs",
     ),
     ("a pin out of range", "tests/driver/setup/corrected.rs"),
     ("`board_rtnet=evl`", "src/parameters.rs"),
@@ -119,7 +119,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("the user sets `io_error`", "src/cycle/tests.rs"),
     (
         "a card has no field power when LinuxCNC loads the driver",
-        "src/cycle/tests.rs",
+        "messages.rs; src/cycle/tests.rs",
     ),
 ];
 

@@ -53,7 +53,7 @@ fn a_5i25_with_a_7i77_and_a_7i76_is_driven_in_the_place_of_hm2_pci() {
     let sysfs = format!("loadrt mesa_pci {words} sysfs={}", board.root());
     assert!(hal.try_hal(&sysfs).is_err());
     hal.hal(&format!("loadrt mesa_pci {words}"));
-    hal.hal("loadrt threads name1=servo period1=1000000");
+    hal.hal("loadrt threads name1=fast period1=500000 name2=servo period2=1000000");
     hal.set("watchdog.timeout_ns", "1000000000");
     for (name, value) in [
         ("stepgen.04.position-scale", "1000"),
@@ -71,7 +71,11 @@ fn a_5i25_with_a_7i77_and_a_7i76_is_driven_in_the_place_of_hm2_pci() {
     }
     hal.hal("addf .read servo");
     hal.hal("addf .write servo");
+    // I/O pins alone, in a faster thread.
+    hal.hal("addf .read_gpio fast");
+    hal.hal("addf .write_gpio fast");
     hal.hal("start");
+    until("a fast call", || hal.get("write_gpio.time") != "0");
     until("output 3", || board.seen.output_3());
     until("input 7", || hal.get("7i77.0.0.input-07") == "TRUE");
     let pulses = || {

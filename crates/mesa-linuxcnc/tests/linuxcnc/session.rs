@@ -113,7 +113,10 @@ impl Session {
     /// A command for the board.
     pub fn board(&mut self, command: &str) -> String {
         writeln!(self.to_board, "{command}").expect("the board runs");
-        self.board_line()
+        let answer = self.board_line();
+        // That of a board that was built before is none.
+        assert!(!answer.starts_with('?'), "{answer}");
+        answer
     }
 
     pub fn outputs(&mut self) -> String {

@@ -142,12 +142,43 @@ fn a_refused_period_drives_nothing_and_is_repeated() {
         assert!(!bench.output(FIELD, 3), "{cycle}");
     }
     assert_eq!(bench.cycle.driver.statistics().writes, writes, "written");
-    let heard = bench.heard.lock().expect("no panic");
-    let said = heard.iter().filter(|(level, text)| {
-        *level == Level::Error && text.contains("30 ms") && text.contains("io_error")
-    });
-    let said = said.count();
-    assert!((3..=5).contains(&said), "in 18 s: {heard:?}");
+    let errors = bench.heard(Level::Error);
+    assert!((3..=5).contains(&errors.len()), "in 18 s: {errors:?}");
+    for error in errors {
+        assert_eq!(
+            error,
+            "hm2_7i97.0.7i77.0.0: all outputs off: its watchdog bites after 50 ms, and a thread of 30 ms needs \
+             60 ms; choose a faster thread, or set NVWatchDogTimeout by `mesa param`; then set \
+             hm2_7i97.0.io_error to FALSE to try again"
+        );
+    }
+}
+
+#[test]
+fn a_refused_period_is_said_in_the_words_of_hal() {
+    for (micros, watchdog_ns, about) in [
+        (20, 5_000_000, "port 0 needs up to "),
+        (2_000, 3_000_000, "set watchdog.timeout_ns; then set "),
+        (
+            900_000,
+            4_000_000_000_u32,
+            "choose a period of 1 us to 800 ms; ",
+        ),
+    ] {
+        let mut bench = Bench::with(hostmot2());
+        bench.set("watchdog.timeout_ns", watchdog_ns);
+        bench.period = Duration::from_micros(micros);
+        bench.run(1);
+        let errors = bench.heard(Level::Error);
+        let [error] = &errors[..] else {
+            panic!("{errors:?}");
+        };
+        let begin = "hm2_7i97.0: all outputs off: ";
+        let end = "; then set hm2_7i97.0.io_error to FALSE to try again";
+        assert!(error.starts_with(begin) && error.ends_with(end), "{error}");
+        assert!(error.contains(about), "{error}");
+        assert!(error.len() <= 250, "{} characters: {error}", error.len());
+    }
 }
 
 #[test]

@@ -1,0 +1,48 @@
+//! The message that the driver does not take the period of the thread.
+
+use core::fmt;
+
+use mesa_hal::Rounded;
+use mesa_hal::bus::BusError;
+use mesa_hal::driver::DriverError;
+
+use crate::advice::WithAdvice;
+use crate::report::Names;
+
+/// A period that the driver does not take, and what to do.
+pub(crate) struct RefusedPeriod<'a, E: BusError> {
+    pub names: &'a Names,
+    pub error: &'a DriverError<E>,
+}
+
+impl<E: BusError> fmt::Display for RefusedPeriod<'_, E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let board = self.names.board();
+        if let DriverError::WatchdogTooShort {
+            remote,
+            watchdog,
+            needed,
+            period,
+            ..
+        } = self.error
+        {
+            let card = remote.and_then(|remote| self.names.card(remote));
+            let [watchdog, needed, period] = [watchdog, needed, period].map(Rounded);
+            write!(
+                f,
+                "{}: all outputs off: its watchdog bites after {watchdog}, and a thread of {period} needs \
+                 {needed}; ",
+                card.unwrap_or(board)
+            )?;
+            f.write_str(if remote.is_some() {
+                "choose a faster thread, or set NVWatchDogTimeout by `mesa param`"
+            } else {
+                "choose a faster thread, or set watchdog.timeout_ns"
+            })?;
+        } else {
+            let error = WithAdvice::new(self.error, self.error.advice());
+            write!(f, "{board}: all outputs off: {error}")?;
+        }
+        write!(f, "; then set {board}.io_error to FALSE to try again")
+    }
+}
