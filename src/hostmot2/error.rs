@@ -86,7 +86,7 @@ impl HostMot2Error {
     /// The next step, if there is one.
     pub fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::NoCookie { .. } => Advice::CheckBoardAddress,
+            Self::NoCookie { .. } => Advice::CheckBoardFirmware,
             Self::Description { .. } => Advice::CheckByteOrder,
             Self::Missing { .. } => Advice::LoadMatchingFirmware,
             Self::Unknown { .. } => Advice::UseKnownFirmware,

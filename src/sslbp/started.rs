@@ -298,9 +298,15 @@ impl StartFailureReason {
             Self::BadCrc => Advice::CheckShield,
             Self::ExtraCharacters | Self::Overrun => Advice::CheckNoise,
             Self::StatusStuck => Advice::PowerCycleThenCable,
-            Self::NoUnitNumber | Self::NoSizes => Advice::UpdateRemote,
+            Self::NoUnitNumber | Self::NoSizes => Advice::RestartOrUpdateRemote,
             Self::IllegalMode(_) => Advice::ChooseMode,
-            Self::FaultRemains(_) => return None,
+            Self::FaultRemains(faults)
+                if faults
+                    .intersects(RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE)) =>
+            {
+                Advice::CheckFieldPower
+            }
+            Self::FaultRemains(_) => Advice::CheckLoads,
             Self::SizesTooLarge { .. } => Advice::ChooseModeOrWideFirmware,
             Self::NoProcessData => Advice::PowerCycle,
             Self::NotReady | Self::Unknown => Advice::RestartChannel,
@@ -442,6 +448,22 @@ mod tests {
             "channel 1 did not start: the remote does not have software mode 5 (CS 4024A1C0)"
         );
         assert_eq!(failure.advice(), Some(Advice::ChooseMode));
+    }
+
+    /// Silence in the middle of START is an old firmware, or a cable that broke just then.
+    #[test]
+    fn the_advice_fits_each_cause_of_a_failure() {
+        use StartFailureReason as R;
+        for reason in [R::NoUnitNumber, R::NoSizes] {
+            assert_eq!(reason.advice(), Some(Advice::RestartOrUpdateRemote));
+        }
+        let of = |faults| R::FaultRemains(faults).advice();
+        assert_eq!(of(RemoteFaults::LOW_VOLTAGE), Some(Advice::CheckFieldPower));
+        assert_eq!(
+            of(RemoteFaults::HIGH_VOLTAGE),
+            Some(Advice::CheckFieldPower)
+        );
+        assert_eq!(of(RemoteFaults::OVER_CURRENT), Some(Advice::CheckLoads));
     }
 
     proptest! {

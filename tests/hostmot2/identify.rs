@@ -75,7 +75,7 @@ fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
         error.to_string(),
         "no HostMot2 cookie at 0x0100: read 0xFFFFFFFF, expected 0x55AACAFE"
     );
-    assert_eq!(error.advice(), Some(Advice::CheckBoardAddress));
+    assert_eq!(error.advice(), Some(Advice::CheckBoardFirmware));
 }
 
 #[test]

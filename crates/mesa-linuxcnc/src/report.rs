@@ -6,7 +6,7 @@ use core::fmt;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{EventKind, OfflineReason, Repeating};
 use mesa_hal::hal::{Age, Role};
-use mesa_hal::{Driver, RemoteId};
+use mesa_hal::{Advice, Driver, RemoteId};
 
 use crate::interface::Interface;
 use crate::rearm::BOARD;
@@ -325,7 +325,18 @@ impl Report<'_> {
         let port = self.kind.remote().map_or(0, |remote| remote.port);
         match reason {
             OfflineReason::TooManyFailures(failure) => {
-                write!(f, "{failure}; check its cable and power")
+                write!(f, "{failure}")?;
+                f.write_str(match failure.advice() {
+                    Some(Advice::CheckCardPower) => "; check its cable and power",
+                    Some(Advice::CheckShield) => "; check its cable, shield and ground",
+                    Some(Advice::CheckSwitches) => {
+                        "; packets are lost: check the network of the board"
+                    }
+                    Some(Advice::CheckSupply) => {
+                        "; check the supply of the board, and that no other program drives it"
+                    }
+                    _ => "",
+                })
             }
             OfflineReason::Absent => f.write_str("it was absent at the load"),
             OfflineReason::NotRunning(cs) => write!(f, "the port has stopped it ({cs})"),

@@ -98,8 +98,8 @@ impl OfflineReason {
             Self::AnotherDevice { .. } => Some(Advice::PlugInOrRebuild),
             Self::OtherTables { .. } | Self::OtherSizes { .. } => Some(Advice::RebuildWithRemote),
             Self::BoardDown => Some(Advice::Rearm),
-            Self::TooManyFailures(_)
-            | Self::NotRunning(_)
+            Self::TooManyFailures(failure) => failure.advice(),
+            Self::NotRunning(_)
             | Self::Watchdog
             | Self::IllegalMode
             | Self::DidNotStart(_)

@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::advice::Advice;
+
 /// Reason why the data of a transfer cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -42,6 +44,22 @@ impl Failure {
         Self::NotRunning,
         Self::Doubtful,
     ];
+}
+
+impl Failure {
+    /// The next step after several failures of this kind, if there is one.
+    pub const fn advice(self) -> Option<Advice> {
+        match self {
+            Self::NoReply | Self::Break => Some(Advice::CheckCardPower),
+            Self::Crc | Self::ExtraCharacters | Self::Overrun | Self::Damaged => {
+                Some(Advice::CheckShield)
+            }
+            Self::NotRunning => Some(Advice::CheckSupply),
+            // The card has answered, and the network has lost packets.
+            Self::Doubtful => Some(Advice::CheckSwitches),
+            Self::Late => None,
+        }
+    }
 }
 
 impl fmt::Display for Failure {
@@ -99,5 +117,19 @@ impl FailureCounts {
         let [no_reply, late, ..] = &mut self.counts;
         *no_reply = no_reply.saturating_sub(1);
         *late = late.wrapping_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_doubted_only_where_nothing_was_received() {
+        for failure in Failure::ALL {
+            let doubts_power = failure.advice() == Some(Advice::CheckCardPower);
+            let has_received = !matches!(failure, Failure::NoReply | Failure::Break);
+            assert_eq!(doubts_power, !has_received, "{failure}");
+        }
     }
 }

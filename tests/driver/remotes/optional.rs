@@ -186,7 +186,10 @@ fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
 fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
     let mut shop = shop();
     let handles = shop.cards;
-    assert_eq!(reason(&shop), "absent at the start; plug the remote in");
+    assert_eq!(
+        reason(&shop),
+        "absent at the start; plug the remote in, and check its power (field power too, where it is powered from there)"
+    );
     for _ in 0..300 {
         open_valves(&mut shop);
         shop.cycles(1);

@@ -59,6 +59,11 @@ pub fn t_board(card: &str, idrom: &Idrom) -> Option<String> {
     })
 }
 
+/// Causes of the errors that a board counts.
+const CABLE: &str = "check the cable, its shield and where it runs beside motor cables";
+const PROGRAM: &str =
+    "a program asked for what the board does not have, such as a wrong address by `mesa raw`";
+
 /// Judges the board's error counters.
 pub fn errors(counters: &Counters) -> Finding {
     let check = "errors counted";
@@ -77,10 +82,13 @@ pub fn errors(counters: &Counters) -> Finding {
     if some.is_empty() {
         return Finding::good(check, "none since it was reset");
     }
-    let advice = if counters.received_bad > 0 || counters.sent_bad > 0 {
-        "check the cable, its shield and where it runs beside motor cables"
-    } else {
-        "a program asks for what the board does not have, such as a wrong address by `mesa raw`"
+    let is_damaged = counters.received_bad > 0 || counters.sent_bad > 0;
+    let is_refused =
+        counters.parse_errors > 0 || counters.memory_errors > 0 || counters.write_errors > 0;
+    let advice = match (is_damaged, is_refused) {
+        (true, true) => format!("packets: {CABLE}; errors: {PROGRAM}"),
+        (true, false) => CABLE.to_owned(),
+        (false, _) => PROGRAM.to_owned(),
     };
     Finding::new(FigureVerdict::Look, check, some.join(", "), advice)
 }
@@ -216,12 +224,12 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
         }
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
             let figure = format!("offline: {}", told(reason));
-            Finding::new(
-                FigureVerdict::Bad,
-                check,
-                figure,
-                "mend that; it comes back by itself",
-            )
+            let advice = if reason.is_about_identity() {
+                "mend that; nothing brings another card or firmware back while a program runs"
+            } else {
+                "mend that; it comes back by itself"
+            };
+            Finding::new(FigureVerdict::Bad, check, figure, advice)
         }
         _ => {
             let figure = format!("{state:?}");
@@ -327,9 +335,14 @@ pub fn odd(remark: &Remark) -> Finding {
         };
         return Finding::new(FigureVerdict::Bad, "remote offline", told(remark), advice);
     }
-    let advice =
-        "the driver believes the remote; look whether its firmware is the one that you expect";
-    Finding::new(FigureVerdict::Look, "remote's tables", told(remark), advice)
+    let (check, advice) = match remark.kind {
+        RemarkKind::Tables(_) | RemarkKind::Table { .. } | RemarkKind::UnknownPart { .. } => (
+            "remote's tables",
+            "the driver believes the remote; look whether its firmware is the one that you expect",
+        ),
+        _ => ("board and remotes", MEND),
+    };
+    Finding::new(FigureVerdict::Look, check, told(remark), advice)
 }
 
 #[cfg(test)]

@@ -235,6 +235,10 @@ pub fn errors(interface: &str, errors: Option<NetworkErrors>) -> Finding {
         (0, _) => {
             "the computer did not fetch packets in time: see kernel, priority, CPUs and interrupts"
         }
+        (_, 1..) => {
+            "damaged: check the cable, its plugs and its shield; dropped: the computer did not fetch packets \
+             in time, see kernel, priority, CPUs and interrupts"
+        }
         _ => "check the cable, its plugs and its shield, and where it runs beside motor cables",
     };
     Finding::new(FigureVerdict::Look, check, figure, advice)
@@ -418,6 +422,7 @@ mod tests {
         for (finding, advice) in [
             (of(3, 0), "cable"),
             (of(3, 1), "cable"),
+            (of(3, 1), "in time"),
             (of(0, 1), "in time"),
         ] {
             assert_eq!(finding.verdict, Look, "{finding:?}");
