@@ -70,12 +70,11 @@ impl Pacer {
         if self.started.is_none() && self.is_behind() {
             self.rest(bus, self.period);
         }
-        let (started, from) = match self.started.take() {
-            Some((started, from)) => (Ok(started), from),
-            None => {
-                let from = bus.now();
-                (exchanges.start_read(bus, words, self.ask(extra)), from)
-            }
+        let (started, from) = if let Some((started, from)) = self.started.take() {
+            (Ok(started), from)
+        } else {
+            let from = bus.now();
+            (exchanges.start_read(bus, words, self.ask(extra)), from)
         };
         let (extra, result) = match started {
             Ok(started) => (started.extra, exchanges.finish(bus, words, started)),
