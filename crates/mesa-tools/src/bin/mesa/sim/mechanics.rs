@@ -49,17 +49,15 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
         });
     }
     if let Some(estop) = &plan.estop {
-        for &(channel, line) in &estop.cuts_field {
-            let device = machine.device(Slot::channel(channel));
+        for &(slot, line) in &estop.cuts_field {
+            let device = machine.device(slot);
             device.map_err(|error| format!("line {line}: estop.cuts_field: {error}"))?;
         }
-        let channels = estop.cuts_field.iter();
+        let slots = estop.cuts_field.iter();
         machine.fpga().set_estop(EstopConfig {
             inputs: estop.inputs.iter().map(|wire| wire.terminal).collect(),
             cuts_drives: estop.cuts_drives,
-            cuts_field: channels
-                .map(|&(channel, _)| Slot::channel(channel).indices())
-                .collect(),
+            cuts_field: slots.map(|(slot, _)| slot.indices()).collect(),
         });
     }
     Ok(())
@@ -227,7 +225,10 @@ pub fn inventory(plan: &Plan, text: &mut String) {
 
 fn place(terminal: SimTerminal) -> String {
     match terminal {
-        SimTerminal::Remote { channel, input, .. } => format!("channel {channel} input {input}"),
+        SimTerminal::Remote { input, .. } => match Slot::of(terminal) {
+            Some(slot) => format!("channel {slot} input {input}"),
+            None => format!("input {input} of no channel"),
+        },
         SimTerminal::Board { input } => format!("input {input} of the board"),
         SimTerminal::Pin { pin } => format!("pin {pin}"),
     }

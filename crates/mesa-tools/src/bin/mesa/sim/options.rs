@@ -446,7 +446,7 @@ pub struct MachineOptions {
 
 impl MachineOptions {
     /// Creates the options of a board with its usual motors.
-    fn new(board: Board, remotes: Vec<RemoteOption>) -> Self {
+    pub fn new(board: Board, remotes: Vec<RemoteOption>) -> Self {
         Self {
             board,
             firmware: None,
@@ -460,13 +460,22 @@ impl MachineOptions {
 }
 
 impl MachineOptions {
+    /// Maximum number of channels of each serial port.
+    pub fn channels(&self) -> Result<Vec<u8>, String> {
+        let Some(image) = &self.firmware else {
+            return Ok(self.board.channels());
+        };
+        let fpga = SimFpga::from_image(image).map_err(|error| error.to_string())?;
+        Ok(slot::channels(&fpga))
+    }
+
     /// True for a board on the PCI bus.
     pub const fn is_on_pci(&self) -> bool {
         self.board.is_on_pci()
     }
 
     /// Creates the options of a board with the firmware of an image.
-    fn of_firmware(path: &Path, remotes: Vec<RemoteOption>) -> Result<Self, String> {
+    pub fn of_firmware(path: &Path, remotes: Vec<RemoteOption>) -> Result<Self, String> {
         let in_file = |error: &dyn Error| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| in_file(&error))?;
         let image = FirmwareImage::parse(&text).map_err(|error| in_file(&error))?;

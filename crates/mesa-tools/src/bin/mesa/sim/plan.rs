@@ -4,6 +4,8 @@ use std::net::Ipv4Addr;
 
 use mesa_hal_sim::{Motor, SimTerminal, Stepper};
 
+use super::slot::Slot;
+
 /// Axes, switches, handwheels and emergency stop. Without axes, each axis of the board has its
 /// usual motor.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -76,7 +78,7 @@ pub struct EstopPlan {
     pub inputs: Vec<Wire>,
     pub cuts_drives: bool,
     /// Channels, each with its line in the description.
-    pub cuts_field: Vec<(u8, usize)>,
+    pub cuts_field: Vec<(Slot, usize)>,
 }
 
 /// A wire to an input, with its line in the description.

@@ -35,7 +35,8 @@ const MAX_WHEELS: usize = 8;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Machine {
-    board: Spanned<String>,
+    board: Option<Spanned<String>>,
+    firmware: Option<Spanned<String>>,
     listen: Option<Ipv4Addr>,
     port: Option<u16>,
     mac: Option<Spanned<String>>,
@@ -53,6 +54,8 @@ struct Machine {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Remote {
+    #[serde(default)]
+    port: u8,
     channel: Spanned<u8>,
     device: Spanned<String>,
     mode: Option<Spanned<u8>>,
@@ -91,13 +94,22 @@ struct Estop {
     #[serde(default)]
     cuts_drives: bool,
     #[serde(default)]
-    cuts_field: Vec<Spanned<u8>>,
+    cuts_field: Vec<Spanned<Place>>,
+}
+
+/// A channel: its number on serial port 0, or `"PORT.CH"`.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Place {
+    Channel(u8),
+    Slot(String),
 }
 
 /// An input of a remote, an input of the board, or an I/O pin.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WireTable {
+    port: Option<u8>,
     channel: Option<u8>,
     input: Option<u16>,
     pin: Option<u16>,
@@ -117,11 +129,9 @@ pub fn read(path: &Path) -> Result<MachineOptions, String> {
 fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
     let lines = Lines(text);
     let file: Machine = toml::from_str(text).map_err(|error| lines.not_toml(&error))?;
-    let board = Board::from_str(file.board.get_ref(), true).map_err(|_| {
-        let allowed = format!("allowed are {}", Board::names());
-        lines.wrong(&file.board, "board", &allowed)
-    })?;
-    let remotes = remotes(&lines, board, &file.remote, directory)?;
+    let base = base(&lines, &file, directory)?;
+    let board = base.board;
+    let remotes = remotes(&lines, &base.channels()?, &file.remote, directory)?;
     let mac = file
         .mac
         .as_ref()
@@ -136,22 +146,42 @@ fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
         port: file.port,
     };
     let machine = MachineOptions {
-        board,
-        firmware: None,
         ip: plan.listen.unwrap_or(Ipv4Addr::LOCALHOST),
         mac: mac.transpose()?,
         remotes,
-        seed: 1,
         plan,
+        ..base
     };
     // Building the machine checks the inputs and pins, which only the board knows.
     Built::new(&machine).map_err(|error| error.to_string())?;
     Ok(machine)
 }
 
+/// The board by its name, or any board by the image of its firmware, with nothing connected.
+fn base(lines: &Lines<'_>, file: &Machine, directory: &Path) -> Result<MachineOptions, String> {
+    let keys = "allowed is one of `board` and `firmware`: the name of a board, or a file with the \
+                identity memory of its firmware";
+    match (&file.board, &file.firmware) {
+        (Some(name), None) => {
+            let board = Board::from_str(name.get_ref(), true).map_err(|_| {
+                let allowed = format!("allowed are {}", Board::names());
+                lines.wrong(name, "board", &allowed)
+            })?;
+            Ok(MachineOptions::new(board, Vec::new()))
+        }
+        (None, Some(image)) => {
+            let path = directory.join(image.get_ref());
+            MachineOptions::of_firmware(&path, Vec::new())
+                .map_err(|error| lines.wrong(image, "firmware", &error))
+        }
+        (Some(_), Some(image)) => Err(lines.wrong(image, "firmware", keys)),
+        (None, None) => Err(format!("no board: {keys}")),
+    }
+}
+
 fn remotes(
     lines: &Lines<'_>,
-    board: Board,
+    channels: &[u8],
     tables: &[Remote],
     directory: &Path,
 ) -> Result<Vec<RemoteOption>, String> {
@@ -170,12 +200,15 @@ fn remotes(
                 .map_err(|error| lines.wrong(mode, "remote.mode", &error.to_string()))?;
         }
         remotes.push(RemoteOption {
-            slot: Slot::channel(*table.channel.get_ref()),
+            slot: Slot {
+                port: table.port,
+                channel: *table.channel.get_ref(),
+            },
             device,
             mode: table.mode.as_ref().map(|mode| *mode.get_ref()),
             setup: table.setup,
         });
-        check_slots(&board.channels(), &remotes)
+        check_slots(channels, &remotes)
             .map_err(|reason| lines.wrong(&table.channel, "remote.channel", &reason))?;
     }
     Ok(remotes)
@@ -255,29 +288,35 @@ fn wheels(lines: &Lines<'_>, tables: &[Wheel]) -> Result<Vec<WheelPlan>, String>
 fn chain(lines: &Lines<'_>, table: &Estop) -> Result<EstopPlan, String> {
     let inputs = table.inputs.iter();
     let inputs = inputs.map(|input| wire(lines, input, "estop.inputs"));
+    let cut = |place: &Spanned<Place>| {
+        let slot = match place.get_ref() {
+            Place::Channel(channel) => Ok(Slot::channel(*channel)),
+            Place::Slot(text) => text.parse(),
+        };
+        let slot = slot.map_err(|error| lines.wrong(place, "estop.cuts_field", &error))?;
+        Ok::<_, String>((slot, lines.number_of(place.span().start)))
+    };
     Ok(EstopPlan {
         inputs: inputs.collect::<Result<_, _>>()?,
         cuts_drives: table.cuts_drives,
-        cuts_field: table
-            .cuts_field
-            .iter()
-            .map(|channel| (*channel.get_ref(), lines.number_of(channel.span().start)))
-            .collect(),
+        cuts_field: table.cuts_field.iter().map(cut).collect::<Result<_, _>>()?,
     })
 }
 
 fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire, String> {
     let terminal = match *table.get_ref() {
         WireTable {
+            port,
             channel: Some(channel),
             input: Some(input),
             pin: None,
         } => SimTerminal::Remote {
-            port: PORT.into(),
+            port: port.unwrap_or(PORT).into(),
             channel: channel.into(),
             input: input.into(),
         },
         WireTable {
+            port: None,
             channel: None,
             input: Some(input),
             pin: None,
@@ -285,13 +324,14 @@ fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire
             input: input.into(),
         },
         WireTable {
+            port: None,
             channel: None,
             input: None,
             pin: Some(pin),
         } => SimTerminal::Pin { pin: pin.into() },
         _ => {
-            let allowed = "allowed are { channel = CH, input = N } for an input of a remote, \
-                           { input = N } for one of the board, { pin = N } for an I/O pin";
+            let allowed = "allowed are { channel = CH, input = N } for an input of a remote (with \
+                           port = P on a serial port other than 0), { input = N } for one of the board, { pin = N } for an I/O pin";
             return Err(lines.wrong(table, key, allowed));
         }
     };

@@ -119,7 +119,7 @@ const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "board",
         "bord = \"7i97\"",
         "bord",
-        "expected one of `board`",
+        "expected one of `board`, `firmware`",
     ),
     ("mac", "mac = \"7\"", "mac", "00:60:1b:1b:00:97"),
     ("channel", "channel = 8", "remote.channel", "0 to 7"),
@@ -244,6 +244,95 @@ const STEPPER_MISTAKES: &[(&str, &str, &str, &str)] = &[
     ),
     ("board", "board = \"7i97\"", "axis.stepgen", "has none"),
 ];
+
+/// A board with three serial ports.
+const PORTS: &str = r#"
+firmware = "7I80HD-SSSV18_12_72-2016.txt"
+[[remote]]
+channel = 0
+device = "7i77-io"
+[[remote]]
+port = 1
+channel = 3
+device = "7i84u"
+[[remote]]
+port = 2
+channel = 0
+device = "7i72"
+mode = 1
+[estop]
+inputs = [{ port = 1, channel = 3, input = 31 }]
+cuts_field = [0, "1.3"]
+"#;
+
+fn ports(text: &str) -> Result<MachineOptions, String> {
+    let firmwares = "../../tests/transcripts/firmwares";
+    parse(text, &Path::new(env!("CARGO_MANIFEST_DIR")).join(firmwares))
+}
+
+#[test]
+fn remotes_are_on_any_serial_port_of_a_firmware() {
+    let options = ports(PORTS).unwrap();
+    assert_eq!(options.board, Board::Firmware);
+    let mut machine = Built::new(&options).unwrap();
+    let slots = machine.remotes.iter().map(|remote| remote.slot.to_string());
+    assert_eq!(slots.collect::<Vec<_>>(), ["0", "1.3", "2.0"]);
+    let inventory = machine.inventory();
+    assert!(inventory.contains("channel 1.3: 7i84u"), "{inventory}");
+    assert!(
+        inventory.contains("emergency stop: channel 1.3 input 31"),
+        "{inventory}"
+    );
+    let slot = Slot {
+        port: 1,
+        channel: 3,
+    };
+    let field = |machine: &mut Built| {
+        let inputs = machine.device(slot).unwrap().inputs();
+        let field = inputs.into_iter().find(|(name, _)| name == "fieldvoltage");
+        format!("{:?}", field.unwrap().1)
+    };
+    let before = field(&mut machine);
+    machine.fpga().press_estop(true);
+    assert_ne!(field(&mut machine), before, "the stop cuts its field power");
+}
+
+#[test]
+fn a_place_that_a_firmware_does_not_have_is_refused() {
+    for (from, to, said) in [
+        ("port = 2", "port = 3", "this board has ports 0 to 2"),
+        (
+            "port = 2\nchannel = 0",
+            "port = 1\nchannel = 3",
+            "two remotes on channel 1.3",
+        ),
+        ("\"1.3\"", "\"1.4\"", "no remote belongs to channel 1.4"),
+        ("\"1.3\"", "\"x\"", "`x` is no channel"),
+        (
+            "port = 1, channel = 3, input",
+            "port = 2, channel = 1, input",
+            "channel 2.1",
+        ),
+        (
+            "firmware = ",
+            "board = \"7i97\"\nfirmware = ",
+            "allowed is one of",
+        ),
+        ("firmware = \"7I80HD", "firmware = \"none", "none-SSSV18"),
+        (
+            "firmware = ",
+            "listen = \"127.0.0.1\" # ",
+            "no board: allowed is one of",
+        ),
+    ] {
+        assert!(PORTS.contains(from), "{from}");
+        let error = ports(&PORTS.replace(from, to)).unwrap_err();
+        assert!(error.contains(said), "{to}: {error}");
+    }
+    let both = "[[axis]]\nname = \"x\"\n";
+    let error = ports(&format!("{PORTS}{both}")).unwrap_err();
+    assert!(error.contains("0 outputs"), "{error}");
+}
 
 #[test]
 fn an_error_names_its_line_its_key_and_what_is_allowed() {
