@@ -220,7 +220,7 @@ impl EncoderState {
         }
         let step = sample.timestamp.wrapping_sub(*ticks as u16);
         *ticks = ticks.saturating_add(u64::from(step));
-        last.asked = sample.asked;
+        (last.asked, last.at) = (sample.asked, sample.at);
         self.clears_error = false;
         self.has_rested = true;
         true
@@ -357,9 +357,9 @@ impl EncoderState {
     fn is_ambiguous(&mut self, last: EncoderSample, sample: EncoderSample) -> bool {
         let rawcounts = self.reading.rawcounts;
         if take(&mut self.has_rested) || self.last.is_none() {
-            self.reach = Reach::standing(last.asked, rawcounts);
+            self.reach = Reach::standing(last.at, rawcounts);
         } else {
-            self.reach.note(last.asked, rawcounts);
+            self.reach.note(last.at, rawcounts);
         }
         let must_go_on = take(&mut self.must_go_on);
         // With the time of the last edge.
