@@ -9,6 +9,7 @@ use mesa_hal::driver::{BoardState, Events, SerialPort};
 use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, Value};
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
+use crate::dpll::Dpll;
 use crate::gpio::Gpio;
 use crate::interface::Interface;
 use crate::loss::Losses;
@@ -118,8 +119,7 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     rearming: Rearming,
     /// Those whose clearing re-arms everything.
     acknowledged: [Option<PinId>; 2],
-    /// The pin of the DPLL's frequency, which follows the period.
-    frequency: Option<PinId>,
+    dpll: Dpll,
     /// Number in HAL of the parameter `io_error`.
     io_error: Option<usize>,
     /// The parameters that remotes keep.
@@ -158,7 +158,6 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let mut table = Table::new(pins, &mut memory);
         let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
         let acknowledged = [id("watchdog.has_bit"), id("io_error")];
-        let frequency = id("dpll.base-freq-khz");
         if let Some(io_error) = id("io_error") {
             table.acknowledge_by(io_error);
         }
@@ -188,9 +187,11 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         });
         let rearming = Rearming::new(ports.collect(), run_of(&run, &memory));
         let events = driver.events();
+        let dpll = Dpll::new(driver.name(), driver.pins());
         let gpio = Gpio::new(driver.firmware(), driver.name(), driver.pins());
         Self {
             table,
+            dpll,
             gpio,
             events,
             say,
@@ -199,7 +200,6 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             outputs: Outputs::new(&driver),
             rearming,
             acknowledged,
-            frequency,
             io_error,
             requests: Vec::with_capacity(in_remotes.len()),
             in_remotes,
@@ -323,6 +323,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.table.after_write(self.driver.pins(), &mut self.memory);
         self.show_own();
         self.say_events();
+        self.say_dpll();
     }
 
     /// The function `read-request`.
@@ -384,7 +385,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             return;
         }
         self.take_changes(Table::before_write);
-        let before = self.frequency.map(|id| self.driver.pins().bits_of(id));
+        let frequency = self.dpll.frequency();
+        let before = frequency.map(|id| self.driver.pins().bits_of(id));
         if let Err(error) = self.driver.set_period(period) {
             let (names, error) = (&self.names, &error);
             let text = RefusedPeriod { names, error };
@@ -396,8 +398,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             return;
         }
         self.has_begun = true;
+        self.dpll.begin(period, self.driver.pins());
         // As in hostmot2, HAL's pin gets the frequency; else HAL's old value would set it again.
-        if let Some(id) = self.frequency {
+        if let Some(id) = frequency {
             let bits = self.driver.pins().bits_of(id);
             if before != Some(bits) {
                 self.memory.store(id.index(), bits);

@@ -42,6 +42,7 @@
 mod advice;
 mod component;
 mod cycle;
+mod dpll;
 mod ffi;
 mod gpio;
 mod interface;

@@ -90,6 +90,14 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         state.is_some_and(|state| !state.armed && state.age.time > START)
     }
 
+    /// Says once that the DPLL cannot follow the thread, and once that a timer is set nevertheless.
+    pub(super) fn say_dpll(&mut self) {
+        if let Some((level, text)) = self.dpll.news(&self.memory) {
+            let now = since_start(self.driver.bus_mut().now());
+            self.say.say(now, level, format_args!("{text}"));
+        }
+    }
+
     /// Says once that too many packets are lost.
     pub(super) fn say_losses(&mut self) {
         let statistics = self.driver.statistics();

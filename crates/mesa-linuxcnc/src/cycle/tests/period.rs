@@ -229,3 +229,51 @@ fn periods_of_50_us_to_50_ms_are_accepted() {
         assert_eq!(shown, expected, "{micros} us");
     }
 }
+
+/// Without cards, whose watchdogs are too short for such a thread.
+#[test]
+fn a_dpll_that_cannot_follow_is_an_error_where_a_timer_is_set() {
+    let words = "num_encoders=6 sserial_port_0=xxxxxxxx";
+    let alone = "board: the DPLL cannot follow a thread of 12 ms, and stays at 1 kHz";
+    let note = format!("{alone}; no timer-number is set, so nothing depends on it");
+    let error = format!(
+        "{alone}: encoder.timer-number = 1 latches positions up to 1 ms before they are read; set it to -1, or \
+         choose a faster thread"
+    );
+    let none: &[&str] = &[];
+    for (millis, before, after, notes, errors) in [
+        (12, -1, -1, &[&*note][..], none),
+        (12, 1, 1, none, &[&*error]),
+        // Set while the thread runs.
+        (12, -1, 1, &[&note], &[&error]),
+        (10, 1, 1, none, none),
+    ] {
+        let settings = Settings::from_hostmot2(words).expect("words");
+        let mut bench = Bench::with(settings);
+        bench.period = Duration::from_millis(millis);
+        for timer in [before, after] {
+            bench.set("encoder.timer-number", timer);
+            bench.run(100);
+        }
+        let about = |level| {
+            let heard = bench.heard(level).into_iter();
+            heard
+                .filter(|text| text.contains("DPLL"))
+                .collect::<Vec<_>>()
+        };
+        let told = format!("{millis} ms, {before}, {after}");
+        assert_eq!(about(Level::Note), notes, "{told}");
+        assert_eq!(about(Level::Error), errors, "{told}");
+    }
+    // By the user: nobody expects that it follows.
+    let settings = Settings::from_hostmot2(words).expect("words");
+    let mut bench = Bench::with(settings);
+    bench.period = Duration::from_millis(12);
+    bench.set("dpll.base-freq-khz", 2.0);
+    bench.set("encoder.timer-number", 1);
+    bench.run(100);
+    let is_about = |text: &String| text.contains("DPLL");
+    for level in [Level::Note, Level::Error] {
+        assert!(!bench.heard(level).iter().any(is_about), "{level:?}");
+    }
+}
