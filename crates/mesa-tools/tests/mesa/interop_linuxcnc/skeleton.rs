@@ -109,6 +109,32 @@ fn check_emergency_stop(machine: &mut Machine, drives: Drives) {
     machine.expect_signal("estop-ok", is("FALSE"));
 }
 
+/// A card that is pulled stops its port, as hostmot2 does it, and that the machine, until the port is switched
+/// off and on as board.hal says.
+fn check_pulled_card(machine: &mut Machine) {
+    press(machine, "estop.reset", "estop-ok");
+    let port = "hm2_7i92.0.sserial.port-0";
+    machine.hal(&format!("setp {port}.fault-lim 200"));
+    machine.board.run("unplug 2");
+    machine.expect_signal("port-0-runs", is("FALSE"));
+    machine.expect_signal("estop-ports-ok", is("FALSE"));
+    machine.expect_signal("estop-ok", is("FALSE"));
+    machine.board.run("plug 2");
+    machine.hal(&format!("setp {port}.fault-lim 1000000"));
+    machine.expect_signal("port-0-runs", is("FALSE"));
+    // A late packet can spoil a start of hostmot2's.
+    for _ in 0..30 {
+        for run in ["false", "true"] {
+            machine.hal(&format!("setp {port}.run {run}"));
+            std::thread::sleep(Duration::from_millis(300));
+        }
+        if machine.signal("port-0-runs") == "TRUE" {
+            break;
+        }
+    }
+    press(machine, "estop.reset", "estop-ok");
+}
+
 /// Presses a button of LinuxCNC's screen until a signal is on: on a busy machine a thread of 1 kHz
 /// can stand still for longer than LinuxCNC holds a request.
 fn press(machine: &mut Machine, button: &str, signal: &str) {
@@ -142,6 +168,7 @@ fn all_of_linuxcnc_runs_with_what_is_written_of_a_7i92_with_a_7i77_and_a_7i72() 
     machine.hal("sets 7i72-0-2-output-40 true");
     machine.expect_board("2", "remote.2.output-40", |on| on == 1.0);
     check_drives_are_off(&mut machine, DRIVES_7I77);
+    check_pulled_card(&mut machine);
     machine.stop();
 }
 

@@ -214,7 +214,20 @@ fn validity_of_every_card_is_in_the_chain_of_mesa_eth() {
             "\nnet estop-reset => hm2_7i92.0.7i72.0.2.rearm\n",
         ],
     );
+    for word in ["port_state", "estop-ports"] {
+        assert!(!motion.contains(word), "{word}: {motion}");
+    }
     let theirs = text(&json(&arguments), "motion.hal");
+    // hostmot2 stops the whole port of a card that fails.
+    has(
+        &theirs,
+        &[
+            "\nnet port-0-state-number <= hm2_7i92.0.sserial.port-0.port_state => port-0-state.in\n",
+            "\nnet port-0-runs <= port-0-runs.out => ports-run.in-00\n",
+            "\nnet ports-stopped => estop-ports.fault-in\n",
+            "=> estop-ports.ok-in\n",
+        ],
+    );
     for word in [".valid", ".rearm", "unhome", "unsure"] {
         assert!(!theirs.contains(word), "{word}: {theirs}");
     }

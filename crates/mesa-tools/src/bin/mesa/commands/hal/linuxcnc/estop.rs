@@ -30,6 +30,11 @@ const NETWORK: Link = Link {
     fault: "board-lost",
     ok: "estop-network-ok",
 };
+const PORTS: Link = Link {
+    name: "estop-ports",
+    fault: "ports-stopped",
+    ok: "estop-ports-ok",
+};
 const INPUTS: Link = Link {
     name: "estop-inputs",
     fault: "inputs-invalid",
@@ -66,6 +71,9 @@ pub fn chain(
             text += &positions_known(machine, parts);
             links.push(POSITION);
         }
+    } else if machine.used_ports().next().is_some() {
+        text += &ports_run(machine, parts);
+        links.push(PORTS);
     }
     links.push(BUTTON);
     let reset = if is_ours {
@@ -119,6 +127,39 @@ fn button(terminals: &mut Terminals<'_>) -> String {
          # TODO: the input of the button; until then it counts as pressed. For a normally closed contact:\n\
          {line}"
     )
+}
+
+/// Each serial port with cards has to run: hostmot2 has no pin for a single card, and stops the whole port
+/// when one of its cards fails.
+fn ports_run(machine: &Machine, parts: &mut Parts) -> String {
+    let mut text = String::from(
+        "\n# Each serial port runs, which is state 3. hostmot2 stops a port when one of its cards fails; its\n\
+         # outputs are off then, and its inputs, such as switches, keep their last values.\n",
+    );
+    let board = &machine.board;
+    let ports: Vec<u8> = machine.used_ports().collect();
+    for port in &ports {
+        let (state, runs) = (format!("port-{port}-state"), format!("port-{port}-runs"));
+        parts.add("conv_u32_float", &state);
+        parts.add("wcomp", &runs);
+        let _ = write!(
+            text,
+            "net {state}-number <= {board}.sserial.port-{port}.port_state => {state}.in\n\
+             net {state} <= {state}.out => {runs}.in\n\
+             setp {runs}.min 2.5\n\
+             setp {runs}.max 3.5\n"
+        );
+    }
+    parts.add_logic("0x1", ports.len(), "ports-run");
+    parts.add("not", "ports-stopped");
+    for (input, port) in ports.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "net port-{port}-runs <= port-{port}-runs.out => ports-run.in-{input:02}"
+        );
+    }
+    text + "net ports-run <= ports-run.and => ports-stopped.in\n\
+            net ports-stopped <= ports-stopped.out\n"
 }
 
 /// Inputs of the board and of each card have to be valid, apart from single lost transfers.
