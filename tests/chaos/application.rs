@@ -350,7 +350,7 @@ impl Application {
             stepper.check_motor(motor, now, (jolts, good && runs && armed))?;
             stepper.jolted(jolts);
             if jolts.is_lost {
-                stepper.lost(self.board.is_retimed);
+                stepper.lost(self.board.is_retimed, jolts.is_reset);
             } else if self.board.was_retimed && driver.board_state() == BoardState::Reset {
                 stepper.is_taken_for_reset();
             } else if good && runs {

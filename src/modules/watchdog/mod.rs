@@ -48,9 +48,9 @@ pub struct Watchdog {
     is_fed: bool,
     /// The last write that restarted it.
     fed: Option<Feed>,
-    /// End of that write, and the last one that was known to have restarted it then.
+    /// End of that write, and the write before it.
     fed_by: Instant,
-    confirmed_before: Option<Feed>,
+    fed_before: Option<Feed>,
     /// The last write that is known to have restarted it, by evidence read after it.
     confirmed: Option<Feed>,
     /// The first and the last write since then that may have restarted it, except those that have
@@ -164,7 +164,7 @@ impl Watchdog {
             is_fed: false,
             fed: None,
             fed_by: Instant::default(),
-            confirmed_before: None,
+            fed_before: None,
             confirmed: None,
             unconfirmed: None,
             starved: None,
@@ -219,8 +219,8 @@ impl Watchdog {
     fn note_feed(&mut self, feed: Feed, by: Instant, arrived: bool) {
         let is_late = |fed: &Feed| feed.at >= fed.bitten_at();
         self.starved = self.starved.or(self.fed.filter(is_late));
-        (self.fed, self.fed_by) = (Some(feed), by);
-        self.confirmed_before = self.confirmed;
+        self.fed_before = self.fed.replace(feed);
+        self.fed_by = by;
         if arrived {
             let [first, _] = self.unconfirmed.unwrap_or([feed; 2]);
             self.unconfirmed = Some([first, feed]);
@@ -301,17 +301,17 @@ impl Watchdog {
     /// without a time of its own; a bite of a board that was set up needs a silence longer than its
     /// time since a write that has arrived before it could bite.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
-        // Whatever time of the cycle is in use.
-        let is_short = |fed: Feed, by: Instant| by.since(fed.at) < self.longest_time;
-        let before = self.confirmed_before;
-        // The last write ended before the watchdog could bite, if it arrived.
-        let is_in_time = before.is_none_or(|before| is_short(before, self.fed_by));
+        // The last write ended before the watchdog could bite, as each one before it.
+        let is_in_time = |before: Feed| self.fed_by < before.bitten_at();
+        let is_in_time = self.starved.is_none() && self.fed_before.is_none_or(is_in_time);
         let cannot_bite = if is_certain && is_in_time {
             self.fed.is_some_and(|fed| now < fed.bitten_at())
         } else {
-            self.confirmed.is_some_and(|fed| is_short(fed, now))
+            // Whatever time of the cycle is in use.
+            let is_short = |fed: Feed| now.since(fed.at) < self.longest_time;
+            !is_counting(time) && self.confirmed.is_some_and(is_short)
         };
-        if !is_counting(time) && cannot_bite {
+        if cannot_bite {
             BoardState::Reset
         } else {
             BoardState::WatchdogBitten

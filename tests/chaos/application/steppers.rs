@@ -242,14 +242,15 @@ impl StepAxis {
 
     /// The board has been set up again, or will be: its steps meanwhile are not known. If the last write
     /// gives another time to the watchdog and the host stalls in it, nobody knows which one was in force.
-    pub(super) fn lost(&mut self, is_retimed: bool) {
+    pub(super) fn lost(&mut self, is_retimed: bool, is_reset: bool) {
         self.must_doubt |= self.is_begun;
         let wrong = if is_retimed {
             self.at_full_speed(LONGEST_WATCHDOG) as f64
         } else {
             0.0
         };
-        if let Some([least, most]) = self.zero.take() {
+        let zero = self.zero.take().filter(|_| !is_reset);
+        if let Some([least, most]) = zero {
             self.estimate = Some(([least - wrong, most + wrong], 0));
         }
     }
