@@ -256,7 +256,8 @@ impl Generator {
             has_stopped = until < feed.bitten_at;
             gap = until.since(read_at).as_secs_f64();
             ran = feed.bitten_at.since(read_at).as_secs_f64();
-            speed = if feed.at > read_at { first } else { before };
+            let is_after = feed.at > read_at || !is_old && feed.at == read_at;
+            speed = if is_after { first } else { before };
             is_last = feed.is_last && !self.rate.has_failed();
         }
         let by_time = (speed * ran) as i64;
