@@ -218,6 +218,15 @@ impl FieldIo {
         Self::with_spindle(&I7I76EU.card("7I76", 0x1A00_0002, &MODES_7I76)?)
     }
 
+    /// A 7I76U: the 7I76 of a 7I76EU as a card of its own, which is assumed to differ in the top byte of
+    /// its unit number only.
+    ///
+    /// # Errors
+    /// None: a test proves that its description is valid.
+    pub fn i7i76u() -> Result<SimRemote<Device<Self>>, DescriptionError> {
+        Self::with_spindle(&I7I76EU.card("7I76", 0x1000_0002, &MODES_7I76)?)
+    }
+
     /// A card with a spindle output and this description.
     ///
     /// # Errors

@@ -62,3 +62,15 @@ fn an_instance_of_none_is_in_the_table_only() {
             .any(|module| module["module"] == "StepGen (05)")
     );
 }
+
+#[test]
+fn a_7i76eu_has_its_card_on_its_own_serial_port() {
+    let machine = format!("{},0=7i76eu", image("7I76E-7I76_7I88SS_7I89D_51"));
+    let found = json(&["info", "--sim", &machine]);
+    let remote = &found["serial_ports"][0]["channels"][0]["remote"];
+    assert_eq!(remote["name"], "7I76");
+    let parameters = remote["parameters"].to_string();
+    for name in ["Output_Source", "Output_Sink", "SpinMode"] {
+        assert!(parameters.contains(name), "{name}: {parameters}");
+    }
+}

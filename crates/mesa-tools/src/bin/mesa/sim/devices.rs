@@ -21,7 +21,7 @@ pub const I7I76: &str = "7i76";
 type Make = fn() -> Result<Box<dyn RemoteEnd>, DescriptionError>;
 
 /// Devices that are known by name.
-const KNOWN: [(&str, Make); 17] = [
+const KNOWN: [(&str, Make); 18] = [
     (FIELD_IO, || Ok(Box::new(FieldIo::i7i77()?))),
     (ANALOG, || Ok(Box::new(Analog::i7i77()?))),
     ("7i64", || Ok(Box::new(Plain::i7i64()?))),
@@ -37,6 +37,7 @@ const KNOWN: [(&str, Make); 17] = [
     }),
     ("7i76e", || Ok(Box::new(FieldIo::i7i76e()?))),
     ("7i76eu", || Ok(Box::new(FieldIo::i7i76eu()?))),
+    ("7i76u", || Ok(Box::new(FieldIo::i7i76u()?))),
     ("7i83", || Ok(Box::new(Plain::i7i83()?))),
     ("7i84", || Ok(Box::new(FieldIo::i7i84()?))),
     ("7i84u", || Ok(Box::new(FieldIo::i7i84u()?))),

@@ -21,9 +21,9 @@ The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I7
 channels 1 to 3. A 7I76 has 7i76 on 0, and its expansion connector is 1.
 
 Devices: 7i77-io, 7i77-analog, 7i64, 7i69, 7i70, 7i71, 7i72, 7i73, 7i73-display, 7i76, 7i76-r14 (an
-older 7I76, of software revision 14), 7i76e and 7i76eu (the 7I76 of these boards), 7i83, 7i84,
-7i84u, 7i87. What is not known of their records is listed in docs/gateware.md, FACTS 8.8. A 7I90 is
-a board: --firmware.
+older 7I76, of software revision 14), 7i76e and 7i76eu (the 7I76 of these boards), 7i76u, 7i83,
+7i84, 7i84u, 7i87. What is not known of their records is listed in docs/gateware.md, FACTS 8.7 and
+8.8. A 7I90 is a board: --firmware.
 
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
