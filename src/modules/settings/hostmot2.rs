@@ -116,7 +116,7 @@ impl Settings {
     /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | the same: absolute encoders are not driven |
     /// | `stepgen_width=N` | [number of outputs](Self::stepgen_width) of a step generator |
     /// | `firmware=F` | nothing, with a [remark](NotedWord::Firmware): the board has its firmware |
-    /// | `enable_raw` | refused: there are no pins `raw.*` |
+    /// | `enable_raw` | refused: there are no pins `raw.*`, which read and write any register |
     ///
     /// The values of pins and parameters are [those of LinuxCNC](Defaults::LinuxCnc), without any
     /// word as well. A number beyond that of the firmware is refused when the board is identified,
@@ -159,7 +159,10 @@ impl Settings {
             return Ok(());
         }
         if word.starts_with("enable_raw") {
-            return refuse("no raw access: this driver has no pins `raw.*`");
+            return refuse(
+                "no raw access, for which this driver has no pins `raw.*`: leave the word out; `mesa peek \
+                 --passive` reads registers",
+            );
         }
         let Some((name, value)) = word.split_once('=') else {
             return refuse(KNOWN);
@@ -433,7 +436,7 @@ mod tests {
             ),
             ("stepgen_width=two", "stepgen_width=two", "a number"),
             ("stepgen_width=99", "stepgen_width=99", "0 to 8"),
-            ("enable_raw", "enable_raw", "raw.*"),
+            ("enable_raw", "enable_raw", "leave the word out"),
         ] {
             let error = Settings::from_hostmot2(config).expect_err(config);
             assert_eq!(error.found, word);

@@ -1,6 +1,7 @@
 //! A board's cycle on virtual time, over a HAL that is a vector.
 
 mod fresh;
+mod manual;
 mod messages;
 mod page_faults;
 mod period;
