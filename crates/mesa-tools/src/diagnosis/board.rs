@@ -17,9 +17,35 @@ use mesa_hal::lbp16::registers::{eeprom, read_only};
 /// Tolerance for lost or late replies: a machine runs with up to one in this number.
 const LOSS: u64 = 200;
 
-/// Judges the firmware of the Ethernet side.
+/// Describes an EEPROM of which Mesa's part, with card name and MAC address, was never written; `None`
+/// for a sound one.
+pub fn unwritten_eeprom(identity: &Identity) -> Option<String> {
+    // A multicast address is no board's own, and an erased one is FF:FF:FF:FF:FF:FF.
+    let has_mac = identity.mac.0[0] & 1 == 0 && identity.mac.0 != [0; 6];
+    let lacks = match (has_name(&identity.card), has_mac) {
+        (true, true) => return None,
+        (true, false) => "no MAC address",
+        (false, true) => "no card name",
+        (false, false) => "neither card name nor MAC address",
+    };
+    Some(format!(
+        "the EEPROM of the network side has {lacks}: it was never written, or is erased. Other programs refuse such \
+         a board, and its flash memory cannot be written: ask Mesa how to write the EEPROM"
+    ))
+}
+
+/// True for a card name that a board can have: an EEPROM that was never written has other characters.
+pub fn has_name(card: &str) -> bool {
+    card.starts_with(|first: char| first.is_ascii_alphanumeric())
+}
+
+/// Judges the firmware of the Ethernet side, and its EEPROM.
 pub fn firmware(identity: &Identity) -> Finding {
     let version = identity.firmware_version;
+    if let Some(unwritten) = unwritten_eeprom(identity) {
+        let (figure, advice) = unwritten.split_once(": ").unwrap_or((&unwritten, ""));
+        return Finding::new(FigureVerdict::Bad, "EEPROM", figure, advice);
+    }
     let figure = format!("{}, network firmware {version}", identity.card);
     let lacks = if version < read_only::RELOAD_FIRMWARE {
         "it cannot be reloaded over the network"
@@ -347,9 +373,36 @@ pub fn odd(remark: &Remark) -> Finding {
 
 #[cfg(test)]
 mod tests {
+    use mesa_hal::ethernet::{AddressSource, MacAddress};
+
     use super::*;
 
     const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn an_eeprom_that_was_never_written_is_bad_and_no_firmware_is_advised() {
+        let identity = |card: &str, mac| Identity {
+            card: card.into(),
+            mac: MacAddress(mac),
+            lbp_version: 3,
+            firmware_version: 16,
+            jumpers: 1,
+            address_from: AddressSource::Eeprom,
+            eeprom_ip: [10, 10, 10, 10].into(),
+            eeprom_netmask: None,
+        };
+        let mac = [0x00, 0x60, 0x1B, 0x10, 0x20, 0x30];
+        assert_eq!(firmware(&identity("7I97", mac)).verdict, FigureVerdict::Ok);
+        for (card, mac) in [("?", mac), ("", mac), ("7I97", [0xFF; 6]), ("7I97", [0; 6])] {
+            let finding = firmware(&identity(card, mac));
+            assert_eq!(finding.verdict, FigureVerdict::Bad, "{finding:?}");
+            let advice = finding.advice.clone().expect("advice");
+            assert!(
+                advice.contains("ask Mesa") && !advice.contains("mesaflash"),
+                "{advice}"
+            );
+        }
+    }
 
     #[test]
     fn a_watchdog_is_fed_by_three_periods_and_lets_nothing_run_on() {

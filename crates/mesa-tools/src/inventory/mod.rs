@@ -353,27 +353,10 @@ impl InventoryEthernet {
         let counted = counted.map(|(count, what)| format!("the board counted {what}: {count}"));
         let invalid = self.identity.address_from == mesa_hal::ethernet::AddressSource::Invalid;
         let jumpers = invalid.then(|| "the address jumpers are both up, which is invalid".into());
-        counted.chain(jumpers).chain(unwritten(&self.identity))
+        counted
+            .chain(jumpers)
+            .chain(crate::diagnosis::board::unwritten_eeprom(&self.identity))
     }
-}
-
-/// Finding about an EEPROM of which Mesa's part, with card name and MAC address, was never written.
-fn unwritten(identity: &mesa_hal::ethernet::Identity) -> Option<String> {
-    let has_name = identity
-        .card
-        .starts_with(|first: char| first.is_ascii_alphanumeric());
-    // A multicast address is no board's own, and an erased one is FF:FF:FF:FF:FF:FF.
-    let has_mac = identity.mac.0[0] & 1 == 0 && identity.mac.0 != [0; 6];
-    let lacks = match (has_name, has_mac) {
-        (true, true) => return None,
-        (true, false) => "no MAC address",
-        (false, true) => "no card name",
-        (false, false) => "neither card name nor MAC address",
-    };
-    Some(format!(
-        "the EEPROM of the network side has {lacks}: it was never written, or is erased. Other programs refuse such \
-         a board, and its flash memory cannot be written: ask Mesa how to write the EEPROM"
-    ))
 }
 
 impl InventoryRemote {

@@ -73,6 +73,12 @@ fn remote_of(parts: &[&str]) -> Option<RemoteId> {
     card.parse::<u32>().is_err().then_some(id)
 }
 
+/// The letters at the start of a signal.
+fn letters_of(signal: &str) -> &str {
+    let end = signal.find(|letter: char| !letter.is_ascii_alphabetic());
+    &signal[..end.unwrap_or(signal.len())]
+}
+
 /// A terminal or a signal as a person types it: `TB8-20`, `TB8.20`, `TB8 pin 20` or `OUTPUT3`,
 /// followed by ` of CARD` if several cards have it. Case is ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -115,21 +121,17 @@ impl Typed {
         !self.place.is_empty() && fits && self.card.as_ref().is_none_or(is_here)
     }
 
-    /// True if a pin has a signal that begins with the same letters.
+    /// True if a pin has a signal of the same letters, some of which may be left out at the end: `OUT0`
+    /// is like `OUTPUT0`.
     pub fn is_alike(&self, info: &PinInfo) -> bool {
-        let end = self
-            .place
-            .find(|letter: char| !letter.is_ascii_alphabetic());
-        let letters = &self.place[..end.unwrap_or(self.place.len())];
-        let rest = |signal: &str| {
-            signal
-                .to_lowercase()
-                .strip_prefix(letters)
-                .map(str::to_owned)
+        let own = letters_of(&self.place);
+        let is_like = |signal: &str| {
+            let signal = signal.to_lowercase();
+            let letters = letters_of(&signal);
+            let number = signal[letters.len()..].starts_with(|next: char| next.is_ascii_digit());
+            number && (letters.starts_with(own) || own.starts_with(letters) && !letters.is_empty())
         };
-        let mut signals = info.place.signal.split(", ").filter_map(rest);
-        !letters.is_empty()
-            && signals.any(|rest| rest.starts_with(|next: char| next.is_ascii_digit()))
+        !own.is_empty() && info.place.signal.split(", ").any(is_like)
     }
 
     /// True for the form of a terminal: a connector and the number of a pin.

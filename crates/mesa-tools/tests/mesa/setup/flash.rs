@@ -140,7 +140,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     assert_eq!(differs.code, Some(1), "{differs:?}");
     // One byte: damage.
     assert!(differs.err.contains("at 0x111170 is 0x"), "{differs:?}");
-    assert!(differs.err.contains("write again"), "{differs:?}");
+    assert!(differs.err.contains("write it again"), "{differs:?}");
     // All of it: what is there is sound, and nobody has tried to write this one.
     let mut another = configuration(70_000);
     another[200..].reverse();
@@ -152,7 +152,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
     assert_eq!(differs.code, Some(1), "{differs:?}");
     let said = "the user area (0x100000 to 0x120000) holds another configuration than ";
     assert!(differs.err.contains(said), "{differs:?}");
-    assert!(!differs.err.contains("write again"), "{differs:?}");
+    assert!(!differs.err.contains("write it again"), "{differs:?}");
 
     let (kept, bytes) = backup(&address, "flash-kept.bin");
     assert!(bytes.len() == 2 << 20 && bytes[USER..USER + data.len()] == data);

@@ -98,6 +98,11 @@ fn a_terminal_without_an_output_is_refused_with_what_is_there() {
             "OUTPUT77",
             "no output `output77`; the outputs with such a signal are ",
         ),
+        // Not the pin with the nearest name, which is at another terminal.
+        (
+            "OUT0",
+            "no output `out0`; the outputs with such a signal are hm2_7i92.0.7i77.0.0.output-00",
+        ),
         ("", "no pin or parameter ``"),
         ("TB8-20 of 7i77.0.1", "no "),
     ] {

@@ -4,6 +4,8 @@ use mesa_hal::boards::{BoardTable, FlashLayout};
 use mesa_hal::ethernet::{EthernetBoard, Identity};
 use mesa_hal::hostmot2::HostMot2;
 
+use mesa_tools::diagnosis::board::has_name;
+
 use crate::bus::Bus;
 use crate::context::told;
 
@@ -25,7 +27,7 @@ pub fn of_board(bus: &mut Bus) -> Result<&'static FlashLayout, String> {
              of its flash memory is not known: use mesaflash"
         ));
     }
-    if card.is_empty() {
+    if !has_name(&card) {
         return Err("its EEPROM has no card name (it was never written, or is erased), so the layout of its \
                     flash memory is not known; ask Mesa how to write the EEPROM"
             .to_owned());
