@@ -69,6 +69,8 @@ pub enum StateError {
         actual: usize,
     },
     /// MAC address or card name differ.
-    #[error("this is the state of another board; name another file")]
+    #[error(
+        "this is the state of a board with another MAC address or card name; name another file"
+    )]
     OtherBoard,
 }
