@@ -107,6 +107,11 @@ impl Bench {
         &mut self.cycle.driver.bus_mut().inner
     }
 
+    fn lose_packets(&mut self) {
+        let bus = self.cycle.driver.bus_mut();
+        bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 1.0);
+    }
+
     fn wait(&mut self, time: Duration) {
         self.cycle.driver.bus_mut().wait(time);
     }
@@ -495,6 +500,10 @@ fn a_cycle_neither_allocates_nor_faults_with_a_card_pulled_and_put_back() {
                 13_000 => bench.set("encoder.00.scale", 0.0),
                 14_000 => bench.wait(Duration::from_secs(1)),
                 15_000 => bench.set("watchdog.has_bit", false),
+                // It is away, and is then followed until the user acts.
+                16_000 => bench.lose_packets(),
+                16_500 => bench.cycle.driver.bus_mut().heal(),
+                18_000 => bench.set("io_error", false),
                 _ => {}
             }
             let info = allocation_counter::measure(|| {
@@ -524,6 +533,26 @@ fn the_end_switches_everything_off() {
         heard.iter().all(|(level, _)| *level != Level::Error),
         "{heard:?}"
     );
+}
+
+/// As with hm2_eth, whose board is not fed meanwhile either.
+#[test]
+fn an_io_error_of_the_user_lets_the_board_bite_if_it_lasts() {
+    for (millis, has_bitten) in [(3, false), (1_000, true)] {
+        let mut bench = Bench::running();
+        bench.switch_on();
+        bench.set("io_error", true);
+        let before = exchanges(&bench);
+        bench.run(millis);
+        assert_eq!(exchanges(&bench), before);
+        bench.set("io_error", false);
+        bench.run(1_000);
+        assert_eq!(bench.is_on("watchdog.has_bit"), has_bitten, "{millis} ms");
+        assert_eq!(bench.outputs(), [!has_bitten; 3], "{millis} ms");
+        bench.set("watchdog.has_bit", false);
+        bench.run(1_000);
+        assert_eq!(bench.outputs(), [true; 3], "{millis} ms");
+    }
 }
 
 /// Number of exchanges that the bus was asked for.

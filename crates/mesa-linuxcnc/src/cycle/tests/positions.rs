@@ -44,11 +44,6 @@ impl Axis {
         let counts = motor.counts();
         counts - f64::from(self.0.bits("encoder.00.rawcounts") as u32 as i32)
     }
-
-    fn lose_packets(&mut self) {
-        let bus = self.0.cycle.driver.bus_mut();
-        bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 1.0);
-    }
 }
 
 /// A minute, in which the axis turns by a multiple of what its counter has.
@@ -58,7 +53,7 @@ fn positions_are_followed_while_the_board_waits_for_the_operator() {
     let missing = axis.missing();
     axis.turn(20_000.0);
     axis.0.run(100);
-    axis.lose_packets();
+    axis.0.lose_packets();
     axis.0.run(100);
     assert!(axis.0.is_on("io_error"));
     let errors = axis.0.bits("packet-error-total");
@@ -90,7 +85,7 @@ fn positions_are_followed_while_the_board_waits_for_the_operator() {
 #[test]
 fn a_board_that_is_away_is_looked_for_once_in_10_ms() {
     let mut axis = Axis::new();
-    axis.lose_packets();
+    axis.0.lose_packets();
     axis.0.run(100);
     assert!(axis.0.is_on("io_error"));
     let before = exchanges(&axis.0);
