@@ -252,6 +252,9 @@ impl Scenario {
             driver.request_read();
             self.sim.pass(self.plan.period / 10);
         }
+        if is_wild && self.plan.later.follows {
+            driver.follow();
+        }
         let report = driver.read().ok();
         self.after_read((driver, application, life), (report, started), is_wild)?;
         let written = driver.write();

@@ -15,6 +15,8 @@ pub struct Later {
     pub when_running: bool,
     /// Requests a parameter again, with another value, while its port starts.
     pub asks_twice: bool,
+    /// Looks at a board that waits to be re-armed before each read as well.
+    pub follows: bool,
 }
 
 impl Later {
@@ -22,6 +24,7 @@ impl Later {
         leaves_bitten: false,
         when_running: false,
         asks_twice: false,
+        follows: false,
     };
 }
 
@@ -33,6 +36,7 @@ impl Plan {
             leaves_bitten: chance.one_in(3),
             when_running: chance.one_in(3),
             asks_twice: chance.one_in(20),
+            follows: Chance(scrambled(self.seed ^ 0xF0_1105)).one_in(4),
         };
         if self.is_minute || self.is_homing {
             return self;
