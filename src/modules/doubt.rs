@@ -43,7 +43,8 @@ impl PositionDoubt {
 
     /// The application has made the position a known one.
     pub const fn settle(&mut self) {
-        (self.is_unsure, self.is_lost, self.young_for) = (false, false, 0);
+        (self.is_unsure, self.is_lost, self.is_reported) = (false, false, false);
+        self.young_for = 0;
     }
 
     /// The application uses the position as it is.
@@ -63,10 +64,10 @@ impl PositionDoubt {
     /// Ends a read. Returns true if a loss is to be reported, once.
     #[inline]
     pub const fn read(&mut self) -> bool {
-        self.young_for = self.young_for.saturating_sub(1);
-        let is_news = self.is_lost && !self.is_reported;
-        self.is_reported = self.is_lost;
-        is_news
+        if let Some(left) = self.young_for.checked_sub(1) {
+            self.young_for = left;
+        }
+        self.is_lost && !core::mem::replace(&mut self.is_reported, true)
     }
 }
 

@@ -49,8 +49,8 @@ struct Factors {
     near: u32,
     /// Rate register from which on each read shows a movement.
     visible: u32,
-    /// A shorter time between two reads cannot be ambiguous.
-    safe_gap: Duration,
+    /// A shorter time between two reads cannot be ambiguous, in ns.
+    safe_gap_ns: u64,
     /// The speed that `maxvel` asks for, in steps per second.
     asked: f64,
 }
@@ -179,15 +179,15 @@ impl Generator {
 
 /// The read.
 impl Generator {
-    /// Takes the accumulator. `gap` is the time since the last good read. Returns true if a position that
+    /// Takes the accumulator. `gap_ns` is the time since the last good read. Returns true if a position that
     /// the application had is lost.
-    pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap: Duration) -> bool {
+    pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap_ns: u64) -> bool {
         self.reports.tell(cycle);
         let certain = cycle.certain;
         if self.change.read(certain) && self.rate.may_have_moved() {
             self.counts.doubt.add(true);
         }
-        let is_ambiguous = gap >= self.factors.safe_gap && self.observe_gap(gap, certain);
+        let is_ambiguous = gap_ns >= self.factors.safe_gap_ns && self.observe_gap(gap_ns, certain);
         self.rate.read(certain);
         let moved = self
             .counts
@@ -285,12 +285,13 @@ impl Generator {
     }
 
     /// After a doubtful exchange an older rate than that of the last writes may have been in force.
-    fn observe_gap(&mut self, gap: Duration, certain: bool) -> bool {
+    fn observe_gap(&mut self, gap_ns: u64, certain: bool) -> bool {
         let fastest = if certain {
             self.rate.fastest()
         } else {
             self.rate.fastest_of_late()
         };
+        let gap = Duration::from_nanos(gap_ns);
         self.counts.observe_gap(gap, self.steps_per_second(fastest))
     }
 
@@ -410,9 +411,6 @@ impl Generator {
             self.rate.stop(cycle.now);
         }
         self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
-        if self.is_enabled {
-            self.counts.doubt.rely();
-        }
         let lag = self.control(cycle, moment);
         self.rate.put((self.law.step() * self.factors.rate) as i32);
         let word = self.rate.word;
@@ -478,7 +476,7 @@ impl Generator {
             near: (NEAR * highest * STEP_PER_TICK / clock) as u32,
             // At least 1: a rate of 0 is no movement, however long the period is.
             visible: libm::ceil(VISIBLE * SUB_COUNTS / (clock * seconds)).max(1.0) as u32,
-            safe_gap: Duration::try_from_secs_f64(AMBIGUOUS / highest).unwrap_or(Duration::ZERO),
+            safe_gap_ns: (AMBIGUOUS / highest * 1e9) as u64,
             asked,
         };
         // The version changes with each arming as well, and a change of the pulses has a limit of its
@@ -538,6 +536,7 @@ impl Generator {
             }
         } else {
             self.reports.enabled();
+            self.counts.doubt.rely();
             if by_speed {
                 let step = cycle.pins.fetch(self.pins.velocity_cmd) * self.factors.seconds;
                 self.check_limit(step);

@@ -274,11 +274,14 @@ pub(crate) const fn is_old(version: u8) -> bool {
 
 impl Module for Stepgens {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let gap = cycle.now.since(self.asked_at);
+        let gap_ns = cycle
+            .now
+            .as_nanos()
+            .saturating_sub(self.asked_at.as_nanos());
         (self.read_at, self.asked_at) = (cycle.now, cycle.asked);
         let mut unsure = UnsureMask::default();
         for (number, generator) in (self.first..).zip(&mut self.generators) {
-            if generator.read(cycle, gap) {
+            if generator.read(cycle, gap_ns) {
                 unsure.add(number);
             }
         }

@@ -139,14 +139,9 @@ impl RateRegister {
             let [now, _] = self.recent;
             (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON - 1);
         }
-        let last = self.sent.last;
-        self.sent = SentRates {
-            before: last,
-            first: last,
-            last,
-            writes: 0,
-            stopped_at: None,
-        };
+        // It was not stopped: after that, the board is set up again, with a new register.
+        let sent = &mut self.sent;
+        (sent.before, sent.first, sent.writes) = (sent.last, sent.last, 0);
         let newest = self.word.unsigned_abs();
         self.fastest = if certain && self.has_arrived {
             newest
