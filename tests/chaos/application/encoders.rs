@@ -116,7 +116,6 @@ impl Encoder {
     /// The driver has read it by itself, or can no longer report the time of the read: the shortest time
     /// between two reads, which limits the error of a velocity, is not known.
     pub(super) fn was_read(&mut self) {
-        self.read_until = None;
         self.reads = [0; 4];
     }
 
