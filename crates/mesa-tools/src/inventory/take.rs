@@ -409,13 +409,7 @@ fn faults_of<M: RemoteLink>(memory: &mut M) -> Result<(u8, u8), M::Error> {
     let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
     memory.access(None, clear)?;
     let now = memory.access(None, read)? as u8;
-    Ok((now, kept_faults(kept, now)))
-}
-
-/// The faults that a remote kept from before and has no more. A bite of its watchdog is none: it powers
-/// up with one (FACTS 1.5), and nothing feeds the watchdog of a remote that is looked at.
-const fn kept_faults(kept: u8, now: u8) -> u8 {
-    kept & !now & !RemoteFaults::WATCHDOG.bits()
+    Ok((now, kept & !now))
 }
 
 /// Each fault as text.
@@ -477,18 +471,5 @@ impl From<&DataRecord> for InventoryData {
             unit: record.unit.clone(),
             address: record.address,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_remote_after_a_power_up_has_no_faults_from_before() {
-        let [bitten, low] = [RemoteFaults::WATCHDOG, RemoteFaults::LOW_VOLTAGE].map(|f| f.bits());
-        assert_eq!(kept_faults(bitten, 0), 0);
-        assert_eq!(kept_faults(bitten | low, 0), low);
-        assert_eq!(kept_faults(bitten | low, low), 0);
     }
 }

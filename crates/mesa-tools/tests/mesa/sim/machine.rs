@@ -274,7 +274,7 @@ fn a_description_that_is_wrong_says_where_and_what_is_allowed() {
         (
             "max_speed = 120.0",
             "max_sped = 120.0",
-            "line 27: ",
+            "line 30: ",
             "`max_speed`",
         ),
         (

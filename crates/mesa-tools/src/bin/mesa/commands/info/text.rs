@@ -3,6 +3,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use mesa_hal::ethernet::LedMode;
+use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::remote::Scaling;
 use mesa_tools::inventory::{
     ChannelContent as OnChannel, InventoryChannel, InventoryData, InventoryElement,
@@ -173,6 +174,28 @@ fn print_channel(f: &mut Formatter<'_>, channel: &InventoryChannel) -> fmt::Resu
     }
 }
 
+/// The faults of a remote, now and before. A bite of its watchdog is the usual state between two
+/// programs (FACTS 1.5), and nothing to look for.
+fn faults(now: &[String], before: &[String]) -> String {
+    let bite = RemoteFaults::WATCHDOG.to_string();
+    let (bites, others): (Vec<&String>, Vec<&String>) = before.iter().partition(|it| **it == bite);
+    let mut parts = match now.join(", ") {
+        now if now.is_empty() => vec!["none".to_owned()],
+        now => vec![now],
+    };
+    if !others.is_empty() {
+        let others: Vec<&str> = others.iter().map(|it| it.as_str()).collect();
+        parts.push(format!(
+            "before, and cleared by this look: {}",
+            others.join(", ")
+        ));
+    }
+    if !bites.is_empty() {
+        parts.push("its watchdog had bitten, as after each power-up and each program".to_owned());
+    }
+    parts.join("; ")
+}
+
 fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) -> fmt::Result {
     let title = remote
         .known_as
@@ -192,16 +215,8 @@ fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &InventoryRemote) ->
             "    has no discovery of its own; this is the built-in table"
         )?;
     } else {
-        let faults = if remote.faults.is_empty() {
-            "none".to_owned()
-        } else {
-            remote.faults.join(", ")
-        };
-        let before = match remote.faults_before.join(", ") {
-            before if before.is_empty() => before,
-            before => format!(" now; before, and cleared by this look: {before}"),
-        };
-        writeln!(f, "    faults: {faults}{before}")?;
+        let faults = faults(&remote.faults, &remote.faults_before);
+        writeln!(f, "    faults: {faults}")?;
     }
     for mode in &remote.modes {
         let is_current = mode.set_by == "software" && mode.index == remote.software_mode;
@@ -279,4 +294,29 @@ fn describe(data: &InventoryData) -> String {
         "{:<20} {way:<6} {:>3} bits {}{range} {}",
         data.name, data.bits, data.data_type, data.unit
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bite_from_before_is_usual_and_other_faults_are_not() {
+        let [bite, low] =
+            [RemoteFaults::WATCHDOG, RemoteFaults::LOW_VOLTAGE].map(|fault| fault.to_string());
+        let usual = "its watchdog had bitten, as after each power-up and each program";
+        let before = format!("before, and cleared by this look: {low}");
+        for (now, kept, text) in [
+            (vec![], vec![], "none".to_owned()),
+            (vec![], vec![bite.clone()], format!("none; {usual}")),
+            (
+                vec![],
+                vec![bite.clone(), low.clone()],
+                format!("none; {before}; {usual}"),
+            ),
+            (vec![low.clone()], vec![bite], format!("{low}; {usual}")),
+        ] {
+            assert_eq!(faults(&now, &kept), text);
+        }
+    }
 }

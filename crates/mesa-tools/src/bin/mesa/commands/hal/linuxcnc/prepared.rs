@@ -10,6 +10,7 @@ use mesa_hal::hal::{HalType, PinInfo, Role};
 
 use super::super::machine::{Joint, Machine, is_enable, remark};
 use super::signal;
+use crate::pattern::Pattern;
 
 const HEAD: &str = "
 # Prepared lines. Each works where it stands without the `# ` in front of it. Inputs and outputs are examples:
@@ -120,10 +121,12 @@ pub fn lines(machine: &Machine, terminals: &mut Terminals<'_>) -> String {
     text
 }
 
-/// Encoders of the board that are no joint's.
+/// Encoders of the board at a terminal that are no joint's.
 fn spare_encoders(machine: &Machine) -> IntoIter<String> {
     let is_used = |encoder: &str| machine.joints.iter().any(|joint| joint.module() == encoder);
-    let names = machine.of_all("encoder.??.position");
+    let of_board = Pattern::from("encoder.??.position");
+    let names = machine.pins.iter().map(|pin| &*pin.name);
+    let names = names.filter(|name| of_board.fits_text(machine.own(name)));
     let encoders = names.filter_map(|name| name.strip_suffix(".position").map(str::to_owned));
     let encoders: Vec<String> = encoders.filter(|encoder| !is_used(encoder)).collect();
     encoders.into_iter()
