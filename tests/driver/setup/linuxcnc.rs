@@ -50,6 +50,19 @@ const FRESH: [(&str, f64); 9] = [
     ("packet-read-timeout", 80.0),
 ];
 
+/// A board without a table is not given the rate of a 7I77 that may not hang on it.
+#[test]
+fn multiplexed_encoders_of_an_unknown_board_begin_with_the_rate_of_linuxcnc() {
+    for (name, hz) in [(*b"MESA7I97", 6_250_000.0), (*b"MESA7I9X", 8_333_333.0)] {
+        let mut firmware = machines::firmware_7i97(1);
+        firmware.board = name;
+        let driver = Driver::start(SimFpga::new(firmware), Settings::default());
+        let driver = driver.expect("a board with encoders");
+        let frequency = value(&driver, "encoder.muxed-sample-frequency");
+        assert_eq!(frequency.as_f64(), hz, "{}", driver.name());
+    }
+}
+
 #[test]
 fn values_that_differ_are_those_of_linuxcnc_or_of_the_board() {
     let linuxcnc = i7i97("");
