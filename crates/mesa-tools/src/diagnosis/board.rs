@@ -90,6 +90,15 @@ const CABLE: &str = "check the cable, its shield and where it runs beside motor 
 const PROGRAM: &str =
     "a program asked for what the board does not have, such as a wrong address by `mesa raw`";
 
+/// What to look for if packets were damaged, or accesses refused.
+fn causes(is_damaged: bool, is_refused: bool) -> String {
+    match (is_damaged, is_refused) {
+        (true, true) => format!("packets: {CABLE}; errors: {PROGRAM}"),
+        (true, false) => CABLE.to_owned(),
+        (false, _) => PROGRAM.to_owned(),
+    }
+}
+
 /// Judges the board's error counters.
 pub fn errors(counters: &Counters) -> Finding {
     let check = "errors counted";
@@ -111,11 +120,7 @@ pub fn errors(counters: &Counters) -> Finding {
     let is_damaged = counters.received_bad > 0 || counters.sent_bad > 0;
     let is_refused =
         counters.parse_errors > 0 || counters.memory_errors > 0 || counters.write_errors > 0;
-    let advice = match (is_damaged, is_refused) {
-        (true, true) => format!("packets: {CABLE}; errors: {PROGRAM}"),
-        (true, false) => CABLE.to_owned(),
-        (false, _) => PROGRAM.to_owned(),
-    };
+    let advice = causes(is_damaged, is_refused);
     Finding::new(FigureVerdict::Look, check, some.join(", "), advice)
 }
 
@@ -378,6 +383,33 @@ mod tests {
     use super::*;
 
     const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn the_advice_on_counted_errors_has_each_of_their_causes() {
+        for (damaged, refused) in [(true, false), (false, true), (true, true)] {
+            let advice = causes(damaged, refused);
+            assert_eq!(advice.contains("cable"), damaged, "{advice}");
+            assert_eq!(advice.contains("a program asked"), refused, "{advice}");
+        }
+    }
+
+    #[test]
+    fn another_card_is_not_said_to_come_back_by_itself() {
+        let identity = |unit_number| mesa_hal::sslbp::RemoteIdentity {
+            name: mesa_hal::sslbp::RemoteName(*b"7I77"),
+            unit_number,
+        };
+        let [found, expected] = [1, 2].map(identity);
+        for (reason, returns) in [
+            (OfflineReason::Watchdog, true),
+            (OfflineReason::AnotherDevice { found, expected }, false),
+        ] {
+            let offline = RemoteState::Restarting { reason };
+            let advice = state("7i77", &offline, RemoteFaults::empty()).advice;
+            let advice = advice.expect("advice");
+            assert_eq!(advice.contains("by itself"), returns, "{advice}");
+        }
+    }
 
     #[test]
     fn an_eeprom_that_was_never_written_is_bad_and_no_firmware_is_advised() {
