@@ -94,6 +94,8 @@ enum Trouble {
     Deaf(u64),
     /// The host stops.
     Stall(u64),
+    /// The host stops, and the write after that gives another time to the watchdog.
+    Retimed(u64),
     /// The board is reset.
     Reset,
     /// The host stops, and the board is reset meanwhile: the first write lets it bite.
@@ -234,6 +236,12 @@ impl<B: Rig> Machine<B> {
                 self.driver.bus_mut().mend();
             }
             Trouble::Stall(ms) => self.wait(ms),
+            Trouble::Retimed(ms) => {
+                self.retime(WATCHDOG / 2);
+                self.wait(ms);
+                self.cycle();
+                self.retime(WATCHDOG);
+            }
             Trouble::Reset => self.driver.bus_mut().fpga().reload(),
             Trouble::ResetInStall(ms) => {
                 self.wait(ms / 2);
@@ -241,6 +249,19 @@ impl<B: Rig> Machine<B> {
                 self.wait(ms / 2);
             }
         }
+    }
+
+    /// Sets the time of the board's watchdog.
+    fn retime(&mut self, time: Duration) {
+        let name = format!("{}.watchdog.timeout_ns", self.driver.name());
+        let nanos = u32::try_from(time.as_nanos()).expect("a short time");
+        let param = self
+            .driver
+            .pins()
+            .parameter::<u32>(&name)
+            .expect("it is there");
+        let done = self.driver.pins_mut().set_param(param, nanos);
+        done.expect("a time within the limits");
     }
 
     /// The machine is re-armed, if it has to be.

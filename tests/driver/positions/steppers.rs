@@ -1,7 +1,7 @@
 //! Step generators that run while the fault lasts.
 
 use super::*;
-use Trouble::{Cut, Deaf, Reset, ResetInStall, Stall};
+use Trouble::{Cut, Deaf, Reset, ResetInStall, Retimed, Stall};
 
 /// Steps that pins make that are released and driven again, and rounding.
 const EDGES: f64 = 3.0;
@@ -75,6 +75,7 @@ impl<B: Rig> Machine<B> {
             self.check_steps(Deaf(75), speed, false, Some(1.5));
             // With one.
             self.check_steps(Stall(300), speed, true, estimate);
+            self.check_steps(Retimed(300), speed, true, estimate);
             self.check_steps(Cut(300), speed, true, estimate);
             self.check_steps(Cut(5_000), speed, true, estimate);
             self.check_steps(Deaf(300), speed, true, estimate);
