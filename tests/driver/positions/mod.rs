@@ -94,7 +94,7 @@ enum Trouble {
     Deaf(u64),
     /// The host stops.
     Stall(u64),
-    /// The host stops, and the write after that gives another time to the watchdog.
+    /// The host stops between read and write, and the write gives another time to the watchdog.
     Retimed(u64),
     /// The board is reset.
     Reset,
@@ -237,8 +237,10 @@ impl<B: Rig> Machine<B> {
             }
             Trouble::Stall(ms) => self.wait(ms),
             Trouble::Retimed(ms) => {
+                let _ = self.driver.read();
                 self.retime(WATCHDOG / 2);
                 self.wait(ms);
+                let _ = self.driver.write();
                 self.cycle();
                 self.retime(WATCHDOG);
             }
