@@ -37,7 +37,7 @@ pub enum Silence {
     #[error("a host is there, and no program listens at this port")]
     Refused,
     /// A reply arrived that no board sends.
-    #[error("something else than a board answers")]
+    #[error("the reply is not from a Mesa board")]
     Foreign,
     /// The firewall of this computer blocks packets to the address. LinuxCNC's driver sets this up
     /// for the interface of its board, with the chain `hm2-eth-rules-output`.

@@ -71,8 +71,8 @@ pub enum UdpError<#[cfg(feature = "std")] E = SocketError, #[cfg(not(feature = "
     },
     /// Datagrams arrived, but none was a reply to any request.
     #[error(
-        "request {request}: within {} came {datagrams} datagrams, and none is a reply: \
-         something else than a board answers at this address and port",
+        "request {request}: no reply among the datagrams that came within {} ({datagrams}): they are not from a \
+         Mesa board, or were changed on their way",
         Rounded(.waited)
     )]
     Foreign {
@@ -232,7 +232,7 @@ impl<E: BusError> BusError for UdpError<E> {
                 ..
             } => BusAdvice::CheckHost,
             Self::Lost { .. } | Self::GaveUp { .. } => BusAdvice::CheckBoard,
-            Self::Foreign { .. } => BusAdvice::CheckAddress,
+            Self::Foreign { .. } => BusAdvice::CheckAddressAndWay,
             Self::Short { .. } => BusAdvice::FindOtherProgram,
             Self::OtherHost { .. } => BusAdvice::EndOtherProgram,
             Self::Link { error, .. } => return error.advice(),

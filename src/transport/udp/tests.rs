@@ -141,7 +141,14 @@ fn who_answers_with_less_than_a_number_is_said_to_be_there_and_to_be_no_board() 
             matches!(error, UdpError::Foreign { .. }),
             "{length} bytes: {error}"
         );
-        assert!(error.to_string().contains("something else"), "{error}");
+        assert!(
+            error.to_string().contains("not from a Mesa board"),
+            "{error}"
+        );
+        assert_eq!(
+            BusError::advice(&error),
+            Some(BusAdvice::CheckAddressAndWay)
+        );
     }
 }
 

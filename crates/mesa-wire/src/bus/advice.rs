@@ -34,6 +34,7 @@ kinds! {
     CheckBoard: "check the board's power, cable, IP address and jumpers, or allow a longer deadline",
     CheckHost: "look for interrupts, power saving and other traffic, or allow a longer deadline",
     CheckAddress: "check the address and the port",
+    CheckAddressAndWay: "check the address and the port, and what relays or filters packets on their way",
     CheckInterface: "check that the network interface is up and in the same network, and the board's IP address and cable",
     FindOtherProgram: "find out whether another program communicates with this board",
     EndOtherProgram: "end the other program (LinuxCNC, mesaflash, another driver), also on other hosts",
