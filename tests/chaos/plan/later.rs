@@ -7,6 +7,7 @@ use crate::common::chance::Chance;
 const LEFT_ALONE: u64 = 250;
 
 /// Further habits of an application.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Copy, Debug)]
 pub struct Later {
     /// Leaves a board that has bitten alone.
