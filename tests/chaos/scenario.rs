@@ -1,6 +1,7 @@
 //! One scenario from power-up to the end.
 
 mod deeds;
+mod doubts;
 mod faults;
 mod lock;
 mod process;
@@ -18,7 +19,7 @@ use std::time::Duration;
 use mesa_hal::driver::{BoardState, CycleReport, Driver, Pace};
 use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal_sim::{BoardConfig, SimBoard};
+use mesa_hal_sim::{BoardConfig, FaultPlace, SimBoard};
 
 use super::application::Application;
 use super::journal::Journal;
@@ -28,6 +29,7 @@ use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
 use super::plan::{Board, MILLI, Plan, Planned, Stranger};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
+use doubts::Doubts;
 use lock::Lock;
 use steppers::StepperWatch;
 use told::{Others, Told};
@@ -64,6 +66,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         validity: Validity::default(),
         steppers: StepperWatch::default(),
         what_is_told: Told::default(),
+        doubts: Doubts::default(),
         waits: false,
         stranger: (u64::MAX, false),
         side: Chance(super::plan::scrambled(plan.seed ^ 0x0DD5)),
@@ -78,6 +81,8 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         off: vec![0; plan.ports.len()],
         bitten: 0,
         requested: vec![None; plan.ports.len()],
+        in_write: None,
+        in_writes: Vec::new(),
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -151,6 +156,7 @@ struct Scenario {
     validity: Validity,
     steppers: StepperWatch,
     what_is_told: Told,
+    doubts: Doubts,
     /// The next write is followed by a wait for its transfers.
     waits: bool,
     /// Time at which the board is replaced, and true while it is.
@@ -179,6 +185,10 @@ struct Scenario {
     bitten: u32,
     /// The value of a parameter that was requested last of the remotes of each port.
     requested: Vec<Option<u32>>,
+    /// The fault of a wire to come while parameters are written, so long after the start of a port: no
+    /// other parameter is requested after it. And those of the next rounds.
+    in_write: Option<Planned>,
+    in_writes: Vec<Planned>,
 }
 
 /// A process: the driver, its application, and its end.
@@ -199,11 +209,14 @@ impl Scenario {
         let mut process = self.start(&connect)?;
         let start = self.sim.now();
         for fault in self.plan.faults.clone() {
-            if !fault.in_build {
+            if self.plan.later.asks_twice && fault.kind.place() == FaultPlace::Wire {
+                self.in_writes.push(fault);
+            } else if !fault.in_build {
                 self.schedule(fault, start + fault.after);
                 self.stranger.0 = self.stranger.0.min(start + fault.after + fault.lasts / 2);
             }
         }
+        self.in_write = self.in_writes.pop();
         let end = start + self.plan.run;
         let middle = start + self.plan.run / 2;
         if self.plan.more.jitter > 0 {
@@ -233,6 +246,7 @@ impl Scenario {
         self.steppers_arrive(&mut process)?;
         if self.plan.later.asks_twice {
             self.parameters_are_written(&mut process)?;
+            self.asks_in_rounds(&mut process)?;
         }
         let leaves = self.plan.habits.leaves;
         self.leave(process, leaves)
@@ -316,6 +330,7 @@ impl Scenario {
         let age = (self.took, self.sampled_before);
         let released = self.are_released(driver);
         application.check_inputs(driver, &self.stage, age, released)?;
+        self.losses_are_told(driver, good)?;
         self.validity(driver, application, good)?;
         self.detected(driver, application, good)?;
         self.left_alone(driver, application, good)?;
@@ -332,6 +347,7 @@ impl Scenario {
         }
         application.command(driver, &mut self.chance, (is_wild, set_anew));
         application.announce(driver, &mut self.oracle, self.sim.now());
+        self.doubts.asks(driver);
         Ok(())
     }
 

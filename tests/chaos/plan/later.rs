@@ -5,17 +5,23 @@ use crate::common::chance::Chance;
 
 /// Cycles for which a board that has bitten is left alone.
 const LEFT_ALONE: u64 = 250;
+/// Time in which a remote gets a parameter, from a few milliseconds after the start of its port on.
+const WRITES_IN: u64 = 25 * MILLI;
 
 /// Further habits of an application.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct Later {
     /// Leaves a board that has bitten alone.
     pub leaves_bitten: bool,
     /// Re-arms what runs, and the rest as soon as it does.
     pub when_running: bool,
-    /// Requests a parameter again, with another value, while its port starts.
+    /// Requests a parameter again, with another value, while the first one is written. The faults of wires
+    /// come then.
     pub asks_twice: bool,
+    /// Neither reads nor writes for a while before it stops the driver.
+    pub idles_before_stop: bool,
     /// Looks at a board that waits to be re-armed before each read as well.
     pub follows: bool,
 }
@@ -25,6 +31,7 @@ impl Later {
         leaves_bitten: false,
         when_running: false,
         asks_twice: false,
+        idles_before_stop: false,
         follows: false,
     };
 }
@@ -37,6 +44,7 @@ impl Plan {
             leaves_bitten: chance.one_in(3),
             when_running: chance.one_in(3),
             asks_twice: chance.one_in(20),
+            idles_before_stop: Chance(scrambled(self.seed ^ 0x1D_1E)).one_in(2),
             follows: Chance(scrambled(self.seed ^ 0xF0_1105)).one_in(4),
         };
         if self.is_minute || self.is_homing {
@@ -58,7 +66,8 @@ impl Plan {
         self
     }
 
-    /// Switches its ports off and on again and again, with parameters to write, while the board is reset.
+    /// Switches its ports off and on again and again, with parameters to write, while the board is reset,
+    /// or while the wires fail.
     fn asks_for_parameters(&mut self, chance: &mut Chance) {
         // A value that changes nothing else.
         self.extras.remote_watchdog = WRITTEN_WATCHDOG.into();
@@ -66,10 +75,11 @@ impl Plan {
         self.more.switches_one_in = 40;
         self.more.proves_one_in = 0;
         self.habits.rearm_when_safe = 2;
-        self.run += 600 * self.period;
+        self.run += 1_000 * self.period;
         let run = self.run;
         self.faults = Vec::new();
-        for _ in 0..3 {
+        let resets = chance.of(&[0, 1, 3]);
+        for _ in 0..resets {
             self.faults.push(Planned {
                 kind: FaultKind::FpgaReset,
                 in_build: false,
@@ -77,6 +87,18 @@ impl Plan {
                 lasts: MILLI,
                 target: 0,
                 dice: 0,
+            });
+        }
+        // One in each round.
+        for _ in 0..6 {
+            self.faults.push(Planned {
+                kind: chance.of(&[FaultKind::WireUnplugged, FaultKind::WireBreak]),
+                in_build: false,
+                after: 4 * MILLI + chance.below(WRITES_IN),
+                // An access is given up after three attempts, 60 ms apart.
+                lasts: MILLI * (180 + chance.below(220)),
+                target: chance.below(self.remotes() as u64) as usize,
+                dice: chance.below(1 << 31),
             });
         }
     }

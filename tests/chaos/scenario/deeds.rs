@@ -8,12 +8,14 @@ use mesa_hal_sim::devices::find;
 use super::super::application::Application;
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::{MICRO, More, WRITTEN_WATCHDOG};
+use super::super::plan::{MICRO, More, Planned, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 use crate::common::chance::Chance;
 
 /// Cycles after which a port that is switched off has stopped its remotes.
 const OFF_AFTER: u64 = 40;
+/// Cycles of a round of requests.
+const ROUND: u32 = 400;
 /// A value that is requested first where another one follows.
 const FIRST_REQUEST: u32 = WRITTEN_WATCHDOG - 5;
 const NAME: &str = "nvwatchdogtimeout";
@@ -86,7 +88,7 @@ impl Scenario {
             self.proves_watchdogs(driver, application)?;
         }
         if self.plan.later.asks_twice {
-            self.asks_again(driver);
+            self.asks_again(driver, application);
         }
         if often(10 * tunes_one_in, &mut self.side) {
             let takes = application.takes_nonsense(driver);
@@ -109,7 +111,9 @@ impl Scenario {
         let extras = self.plan.extras;
         let is_known =
             extras.deeds_one_in > 0 || extras.remote_watchdog == u64::from(WRITTEN_WATCHDOG);
-        if !run && is_known {
+        // After the fault of a wire, a remote has to get what was requested before.
+        let asks = !self.plan.later.asks_twice || self.in_write.is_some();
+        if !run && is_known && asks {
             let first = if self.plan.later.asks_twice {
                 FIRST_REQUEST
             } else {
@@ -118,6 +122,9 @@ impl Scenario {
             self.requests(driver, port, first);
         }
         let now = self.sim.now();
+        if run && self.is_first_request(port) {
+            self.wire_fails_in(port);
+        }
         self.stage.tell(now, format!("port {port} run: {run}"));
     }
 
@@ -128,11 +135,31 @@ impl Scenario {
         }
     }
 
-    /// Occasionally requests another value than the last one, while that is being written or not.
-    pub(super) fn asks_again<B: Host>(&mut self, driver: &mut Driver<B>) {
+    /// True if the last request for the remotes of a port is one that another one follows.
+    fn is_first_request(&self, port: usize) -> bool {
+        self.requested.get(port) == Some(&Some(FIRST_REQUEST))
+    }
+
+    /// Lets a wire of a port fail in the time in which its remotes get their parameters.
+    fn wire_fails_in(&mut self, port: usize) {
+        let remotes = (0..self.plan.remotes()).filter(|n| self.plan.place(*n).0 == port);
+        let remotes: Vec<_> = remotes.collect();
+        let Some(fault) = self.in_write.take() else {
+            return;
+        };
+        let target = remotes[fault.target % remotes.len()];
+        self.schedule(Planned { target, ..fault }, self.sim.now() + fault.after);
+    }
+
+    /// Occasionally requests another value than the last one, mostly while that is being written.
+    fn asks_again<B: Host>(&mut self, driver: &mut Driver<B>, application: &Application) {
         for port in 0..self.requested.len() {
-            let is_first = self.requested.get(port) == Some(&Some(FIRST_REQUEST));
-            if is_first && self.side.one_in(8) {
+            let one_in = if application.is_port_off(driver, port) {
+                160
+            } else {
+                20
+            };
+            if self.is_first_request(port) && self.side.one_in(one_in) {
                 self.requests(driver, port, WRITTEN_WATCHDOG);
                 let now = self.sim.now();
                 self.stage.tell(now, format!("port {port}: requests again"));
@@ -167,6 +194,21 @@ impl Scenario {
             ensure(kept == Some(requested.into()), Promise::Told, now, || {
                 format!("remote {remote} keeps {kept:?}, and {requested} was requested last")
             })?;
+        }
+        Ok(())
+    }
+
+    /// Goes on with requests, and with one fault of a wire after the other: each time all remotes have the
+    /// values that were requested last.
+    pub(super) fn asks_in_rounds<B: Host>(&mut self, process: &mut Process<B>) -> Checked {
+        while let Some(fault) = self.in_writes.pop() {
+            self.in_write = Some(fault);
+            for _ in 0..ROUND {
+                self.cycle(process, true)?;
+            }
+            self.heal(&mut process.driver);
+            self.comes_back(process)?;
+            self.parameters_are_written(process)?;
         }
         Ok(())
     }
@@ -261,6 +303,7 @@ impl Scenario {
         application.was_read();
         self.validity.was_read();
         self.what_is_told.recount(driver);
+        self.doubts.was_read();
         // Nothing has been written for longer than the watch.
         self.watch = None;
         self.told = None;

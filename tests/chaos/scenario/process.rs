@@ -12,7 +12,7 @@ use super::super::application::Application;
 use super::super::machine::unit_number;
 use super::super::network::{Host, Life};
 use super::super::oracle::{Checked, Failure, Promise, ensure};
-use super::super::plan::{MILLI, Moment, WRITTEN_WATCHDOG};
+use super::super::plan::{LONGEST_WATCHDOG, MILLI, Moment, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 
 /// Faults of a remote that goes on answering.
@@ -84,6 +84,7 @@ impl Scenario {
                     self.is_armed = false;
                     self.is_refused_a_period(&mut process.driver)?;
                     self.what_is_told.begin(&process.driver);
+                    self.doubts.begin(&process.driver);
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);
                 }
@@ -224,9 +225,17 @@ impl Scenario {
             self.oracle.no_commands(now);
         } else {
             if how == 0 {
+                let are_off = self.idles(&driver, &application, was_well)?;
                 let (_, stopped) = driver.shutdown();
                 let not_reached = stopped.err().map(|error| error.not_reached);
-                left = Some(not_reached.unwrap_or_default());
+                let not_reached = not_reached.unwrap_or_default();
+                ensure(
+                    not_reached.is_empty() || !are_off,
+                    Promise::Told,
+                    self.sim.now(),
+                    || format!("{not_reached:?}, but all watchdogs have bitten long ago"),
+                )?;
+                left = Some(not_reached);
             } else {
                 drop(driver);
             }
@@ -234,6 +243,29 @@ impl Scenario {
             self.has_stopped(&application, left.as_deref(), was_well)?;
         }
         self.all_goes_off(&application, left.as_deref())
+    }
+
+    /// Leaves a sound machine alone before it is stopped, for longer than the times of its watchdogs.
+    /// Returns true if its outputs are known to be off by then.
+    fn idles<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+        was_well: bool,
+    ) -> Result<bool, Failure> {
+        let is_known = !self.plan.is_without_watchdog()
+            && application.assumed_watchdogs(driver).is_empty()
+            && application.watchdogs(driver).all(|(_, has)| has);
+        if !self.plan.later.idles_before_stop || !was_well || !is_known {
+            return Ok(false);
+        }
+        let until = self.sim.now() + LONGEST_WATCHDOG + self.oracle.off_after() + 50 * MILLI;
+        while self.sim.now() < until {
+            self.sim.pass(MILLI);
+            self.look()?;
+            self.oracle.check(self.sim.now())?;
+        }
+        Ok(true)
     }
 
     /// The driver was stopped in order: everything is off except the remotes that it reports as not

@@ -1,10 +1,10 @@
 //! Events, statistics and reasons, checked against the true events.
 
-use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
+use mesa_hal::driver::{BoardState, Driver, Event, EventKind, Events, OfflineReason, Positions};
 use mesa_hal_sim::{FaultKind, FaultPlace};
 
 use super::super::application::Application;
-use super::super::journal::{Event, What};
+use super::super::journal::{self, What};
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Planned, Stranger};
@@ -14,6 +14,11 @@ use super::Scenario;
 #[derive(Debug, Default)]
 pub(super) struct Told {
     events: Option<Events>,
+    /// Those that were read, and not judged yet.
+    heard: Vec<Event>,
+    /// The lost positions among all events since they were judged: their kind, the number of bit 0, and
+    /// the mask.
+    pub(super) unsure: Vec<(Positions, u32, u32)>,
     state: Option<BoardState>,
     reads: u64,
     failed_reads: u64,
@@ -47,7 +52,17 @@ impl Told {
         };
     }
 
-    pub(super) fn happened(&mut self, event: &Event) {
+    /// Reads the events of the driver.
+    pub(super) fn hear(&mut self) {
+        for event in self.events.iter_mut().flatten() {
+            if let EventKind::PositionUnsure { of, first, mask } = event.kind {
+                self.unsure.push((of, first, mask));
+            }
+            self.heard.push(event);
+        }
+    }
+
+    pub(super) fn happened(&mut self, event: &journal::Event) {
         match event.what {
             What::Bite => self.bites += 1,
             What::Reset => self.resets += 1,
@@ -123,6 +138,7 @@ impl Scenario {
             counted.write_errors,
         );
         let told = &mut self.what_is_told;
+        told.hear();
         let expected = (
             told.reads,
             told.writes,
@@ -134,7 +150,7 @@ impl Scenario {
         })?;
         let state = driver.board_state();
         let before = told.state.replace(state);
-        let events: Vec<_> = told.events.iter_mut().flatten().collect();
+        let events = std::mem::take(&mut told.heard);
         let is_told = |kind: EventKind| events.iter().any(|event| event.kind == kind);
         let expected = match state {
             BoardState::WatchdogBitten => Some(EventKind::WatchdogBitten),
