@@ -10,7 +10,7 @@ mod steppers;
 
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, RemoteState};
-use mesa_hal::hal::{GroupId, Input, Output, PinError, Pins};
+use mesa_hal::hal::{GroupId, GroupState, Input, Output, PinError, Pins};
 use mesa_hal::sslbp::Channel;
 use mesa_hal_sim::Stepper;
 
@@ -404,12 +404,39 @@ impl Application {
 
     /// The remotes that are armed as soon as they run.
     pub fn coming<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
-        let is_coming = |group| {
-            let state = driver.pins().group_state(group);
-            state.is_some_and(|state| state.coming)
-        };
-        let coming = self.remotes.iter().filter(|remote| is_coming(remote.group));
-        coming.map(|remote| remote.number).collect()
+        let coming = self.coming_groups(driver).into_iter();
+        coming.filter_map(|group| group.checked_sub(1)).collect()
+    }
+
+    /// The groups that are not armed: 0 for the board's own, and the others by the number of the remote,
+    /// from 1 on.
+    pub fn waiting<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        self.groups(driver, |state| !state.armed)
+    }
+
+    /// Those that are armed as soon as they run.
+    pub fn coming_groups<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        self.groups(driver, |state| state.coming)
+    }
+
+    /// Those that run: the board, and its remotes.
+    pub fn running_groups<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        let board = (driver.board_state() == BoardState::Running).then_some(0);
+        let remotes = self.running(driver).map(|(number, _)| number + 1);
+        board.into_iter().chain(remotes).collect()
+    }
+
+    fn groups<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+        holds: impl Fn(GroupState) -> bool,
+    ) -> Vec<usize> {
+        let remotes = self.remotes.iter();
+        let remotes = remotes.map(|remote| (remote.number + 1, remote.group));
+        let all = std::iter::once((0, driver.group())).chain(remotes);
+        let state = |group| driver.pins().group_state(group);
+        let held = all.filter(|(_, group)| state(*group).is_some_and(&holds));
+        held.map(|(number, _)| number).collect()
     }
 
     /// Outputs start from their safe values after they were armed.

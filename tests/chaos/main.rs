@@ -33,13 +33,15 @@ const FEW: u64 = 400;
 const MANY: u64 = 5_000;
 const THREADS: usize = 2;
 /// Seeds that have found an error of the driver, or of the oracle.
-const KNOWN: [u64; 28] = [
+const KNOWN: [u64; 30] = [
     740_144,
     760_286,
     800_223,
     801_360,
     803_780,
     805_161,
+    903_041,
+    904_254,
     408_637_362_024,
     441_773_812_818,
     484_449_308_038,

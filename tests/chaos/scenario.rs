@@ -1,5 +1,6 @@
 //! One scenario from power-up to the end.
 
+mod acts;
 mod deeds;
 mod doubts;
 mod faults;
@@ -29,6 +30,7 @@ use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
 use super::plan::{Board, MILLI, Plan, Planned, Stranger};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
+use acts::Acts;
 use doubts::Doubts;
 use lock::Lock;
 use steppers::StepperWatch;
@@ -67,6 +69,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         steppers: StepperWatch::default(),
         what_is_told: Told::default(),
         doubts: Doubts::default(),
+        acts: Acts::default(),
         waits: false,
         stranger: (u64::MAX, false),
         side: Chance(super::plan::scrambled(plan.seed ^ 0x0DD5)),
@@ -157,6 +160,7 @@ struct Scenario {
     steppers: StepperWatch,
     what_is_told: Told,
     doubts: Doubts,
+    acts: Acts,
     /// The next write is followed by a wait for its transfers.
     waits: bool,
     /// Time at which the board is replaced, and true while it is.
@@ -285,6 +289,7 @@ impl Scenario {
         self.look()?;
         self.told_truly(driver, application)?;
         self.ports_are_off(driver, application)?;
+        self.acts_cover(driver, application)?;
         self.stands_now(driver, application)
     }
 
@@ -339,6 +344,7 @@ impl Scenario {
         if is_wild {
             self.habits(driver, application)?;
             self.more_deeds(driver, application)?;
+            self.acts_early(driver, application)?;
         }
         let idle_one_in = self.plan.habits.idle_one_in;
         let set_anew = !is_wild || !self.chance.one_in(idle_one_in);
@@ -499,7 +505,7 @@ impl Scenario {
             let clears = self.plan.more.clears && cycles < 12;
             if clears {
                 self.clears_by_pin(driver);
-            } else if cycles % 20 == 3 || cycles == 12 {
+            } else if (cycles % 20 == 3 || cycles == 12) && !self.has_acted() {
                 let state = driver.board_state();
                 let runs = !self.plan.more.clears || state == BoardState::Running;
                 let now = self.sim.now();

@@ -1,6 +1,8 @@
 //! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
 
-use super::{FaultKind, FaultPlace, MILLI, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled};
+use super::{
+    FaultKind, FaultPlace, MILLI, More, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled,
+};
 use crate::common::chance::Chance;
 
 /// Cycles for which a board that has bitten is left alone.
@@ -22,6 +24,9 @@ pub struct Later {
     pub asks_twice: bool,
     /// Neither reads nor writes for a while before it stops the driver.
     pub idles_before_stop: bool,
+    /// Gives one act for each fault, while it may still be present: re-arms what runs, and the rest as
+    /// soon as it does.
+    pub acts_early: bool,
     /// Looks at a board that waits to be re-armed before each read as well.
     pub follows: bool,
 }
@@ -32,6 +37,7 @@ impl Later {
         when_running: false,
         asks_twice: false,
         idles_before_stop: false,
+        acts_early: false,
         follows: false,
     };
 }
@@ -45,6 +51,7 @@ impl Plan {
             when_running: chance.one_in(3),
             asks_twice: chance.one_in(20),
             idles_before_stop: Chance(scrambled(self.seed ^ 0x1D_1E)).one_in(2),
+            acts_early: Chance(scrambled(self.seed ^ 0xAC75)).one_in(10),
             follows: Chance(scrambled(self.seed ^ 0xF0_1105)).one_in(4),
         };
         if self.is_minute || self.is_homing {
@@ -56,7 +63,11 @@ impl Plan {
         if self.later.asks_twice {
             self.asks_for_parameters(&mut chance);
         }
-        self.later.leaves_bitten &= self.bites_alone();
+        self.later.acts_early &= !self.later.asks_twice && self.extras.stranger == Stranger::None;
+        if self.later.acts_early {
+            self.acts_for_each_fault(&mut Chance(scrambled(self.seed ^ 0xAC7)));
+        }
+        self.later.leaves_bitten &= self.bites_alone() && !self.later.acts_early;
         if self.later.leaves_bitten {
             self.habits.rearm_every = 0;
             self.habits.rearm_when_safe = 0;
@@ -101,6 +112,53 @@ impl Plan {
                 dice: chance.below(1 << 31),
             });
         }
+    }
+
+    /// One fault after the other, each with an act while something waits, and no other act.
+    fn acts_for_each_fault(&mut self, chance: &mut Chance) {
+        self.extras.second_master = false;
+        self.extras.deeds_one_in = 0;
+        self.more = More {
+            runs: false,
+            clears: false,
+            switches_one_in: 0,
+            proves_one_in: 0,
+            jitter: 0,
+            master_stays: false,
+            ..self.more
+        };
+        self.steppers.is_refused = false;
+        self.habits.rearm_every = 0;
+        self.habits.rearm_when_safe = 0;
+        self.habits.restarts = false;
+        self.later.when_running = true;
+        let mut after = 10 * MILLI;
+        self.faults = Vec::new();
+        for _ in 0..3 {
+            after += chance.below(20 * MILLI);
+            let lasts = MILLI * (1 + chance.below(150));
+            self.faults.push(Planned {
+                kind: chance.of(&[
+                    FaultKind::WireUnplugged,
+                    FaultKind::WireLow,
+                    FaultKind::RemotePowerOff,
+                    FaultKind::RemotePowerGlitch,
+                    FaultKind::RemoteLowVoltage,
+                    FaultKind::RemoteOverTemperature,
+                    FaultKind::FpgaWatchdog,
+                    FaultKind::FpgaReset,
+                    FaultKind::FpgaResetLong,
+                    FaultKind::HostStall,
+                ]),
+                in_build: false,
+                after,
+                lasts,
+                target: chance.below(self.remotes() as u64) as usize,
+                dice: chance.below(1 << 31),
+            });
+            after += lasts + 600 * MILLI;
+        }
+        self.run = after;
     }
 
     /// True if a fault is a bite of the board's watchdog, and no packet is lost or doubtful.

@@ -35,7 +35,7 @@ struct Counter {
     was_unsure: bool,
     /// The loss has been reported, and the board was not set up again since.
     is_told: bool,
-    /// An index, or a reset of the position, was requested in the last cycle.
+    /// An index, or a reset of the position, was requested since the last good read.
     was_asked: bool,
     /// Its position may have been used.
     is_used: bool,
@@ -82,12 +82,14 @@ impl Counter {
 
     /// Takes what the application asks for in this cycle.
     fn asks(&mut self, pins: &Pins, is_armed: bool) {
-        self.was_asked = match self.acts {
+        let is_asked = match self.acts {
             Acts::Index(enable) => pins.read(enable).value,
             Acts::Moves(_, reset) => pins.commanded(reset),
         };
         let is_on = matches!(self.acts, Acts::Moves(enable, _) if pins.commanded(enable));
-        self.is_used |= is_on || self.was_asked;
+        // Until the next good read.
+        self.was_asked |= is_asked;
+        self.is_used |= is_on || is_asked;
         self.on_for = if is_on && is_armed {
             self.on_for + 1
         } else {
@@ -108,6 +110,7 @@ impl Counter {
             *most = if *most < YOUNG - ROUGH { 0 } else { *most };
         }
         let is_settled = self.is_settled(pins);
+        self.was_asked = false;
         let was_told = self.is_told && !is_settled;
         let is_unsure = pins.read(self.unsure).value;
         let [least, most] = self.reads;

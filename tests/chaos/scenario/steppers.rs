@@ -9,7 +9,7 @@ use super::super::application::{Application, Jolts};
 use super::super::journal::What;
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::MILLI;
+use super::super::plan::{LONGEST_WATCHDOG, MILLI};
 use super::Scenario;
 
 /// Longest time until all motors are where they were commanded to.
@@ -84,6 +84,13 @@ impl Scenario {
         } else {
             0
         };
+        // Nothing tells a host that stands still when a watchdog bites sooner than its time.
+        let has = |kind| self.plan.faults.iter().any(|fault| fault.kind == kind);
+        let unseen = if has(FaultKind::FpgaWatchdog) && self.plan.host_stands_still() {
+            LONGEST_WATCHDOG
+        } else {
+            0
+        };
         let is_calm = !watch.was_lost
             && self.stage.begun().is_empty()
             && self.stage.happened().is_empty()
@@ -93,7 +100,7 @@ impl Scenario {
             edges: watch.edges,
             is_lost: watch.is_lost || self.watch.is_some(),
             is_reset: watch.is_reset,
-            mistaken_by: (unheard + 2) * self.plan.period + self.plan.lateness(),
+            mistaken_by: (unheard + 2) * self.plan.period + self.plan.lateness() + unseen,
             is_calm,
             has_old_writes: self.plan.faults.iter().any(|fault| {
                 matches!(

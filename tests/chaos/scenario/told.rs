@@ -16,6 +16,8 @@ pub(super) struct Told {
     events: Option<Events>,
     /// Those that were read, and not judged yet.
     heard: Vec<Event>,
+    /// Number of resets among all events.
+    pub(super) resets_heard: u32,
     /// The lost positions among all events since they were judged: their kind, the number of bit 0, and
     /// the mask.
     pub(super) unsure: Vec<(Positions, u32, u32)>,
@@ -58,6 +60,7 @@ impl Told {
             if let EventKind::PositionUnsure { of, first, mask } = event.kind {
                 self.unsure.push((of, first, mask));
             }
+            self.resets_heard += u32::from(event.kind == EventKind::BoardReset);
             self.heard.push(event);
         }
     }
