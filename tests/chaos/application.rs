@@ -340,6 +340,11 @@ impl Application {
         let runs = driver.board_state() == BoardState::Running;
         let armed = is_armed(driver, driver.group());
         for (stepper, motor) in self.steppers.iter_mut().zip(motors) {
+            // A bus that is down reports no bite, whatever the driver takes it for.
+            let is_unclear = matches!(
+                driver.board_state(),
+                BoardState::BusDown | BoardState::Reset
+            );
             let is_off = matches!(
                 driver.board_state(),
                 BoardState::WatchdogBitten | BoardState::Reset
@@ -351,7 +356,7 @@ impl Application {
             stepper.jolted(jolts);
             if jolts.is_lost {
                 stepper.lost(self.board.is_retimed, jolts.is_reset);
-            } else if self.board.was_retimed && driver.board_state() == BoardState::Reset {
+            } else if self.board.was_retimed && is_unclear {
                 stepper.is_taken_for_reset();
             } else if good && runs {
                 stepper.check_position(pins, motor, (took, now), jolts)?;
