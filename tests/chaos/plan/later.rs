@@ -11,7 +11,6 @@ const LEFT_ALONE: u64 = 250;
 const WRITES_IN: u64 = 25 * MILLI;
 
 /// Further habits of an application.
-#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct Later {
