@@ -33,7 +33,7 @@ const FEW: u64 = 400;
 const MANY: u64 = 5_000;
 const THREADS: usize = 2;
 /// Seeds that have found an error of the driver, or of the oracle.
-const KNOWN: [u64; 31] = [
+const KNOWN: [u64; 32] = [
     740_144,
     760_286,
     800_223,
@@ -43,6 +43,7 @@ const KNOWN: [u64; 31] = [
     903_041,
     904_254,
     911_724,
+    920_930,
     408_637_362_024,
     441_773_812_818,
     484_449_308_038,

@@ -219,6 +219,16 @@ impl Words {
         self.is_asked(setting.0, WriteKind::Cycle)
     }
 
+    /// True if a setting was, or may have been, written after the last but one reply that was processed.
+    pub(crate) fn is_unseen(&self, setting: Setting) -> bool {
+        let state = self.settings.get(usize::from(setting.0));
+        state.is_some_and(|state| match state.progress {
+            Progress::Sent(left) => left.saturating_add(1) >= HORIZON,
+            Progress::Asked => true,
+            Progress::Rests => false,
+        })
+    }
+
     /// True if settings wait for a [guarded](super::Exchanges::write_guarded) write.
     pub(crate) fn has_guarded_news(&self) -> bool {
         self.has_guarded_news

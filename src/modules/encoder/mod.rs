@@ -398,7 +398,8 @@ impl Module for Encoders {
         let times = [cycle.asked, cycle.now];
         for encoder in &mut self.axes {
             let sample = encoder.sample(cycle.words, timestamp, times);
-            encoder.state.run_on(sample, cycle.outage);
+            let is_unseen = cycle.words.is_unseen(encoder.mode);
+            encoder.state.run_on(sample, cycle.outage, is_unseen);
         }
     }
 

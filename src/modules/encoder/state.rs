@@ -247,11 +247,13 @@ impl EncoderState {
         self.latch.request(command.request);
     }
 
-    /// Follows the counter of a board that is not set up, as long as it was not reset.
-    pub fn run_on(&mut self, sample: EncoderSample, outage: &Outage) {
+    /// Follows the counter of a board that is not set up, as long as it was not reset. `is_unseen`: the mode
+    /// was written after the last good read, so that a board that was reset before has it as well.
+    pub fn run_on(&mut self, sample: EncoderSample, outage: &Outage, is_unseen: bool) {
         let Some((last, ticks)) = self.last else {
             return;
         };
+        self.outage.mode_written.get_or_insert(is_unseen);
         self.outage.examine(self.config.mode, last.control, &sample);
         // A reset board can have the mode from a set-up that came late, but shows no bite then.
         self.outage.is_proven &= outage.shows_bite || self.set_up_for == 0;
@@ -265,7 +267,9 @@ impl EncoderState {
 
     /// The board has its set-up back. Without a reset, the counter goes on where it was.
     pub fn set_up_again(&mut self, outage: &Outage) {
-        let OutageProof { is_lost, is_proven } = take(&mut self.outage);
+        let OutageProof {
+            is_lost, is_proven, ..
+        } = take(&mut self.outage);
         let is_reset = outage.was_reset && !is_proven;
         if !outage.has_kept_set_up() {
             self.set_up_for = HORIZON;
@@ -455,6 +459,9 @@ struct OutageProof {
     is_lost: bool,
     /// It showed the mode, which is not 0.
     is_proven: bool,
+    /// The mode was written by one of the last writes before the first read of the outage: a reset
+    /// board shows it as well. `None` before that read.
+    mode_written: Option<bool>,
 }
 
 impl OutageProof {
@@ -462,8 +469,9 @@ impl OutageProof {
     fn examine(&mut self, written: u32, read: u32, sample: &EncoderSample) {
         let shown = sample.control & bits::MODE;
         let expected = [written, read].map(|word| word & bits::MODE);
-        self.is_proven = shown != 0 && expected.contains(&shown);
-        self.is_lost |= !self.is_proven && !expected.contains(&shown);
+        let is_shown = shown != 0 && expected.contains(&shown);
+        self.is_proven = is_shown && self.mode_written != Some(true);
+        self.is_lost |= !is_shown && !expected.contains(&shown);
     }
 }
 

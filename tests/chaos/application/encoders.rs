@@ -133,7 +133,8 @@ impl Encoder {
         // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in it. It
         // may still be on its way to the board.
         let has_mode = pins.param(self.filter) && self.long_for > WRITTEN;
-        let may_be_reset = plan.may_be_reset() || !has_mode;
+        // A request for an index is written with the mode, which proves nothing then.
+        let may_be_reset = plan.may_be_reset() || !has_mode || self.is_pending;
         let is_lost = is_recent && (self.is_muxed || may_be_reset);
         let likely = plan.speed(self.axis).abs() * gap as f64 * 1e-9;
         let is_long = likely > LIKELY * AMBIGUOUS;

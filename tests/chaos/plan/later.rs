@@ -147,7 +147,6 @@ impl Plan {
                     FaultKind::FpgaWatchdog,
                     FaultKind::FpgaReset,
                     FaultKind::FpgaResetLong,
-                    FaultKind::HostStall,
                 ]),
                 in_build: false,
                 after,

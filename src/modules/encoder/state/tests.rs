@@ -320,10 +320,10 @@ fn a_counter_runs_on_through_a_bite() {
         if is_followed {
             // For much longer than a gap may be.
             for _ in 0..40 {
-                encoder.run_on(hardware.step(2_000, 100_000), &BITE);
+                encoder.run_on(hardware.step(2_000, 100_000), &BITE, false);
             }
         } else {
-            encoder.run_on(hardware.step(2_000, 100_000), &BITE);
+            encoder.run_on(hardware.step(2_000, 100_000), &BITE, false);
         }
         encoder.set_up_again(&BITE);
         let reading = encoder.read(hardware.step(20, 1_000));
@@ -338,7 +338,7 @@ fn a_reset_that_looks_like_a_bite_is_unsure() {
     let (mut encoder, mut hardware) = running(20);
     let before = encoder.read(hardware.step(0, 1_000)).rawcounts;
     (hardware.count, hardware.control) = (0, 0);
-    encoder.run_on(hardware.step(3, 200_000), &BITE);
+    encoder.run_on(hardware.step(3, 200_000), &BITE, false);
     hardware.control = 0x1808;
     encoder.set_up_again(&BITE);
     let reading = encoder.read(hardware.step(0, 1_000));
@@ -347,7 +347,7 @@ fn a_reset_that_looks_like_a_bite_is_unsure() {
     let (mut encoder, mut hardware) = running(20);
     (encoder.config.mode, hardware.control) = (0, 0);
     encoder.read(hardware.step(20, 1_000));
-    encoder.run_on(hardware.step(20, 1_000), &BITE);
+    encoder.run_on(hardware.step(20, 1_000), &BITE, false);
     encoder.set_up_again(&BITE);
     let reading = encoder.read(hardware.step(20, 1_000));
     assert_eq!(
@@ -359,7 +359,7 @@ fn a_reset_that_looks_like_a_bite_is_unsure() {
 #[test]
 fn a_board_that_has_kept_its_mode_was_not_reset() {
     let (mut encoder, mut hardware) = running(20);
-    encoder.run_on(hardware.step(20, 1_000), &RESET);
+    encoder.run_on(hardware.step(20, 1_000), &RESET, false);
     encoder.set_up_again(&RESET);
     let reading = encoder.read(hardware.step(20, 1_000));
     assert_eq!(
@@ -367,15 +367,28 @@ fn a_board_that_has_kept_its_mode_was_not_reset() {
         (hardware.count - 20, false)
     );
     // The mode may be that of a set-up that came late.
-    encoder.run_on(hardware.step(20, 1_000), &RESET);
+    encoder.run_on(hardware.step(20, 1_000), &RESET, false);
     encoder.set_up_again(&RESET);
     assert!(encoder.read(hardware.step(20, 1_000)).is_unsure);
 }
 
 #[test]
+fn a_mode_that_was_written_after_the_last_read_is_no_proof() {
+    for is_unseen in [false, true] {
+        let (mut encoder, mut hardware) = running(20);
+        encoder.run_on(hardware.step(20, 1_000), &RESET, is_unseen);
+        // What is written from then on does not count.
+        encoder.run_on(hardware.step(20, 1_000), &RESET, true);
+        encoder.set_up_again(&RESET);
+        let reading = encoder.read(hardware.step(20, 1_000));
+        assert_eq!(reading.is_unsure, is_unseen);
+    }
+}
+
+#[test]
 fn a_counter_that_begins_again_with_the_set_up_is_unsure() {
     let (mut encoder, mut hardware) = running(20);
-    encoder.run_on(hardware.step(20, 1_000), &BITE);
+    encoder.run_on(hardware.step(20, 1_000), &BITE, false);
     encoder.set_up_again(&BITE);
     hardware.count = 0;
     assert!(encoder.read(hardware.step(1, 1_000)).is_unsure);
