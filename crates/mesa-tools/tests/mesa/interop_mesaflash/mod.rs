@@ -343,7 +343,10 @@ fn an_ip_address_is_set_and_stays_in_the_state_file() {
         .unwrap();
     assert!(!output.status.success());
     let error = String::from_utf8_lossy(&output.stderr);
-    assert!(error.contains("another MAC address or card name"), "{error}");
+    assert!(
+        error.contains("another MAC address or card name"),
+        "{error}"
+    );
 }
 
 #[test]
