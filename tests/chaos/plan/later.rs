@@ -1,7 +1,7 @@
 //! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
 
 use super::{
-    FaultKind, FaultPlace, MILLI, More, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled,
+    Board, FaultKind, FaultPlace, MILLI, More, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled,
 };
 use crate::common::chance::Chance;
 
@@ -65,6 +65,11 @@ impl Plan {
         self.later.acts_early &= !self.later.asks_twice && self.extras.stranger == Stranger::None;
         if self.later.acts_early {
             self.acts_for_each_fault(&mut Chance(scrambled(self.seed ^ 0xAC7)));
+        }
+        let is_plain = self.board == Board::I7i92 && self.steppers.is_7i76;
+        let is_other = self.later.asks_twice || self.later.acts_early;
+        if is_plain && !is_other && Chance(scrambled(self.seed ^ 0xB17E)).one_in(2) {
+            self.only_bites(&mut Chance(scrambled(self.seed ^ 0xB17)));
         }
         self.later.leaves_bitten &= self.bites_alone() && !self.later.acts_early;
         if self.later.leaves_bitten {
@@ -157,6 +162,28 @@ impl Plan {
             after += lasts + 600 * MILLI;
         }
         self.run = after;
+    }
+
+    /// Nothing but bites of a board whose encoder keeps its long filter, and with that a mode: it is sure.
+    fn only_bites(&mut self, chance: &mut Chance) {
+        self.extras.second_master = false;
+        self.extras.stranger = Stranger::None;
+        self.extras.deeds_one_in = 0;
+        (self.more.switches_one_in, self.more.proves_one_in) = (0, 0);
+        self.habits.settings_one_in = 0;
+        // A request is written with the mode, which proves nothing then.
+        self.habits.index_one_in = u64::MAX;
+        self.run += 200 * MILLI;
+        let run = self.run;
+        let bite = |chance: &mut Chance| Planned {
+            kind: FaultKind::FpgaWatchdog,
+            in_build: false,
+            after: 50 * MILLI + chance.below(run - 100 * MILLI),
+            lasts: MILLI * (1 + chance.below(50)),
+            target: 0,
+            dice: chance.below(1 << 31),
+        };
+        self.faults = (0..2).map(|_| bite(chance)).collect();
     }
 
     /// True if a fault is a bite of the board's watchdog, and no packet is lost or doubtful.
