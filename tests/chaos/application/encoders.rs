@@ -53,8 +53,8 @@ pub(super) struct Encoder {
     pub(super) asked: Option<u64>,
     /// An index was requested and has not occurred, even if the request was dropped.
     pub(super) is_pending: bool,
-    /// End of the last read whose counts were used.
-    read_until: Option<u64>,
+    /// Start of the last read whose counts were used.
+    read_from: Option<u64>,
     /// Counts of this set-up have been used.
     is_begun: bool,
     /// The long filter was selected at the last look.
@@ -98,7 +98,7 @@ impl Encoder {
             ended: 0,
             asked: None,
             is_pending: false,
-            read_until: None,
+            read_from: None,
             is_begun: false,
             is_long: None,
             long_for: 0,
@@ -152,15 +152,16 @@ impl Encoder {
         ensure(is_unsure || !self.must_doubt, Promise::Inputs, now, || {
             format!("encoder {axis} has no doubts, but its select line was released")
         })?;
+        // The registers were read at any time between the request and the reply.
         let gap = self
-            .read_until
-            .map_or(0, |until| from.saturating_sub(until));
-        self.read_until = Some(now);
+            .read_from
+            .map_or(0, |before| now.saturating_sub(before));
+        self.read_from = Some(from);
         // Whether it should have some, its counts show.
         self.may_doubt &= is_unsure;
         self.may_doubt |= self.may_begin_to_doubt((pins, plan), gap);
         ensure(!is_unsure || self.may_doubt, Promise::Inputs, now, || {
-            format!("encoder {axis} has doubts without a reason, {gap} ns after the read before")
+            format!("encoder {axis} has doubts without a reason, {gap} ns after the request before")
         })?;
         let is_long = pins.param(self.filter);
         let is_new = self.is_long.replace(is_long) != Some(is_long);

@@ -152,6 +152,7 @@ impl Plan {
                     FaultKind::FpgaWatchdog,
                     FaultKind::FpgaReset,
                     FaultKind::FpgaResetLong,
+                    FaultKind::HostStall,
                 ]),
                 in_build: false,
                 after,
