@@ -59,6 +59,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         took: 0,
         is_written: false,
         is_open: false,
+        has_open_pins: false,
         opened: 0,
         released: (false, false),
         told: None,
@@ -143,6 +144,8 @@ struct Scenario {
     /// restore the board, a register was written, and then a pin was driven.
     is_written: bool,
     is_open: bool,
+    /// Pins are driven now.
+    has_open_pins: bool,
     /// Time at which the first pin was driven after none was.
     opened: u64,
     /// All pins were released since the last set-up; and before the set-up that was written since the
@@ -363,6 +366,7 @@ impl Scenario {
         let runs = driver.board_state() == BoardState::Running;
         if self.is_clearing && runs {
             self.is_clearing = false;
+            self.is_set_up();
             self.oracle.set_up(false);
             self.came_by_pin = true;
             self.oracle.remotes_are_asked(at);
@@ -434,6 +438,7 @@ impl Scenario {
         if was_down && done.is_ok() {
             // A copy of an older packet can drive pins just before the set-up arrives.
             self.oracle.forget_before(self.opened);
+            self.is_set_up();
         }
         self.oracle.set_up(false);
         if was_down {

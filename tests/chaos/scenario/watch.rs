@@ -42,6 +42,11 @@ impl Scenario {
     /// Notes that all pins are released, or driven again. A copy of a packet can do both without a fault.
     fn releases(&mut self, what: What) {
         match what {
+            What::Opened => self.has_open_pins = true,
+            What::Closed => self.has_open_pins = false,
+            _ => {}
+        }
+        match what {
             What::Closed => self.released.0 = true,
             What::Opened if self.oracle.is_setting_up() => self.released.1 |= self.released.0,
             What::Opened => self.released.0 = false,
@@ -66,6 +71,11 @@ impl Scenario {
         self.is_written = false;
         self.is_open = false;
         self.oracle.set_up(true);
+    }
+
+    /// The board runs. If its set-up was only renewed, no pin has changed, and there is no event.
+    pub(super) fn is_set_up(&mut self) {
+        self.is_open |= self.has_open_pins;
     }
 
     /// A driver was built. It has repeated the set-up until the board had it: events of the board
