@@ -400,7 +400,10 @@ impl Module for Watchdog {
     }
 
     fn written(&mut self, now: Instant, arrived: bool) {
-        let sent_from = self.sent_from.take().unwrap_or(now);
+        // Without it, the write was omitted.
+        let Some(sent_from) = self.sent_from.take() else {
+            return;
+        };
         if self.is_fed {
             let time = self.timeout().max(self.shortest);
             let feed = Feed {
