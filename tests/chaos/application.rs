@@ -495,7 +495,10 @@ impl Application {
             return;
         }
         for encoder in &mut self.encoders {
-            if encoder.asked.is_none() && encoder.is_known() && chance.one_in(2) {
+            // A request outlives a fault: asking again is no other one.
+            let is_asked = driver.pins().read(encoder.index_enable).value;
+            let is_asked = is_asked || encoder.asked.is_some();
+            if !is_asked && encoder.is_known() && chance.one_in(2) {
                 driver.pins_mut().set(encoder.index_enable, true);
                 (encoder.asked, encoder.is_pending) = (Some(now), true);
             }
