@@ -103,16 +103,22 @@ impl Pins {
     /// # Real time
     /// Set-up only: an error allocates.
     pub fn id(&self, name: &str) -> Result<PinId, PinError> {
-        let (index, _) = self.named(name).ok_or_else(|| self.not_found(name))?;
-        Ok(PinId(self.key(index)))
+        self.find(name).ok_or_else(|| self.not_found(name))
     }
 
-    /// True if a pin or parameter has the given name. Does not look for a similar one.
+    /// The pin or parameter with the given name, for names that need not exist: no similar one is
+    /// searched for.
     ///
     /// # Real time
     /// Searches in the sorted names; no allocation.
+    pub fn find(&self, name: &str) -> Option<PinId> {
+        let (index, _) = self.named(name)?;
+        Some(PinId(self.key(index)))
+    }
+
+    /// True if a pin or parameter has the given name, as [`find`](Self::find).
     pub fn has(&self, name: &str) -> bool {
-        self.named(name).is_some()
+        self.find(name).is_some()
     }
 
     /// True if a pin with the given first or second name exists; a parameter does not count.

@@ -348,22 +348,22 @@ impl Pins {
     /// # Real time
     /// Set-up only: an error allocates, and compares names.
     pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
-        self.find(name, Role::Input)
+        self.handle(name, Role::Input)
     }
 
     /// Finds the output with the given name.
     pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
-        self.find(name, Role::Output)
+        self.handle(name, Role::Output)
     }
 
     /// Finds the pin with the given name that both sides set.
     pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
-        self.find(name, Role::InOut)
+        self.handle(name, Role::InOut)
     }
 
     /// Finds the parameter with the given name.
     pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
-        self.find(name, Role::Setting)
+        self.handle(name, Role::Setting)
     }
 
     /// What `find` finds under a name that need not exist. An error about a missing name would be
@@ -376,7 +376,7 @@ impl Pins {
         self.has(name).then(|| find(self, name)).transpose()
     }
 
-    fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
+    fn handle<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
         let (index, info) = self.named(name).ok_or_else(|| self.not_found(name))?;
         let wrong = |expected, actual| {
             let name = name.into();

@@ -28,7 +28,7 @@ use plan::Plan;
 use report::Report;
 
 /// Number of scenarios without `CHAOS_SCENARIOS`, limited by the time of `cargo test`.
-const FEW: u64 = 400;
+const FEW: u64 = 120;
 /// Number of scenarios from which on every kind of fault has to occur.
 const MANY: u64 = 5_000;
 const THREADS: usize = 2;

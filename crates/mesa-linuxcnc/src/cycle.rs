@@ -156,7 +156,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     pub fn new(driver: Driver<B>, mut memory: M, say: Say) -> Self {
         let pins = driver.pins();
         let mut table = Table::new(pins, &mut memory);
-        let id = |name: &str| pins.id(&format!("{}.{name}", driver.name())).ok();
+        let id = |name: &str| pins.find(&format!("{}.{name}", driver.name()));
         let acknowledged = [id("watchdog.has_bit"), id("io_error")];
         if let Some(io_error) = id("io_error") {
             table.acknowledge_by(io_error);

@@ -33,7 +33,7 @@ impl Dpll {
         let timers = pins.infos().iter().enumerate();
         let timers = timers.filter(|(_, info)| info.name.ends_with(".timer-number"));
         Self {
-            frequency: pins.id(&format!("{board}.dpll.base-freq-khz")).ok(),
+            frequency: pins.find(&format!("{board}.dpll.base-freq-khz")),
             timers: timers
                 .filter_map(|(number, info)| Some((number, own(&info.name)?)))
                 .collect(),

@@ -37,7 +37,7 @@ impl Gpio {
         let width = firmware.idrom.port_width as usize;
         let number = |pin: usize, end: &str| {
             let name = format!("{board}.gpio.{pin:03}.{end}");
-            pins.id(&name).ok().map(mesa_hal::hal::PinId::index)
+            pins.find(&name).map(mesa_hal::hal::PinId::index)
         };
         let port = |instance: u8| {
             let first = usize::from(instance) * width;

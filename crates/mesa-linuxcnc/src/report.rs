@@ -326,17 +326,12 @@ impl Report<'_> {
         match reason {
             OfflineReason::TooManyFailures(failure) => {
                 write!(f, "{failure}")?;
-                f.write_str(match failure.advice() {
-                    Some(Advice::CheckCardPower) => "; check its cable and power",
-                    Some(Advice::CheckShield) => "; check its cable, shield and ground",
-                    Some(Advice::CheckSwitches) => {
-                        "; packets are lost: check the network of the board"
-                    }
-                    Some(Advice::CheckSupply) => {
-                        "; check the supply of the board, and that no other program drives it"
-                    }
-                    _ => "",
-                })
+                match failure.advice() {
+                    // Shorter, for the operator's screen.
+                    Some(Advice::CheckCardPower) => f.write_str("; check its cable and power"),
+                    Some(advice) => write!(f, "; {advice}"),
+                    None => Ok(()),
+                }
             }
             OfflineReason::Absent => f.write_str("it was absent at the load"),
             OfflineReason::NotRunning(cs) => write!(f, "the port has stopped it ({cs})"),

@@ -1,9 +1,13 @@
 //! One generator: its registers, and its cycle.
 
+mod outage;
+
+pub(super) use outage::LastRead;
+
 use core::time::Duration;
 
 use super::control::{ControlLaw, ControlLimits};
-use super::counts::{AMBIGUOUS, Expected, SUB_COUNTS, StepCounts};
+use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
 use super::latch::{AccumulatorLatch, LatchRequest};
 use super::pins::{Rows, StepgenPins, Switches};
 use super::pulses::PulseChange;
@@ -11,8 +15,7 @@ use super::rate::RateRegister;
 use super::registers::Registers;
 use super::reports::Reports;
 use super::timing::PulseTimes;
-use super::{Firmware, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle};
-use crate::bus::Instant;
+use super::{Firmware, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::ModuleDescriptor;
 
@@ -222,66 +225,6 @@ impl Generator {
             to.set_safe(pins.position_cmd, self.position);
         }
         self.counts.doubt.read()
-    }
-
-    /// Follows the accumulator of a board that is not set up, as long as its pins are outputs. The last
-    /// read was requested at `asked_at`, and its reply had arrived at `read_at`.
-    pub fn run_on(&mut self, cycle: &RunOnCycle<'_>, read_at: Instant, asked_at: Instant) {
-        let outage = cycle.outage;
-        let is_lost = outage.was_reset || outage.was_replaced;
-        if is_lost || self.is_released || !self.counts.has_begun() {
-            return;
-        }
-        let accumulator = cycle.words.word(self.registers.accumulator);
-        let gap = cycle.now.since(asked_at);
-        let fastest = self.steps_per_second(self.rate.fastest());
-        if !outage.has_released {
-            self.counts.observe_gap(gap, fastest);
-            self.counts.read(accumulator);
-            return;
-        }
-        self.is_released = true;
-        let sent = self.rate.sent();
-        let [before, first, last] =
-            [sent.before, sent.first, sent.last].map(|word| self.speed(word));
-        let (mut ran, mut speed, mut is_last) = (0.0, first, false);
-        let is_ambiguous = gap.as_secs_f64() * fastest >= AMBIGUOUS;
-        // Until it was stopped.
-        let (mut gap, mut has_stopped) = (gap.as_secs_f64(), false);
-        if let Some(feed) = outage.last_feed {
-            // A read from after the bite would have shown it: the host was suspended with the reply.
-            let is_old = read_at > feed.bitten_at;
-            let read_at = if is_old { asked_at } else { read_at };
-            let until = sent.stopped_at.unwrap_or(cycle.now);
-            has_stopped = until < feed.bitten_at;
-            gap = until.since(read_at).as_secs_f64();
-            ran = feed.bitten_at.since(read_at).as_secs_f64();
-            let is_after = feed.at > read_at || !is_old && feed.at == read_at;
-            speed = if is_after { first } else { before };
-            is_last = feed.is_last && !self.rate.has_failed();
-        }
-        let by_time = (speed * ran) as i64;
-        let expected = if is_ambiguous {
-            Expected::ByTime(by_time)
-        } else if !is_last {
-            Expected::Within(by_time)
-        } else if has_stopped {
-            Expected::Beyond(0)
-        } else if sent.is_one() {
-            Expected::Changed {
-                speeds: [before, first],
-                ran,
-                gap,
-            }
-        } else {
-            Expected::Beyond((last * (gap - ran)) as i64)
-        };
-        self.counts.released(accumulator, expected);
-    }
-
-    /// The speed of a word in sub-counts per second.
-    fn speed(&self, word: i32) -> f64 {
-        f64::from(word) / STEP_PER_TICK * f64::from(self.clock_hz) * SUB_COUNTS
     }
 
     /// After a doubtful exchange an older rate than that of the last writes may have been in force.

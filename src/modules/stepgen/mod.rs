@@ -35,7 +35,7 @@ use core::time::Duration;
 
 pub use pins::StepgenPins;
 
-use generator::{Generator, Moment};
+use generator::{Generator, LastRead, Moment};
 
 use super::events::{CorrectedValue, Positions, UnsureMask};
 use super::limit::Limit;
@@ -69,9 +69,8 @@ pub struct Stepgens {
     first: u8,
     /// Source that latches all accumulators; only with a DPLL.
     timer: Option<LatchTimer>,
-    /// Time of the last good read, and of its request.
-    read_at: Instant,
-    asked_at: Instant,
+    /// The last good read.
+    last: LastRead,
     period: Duration,
     /// Periods in a second.
     per_second: f64,
@@ -173,8 +172,7 @@ impl Stepgens {
             generators,
             first: of_kind.number(0),
             timer,
-            read_at: Instant::default(),
-            asked_at: Instant::default(),
+            last: LastRead::default(),
             period: r.settings.period,
             per_second: 1.0 / r.settings.period.as_secs_f64(),
             delay: 0.0,
@@ -184,7 +182,7 @@ impl Stepgens {
     /// Measures the time from the sample of the positions to this write. Without a read, that of
     /// before stays.
     fn observe_delay(&mut self, now: Instant, pins: &PinStore) {
-        let passed = now.since(self.read_at);
+        let passed = now.since(self.last.at);
         if passed < self.period {
             let lead = self.timer.map_or(0.0, |timer| timer.lead(pins));
             let period = self.period.as_secs_f64();
@@ -274,11 +272,12 @@ pub(crate) const fn is_old(version: u8) -> bool {
 
 impl Module for Stepgens {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let gap_ns = cycle
-            .now
-            .as_nanos()
-            .saturating_sub(self.asked_at.as_nanos());
-        (self.read_at, self.asked_at) = (cycle.now, cycle.asked);
+        let asked = self.last.asked.as_nanos();
+        let gap_ns = cycle.now.as_nanos().saturating_sub(asked);
+        self.last = LastRead {
+            asked: cycle.asked,
+            at: cycle.now,
+        };
         let mut unsure = UnsureMask::default();
         for (number, generator) in (self.first..).zip(&mut self.generators) {
             if generator.read(cycle, gap_ns) {
@@ -290,9 +289,12 @@ impl Module for Stepgens {
 
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
         for generator in &mut self.generators {
-            generator.run_on(cycle, self.read_at, self.asked_at);
+            generator.run_on(cycle, self.last);
         }
-        (self.read_at, self.asked_at) = (cycle.now, cycle.asked);
+        self.last = LastRead {
+            asked: cycle.asked,
+            at: cycle.now,
+        };
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {

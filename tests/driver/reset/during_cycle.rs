@@ -326,7 +326,7 @@ fn a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
         while delay < cycle + 1_000 {
             let name = format!("{change:?}, reset after {delay} of {cycle} ns");
             reset_at(world(remotes), remotes, change, delay, name);
-            delay += if remotes { 3_700 } else { 910 };
+            delay += if remotes { 7_300 } else { 1_730 };
         }
     }
 }

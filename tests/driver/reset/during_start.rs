@@ -99,7 +99,7 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
     let end = SimFpga::now(&fpga);
     let (mut starts, mut failed) = (0, 0);
     for time in [0, 2_000] {
-        for at in (begun..end).step_by(if time == 0 { 150 } else { 2_350 }) {
+        for at in (begun..end).step_by(if time == 0 { 370 } else { 4_350 }) {
             let mut fpga = board();
             let reset = Reset::new(at, time);
             let longest = Arc::clone(&reset.longest);

@@ -17,9 +17,9 @@ use mesa_hal::lbp16::registers::{eeprom, read_only};
 /// Tolerance for lost or late replies: a machine runs with up to one in this number.
 const LOSS: u64 = 200;
 
-/// Describes an EEPROM of which Mesa's part, with card name and MAC address, was never written; `None`
-/// for a sound one.
-pub fn unwritten_eeprom(identity: &Identity) -> Option<String> {
+/// An EEPROM of which Mesa's part, with card name and MAC address, was never written, and what to do;
+/// `None` for a sound one.
+pub fn unwritten_eeprom(identity: &Identity) -> Option<(String, &'static str)> {
     // A multicast address is no board's own, and an erased one is FF:FF:FF:FF:FF:FF.
     let has_mac = identity.mac.0[0] & 1 == 0 && identity.mac.0 != [0; 6];
     let lacks = match (has_name(&identity.card), has_mac) {
@@ -28,9 +28,10 @@ pub fn unwritten_eeprom(identity: &Identity) -> Option<String> {
         (false, true) => "no card name",
         (false, false) => "neither card name nor MAC address",
     };
-    Some(format!(
-        "the EEPROM of the network side has {lacks}: it was never written, or is erased. Other programs refuse such \
-         a board, and its flash memory cannot be written: ask Mesa how to write the EEPROM"
+    Some((
+        format!("the EEPROM of the network side has {lacks}"),
+        "it was never written, or is erased. Other programs refuse such a board, and its flash memory cannot be \
+         written: ask Mesa how to write the EEPROM",
     ))
 }
 
@@ -42,8 +43,7 @@ pub fn has_name(card: &str) -> bool {
 /// Judges the firmware of the Ethernet side, and its EEPROM.
 pub fn firmware(identity: &Identity) -> Finding {
     let version = identity.firmware_version;
-    if let Some(unwritten) = unwritten_eeprom(identity) {
-        let (figure, advice) = unwritten.split_once(": ").unwrap_or((&unwritten, ""));
+    if let Some((figure, advice)) = unwritten_eeprom(identity) {
         return Finding::new(FigureVerdict::Bad, "EEPROM", figure, advice);
     }
     let figure = format!("{}, network firmware {version}", identity.card);

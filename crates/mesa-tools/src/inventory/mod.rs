@@ -354,9 +354,9 @@ impl InventoryEthernet {
         let counted = counted.map(|(count, what)| format!("the board counted {what}: {count}"));
         let invalid = self.identity.address_from == mesa_hal::ethernet::AddressSource::Invalid;
         let jumpers = invalid.then(|| "the address jumpers are both up, which is invalid".into());
-        counted
-            .chain(jumpers)
-            .chain(crate::diagnosis::board::unwritten_eeprom(&self.identity))
+        let unwritten = crate::diagnosis::board::unwritten_eeprom(&self.identity);
+        let unwritten = unwritten.map(|(what, advice)| format!("{what}: {advice}"));
+        counted.chain(jumpers).chain(unwritten)
     }
 }
 

@@ -142,6 +142,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
         /// Whatever is lost or late: the waits in vain after a signal are 0.9 s and the last part.
         #[test]
         fn after_a_signal_missing_replies_are_waited_for_less_than_a_second(

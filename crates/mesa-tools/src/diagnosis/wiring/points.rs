@@ -128,7 +128,7 @@ impl Point {
         if !pins.has(&level) {
             return None;
         }
-        pins.info_of(pins.id(&level).ok()?)
+        pins.info_of(pins.find(&level)?)
     }
 
     /// True if this is the counter of the index's encoder.

@@ -16,6 +16,7 @@ fn number(value: &Value) -> f64 {
         .unwrap_or_else(|| panic!("{value} is no number"))
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn both_paces_are_measured_and_judged_for_programs() {
     let measured = json(&[
@@ -62,6 +63,7 @@ fn both_paces_are_measured_and_judged_for_programs() {
     assert!(board["round_trip_us"].is_null(), "{board}");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn the_percentiles_the_bars_and_the_picture_are_for_people() {
     let picture = Scratch::new("latency.svg");
@@ -103,6 +105,7 @@ fn the_percentiles_the_bars_and_the_picture_are_for_people() {
     assert!(picture.matches("<rect").count() > 4, "bars");
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn both_paces_are_on_one_axis_of_the_picture() {
     let picture = Scratch::new("both.svg");
@@ -126,6 +129,7 @@ fn both_paces_are_on_one_axis_of_the_picture() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn what_was_given_is_not_advised() {
     let base = [

@@ -440,6 +440,7 @@ fn everything_in_order_is_exit_code_0() {
     );
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
     let all = ["wiring", "*input-0?", "--sim", "7i97", "--timeout", "0.5"];

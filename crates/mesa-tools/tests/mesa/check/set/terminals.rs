@@ -30,6 +30,7 @@ fn an_output_is_named_by_its_terminal_or_its_signal() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given() {
     let two = [
@@ -63,6 +64,7 @@ fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given()
 }
 
 /// Each output of a 7I97 is at two terminals, with a pin that inverts it beside it.
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_terminal_of_a_7i97_names_its_output_alone() {
     let of_7i97 = ["on", "--for", "100ms", "--sim", "7i97", "--yes", "--json"];

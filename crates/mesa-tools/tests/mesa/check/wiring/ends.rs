@@ -53,6 +53,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_started() {
     }
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_file_that_is_there_is_replaced_only_with_consent() {
     let file = Scratch::new("wiring-old.txt");

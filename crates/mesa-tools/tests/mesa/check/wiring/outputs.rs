@@ -240,6 +240,7 @@ fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
     assert_eq!(lit(&mut board), [""; 0]);
 }
 
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn without_the_option_and_for_enables_and_voltages_nothing_is_ever_driven() {
     for arguments in [&["output"][..], &["analogena", "--outputs", "--yes"]] {

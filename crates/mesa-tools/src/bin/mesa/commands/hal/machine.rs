@@ -352,7 +352,7 @@ fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     });
     let volts = pins.iter().filter(|pin| is_analog_output(pin));
     let servo = |(encoder, volts): (String, &PinInfo)| {
-        let id = board.pins().id(&volts.name).ok();
+        let id = board.pins().find(&volts.name);
         let enable = id.and_then(|id| board.pins().enables(id).next());
         let enable = enable.and_then(|enable| board.pins().info_of(enable));
         Joint::Servo(Servo {

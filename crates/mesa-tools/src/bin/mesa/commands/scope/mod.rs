@@ -332,7 +332,7 @@ impl Scope {
     /// Tells what is awaited, once the cycles before the trigger are recorded.
     fn say_armed(&self, cycle: &Cycle<'_, Bus>, watched: &PinInfo) {
         let pins = cycle.pins();
-        let now = pins.id(&watched.name).ok();
+        let now = pins.find(&watched.name);
         let now = now.and_then(|pin| pins.read_any(pin).ok());
         let edge = self.edge.word();
         let level = self.level;
