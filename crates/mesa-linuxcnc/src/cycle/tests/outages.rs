@@ -203,7 +203,7 @@ fn nothing_is_written_while_io_error_is_set_and_everything_follows_when_it_is_cl
 #[test]
 fn no_line_says_safe_of_outputs_that_are_on() {
     let mut known_before = [0; 2];
-    for wait in 0..12 {
+    for wait in (0..12).step_by(2) {
         for is_between in [false, true] {
             let mut bench = Bench::running();
             bench.switch_on();
@@ -240,7 +240,7 @@ fn no_line_says_safe_of_outputs_that_are_on() {
         }
     }
     assert!(
-        known_before.iter().all(|&count| count > 2),
+        known_before.iter().all(|&count| count > 1),
         "{known_before:?}"
     );
 }
