@@ -162,7 +162,7 @@ impl Drop for Process {
     }
 }
 
-/// A file that does not exist at first, and is removed at the end.
+/// A file or folder of this process that does not exist at first, and is removed at the end.
 pub struct Scratch(pub PathBuf);
 
 impl Scratch {
@@ -176,18 +176,22 @@ impl Scratch {
     }
 
     fn below(directory: &Path, name: &str) -> Self {
-        let path = directory.join(format!("{}-{name}", std::process::id()));
-        let _ = fs::remove_file(&path);
-        Self(path)
+        let scratch = Self(directory.join(format!("{}-{name}", std::process::id())));
+        scratch.remove();
+        scratch
     }
 
     pub fn path(&self) -> &str {
         self.0.to_str().expect("UTF-8")
     }
+
+    fn remove(&self) {
+        let _ = fs::remove_file(&self.0).or_else(|_| fs::remove_dir_all(&self.0));
+    }
 }
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
+        self.remove();
     }
 }

@@ -2,7 +2,6 @@
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
 use std::process::Stdio;
 
 use crate::interop::{Process, Scratch, wait_until};
@@ -120,15 +119,14 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
 /// Where a terminal is asked for its width by `tput`, a line of a simulator costs two programs.
 #[test]
 fn a_line_that_goes_to_a_pipe_starts_no_program() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("programs");
-    fs::create_dir_all(&folder).expect("a folder");
-    let (program, started) = (folder.join("tput"), folder.join("started"));
+    let folder = Scratch::new("programs");
+    fs::create_dir_all(&folder.0).expect("a folder");
+    let (program, started) = (folder.0.join("tput"), folder.0.join("started"));
     let script = format!("#!/bin/sh\necho \"$*\" >> {}\n", started.display());
     fs::write(&program, script).expect("a program");
     fs::set_permissions(&program, Permissions::from_mode(0o755)).expect("its own file");
-    let _ = fs::remove_file(&started);
     let mut mesa = command(&["info", "--sim", "7i97"]);
-    let run = Run::from(mesa.env("PATH", &folder).output().expect("mesa runs"));
+    let run = Run::from(mesa.env("PATH", &folder.0).output().expect("mesa runs"));
     assert_eq!(run.code, Some(0), "{run:?}");
     assert!(run.out.lines().count() > 10, "{run:?}");
     let asked = fs::read_to_string(&started).unwrap_or_default();

@@ -1,8 +1,8 @@
 //! Documentation by `mesa` itself: help, completions, manual pages.
 
 use std::fs;
-use std::path::PathBuf;
 
+use crate::interop::Scratch;
 use crate::run::{done, run};
 
 /// Names of all commands in the help.
@@ -19,9 +19,8 @@ pub fn commands() -> Vec<String> {
 
 #[test]
 fn the_manual_has_a_page_of_every_command() {
-    let above = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("share");
-    let _ = fs::remove_dir_all(&above);
-    let directory = above.join("man").join("man1");
+    let above = Scratch::new("share");
+    let directory = above.0.join("man").join("man1");
     done(&["man", directory.to_str().expect("UTF-8")]);
     for command in commands() {
         let page = directory.join(format!("mesa-{command}.1"));

@@ -8,6 +8,7 @@ use std::process::Stdio;
 use mesa_hal::lbp16;
 
 use crate::interop::board::Board;
+use crate::interop::mesaflash::free_address;
 use crate::interop::{PATIENCE, Process};
 use crate::run::{Run, command, hold_against_schema, json, run};
 
@@ -83,13 +84,14 @@ fn a_board_gets_two_packets_at_most() {
 
 #[test]
 fn where_there_is_none_it_says_why_and_what_to_do() {
-    let silent = UdpSocket::bind((Ipv4Addr::new(127, 94, 3, 1), lbp16::PORT)).expect("free");
-    let run = run(&["list", "127.94.3.1"]);
+    let address = free_address();
+    let silent = UdpSocket::bind((address, lbp16::PORT)).expect("free");
+    let run = run(&["list", &address.to_string()]);
     drop(silent);
     assert_eq!(run.code, Some(1), "{run:?}");
     assert!(run.out.starts_with("no board answers\n"), "{run:?}");
-    let why = "127.94.3.1       no simulated board listens there on this computer\n";
-    assert!(run.out.contains(why), "{run:?}");
+    let why = format!("{address:16} no simulated board listens there on this computer\n");
+    assert!(run.out.contains(&why), "{run:?}");
     // Whatever the network of this computer, each factory address has a reason and advice.
     for factory in ["192.168.1.121", "10.10.10.10"] {
         let mut lines = run.out.lines().skip_while(|line| !line.contains(factory));

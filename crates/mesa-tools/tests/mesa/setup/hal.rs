@@ -4,13 +4,13 @@
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read};
 use std::net::Ipv4Addr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
 use crate::interop::board::Board;
-use crate::interop::{Process, example};
+use crate::interop::{Process, Scratch, example};
 use crate::run::{Run, command, done, json, run};
 
 const NAMES: [&str; 6] = [
@@ -21,12 +21,6 @@ const NAMES: [&str; 6] = [
     "bench.hal",
     "main.rs",
 ];
-
-fn directory(name: &str) -> PathBuf {
-    let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = fs::remove_dir_all(&directory);
-    directory
-}
 
 fn text(found: &Value, name: &str) -> String {
     let files = found["files"].as_array().expect("files");
@@ -409,7 +403,8 @@ fn the_program_runs_until_a_signal_and_enables_no_drive() {
 
 #[test]
 fn files_are_replaced_only_when_that_is_asked_for() {
-    let directory = directory("hal-replaced");
+    let scratch = Scratch::new("hal-replaced");
+    let directory = &scratch.0;
     let out = directory.to_str().expect("UTF-8");
     let printed = done(&["hal", "--sim", "7i97", "--out", out]);
     let names: Vec<_> = printed.lines().map(Path::new).collect();
@@ -475,15 +470,14 @@ fn what_can_not_be_done_is_said() {
     let silent = run(&["hal", "--addr", "127.93.9.1"]);
     assert_eq!(silent.code, Some(1), "{silent:?}");
     assert!(silent.err.contains("127.93.9.1:27181: "), "{silent:?}");
-    let file = directory("hal-file");
-    File::create(&file).expect("a file");
-    let place = file.join("below");
+    let file = Scratch::new("hal-file");
+    File::create(&file.0).expect("a file");
+    let place = file.0.join("below");
     for place in ["/proc/nothing", place.to_str().expect("UTF-8")] {
         let place = run(&["hal", "--sim", "7i97", "--out", place]);
         assert_eq!(place.code, Some(1), "{place:?}");
         assert_eq!(place.out, "");
     }
-    let _ = fs::remove_file(&file);
     let mode = ["hal", "--sim", "7i92-7i77", "--mode", "0.0"];
     assert_eq!(run(&mode).code, Some(2));
     assert_eq!(run(&["hal"]).code, Some(2));
@@ -495,7 +489,8 @@ fn a_signal_ends_it_with_nothing_written_and_the_board_stopped() {
     // Late replies, to slow the command down.
     let slow = ["--board", "7i92-7i77", "--port", "0", "--late", "0.5"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &slow);
-    let directory = directory("hal-stopped");
+    let scratch = Scratch::new("hal-stopped");
+    let directory = &scratch.0;
     let out = directory.to_str().expect("UTF-8");
     let address = board.address.to_string();
     let started = command(&["hal", "--addr", &address, "--out", out]).spawn();
