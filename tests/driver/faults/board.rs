@@ -3,12 +3,11 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga, start};
-use mesa_hal::RemoteId;
-use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
 use mesa_hal::hal::Pins;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal::{I7i77Field, RemoteId, Settings};
 use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -450,4 +449,51 @@ fn writes_alone_do_not_bring_back_a_board_whose_bus_was_down() {
         assert!(machine.driver.write().is_ok());
         assert_eq!(machine.driver.board_state(), BoardState::BusDown);
     }
+}
+
+/// A killed process runs nothing at its end: its driver is not even dropped.
+#[test]
+fn outputs_are_off_after_the_host_is_killed() {
+    let mut simulated = fpga();
+    let cycles = |simulated: &mut SimFpga, is_on: bool| {
+        let mut driver = Driver::start(simulated, Settings::default()).unwrap();
+        let field: I7i77Field = driver.attach((0, FIELD as u8)).unwrap();
+        let output = field.outputs[3];
+        for _ in 0..5 {
+            let _ = driver.read().unwrap();
+            output.set(driver.pins_mut(), is_on);
+            driver.write().unwrap();
+            driver.bus_mut().pass(1);
+        }
+        std::mem::forget(driver);
+    };
+    cycles(&mut simulated, true);
+    assert_eq!(output_3(&simulated), Some(true));
+    simulated.pass(5);
+    assert!(simulated.watchdog().has_bitten());
+    assert_eq!(simulated.read_register(0x1100), 0, "all pins are inputs");
+    simulated.pass(55);
+    assert_eq!(output_3(&simulated), Some(false), "its own watchdog");
+    // A new process starts as if there had been none.
+    cycles(&mut simulated, false);
+    assert_eq!(output_3(&simulated), Some(false));
+    cycles(&mut simulated, true);
+    assert_eq!(output_3(&simulated), Some(true));
+}
+
+#[test]
+fn stuck_port_goes_stale_then_safe_and_restarts() {
+    let mut machine = running();
+    machine.fpga().write_register(0x5B00, 0x3000); // COMMAND
+    let is_stale = |machine: &mut Machine| ALL.iter().all(|&c| !machine.is_valid(c));
+    assert!(machine.until(20, is_stale) <= 7);
+    let is_safe = |machine: &mut Machine| ALL.iter().all(|&c| !machine.is_armed(c));
+    machine.until(100, is_safe);
+    let is_back = |machine: &mut Machine| ALL.iter().all(|&c| machine.is_running(c));
+    machine.until(2_000, is_back);
+    assert_eq!(machine.driver.ports()[0].statistics().stuck, 1);
+    switch_on(&mut machine);
+    machine.cycles(5);
+    assert_eq!(are_outputs_on(&machine), [false; 3], "until re-armed");
+    rearm_all(&mut machine);
 }

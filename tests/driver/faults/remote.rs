@@ -192,19 +192,20 @@ fn a_remote_that_is_unplugged_and_plugged_in_again_comes_back_and_waits_to_be_ar
 
 #[test]
 fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
-    let machine = comes_back(
-        busy_machine(2),
-        FIELD,
-        |machine| {
-            let now = machine.now();
-            machine.device_mut(FIELD).set_power(now, false);
-        },
-        |machine| {
-            let now = machine.now();
-            machine.device_mut(FIELD).set_power(now, true);
-        },
-    );
-    assert_eq!(machine.device(FIELD).mode(), 2);
+    let power = |machine: &mut Machine, is_on| {
+        let now = machine.now();
+        machine.device_mut(FIELD).set_power(now, is_on);
+    };
+    for is_short in [false, true] {
+        let fail = |machine: &mut Machine| {
+            power(machine, false);
+            if is_short {
+                power(machine, true);
+            }
+        };
+        let machine = comes_back(busy_machine(2), FIELD, fail, |machine| power(machine, true));
+        assert_eq!(machine.device(FIELD).mode(), 2);
+    }
 }
 
 /// While a remote with a fault is addressed, its other outputs stay on (FACTS 1.5). So it is not
