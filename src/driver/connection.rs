@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{BoardState, DriverStatistics};
+use super::DriverStatistics;
 use crate::bus::{Phase, ReadSlot, Words};
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, InOut, Input, Param, PinStore, Pins};
@@ -134,10 +134,8 @@ impl Connection {
         !pins.param(self.io_error)
     }
 
-    /// Publishes the state of the board. Only once, so that the error stays cleared after the
-    /// application has cleared it to continue.
-    pub fn show(&self, pins: &mut PinStore, state: BoardState) {
-        let is_error = !matches!(state, BoardState::Running | BoardState::WatchdogBitten);
+    /// Publishes `io_error`.
+    pub fn show(&self, pins: &mut PinStore, is_error: bool) {
         pins.publish(self.io_error, is_error);
     }
 

@@ -60,6 +60,9 @@ pub(super) struct BoardCycle {
     asked: Instant,
     /// The state that was published last.
     shown: Option<BoardState>,
+    /// The application has asked for the set-up that the board has lost: by a call, or by clearing
+    /// the flag that shows the fault.
+    is_set_up_wanted: bool,
     rows: EventRows,
     /// [`DriverStatistics::read_errors`] at the last good read, or the last set-up: those since
     /// then are consecutive.
@@ -101,6 +104,7 @@ impl BoardCycle {
             outage: Outage::default(),
             asked: Instant::default(),
             shown: None,
+            is_set_up_wanted: false,
             rows: EventRows::default(),
             old_read_errors: 0,
             write_failures: 0,
@@ -118,6 +122,11 @@ impl BoardCycle {
 
     pub fn is_running(&self) -> bool {
         self.state == BoardState::Running
+    }
+
+    /// True if the state is an error of the connection, which the application clears to continue.
+    const fn has_error(&self) -> bool {
+        !matches!(self.state, BoardState::Running | BoardState::WatchdogBitten)
     }
 
     /// Consecutive failed writes.
@@ -407,7 +416,7 @@ impl BoardCycle {
         for part in self.parts.each() {
             part.set_up_again(&mut self.pins, now, &outage);
         }
-        self.state = BoardState::Running;
+        (self.state, self.is_set_up_wanted) = (BoardState::Running, false);
         self.pins.await_after_set_up();
         self.events.tell(now, EventKind::BoardSetUp);
         self.parts.connection.level = 0;
@@ -424,6 +433,7 @@ impl BoardCycle {
             self.events.tell(now, EventKind::OtherFirmware);
         }
         self.cancel_rearm(now, true);
+        self.is_set_up_wanted = false;
         // Sets the flag again, even if it was published before.
         self.shown = None;
         self.publish();
@@ -473,7 +483,7 @@ impl BoardCycle {
     }
 
     fn enter(&mut self, now: Instant, state: BoardState) {
-        self.state = state;
+        (self.state, self.is_set_up_wanted) = (state, false);
         let statistics = &mut self.statistics;
         let (count, kind) = match state {
             BoardState::WatchdogBitten => {
@@ -502,8 +512,9 @@ impl BoardCycle {
     fn publish(&mut self) {
         if self.shown.replace(self.state) != Some(self.state) {
             let has_bitten = self.state == BoardState::WatchdogBitten;
+            let has_error = self.has_error();
             self.parts.watchdog.show(&mut self.pins, has_bitten);
-            self.parts.connection.show(&mut self.pins, self.state);
+            self.parts.connection.show(&mut self.pins, has_error);
         }
         self.parts
             .connection

@@ -202,7 +202,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// [`DriverError`]. If it concerns port, remote, name or value, nothing was stopped.
     ///
     /// # Real time
-    /// Not for the cycle: 2 ms for the START, some accesses of 40 us, and 10 to 130 ms more where
+    /// Not for the cycle: 2 ms for the START, some accesses of 40 us, and 10 to 150 ms more where
     /// non-volatile memory is written; 55 ms if the remote is absent.
     pub fn write_remote_parameter(
         &mut self,

@@ -1,5 +1,6 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
+use super::enabling::MAX_ENABLES;
 use super::handle::Key;
 use super::pins::RestatedOutput;
 use super::rule::is_scale;
@@ -69,9 +70,6 @@ impl PinId {
         })
     }
 }
-
-/// Longest chain of enables that is followed: more than any output needs.
-const MAX_ENABLES: usize = 8;
 
 #[cfg(feature = "std")]
 impl GroupId {

@@ -5,7 +5,7 @@ use super::rule::NONE;
 use super::{Output, Pins};
 
 /// Longest chain of enables that is followed: more than any output needs.
-const MAX_ENABLES: usize = 8;
+pub(super) const MAX_ENABLES: usize = 8;
 
 /// Enable state of one pin, both as an output and as an enable of others.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -40,7 +40,8 @@ use crate::hal::{GroupId, PinError, PinStore};
 /// The pins are made from the remote's own descriptor and therefore fit any remote; a
 /// [`RemoteTable`] adds terminals and safe values, which a descriptor does not contain.
 ///
-/// A driver calls [`take_inputs`](Self::take_inputs) after a successful transfer,
+/// A driver calls [`take_inputs`](Self::take_inputs) and [`PinStore::group_good_since`] after a
+/// successful transfer,
 /// [`PinStore::fault`] of the group when the remote has failed, and
 /// [`put_outputs`](Self::put_outputs) before each transfer.
 #[derive(Debug)]
@@ -193,8 +194,8 @@ impl RemotePins {
         }
     }
 
-    /// Publishes the inputs of a good transfer: `words` are the interface registers, from 0 on.
-    /// Afterwards the group is valid, with age 0.
+    /// Publishes the inputs of a good transfer: `words` are the interface registers, from 0 on. They
+    /// are valid when the caller declares the group good: [`PinStore::group_good_since`].
     ///
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: pass at
@@ -209,7 +210,6 @@ impl RemotePins {
         for counter in &mut self.counters {
             counter.take(pins, words);
         }
-        pins.group_good(self.group);
     }
 
     /// Fills the interface registers with the present values of the outputs; bits that belong to no

@@ -1,6 +1,7 @@
 //! Packing plans: the place of each element, against a packing done bit by bit.
 
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use crate::take_inputs;
 use mesa_hal::RemoteId;
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType, PackingPlan, Problem, ProblemKind};
@@ -168,7 +169,7 @@ proptest! {
         remote.put_outputs(&mut pins, &mut words);
         prop_assert_eq!(words, expected);
         pins.begin_cycle(Instant::from_nanos(1));
-        remote.take_inputs(&mut pins, &words);
+        take_inputs(&mut remote, &mut pins, &words);
         for n in 0..elements.len() {
             let found = match narrow(&pins, n) {
                 Some(pin) => u64::from(pins.read(pin).value),

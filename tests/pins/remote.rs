@@ -1,6 +1,7 @@
 //! The pins of remotes: from interface registers to typed values and back.
 // Floating-point values are compared exactly: a tolerance would hide a rounding error.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use crate::take_inputs;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::{
     AttachError, Finder, I7i72, I7i77Analog, I7i77Field, REMOTES, RemoteHandles, i7i77,
@@ -41,7 +42,7 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     cycle(&mut pins);
-    remote.take_inputs(&mut pins, &[0x8000_0004, 0, 0]);
+    take_inputs(&mut remote, &mut pins, &[0x8000_0004, 0, 0]);
     for (n, input) in field.inputs.iter().enumerate() {
         let expected = n == 2 || n == 31;
         assert_eq!(pins.read(input.pin).ok(), Some(expected), "input {n}");
@@ -83,7 +84,11 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     // Bytes: 4 inputs, 4 voltages, field voltage, two counters.
     for (counter, count) in [(250, 0), (2, 8), (0x7F, 133), (0xFE, 260)] {
         cycle(&mut pins);
-        remote.take_inputs(&mut pins, &[0, 0x0000_00FF, 0x0000_00A9 | counter << 8]);
+        take_inputs(
+            &mut remote,
+            &mut pins,
+            &[0, 0x0000_00FF, 0x0000_00A9 | counter << 8],
+        );
         assert_eq!(pins.read(mpg.count).ok(), Some(count));
         assert_eq!(pins.read(mpg.position).ok(), Some(f64::from(count) / 4.0));
     }
@@ -94,13 +99,17 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
 
     // The counter of a restarted remote may have any value: no jump.
     remote.restarted();
-    remote.take_inputs(&mut pins, &[0, 0, 0x0000_0300]);
+    take_inputs(&mut remote, &mut pins, &[0, 0, 0x0000_0300]);
     assert_eq!(pins.read(mpg.rawcounts).ok(), Some(260));
     // At the next full revolution (512), the count becomes zero there.
     pins.set_param(mpg.counts_per_rev.unwrap(), 256).unwrap();
     pins.set(mpg.index_enable, true);
     for step in 1..=3_u32 {
-        remote.take_inputs(&mut pins, &[0, 0, ((3 + 100 * step) & 0xFF) << 8]);
+        take_inputs(
+            &mut remote,
+            &mut pins,
+            &[0, 0, ((3 + 100 * step) & 0xFF) << 8],
+        );
     }
     assert_eq!(pins.read(mpg.index_enable).ok(), Some(false));
     assert_eq!(pins.read(mpg.rawcounts).ok(), Some(560));
@@ -178,14 +187,14 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
     let io = handles::<I7i77Field>(&pins, &field).unwrap();
     let card = handles::<I7i77Analog>(&pins, &drives).unwrap();
     cycle(&mut pins);
-    field.take_inputs(&mut pins, &[1]);
-    drives.take_inputs(&mut pins, &[]);
+    take_inputs(&mut field, &mut pins, &[1]);
+    take_inputs(&mut drives, &mut pins, &[]);
     pins.set(io.outputs[3].pin, true);
     pins.set(card.analog_out[0].volts, 5.0);
     pins.set(card.analogena.pin, true);
 
     cycle(&mut pins);
-    field.take_inputs(&mut pins, &[1]);
+    take_inputs(&mut field, &mut pins, &[1]);
     pins.fault(drives.group);
     let mut words = [0; 3];
     drives.put_outputs(&mut pins, &mut words);
@@ -195,7 +204,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
     assert!(pins.read(io.inputs[0].pin).valid);
 
     cycle(&mut pins);
-    drives.take_inputs(&mut pins, &[]);
+    take_inputs(&mut drives, &mut pins, &[]);
     pins.rearm(drives.group).unwrap();
     drives.put_outputs(&mut pins, &mut words);
     assert_eq!(words, [0; 3], "nothing of before the fault comes back");
@@ -218,7 +227,7 @@ fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
         pins.set(output.pin, false);
     }
     cycle(&mut pins);
-    remote.take_inputs(&mut pins, &[0xFFFF]);
+    take_inputs(&mut remote, &mut pins, &[0xFFFF]);
     let volts = card.field_voltage.unwrap();
     assert_eq!(pins.read(volts.volts).ok(), Some(f64::from(36.3_f32)));
     let terminal = |n: usize| {
@@ -345,7 +354,7 @@ fn a_bidirectional_element_is_in_both_streams_and_pads_take_room() {
     let level = pins.inout::<f64>("hm2_7i92.0.TeST.0.0.level").unwrap();
     let out = pins.output::<bool>("hm2_7i92.0.TeST.0.0.out").unwrap();
     cycle(&mut pins);
-    remote.take_inputs(&mut pins, &[0xAB << 9 | 0b0100 << 5 | 5]);
+    take_inputs(&mut remote, &mut pins, &[0xAB << 9 | 0b0100 << 5 | 5]);
     assert_eq!(pins.read(bit).ok(), Some(true));
     assert_eq!(pins.read(level).ok(), Some(171.0));
     pins.set(level, 85.0);
@@ -375,7 +384,7 @@ fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
                 high << 12 | low
             };
             cycle(&mut pins);
-            remote.take_inputs(&mut pins, &[word]);
+            take_inputs(&mut remote, &mut pins, &[word]);
             assert_eq!(pins.read(count).ok(), Some(expected), "{at:x}");
         }
     }
@@ -396,9 +405,9 @@ fn real_numbers_go_both_ways_and_none_that_is_none() {
     let out = pins.output::<f64>(&name("out")).unwrap();
     let small = pins.output::<f64>(&name("small")).unwrap();
     cycle(&mut pins);
-    remote.take_inputs(&mut pins, &[1.5_f32.to_bits()]);
+    take_inputs(&mut remote, &mut pins, &[1.5_f32.to_bits()]);
     assert_eq!(pins.read(input).ok(), Some(1.5));
-    remote.take_inputs(&mut pins, &[f32::NAN.to_bits()]);
+    take_inputs(&mut remote, &mut pins, &[f32::NAN.to_bits()]);
     let reading = pins.read(input);
     assert_eq!((reading.value, reading.valid), (1.5, false));
 
@@ -463,7 +472,7 @@ proptest! {
         });
         if let Some((mut remote, used)) = made {
             pins.begin_cycle(Instant::from_nanos(1));
-            remote.take_inputs(&mut pins, &words);
+            take_inputs(&mut remote, &mut pins, &words);
             for info in pins.infos().to_vec() {
                 if let Ok(pin) = pins.output::<f64>(&info.name) {
                     pins.set(pin, value);

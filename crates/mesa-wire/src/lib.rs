@@ -20,3 +20,4 @@ extern crate alloc;
 pub mod bus;
 pub mod lbp;
 pub mod lbp16;
+pub mod time;

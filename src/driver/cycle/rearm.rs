@@ -1,6 +1,6 @@
 //! Arming of groups, at once and as soon as they run.
 
-use super::{BoardCycle, BoardState};
+use super::BoardCycle;
 use crate::bus::Instant;
 use crate::driver::{EventKind, Rearmed};
 use crate::hal::{Awaited, GroupId, PinError, ShortName};
@@ -28,10 +28,7 @@ impl BoardCycle {
         if when == Awaited::WhenRunning {
             armed = self.pins.rearm_all();
         } else {
-            self.parts.watchdog.show(&mut self.pins, false);
-            self.parts
-                .connection
-                .show(&mut self.pins, BoardState::Running);
+            self.want_set_up();
         }
         let mut is_news = false;
         for number in 0..self.pins.group_count() {

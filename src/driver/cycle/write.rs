@@ -38,7 +38,8 @@ impl BoardCycle {
         self.count_write(now);
         let quiet = self.quiet_writes;
         self.quiet_writes = quiet.saturating_sub(1);
-        if quiet == 0 && self.wants_restore() {
+        self.fetch_flags();
+        if quiet == 0 && self.is_set_up_wanted {
             Order::SetUp
         } else {
             self.put(now)
@@ -62,16 +63,25 @@ impl BoardCycle {
         }
     }
 
-    /// True if the application has cleared the flag of the fault that made everything safe, and
-    /// thereby asks for the set-up to be written again.
-    fn wants_restore(&self) -> bool {
-        match self.state {
-            BoardState::Running => false,
-            BoardState::WatchdogBitten => self.parts.watchdog.is_cleared(&self.pins),
-            BoardState::Reset | BoardState::BusDown | BoardState::OtherFirmware => {
-                self.parts.connection.is_cleared(&self.pins)
-            }
+    /// Takes whether the application has cleared the flag of the fault that made everything safe, and
+    /// thereby asks for the set-up.
+    fn fetch_flags(&mut self) {
+        // A flag that does not show the present fault yet was not cleared.
+        if self.is_running() || self.shown != Some(self.state) {
+            return;
         }
+        self.is_set_up_wanted |= if self.has_error() {
+            self.parts.connection.is_cleared(&self.pins)
+        } else {
+            self.parts.watchdog.is_cleared(&self.pins)
+        };
+    }
+
+    /// Asks for the set-up that the board has lost; the flags of the fault are cleared.
+    pub(super) fn want_set_up(&mut self) {
+        self.is_set_up_wanted = true;
+        self.parts.watchdog.show(&mut self.pins, false);
+        self.parts.connection.show(&mut self.pins, false);
     }
 
     /// Lets every module put its outputs into the image.
@@ -149,7 +159,6 @@ impl BoardCycle {
     #[cold]
     fn nothing(&mut self, now: Instant) -> Order {
         self.written(now, false);
-        // Before the next write, which checks if the application has cleared the flag.
         self.publish();
         Order::Nothing
     }
@@ -178,7 +187,6 @@ impl BoardCycle {
         self.write_failures = self.write_failures.saturating_add(1);
         if self.parts.connection.count_exchange(&mut self.pins, true) {
             self.fail(now, BoardState::BusDown);
-            // Before the next write, which checks if the application has cleared the flag.
             self.publish();
         }
         self.write_failures

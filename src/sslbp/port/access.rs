@@ -4,20 +4,11 @@ use super::{Port, PortResult, SetupPort};
 use crate::{
     advice::Advice,
     bus::{Clock, RegisterBus},
-    lbp::{NonvolatileProblem, RemoteLink},
-    sslbp::{
-        Channel, CsStatus, PortAccess, PortError, PortOperation, PortState, RemoteAccess, StartMode,
-    },
+    lbp::{AccessRetry, NonvolatileProblem, RemoteLink},
+    sslbp::{Channel, PortAccess, PortError, PortOperation, PortState, RemoteAccess, StartMode},
 };
 use alloc::{format, vec::Vec};
 use core::time::Duration;
-
-/// Number of attempts of an access.
-const ATTEMPTS: u8 = 3;
-
-/// Pause after a failed access: longer than its timer, so that neither the timer nor a late reply
-/// is attributed to the next access (FACTS 5.4).
-const QUIET: Duration = Duration::from_millis(60);
 
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads from or writes to the remote on `channel`, and returns the value read. Repeated when
@@ -47,20 +38,27 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         let data = access.data_words().into_iter().flatten();
         let mut writes: Vec<_> = registers.interfaces().zip(data).collect();
         writes.push((registers.cs, access.cs_word()));
-        let mut cs = CsStatus::default();
-        for _ in 0..ATTEMPTS {
+        let mut cs;
+        let mut retry = AccessRetry::default();
+        loop {
             let operation = PortOperation::Access(channel, access);
             let (complete, snapshot) = self.run(operation, &writes)?;
             if complete.good.contains(channel) {
                 return Ok(access.value(snapshot.interface(channel)));
             }
             cs = snapshot.status(channel);
-            self.bus.wait(QUIET);
+            self.bus.wait(AccessRetry::PAUSE);
+            if !retry.failed() {
+                break;
+            }
         }
         Err(PortError::Channel {
             port: self.port.layout.instance,
             channel,
-            failed: format!("{access}: no good reply in {ATTEMPTS} attempts"),
+            failed: format!(
+                "{access}: no good reply in {} attempts",
+                AccessRetry::ATTEMPTS
+            ),
             cs,
             advice: Some(Advice::CheckCableOrAddress),
         })

@@ -3,7 +3,8 @@
 use core::error::Error;
 use core::time::Duration;
 
-use super::{LocalLocation, NonvolatileMemory, RemoteAccess};
+use super::{NonvolatileMemory, ParameterSequence, RemoteAccess, SequenceStep};
+use crate::time::Instant;
 
 /// A line to one remote in setup mode: a channel of the FPGA (`sslbp::PortLink` of `mesa-hal`), or
 /// a serial port of the host (`SerialHost` of `mesa-tools`). Discovery, parameters and updates use
@@ -46,14 +47,34 @@ pub trait RemoteLink {
         let Some(memory) = memory else {
             return self.exchange(access);
         };
-        let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
-        let selected = self.exchange(select(memory as u8));
-        let result = selected.and_then(|_| access_selected(self, access));
-        match self.exchange(select(0)) {
-            Ok(_) => result,
-            Err(error) => {
+        let mut sequence = ParameterSequence::new(Some(memory), access, u64::MAX);
+        let mut failed = None;
+        // Only the waits are needed of the time: they are the least that has passed.
+        let mut now = Instant::default();
+        let outcome = loop {
+            match sequence.next(now) {
+                SequenceStep::Access(access) => {
+                    let result = self.exchange(access);
+                    sequence.accessed(now, result.as_ref().ok().copied());
+                    failed = result.err().or(failed);
+                }
+                SequenceStep::Wait(until) => {
+                    self.wait(until.since(now));
+                    now = until;
+                }
+                SequenceStep::Done(outcome) => break outcome,
+            }
+        };
+        match (failed, outcome.value, access.written()) {
+            (Some(error), ..) if outcome.is_still_selected => {
                 Err(self.nonvolatile_error(access, NonvolatileProblem::StillSelected(error)))
             }
+            (Some(error), ..) => Err(error),
+            (None, Some(read), Some(written)) if read != written => {
+                let problem = NonvolatileProblem::NotKept { written, read };
+                Err(self.nonvolatile_error(access, problem))
+            }
+            (None, read, _) => Ok(read.unwrap_or(0)),
         }
     }
 }
@@ -70,30 +91,4 @@ pub enum NonvolatileProblem<E> {
         /// The value read last.
         read: u64,
     },
-}
-
-/// Wait before the first check that non-volatile memory has kept a value.
-const KEEP_FIRST: Duration = Duration::from_millis(10);
-const KEEP_PAUSE: Duration = Duration::from_millis(20);
-const KEEP_ATTEMPTS: u8 = 6;
-
-fn access_selected<L: RemoteLink + ?Sized>(
-    link: &mut L,
-    access: RemoteAccess,
-) -> Result<u64, L::Error> {
-    let mut read = link.exchange(access.read_back())?;
-    let Some(written) = access.written().filter(|&value| value != read) else {
-        return Ok(read);
-    };
-    link.exchange(access)?;
-    let mut pause = KEEP_FIRST;
-    for _ in 0..=KEEP_ATTEMPTS {
-        link.wait(pause);
-        read = link.exchange(access.read_back())?;
-        if read == written {
-            return Ok(read);
-        }
-        pause = KEEP_PAUSE;
-    }
-    Err(link.nonvolatile_error(access, NonvolatileProblem::NotKept { written, read }))
 }

@@ -11,6 +11,7 @@ mod address;
 mod crc;
 mod link;
 mod request;
+mod sequence;
 mod status;
 
 pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
@@ -18,4 +19,5 @@ pub use address::MemoryAddress;
 pub use crc::crc8;
 pub use link::{NonvolatileProblem, RemoteLink};
 pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};
+pub use sequence::{AccessRetry, ParameterSequence, SequenceOutcome, SequenceStep};
 pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash, write_flags};

@@ -188,25 +188,38 @@ impl<E: Into<Box<dyn Error>>> From<E> for Failure {
 
 /// The facts of an error, and its advice in the words of the command line.
 pub fn told(error: &(dyn Error + 'static)) -> String {
-    with_advice(error, advice(error))
+    match cause(error) {
+        Cause::Own(advice) => with_advice(error, advice),
+        Cause::OfLibrary(error) => mesa_tools::advice::told(error),
+    }
 }
 
 /// The advice of an error in the words of the command line.
 fn advice_on(error: &(dyn Error + 'static)) -> Option<String> {
-    let words = advice(error).and_then(in_command_words);
-    words.map(Cow::into_owned)
+    let advice = match cause(error) {
+        Cause::Own(advice) => advice,
+        Cause::OfLibrary(error) => advice_of(error),
+    };
+    advice.and_then(in_command_words).map(Cow::into_owned)
 }
 
-fn advice(error: &(dyn Error + 'static)) -> Option<Advice> {
+/// Where the advice of an error comes from.
+enum Cause<'a> {
+    /// An error of this command, with its advice.
+    Own(Option<Advice>),
+    OfLibrary(&'a (dyn Error + 'static)),
+}
+
+/// The error of the library within one of this command, which has the same text.
+fn cause<'a>(error: &'a (dyn Error + 'static)) -> Cause<'a> {
     let cabinet = match error.downcast_ref() {
         Some(RestoreError::Cabinet(error)) => Some(error),
-        Some(other) => return other.advice(),
+        Some(other) => return Cause::Own(other.advice()),
         None => error.downcast_ref::<CabinetError>(),
     };
-    let inner: &(dyn Error + 'static) = match cabinet {
+    Cause::OfLibrary(match cabinet {
         Some(CabinetError::Board(error)) => error,
         Some(CabinetError::Serial(error)) => error,
         None => error,
-    };
-    advice_of(inner)
+    })
 }
