@@ -45,6 +45,7 @@
 //! | [`discovery`], [`remote`] | support for a new card; tools: descriptions and parameters |
 //! | [`hostmot2`], [`sslbp`] | tools: contents of a firmware, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
+//! | [`guides`] | all: a page for each task, with code that runs |
 //! | [`gateware`] | reference: facts missing in the manuals, cited in the code by number |
 //!
 //! A layer depends only on those below it: `bus` and the wire formats are independent, `hal` and
@@ -62,13 +63,8 @@
 //! The simulator shares only `mesa-wire` with the driver, so that the two cannot contain the same
 //! error.
 //!
-//! Pages with code that runs: [home an axis on its index](driver::homing), [faults and
-//! re-arm](driver::faults), [several boards](driver::several_boards), threads and realtime set-up
-//! on Linux (`runner::linux`, feature `realtime`), [parameters of remotes](guides::parameters),
-//! [your own module](guides::own_module), [your own card](guides::own_card), [LinuxCNC and the
-//! simulated board](guides::linuxcnc). Pages without code: [the cycle of a
-//! controller](guides::cycle), and the [effects of a failing remote](driver::neighbours) on the
-//! others of its port.
+//! The [`guides`] have a page for each task: the cycle with enables and re-arming, faults, homing,
+//! several boards, realtime, parameters, your own card or module, microcontrollers, LinuxCNC.
 //!
 //! # Terms
 //! | term | meaning |
@@ -114,7 +110,7 @@
 //! Reading an input returns its value, its validity, and its age: the age of the data, measured
 //! from the start of its transfer. An output that is not finite is replaced by its safe value, one
 //! that is out of range by its nearest limit; both are counted. After a failure, outputs are safe
-//! until the application re-arms them: [`driver::faults`] lists every fault.
+//! until the application re-arms them: [`guides::faults`] lists every fault.
 //!
 //! # Undetectable events
 //! - An encoder counts 16 bits: an encoder that moves more than 32,767 counts between two good
@@ -133,7 +129,7 @@
 //!
 //! # Features
 //! - `std` (default): the UDP socket, and [`runner`]. Without `std` the driver needs `alloc`, at
-//!   set-up only, and on Ethernet a [network stack](transport::microcontroller).
+//!   set-up only, and on Ethernet a [network stack](guides::microcontroller).
 //! - `log` (default): messages at set-up and when a driver is dropped, never in the cycle; and
 //!   events on request ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A
 //!   program that uses `tracing` receives them through its bridge (crate `tracing-log`, which

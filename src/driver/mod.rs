@@ -17,7 +17,7 @@
 //! `read`.
 //!
 //! # Faults and their effects
-//! A summary; all faults in detail are in [`faults`].
+//! A summary; all faults in detail are in [`guides::faults`](crate::guides::faults).
 //! - A transfer of a remote: its inputs are not taken, become invalid, and grow older. After too
 //!   many failures the remote goes offline alone, its outputs are safe, and it is tried again with
 //!   growing pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
@@ -46,19 +46,6 @@ mod cycle;
 mod error;
 mod exchange;
 mod found;
-#[doc = include_str!("../../docs/neighbours.md")]
-pub mod neighbours {}
-
-#[doc = include_str!("../../docs/faults.md")]
-pub mod faults {}
-
-#[cfg(feature = "std")]
-#[doc = include_str!("../../docs/homing.md")]
-pub mod homing {}
-
-#[cfg(feature = "std")]
-#[doc = include_str!("../../docs/several_boards.md")]
-pub mod several_boards {}
 #[cfg(feature = "log")]
 mod messages;
 mod own_pins;

@@ -98,7 +98,7 @@ impl<T> Reading<T> {
     /// must not follow that: with this function it keeps the value of the cycle before, and reacts
     /// `cycles` cycles later when the remote is really gone. 25 is a good choice at 1 kHz: attempts to
     /// restart another card of the port, which take up to 20 cycles, do not stop the machine either
-    /// ([`neighbours`](crate::driver::neighbours)).
+    /// ([`neighbours`](crate::guides::neighbours)).
     ///
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};

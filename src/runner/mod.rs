@@ -58,8 +58,8 @@
 //! # Real time
 //! The runner itself does not allocate, log or panic, and waits only for the next period. Its
 //! timing is as good as that of its thread: the feature `realtime` provides priority over all other
-//! threads, locked memory and a CPU of its own (`Realtime`; the page `runner::linux` describes
-//! further settings).
+//! threads, locked memory and a CPU of its own (`Realtime`; the page
+//! `guides::realtime` describes further settings).
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
@@ -67,9 +67,6 @@
 mod commands;
 mod histogram;
 mod latency;
-#[cfg(all(feature = "realtime", target_os = "linux"))]
-#[doc = include_str!("../../docs/realtime.md")]
-pub mod linux {}
 mod pacer;
 mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]

@@ -5,8 +5,6 @@
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod faulty;
-#[doc = include_str!("../../docs/microcontroller.md")]
-pub mod microcontroller {}
 #[cfg(feature = "std")]
 pub mod network;
 mod recording;

@@ -1,6 +1,6 @@
 //! All faults that the simulator can produce.
 //!
-//! The reaction of the driver to each of them is in `driver::faults` of `mesa-hal`; a test of that
+//! The reaction of the driver to each of them is in `guides::faults` of `mesa-hal`; a test of that
 //! package compares that table with this list.
 
 use crate::remote::WireFault;

@@ -24,7 +24,7 @@ use core::time::Duration;
 ///   whole, independent of the state of its remotes: when attempts have taken 60 ms, further ones
 ///   wait until an attempt of 20 ms for each `longest_backoff` is paid off. With the defaults that
 ///   is less than 0.6 % of any minute, and no gap is longer than one attempt: measured in
-///   [`neighbours`](crate::driver::neighbours). A remote that comes back is found within
+///   [`neighbours`](crate::guides::neighbours). A remote that comes back is found within
 ///   `longest_backoff` and one attempt. An attempt that the application requests is made as soon as
 ///   the silence is over.
 ///

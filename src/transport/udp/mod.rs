@@ -2,7 +2,7 @@
 //!
 //! [`UdpBus`] needs a [`PacketLink`], which carries datagrams and has a clock: `UdpLink` is a
 //! socket of an operating system (feature `std`); on a microcontroller it is made from a network
-//! stack ([how](crate::transport::microcontroller)).
+//! stack ([how](crate::guides::microcontroller)).
 //!
 //! One exchange is one packet out and at most one packet back. Neighbouring registers share a
 //! command; lists that run every cycle are encoded once ([`RegisterBus::prepare`]).

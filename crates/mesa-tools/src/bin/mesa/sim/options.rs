@@ -342,17 +342,30 @@ impl Board {
 
     /// True for a board on the PCI bus.
     pub const fn is_on_pci(self) -> bool {
-        matches!(
-            self,
-            Self::I5i25With7i77 | Self::I5i25With7i77x2 | Self::I5i25With7i77And7i76
-        )
+        match self {
+            Self::I5i25With7i77 | Self::I5i25With7i77x2 | Self::I5i25With7i77And7i76 => true,
+            Self::I7i97
+            | Self::I7i97t
+            | Self::I7i97With7i77
+            | Self::I7i97With7i76
+            | Self::I7i92With7i77
+            | Self::I7i92With7i76
+            | Self::I7i80With7i77
+            | Self::Firmware => false,
+        }
     }
 
     /// Number of analog outputs, from 0 on, that are on the board itself.
     pub const fn own_outputs(self) -> u8 {
         match self {
             Self::I7i97 | Self::I7i97With7i77 | Self::I7i97With7i76 | Self::I7i97t => 6,
-            _ => 0,
+            Self::I7i92With7i77
+            | Self::I7i80With7i77
+            | Self::I7i92With7i76
+            | Self::I5i25With7i77
+            | Self::I5i25With7i77x2
+            | Self::I5i25With7i77And7i76
+            | Self::Firmware => 0,
         }
     }
 
@@ -376,7 +389,14 @@ impl Board {
     pub const fn generators(self) -> usize {
         match self {
             Self::I7i92With7i76 | Self::I7i97With7i76 | Self::I5i25With7i77And7i76 => 5,
-            _ => 0,
+            Self::I7i97
+            | Self::I7i97t
+            | Self::I7i97With7i77
+            | Self::I7i92With7i77
+            | Self::I7i80With7i77
+            | Self::I5i25With7i77
+            | Self::I5i25With7i77x2
+            | Self::Firmware => 0,
         }
     }
 
