@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::{collections::BTreeSet, fs};
 
 /// Pages beside those of `docs`.
-const PAGES: [&str; 8] = [
+const PAGES: [&str; 9] = [
     "README.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "ARCHITECTURE.md",
+    "SECURITY.md",
     "crates/mesa-hal-sim/README.md",
     "crates/mesa-pci/README.md",
     "crates/mesa-tools/README.md",
