@@ -417,7 +417,7 @@ impl BoardCycle {
             part.set_up_again(&mut self.pins, now, &outage);
         }
         (self.state, self.is_set_up_wanted) = (BoardState::Running, false);
-        self.pins.await_after_set_up();
+        self.pins.set_up_restored();
         self.events.tell(now, EventKind::BoardSetUp);
         self.parts.connection.level = 0;
         self.old_read_errors = self.statistics.read_errors;
@@ -525,7 +525,7 @@ impl BoardCycle {
 /// True if every remote of every port was found stopped without a STOP command.
 fn appears_reset(ports: &[SerialPort]) -> bool {
     let ports = ports.iter();
-    all_true(ports.filter_map(|port| port.recovery.appears_reset()))
+    all_true(ports.filter_map(SerialPort::appears_reset))
 }
 
 /// True if there are answers, and all are true.

@@ -115,7 +115,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Constant time for each group. No allocation.
     pub fn cancel_rearm(&mut self) -> u32 {
-        self.cycle.pins.none_awaited(true)
+        self.cycle.pins.cancel_all_arming(true)
     }
 
     /// Restarts a remote in the next cycles, which clears the faults that it reports: a running remote

@@ -370,7 +370,7 @@ impl Pins {
     /// Constant time, no allocation.
     pub fn follows(&self, output: PinId) -> bool {
         self.slot(output.0)
-            .is_some_and(|(slot, group)| group.armed || slot.exempt)
+            .is_some_and(|(slot, group)| group.is_armed() || slot.exempt)
     }
 
     /// Number of groups.

@@ -32,6 +32,7 @@
 
 mod alias;
 mod any;
+mod arming;
 mod axis;
 mod enabling;
 mod error;
@@ -50,6 +51,7 @@ mod terminals;
 mod value;
 
 pub use any::PinId;
+pub(crate) use arming::ArmingCondition;
 pub use axis::Axis;
 pub use error::{PinError, ShortName};
 pub use handle::kind::{Readable, Settable};
@@ -57,7 +59,6 @@ pub use handle::{GroupId, Handle, InOut, Input, Output, Param};
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role};
 pub use io::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use maker::{PinMaker, Spec};
-pub(crate) use pins::Awaited;
 pub use pins::Pins;
 use reading::Rejection;
 pub use reading::{Age, GroupState, Reading, Rejections};

@@ -5,6 +5,7 @@ use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use super::arming::{Arming, ArmingCondition, ArmingEvent};
 use super::handle::Key;
 use super::rule::{PinSlot, Rule};
 use super::{
@@ -93,32 +94,6 @@ pub(super) struct RestatedOutput {
     pub outdated: Option<u64>,
 }
 
-/// Condition under which a group that is not armed is armed without a further call.
-/// In ascending order of what is met.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Awaited {
-    /// Not before the application re-arms it.
-    #[default]
-    No,
-    /// When the board has its set-up again, as [`WhenRunning`](Self::WhenRunning) from then on.
-    AfterSetUp,
-    /// With its next good transfer, if it comes up because of the board.
-    WithBoard,
-    /// With its next good transfer, however many attempts a remote needs.
-    WhenRunning,
-}
-
-impl Awaited {
-    /// True if the next good transfer arms the group.
-    pub const fn is_with_transfer(self) -> bool {
-        self as u8 >= Self::WithBoard as u8
-    }
-}
-
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "states that each have an owner"
-)]
 #[derive(Debug)]
 pub(super) struct Group {
     /// The last transfer that counts was good. The inputs are valid until they become stale: see
@@ -128,9 +103,8 @@ pub(super) struct Group {
     pub is_own: bool,
     /// Its pins are those of the application, which shows their values.
     pub is_of_application: bool,
-    pub armed: bool,
-    /// Cancelled by a fault.
-    pub awaited: Awaited,
+    /// Changed by [`Pins::change_arming`] alone.
+    pub arming: Arming,
     pub last_good: Option<(u64, Instant)>,
     pub faults: u64,
     /// Its outputs, to set them to their safe values.
@@ -147,6 +121,13 @@ pub(super) struct GroupPart {
     pub group: u32,
     /// Incremented when the required values of its outputs may have changed.
     pub version: u64,
+}
+
+impl Group {
+    /// True if its outputs follow the application.
+    pub fn is_armed(&self) -> bool {
+        self.arming == Arming::Armed
+    }
 }
 
 impl Pins {
@@ -253,10 +234,10 @@ impl Pins {
         let group = self.groups.get(self.group_index(group)?)?;
         Some(GroupState {
             valid: self.is_valid(group),
-            armed: group.armed,
+            armed: group.is_armed(),
             age: self.age(group),
             faults: group.faults,
-            coming: group.awaited != Awaited::No,
+            coming: group.arming.is_awaited(),
         })
     }
 
@@ -503,20 +484,41 @@ impl Pins {
 
     /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
     /// true if the group was in that state.
-    pub(super) fn arm(&mut self, index: usize) -> bool {
-        let waits = |group: &Group| self.is_valid(group) && !group.armed;
+    fn arm(&mut self, index: usize) -> bool {
+        let waits = |group: &Group| self.is_valid(group) && !group.is_armed();
         let is_due = self.groups.get(index).is_some_and(waits);
-        if is_due && let Some(group) = self.forget_commands(index, true) {
-            group.armed = true;
-            group.awaited = Awaited::No;
+        if is_due {
+            self.change_arming(index, ArmingEvent::Request(ArmingCondition::Running));
+            self.change_arming(index, ArmingEvent::GoodTransfer);
         }
         is_due
     }
 
+    /// Changes the arming of a group, and returns the one before. Commands are forgotten by each
+    /// fault, and when the group is armed.
+    pub(super) fn change_arming(&mut self, index: usize, event: ArmingEvent) -> Arming {
+        let Some(before) = self.groups.get(index).map(|group| group.arming) else {
+            return Arming::Safe;
+        };
+        let after = before.after(event);
+        let [was_armed, is_armed] = [before, after].map(|arming| arming == Arming::Armed);
+        if is_armed != was_armed || event == ArmingEvent::Fault {
+            self.forget_commands(index, is_armed);
+        }
+        if let Some(group) = self.groups.get_mut(index) {
+            group.arming = after;
+            group.faults = group.faults.saturating_add((was_armed && !is_armed).into());
+        }
+        self.losses = self.losses.saturating_add((was_armed && !is_armed).into());
+        before
+    }
+
     /// Sets the outputs of a group to their safe values, except those that faults do not affect.
     /// Unless they follow the application again, they read as not valid.
-    pub(super) fn forget_commands(&mut self, index: usize, follow: bool) -> Option<&mut Group> {
-        let group = self.groups.get_mut(index)?;
+    fn forget_commands(&mut self, index: usize, follow: bool) {
+        let Some(group) = self.groups.get_mut(index) else {
+            return;
+        };
         group.epoch = group.epoch.wrapping_add(1);
         self.switches = self.switches.wrapping_add(1);
         for &output in &group.outputs {
@@ -529,7 +531,6 @@ impl Pins {
                 rule.enabling.forget();
             }
         }
-        Some(group)
     }
 
     /// Records that the required values of outputs in the pin's part may have changed.

@@ -9,9 +9,10 @@ use alloc::vec::Vec;
 use core::ops::{Deref, DerefMut};
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use super::arming::{Arming, ArmingCondition, ArmingEvent};
 use super::handle::Key;
 use super::handle::kind::{Publishable, Settable};
-use super::pins::{Awaited, Group, GroupPart, RestatedOutput};
+use super::pins::{Group, GroupPart, RestatedOutput};
 use super::rule::NONE;
 use super::{
     AnyValue, GroupId, Handle, Input, Output, PinError, PinId, Pins, Rejection, Role, Value,
@@ -68,8 +69,7 @@ impl PinStore {
             is_good: false,
             is_own: false,
             is_of_application: false,
-            armed: true,
-            awaited: Awaited::No,
+            arming: Arming::Armed,
             last_good: None,
             faults: 0,
             outputs: Vec::new(),
@@ -206,67 +206,54 @@ impl PinStore {
         };
         group.is_good = true;
         group.last_good = Some(good);
-        if group.awaited.is_with_transfer() {
-            self.arm(index);
+        if group.arming.is_awaited()
+            && let Some(group) = self.groups.get(index)
+            && self.is_valid(group)
+        {
+            self.change_arming(index, ArmingEvent::GoodTransfer);
         }
     }
 
-    /// Arms a group that is not armed with its next good transfer, unless it [fails](Self::disarm)
-    /// before. Everything set up to then is forgotten. Returns true if the group was neither armed
-    /// nor awaited.
-    pub fn arm_when_good(&mut self, group: GroupId) -> bool {
-        self.is_awaited_anew(group, Awaited::WithBoard)
-    }
-
-    /// True if a group will be armed [with its next good transfer](Self::arm_when_good).
-    pub fn is_awaited(&self, group: GroupId) -> bool {
-        self.awaited(group) != Awaited::No
-    }
-
-    /// The condition on which a group will be armed.
-    pub(crate) fn awaited(&self, group: GroupId) -> Awaited {
+    /// The arming of a group; safe for a group of another store.
+    pub(crate) fn arming(&self, group: GroupId) -> Arming {
         let group = self.group_index(group).and_then(|n| self.groups.get(n));
-        group.map_or(Awaited::No, |group| group.awaited)
+        group.map_or(Arming::Safe, |group| group.arming)
     }
 
     /// Arms a group that is not armed on a condition, unless a weaker one is asked for than before.
     /// Returns true if the group was neither armed nor awaited.
-    pub(crate) fn is_awaited_anew(&mut self, group: GroupId, when: Awaited) -> bool {
-        let Some(group) = self.group_mut(group) else {
-            return false;
-        };
-        if group.armed {
-            return false;
-        }
-        let before = group.awaited;
-        let is_weaker = before != Awaited::No && when == Awaited::WithBoard;
-        group.awaited = if is_weaker { before } else { when };
-        before == Awaited::No
+    pub(crate) fn request_arming(&mut self, group: GroupId, when: ArmingCondition) -> bool {
+        self.change_arming_of(group, ArmingEvent::Request(when)) == Some(Arming::Safe)
     }
 
     /// Cancels the arming of a group that is not armed; returns true if it was awaited.
-    pub(crate) fn not_awaited(&mut self, group: GroupId) -> bool {
-        let group = self.group_mut(group);
-        let before = group.map(|group| core::mem::take(&mut group.awaited));
-        before.is_some_and(|before| before != Awaited::No)
+    pub(crate) fn cancel_arming(&mut self, group: GroupId) -> bool {
+        let before = self.change_arming_of(group, ArmingEvent::Cancel);
+        before.is_some_and(Arming::is_awaited)
     }
 
     /// Cancels the arming of all groups, except of those that wait for the board's set-up unless
     /// they are `included`; returns their number.
-    pub(crate) fn none_awaited(&mut self, included: bool) -> u32 {
-        let kept = if included {
-            Awaited::No
-        } else {
-            Awaited::AfterSetUp
-        };
+    pub(crate) fn cancel_all_arming(&mut self, included: bool) -> u32 {
         let mut count = 0_u32;
-        for group in &mut self.pins.groups {
-            if group.awaited != Awaited::No && group.awaited != kept {
-                group.awaited = Awaited::No;
+        for index in 0..self.groups.len() {
+            let arming = self.groups.get(index).map(|group| group.arming);
+            let is_concerned = arming.is_some_and(|arming| {
+                arming.awaits_transfer().is_some() || included && arming.is_awaited()
+            });
+            if is_concerned {
+                self.change_arming(index, ArmingEvent::Cancel);
                 count = count.saturating_add(1);
             }
         }
         count
+    }
+
+    /// Lets all groups that wait for the board's set-up wait for their next good transfer.
+    pub(crate) fn set_up_restored(&mut self) {
+        for index in 0..self.groups.len() {
+            self.change_arming(index, ArmingEvent::SetUp);
+        }
     }
 
     /// Counts a fault of a group that is not armed, but ran.
@@ -274,13 +261,14 @@ impl PinStore {
         self.losses = self.losses.saturating_add(1);
     }
 
-    /// Lets all groups that wait for the board's set-up wait for their next good transfer.
-    pub(crate) fn await_after_set_up(&mut self) {
-        for group in &mut self.pins.groups {
-            if group.awaited == Awaited::AfterSetUp {
-                group.awaited = Awaited::WhenRunning;
-            }
-        }
+    /// Changes the arming of a group, and returns the one before; a group of another store is
+    /// counted.
+    fn change_arming_of(&mut self, group: GroupId, event: ArmingEvent) -> Option<Arming> {
+        let Some(index) = self.group_index(group) else {
+            self.count_foreign();
+            return None;
+        };
+        Some(self.change_arming(index, event))
     }
 
     /// Makes the inputs of a group not valid after a failed transfer; outputs are not affected.
@@ -301,19 +289,7 @@ impl PinStore {
     /// Makes the outputs of a group safe until the application re-arms it; inputs are not affected.
     /// Everything set up to now is forgotten, including what was set after an earlier fault.
     pub fn disarm(&mut self, group: GroupId) {
-        let Some(index) = self.group_index(group) else {
-            return self.count_foreign();
-        };
-        let Some(group) = self.forget_commands(index, false) else {
-            return;
-        };
-        if group.awaited != Awaited::AfterSetUp {
-            group.awaited = Awaited::No;
-        }
-        if core::mem::replace(&mut group.armed, false) {
-            group.faults = group.faults.saturating_add(1);
-            self.count_loss();
-        }
+        self.change_arming_of(group, ArmingEvent::Fault);
     }
 
     /// Version of the outputs of a part. Changes whenever [`fetch`](Self::fetch) of any of them may
@@ -340,7 +316,7 @@ impl PinStore {
         let Some((slot, group)) = self.slot(key) else {
             return T::default();
         };
-        let follows = group.armed || slot.exempt;
+        let follows = group.is_armed() || slot.exempt;
         let (set, invert) = (T::from_bits(slot.bits), slot.invert);
         let value = if follows && slot.is_free {
             set

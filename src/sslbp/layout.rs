@@ -232,6 +232,18 @@ pub(crate) struct ChannelRegisters {
 }
 
 impl ChannelRegisters {
+    /// The registers of a channel of a usual port, for tests.
+    #[cfg(test)]
+    pub const fn usual(channel: Channel) -> Self {
+        let own = 4 * channel.index() as u16;
+        Self {
+            cs: 0x5C00 + own,
+            interface: 0x5D00 + own,
+            register_stride: 0x100,
+            count: 3,
+        }
+    }
+
     /// Addresses of the interface registers, in the order in which they are packed.
     pub fn interfaces(self) -> impl Iterator<Item = u16> + use<> {
         let Self {

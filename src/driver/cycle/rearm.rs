@@ -3,7 +3,7 @@
 use super::BoardCycle;
 use crate::bus::Instant;
 use crate::driver::{EventKind, Rearmed};
-use crate::hal::{Awaited, GroupId, PinError, ShortName};
+use crate::hal::{ArmingCondition, GroupId, PinError, ShortName};
 use crate::tally::Tally;
 
 impl BoardCycle {
@@ -12,9 +12,11 @@ impl BoardCycle {
         let (mut armed, mut is_news) = (0, false);
         if self.is_running() {
             armed = self.pins.rearm_all();
-            is_news = self.pins.arm_when_good(self.group);
+            is_news = self
+                .pins
+                .request_arming(self.group, ArmingCondition::WithBoard);
             for port in &self.parts.ports {
-                is_news |= port.arm_what_comes(&mut self.pins);
+                is_news |= port.arm_with_board(&mut self.pins);
             }
         }
         self.rearmed(now, armed, is_news)
@@ -25,7 +27,7 @@ impl BoardCycle {
     pub fn rearm_when_running(&mut self, now: Instant) -> Rearmed {
         let when = self.condition();
         let mut armed = 0;
-        if when == Awaited::WhenRunning {
+        if when == ArmingCondition::Running {
             armed = self.pins.rearm_all();
         } else {
             self.want_set_up();
@@ -35,7 +37,7 @@ impl BoardCycle {
             let group = self.pins.group_of(number);
             let is_armed = self.pins.group_state(group).is_none_or(|state| state.armed);
             if !is_armed && !self.is_port_off(group) {
-                is_news |= self.pins.is_awaited_anew(group, when);
+                is_news |= self.pins.request_arming(group, when);
             }
         }
         self.rearmed(now, armed, is_news)
@@ -54,19 +56,19 @@ impl BoardCycle {
             return Err(PinError::PortOff { pin });
         }
         let when = self.condition();
-        if when == Awaited::WhenRunning && self.pins.rearm(group).is_ok() {
+        if when == ArmingCondition::Running && self.pins.rearm(group).is_ok() {
             return Ok(true);
         }
-        self.pins.is_awaited_anew(group, when);
+        self.pins.request_arming(group, when);
         Ok(false)
     }
 
     /// The condition on which a group that does not run is armed.
-    fn condition(&self) -> Awaited {
+    fn condition(&self) -> ArmingCondition {
         if self.is_running() {
-            Awaited::WhenRunning
+            ArmingCondition::Running
         } else {
-            Awaited::AfterSetUp
+            ArmingCondition::SetUp
         }
     }
 
@@ -78,7 +80,7 @@ impl BoardCycle {
     /// Cancels the arming of groups that do not run, because of a fault: of all that are awaited, or
     /// of all but those that wait for the board's set-up.
     pub(super) fn cancel_rearm(&mut self, now: Instant, all: bool) {
-        let groups = self.pins.none_awaited(all);
+        let groups = self.pins.cancel_all_arming(all);
         if groups > 0 {
             self.events.tell(now, EventKind::RearmCancelled { groups });
         }
@@ -90,7 +92,7 @@ impl BoardCycle {
         for group in self.pins.groups() {
             let state = self.pins.group_state(group);
             waiting.tally(usize::from(state.is_some_and(|state| !state.armed)));
-            coming.tally(usize::from(self.pins.is_awaited(group)));
+            coming.tally(usize::from(self.pins.arming(group).is_awaited()));
         }
         if armed > 0 || is_news {
             let [armed, waiting] =

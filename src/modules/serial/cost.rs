@@ -11,8 +11,10 @@ use crate::bus::Instant;
 /// while more than [`CREDIT`](Self::CREDIT) is owed, no further attempt begins. With the default
 /// policy, attempts therefore take at most 320 ms of any minute, whatever the number of failing
 /// remotes and the kind of their faults.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Cost {
+    /// In this time an attempt of the usual duration is paid off.
+    longest_backoff: Duration,
     owed: Duration,
     at: Instant,
     began: Option<Instant>,
@@ -25,9 +27,24 @@ impl Cost {
     /// Upper limit for a single attempt, since an interrupted attempt has no end.
     const LONGEST: Duration = Duration::from_millis(60);
 
+    /// Nothing is owed.
+    pub fn new(policy: &FaultPolicy) -> Self {
+        Self {
+            longest_backoff: policy.longest_backoff,
+            owed: Duration::ZERO,
+            at: Instant::default(),
+            began: None,
+        }
+    }
+
+    /// Forgets what is owed, and an attempt that was begun.
+    pub const fn forget(&mut self) {
+        (self.owed, self.began) = (Duration::ZERO, None);
+    }
+
     /// True if another attempt may begin.
-    pub fn allows(&self, now: Instant, policy: &FaultPolicy) -> bool {
-        self.owed_at(now, policy) <= Self::CREDIT
+    pub fn allows(&self, now: Instant) -> bool {
+        self.owed_at(now) <= Self::CREDIT
     }
 
     pub fn begin(&mut self, now: Instant) {
@@ -35,17 +52,17 @@ impl Cost {
     }
 
     /// Ends the attempt, when the port can transfer again.
-    pub fn end(&mut self, now: Instant, policy: &FaultPolicy) {
+    pub fn end(&mut self, now: Instant) {
         if let Some(began) = self.began.take() {
             let took = now.since(began).min(Self::LONGEST);
-            self.owed = self.owed_at(now, policy).saturating_add(took);
+            self.owed = self.owed_at(now).saturating_add(took);
             self.at = now;
         }
     }
 
-    fn owed_at(&self, now: Instant, policy: &FaultPolicy) -> Duration {
+    fn owed_at(&self, now: Instant) -> Duration {
         let usual = Self::USUAL.as_nanos();
-        let longest = policy.longest_backoff.as_nanos();
+        let longest = self.longest_backoff.as_nanos();
         let paid = now.since(self.at).as_nanos().saturating_mul(usual);
         let paid = paid.checked_div(longest).unwrap_or(u128::MAX);
         let paid = u64::try_from(paid).unwrap_or(u64::MAX);
@@ -59,15 +76,14 @@ mod tests {
 
     #[test]
     fn in_any_minute_attempts_take_less_than_six_thousandths_of_the_time() {
-        let policy = FaultPolicy::default();
-        let mut cost = Cost::default();
+        let mut cost = Cost::new(&FaultPolicy::default());
         let mut taken = Vec::new();
         let mut now = 0;
         while now < 300_000 {
             let at = |ms: u64| Instant::from_nanos(ms * 1_000_000);
-            if cost.allows(at(now), &policy) {
+            if cost.allows(at(now)) {
                 cost.begin(at(now));
-                cost.end(at(now + 20), &policy);
+                cost.end(at(now + 20));
                 taken.push(now);
                 now += 19;
             }
@@ -88,11 +104,11 @@ mod tests {
             longest_backoff: Duration::MAX,
             ..FaultPolicy::default()
         };
-        let mut cost = Cost::default();
+        let mut cost = Cost::new(&policy);
         for ms in [0, 100] {
             cost.begin(Instant::from_nanos(ms * 1_000_000));
-            cost.end(Instant::from_nanos((ms + 50) * 1_000_000), &policy);
+            cost.end(Instant::from_nanos((ms + 50) * 1_000_000));
         }
-        assert!(!cost.allows(Instant::from_nanos(u64::MAX), &policy));
+        assert!(!cost.allows(Instant::from_nanos(u64::MAX)));
     }
 }

@@ -1,24 +1,28 @@
 //! Smart-serial ports in the cycle: their registers, their pins, and the recovery of their remotes.
 //!
 //! [`PortMachine`](crate::sslbp::PortMachine) implements the commands of a port and their replies.
-//! The layer above it is `recovery`, which decides which remotes take part, which are offline, and
-//! when those are tried again. A [`SerialPort`] does one step of both for each read and each write.
+//! The layers above it are the `life` of each remote (whether it runs, why not, and when it is tried
+//! again), the `remotes` of a port, and its `schedule`, which decides on the next operation. A
+//! [`SerialPort`] does one step of all of them for each read and each write.
 
 mod cost;
-mod health;
+mod failures;
+mod life;
 mod offline;
 mod parameter_writer;
 mod pins;
 mod policy;
 mod port;
-mod recovery;
 mod remote;
+mod remotes;
+mod schedule;
+mod slot;
 mod statistics;
 mod status;
 mod watchdog;
 
 pub use crate::sslbp::{Failure, FailureCounts};
-pub use health::RemoteState;
+pub use life::RemoteState;
 pub use offline::OfflineReason;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;

@@ -2,8 +2,9 @@
 
 use alloc::format;
 
-use super::health::Health;
-use super::recovery::{Recovery, is_stopping};
+use super::life::Life;
+use super::remotes::Remotes;
+use super::schedule::{Schedule, is_stopping};
 use crate::bus::Instant;
 use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore};
 use crate::modules::settings::Defaults;
@@ -41,10 +42,10 @@ pub(super) struct PortPins {
 
 /// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
 /// `run` is false; the others as observed with LinuxCNC 2.9).
-fn port_state(recovery: &Recovery, machine: &PortMachine) -> u32 {
-    let running = recovery.running();
+fn port_state(schedule: &Schedule, remotes: &Remotes, machine: &PortMachine) -> u32 {
+    let running = remotes.running();
     let has_transferred = |channel| machine.link(channel).good > 0;
-    match (recovery.run, running.is_empty()) {
+    match (schedule.run, running.is_empty()) {
         // Normal operation. Single remotes may be offline: see their `running`.
         (true, false) if running.iter().any(has_transferred) => 3,
         // Remotes have been started, and none of them has transferred yet.
@@ -56,6 +57,15 @@ fn port_state(recovery: &Recovery, machine: &PortMachine) -> u32 {
         // Nothing is transferred: switched off, or no remote runs.
         (_, true) => 0,
     }
+}
+
+/// The largest `fault-count` of the remotes.
+fn fault_count(remotes: &Remotes) -> u32 {
+    if remotes.with_failures().is_empty() {
+        return 0;
+    }
+    let counts = remotes.iter().map(|remote| remote.failures.count());
+    counts.max().unwrap_or(0)
 }
 
 impl PortPins {
@@ -94,15 +104,16 @@ impl PortPins {
     pub fn publish(
         &mut self,
         pins: &mut PinStore,
-        recovery: &Recovery,
+        schedule: &Schedule,
+        remotes: &Remotes,
         machine: &PortMachine,
         now: Instant,
     ) {
-        pins.publish(self.transfers, recovery.statistics.transfers);
-        let (fault_count, too_short) = (recovery.fault_count(), recovery.statistics.too_short);
+        pins.publish(self.transfers, schedule.statistics.transfers);
+        let (fault_count, too_short) = (fault_count(remotes), schedule.statistics.too_short);
         let (state, step) = (
-            port_state(recovery, machine),
-            recovery.restart_step(machine),
+            port_state(schedule, remotes, machine),
+            schedule.restart_step(machine),
         );
         let left = machine.time_left(now).as_nanos();
         let debug = self
@@ -128,16 +139,16 @@ impl PortPins {
         pins.commanded(self.run)
     }
 
-    pub fn fetch(&mut self, pins: &mut PinStore, recovery: &mut Recovery) {
+    pub fn fetch(&mut self, pins: &mut PinStore, schedule: &mut Schedule, remotes: &mut Remotes) {
         let version = pins.output_version(self.part);
         if version.is_some() && version == self.fetched {
             return;
         }
         self.fetched = version;
-        recovery.switch(pins.fetch(self.run));
-        recovery.policy.fault_inc = pins.param(self.fault_inc);
-        recovery.policy.fault_dec = pins.param(self.fault_dec);
-        recovery.policy.fault_lim = pins.param(self.fault_lim);
+        schedule.switch(pins.fetch(self.run));
+        remotes.policy.fault_inc = pins.param(self.fault_inc);
+        remotes.policy.fault_dec = pins.param(self.fault_dec);
+        remotes.policy.fault_lim = pins.param(self.fault_lim);
     }
 }
 
@@ -182,17 +193,17 @@ impl RemoteFaultPins {
         })
     }
 
-    pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &ChannelLink) {
-        let (running, failures) = (health.is_running(), link.failures.total());
-        let shown = (running, health.faults, failures, health.restarts);
+    pub fn publish(&mut self, pins: &mut PinStore, life: &Life, link: &ChannelLink) {
+        let (running, failures) = (life.is_running(), link.failures.total());
+        let shown = (running, life.faults(), failures, life.restarts());
         if self.shown.replace(shown) == Some(shown) {
             return;
         }
         pins.publish(self.running, running);
         for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
-            pins.publish(pin, health.faults.contains(fault));
+            pins.publish(pin, life.faults().contains(fault));
         }
         pins.publish(self.failures, failures);
-        pins.publish(self.restarts, health.restarts);
+        pins.publish(self.restarts, life.restarts());
     }
 }

@@ -4,13 +4,15 @@ use alloc::vec::Vec;
 use core::mem;
 use core::time::Duration;
 
-use super::health::{Arming, Health};
+use super::life::LifeChange;
 use super::parameter_writer::WrittenParameter;
 use super::pins::PortPins;
-use super::recovery::{Recovery, is_transferring};
-use super::remote::{FoundRemote, RemoteSlot};
-use super::watchdog::{HEARD, OutputsState, Queried};
-use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
+use super::remote::{FoundRemote, Remote};
+use super::remotes::{At, Remotes};
+use super::schedule::{Schedule, is_transferring};
+use super::slot::RemoteSlot;
+use super::watchdog::{HEARD, Queried};
+use super::{FaultPolicy, OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore};
@@ -19,8 +21,7 @@ use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, CsStatus, DoitTime, MAX_CHANNELS,
-    PerChannel, Port, PortImage, PortLayout, PortOperation, PortParameters, RemoteFaults,
-    TransferResult,
+    PerChannel, Port, PortImage, PortLayout, PortOperation, PortParameters, TransferResult,
 };
 use crate::tally::Tally;
 
@@ -31,14 +32,14 @@ pub struct SerialPort {
     pub(crate) port: Port,
     slots: Slots,
     doit: WriteSlot,
-    pub(crate) recovery: Recovery,
-    remotes: Vec<RemoteSlot>,
+    schedule: Schedule,
+    remotes: Remotes,
     pins: PortPins,
     /// Time of the last read.
     read_at: Instant,
     /// Duration of the port's transfers according to the sizes of its remotes.
     pub expected_time: DoitTime,
-    /// The rest that the application asked for; the recovery's is at least three quarters of a
+    /// The rest that the application asked for; the schedule's is at least three quarters of a
     /// period.
     asked_rest: Duration,
 }
@@ -46,6 +47,35 @@ pub struct SerialPort {
 /// The rest of a remote with failures.
 fn rest_at(period: Duration, asked: Duration) -> Duration {
     asked.max(period.fraction(3, 4))
+}
+
+/// Registers a remote of a port. One that is offline at the start is reported, unless it is absent,
+/// which is no event.
+fn register_remote(
+    r: &mut Registrar<'_>,
+    found: FoundRemote,
+    registers: ChannelRegisters,
+    (id, at): (RemoteId, Instant),
+    policy: &FaultPolicy,
+) -> Result<Remote, RegisterError> {
+    let (started, watchdog, offline) = (found.started, found.watchdog(), found.offline);
+    let slot = RemoteSlot::register(r.image, r.pins, r.status, found, registers, (id, at))?;
+    let mut remote = Remote::new(started, watchdog, slot, policy);
+    if let Some(reason) = offline {
+        let (now, events) = (at, r.events);
+        let change = remote.not_started(
+            At {
+                now,
+                policy,
+                events,
+            },
+            reason,
+        );
+        if let Some(event) = change.event.filter(|_| reason != OfflineReason::Absent) {
+            r.events.tell(at, event.of(id));
+        }
+    }
+    Ok(remote)
 }
 
 /// Positions of the registers of a port in the image. Registers of channels without a remote are
@@ -110,39 +140,32 @@ impl SerialPort {
         let doit = r
             .image
             .write(Phase::Trigger, layout.command, COMMAND_IGNORED);
-        let (mut healths, mut served) = (Vec::new(), Vec::new());
-        for remote in remotes {
-            let channel = remote.started.channel;
+        let mut all = Vec::new();
+        for found in remotes {
+            let channel = found.started.channel;
             let Some(registers) = layout.channel(channel) else {
                 debug_assert!(false, "port {} has no channel {channel}", layout.instance);
                 continue;
             };
             slots.register_channel(r.image, channel, registers);
-            let mut health = Health::new(remote.started, remote.watchdog(), &policy);
-            let sink = Some((r.events.clone(), layout.instance));
-            if let Some(reason) = remote.offline {
-                port.machine.set_sizes(&remote.started);
-                if !remote.is_absent() {
-                    // That an optional remote is absent is no event.
-                    health.event_sink.clone_from(&sink);
-                }
-                health = health.not_started(at, reason, &policy);
+            if found.offline.is_some() {
+                port.machine.set_sizes(&found.started);
             }
-            health.event_sink = sink;
-            healths.push(health);
-            served.push(RemoteSlot::register(r, remote, registers, at)?);
+            let id = RemoteId::new(layout.instance, channel.index());
+            all.push(register_remote(r, found, registers, (id, at), &policy)?);
         }
         let pins = PortPins::register(r, layout.instance)?;
-        let mut recovery = Recovery::new(healths, parameters, policy, at);
-        let changeable = served.iter().map(|remote| remote.pins.parameters.len());
-        recovery.reserve_requests(changeable.sum::<usize>().saturating_add(1));
-        let expected_time = port.doit_time(recovery.known);
+        let mut schedule = Schedule::new(parameters, &policy, at);
+        let changeable = all.iter().map(|remote| remote.slot.pins.parameters.len());
+        schedule.reserve_requests(changeable.sum::<usize>().saturating_add(1));
+        let remotes = Remotes::new(all, r.events.clone(), policy);
+        let expected_time = port.doit_time(remotes.configured());
         Ok(Self {
             port,
             slots,
             doit,
-            recovery,
-            remotes: served,
+            schedule,
+            remotes,
             pins,
             read_at: at,
             expected_time,
@@ -159,7 +182,7 @@ impl SerialPort {
     pub(crate) fn poll(&mut self, words: &Words, now: Instant) -> bool {
         let is_complete = self.is_idle(words);
         if is_complete {
-            self.recovery.transfer_complete(&self.port.machine, now);
+            self.schedule.transfer_complete(&self.port.machine, now);
         }
         is_complete || !is_transferring(&self.port.machine)
     }
@@ -172,33 +195,40 @@ impl SerialPort {
     /// True if the channels of all remotes that run read as stopped, which no bite does, and the
     /// driver has not stopped them; `None` if none runs.
     pub(crate) fn reads_stopped(&self, words: &Words) -> Option<bool> {
-        let running = self.recovery.running();
+        let running = self.remotes.running();
         let seen = (words, &self.slots);
         let is_stopped = |channel| CsStatus(seen.cs(channel)).is_stopped();
         (!running.is_empty()).then(|| running.iter().all(is_stopped))
     }
 
+    /// True if every remote that has run was found stopped, without a STOP command and since the
+    /// board was set up; `None` if none has run.
+    pub(crate) fn appears_reset(&self) -> Option<bool> {
+        self.schedule.appears_reset(&self.remotes)
+    }
+
     /// Clears the first fault of remotes whose outputs follow the application (again).
     fn note_armed(&mut self, pins: &PinStore, now: Instant) {
-        let marked = self.recovery.marked();
-        if marked.is_empty() {
+        let awaiting = self.remotes.awaiting_rearm();
+        if awaiting.is_empty() {
             return;
         }
-        for (served, health) in self.remotes.iter().zip(&mut self.recovery.remotes) {
-            let state = pins.group_state(served.pins.group);
-            if marked.contains(served.channel) && state.is_some_and(|state| state.armed) {
-                health.armed(now);
+        self.remotes.change(awaiting, now, |remote, _| {
+            let state = pins.group_state(remote.slot.pins.group);
+            if state.is_some_and(|state| state.armed) {
+                remote.life.armed()
+            } else {
+                LifeChange::default()
             }
-        }
-        self.recovery.update();
+        });
     }
 
     /// Restarts all remotes in the next cycles, after they were stopped and the port was used
     /// outside the cycle.
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.taken_over();
-        self.recovery.taken_over(now);
-        self.restart(self.recovery.known, pins, now);
+        self.schedule.taken_over(now);
+        self.restart(self.remotes.configured(), pins, now);
     }
 
     /// Takes the value of a remote's parameter that was written and read back.
@@ -209,10 +239,9 @@ impl SerialPort {
         name: &str,
         raw: u64,
     ) {
-        let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
-        if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == channel) {
-            remote.pins.publish_parameter(pins, name, raw);
-            health.watchdog = RemoteWatchdog::of(&remote.pins);
+        if let Some((slot, watchdog)) = self.remotes.slot(channel) {
+            slot.pins.publish_parameter(pins, name, raw);
+            *watchdog = RemoteWatchdog::of(&slot.pins);
         }
     }
 
@@ -220,25 +249,24 @@ impl SerialPort {
     #[cold]
     fn parameter_ended(&mut self, pins: &mut PinStore, ended: WrittenParameter) {
         let WrittenParameter { write, kept } = ended;
-        let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
-        if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == write.channel)
+        if let Some((slot, watchdog)) = self.remotes.slot(write.channel)
             && let Some(raw) = kept
-            && let Some(parameter) = remote.pins.parameters.get_mut(usize::from(write.parameter))
+            && let Some(parameter) = slot.pins.parameters.get_mut(usize::from(write.parameter))
         {
             parameter.publish(pins, raw);
-            health.watchdog = RemoteWatchdog::of(&remote.pins);
+            *watchdog = RemoteWatchdog::of(&slot.pins);
         }
     }
 
     /// Requests the write of a parameter when the port is switched on again.
     pub(crate) fn request_parameter(&mut self, write: ParameterWrite) {
-        self.recovery.request(write);
+        self.schedule.request(write);
     }
 
     /// Time for which nothing may be sent to the running remotes, so that their watchdogs must have
     /// bitten; `None` if no remote has a watchdog worth waiting for.
     pub(crate) fn silence(&self) -> Option<Duration> {
-        let running = self.recovery.remotes.iter().filter(|r| r.is_running());
+        let running = self.remotes.iter().filter(|r| r.life.is_running());
         let quick = running.filter(|remote| !remote.watchdog.is_slow());
         quick.map(|remote| remote.watchdog.silence()).max()
     }
@@ -246,8 +274,8 @@ impl SerialPort {
     /// The channels whose remotes transfer, and will continue to. Remotes of a port that was
     /// switched off are about to stop, and their replies are not evaluated any more.
     pub(crate) fn running(&self) -> ChannelMask {
-        if self.recovery.run {
-            self.recovery.running()
+        if self.schedule.run {
+            self.remotes.running()
         } else {
             ChannelMask::NONE
         }
@@ -276,65 +304,46 @@ impl SerialPort {
         now: Instant,
     ) -> Option<Channel> {
         let mut not_heard = None;
-        for health in &mut self.recovery.remotes {
-            let channel = health.channel();
-            if !asked.channels.contains(channel) || health.watchdog.is_slow() {
-                continue;
-            }
-            // Another fault may be the reason for going offline; the bite is reported beside it.
-            let is_reported = health.faults.contains(RemoteFaults::WATCHDOG);
-            let is_cause = health.cause == Some(OfflineReason::Watchdog);
-            let has_bitten = (is_cause || is_reported) && !health.is_running();
-            let link = self.port.machine.link(channel);
-            let heard = link.good.saturating_sub(asked.good[channel]);
-            let is_faulty = matches!(link.verdict, TransferResult::Faulty(_));
-            let own = health.watchdog.silence();
-            if has_bitten {
-                if silence > own.fraction(5, 4) || health.watchdog == RemoteWatchdog::Assumed {
-                    health.watchdog = RemoteWatchdog::Known(silence);
+        let machine = &self.port.machine;
+        self.remotes.change(asked.channels, now, |remote, _| {
+            if !remote.watchdog.is_slow() {
+                let link = machine.link(remote.channel());
+                let heard = link.good.saturating_sub(asked.good[remote.channel()]);
+                let is_faulty = matches!(link.verdict, TransferResult::Faulty(_));
+                let is_heard = heard >= HEARD || is_faulty;
+                if !remote.judge_watchdog(silence, is_heard) {
+                    not_heard = Some(remote.channel());
                 }
-            } else if heard >= HEARD || is_faulty {
-                health.watchdog = RemoteWatchdog::Off;
-            } else {
-                not_heard = Some(channel);
             }
-        }
-        let not_running = asked.channels.difference(self.recovery.running());
+            LifeChange::default()
+        });
+        let not_running = asked.channels.difference(self.remotes.running());
         self.restart(not_running, pins, now);
         not_heard
     }
 
     /// Arms the remotes that come up because the board has its set-up again, with their first good
     /// transfer. True if that is new for one of them.
-    pub(crate) fn arm_what_comes(&self, pins: &mut PinStore) -> bool {
-        let remotes = self.remotes.iter().zip(&self.recovery.remotes);
-        let coming = remotes.filter(|(_, health)| health.arming.comes_with_board);
-        coming.fold(false, |is_news, (served, _)| {
-            pins.arm_when_good(served.pins.group) | is_news
+    pub(crate) fn arm_with_board(&self, pins: &mut PinStore) -> bool {
+        let remotes = self.remotes.iter();
+        remotes.fold(false, |is_new, remote| {
+            remote.slot.arm_with_board(pins) | is_new
         })
     }
 
     /// True if the group is that of a remote of this port, and the port is switched off.
     pub(crate) fn is_off(&self, pins: &PinStore, group: GroupId) -> bool {
-        let mut groups = self.remotes.iter().map(|served| served.pins.group);
+        let mut groups = self.remotes.iter().map(|remote| remote.slot.pins.group);
         groups.any(|own| own == group) && !self.pins.is_on(pins)
-    }
-
-    /// Keeps all remotes of a port that is switched off safe: none is armed when it runs again.
-    fn switched_off(&mut self, cycle: &mut WriteCycle<'_>) {
-        for (remote, health) in self.remotes.iter().zip(&self.recovery.remotes) {
-            if cycle.pins.not_awaited(remote.pins.group) {
-                health.not_awaited(cycle.now);
-            }
-        }
-        self.make_safe(cycle.pins);
     }
 
     /// Ends the rows of failed transfers, and reports their numbers.
     pub(crate) fn end_rows(&mut self, now: Instant) {
-        for health in &mut self.recovery.remotes {
-            health.end_row(now);
-        }
+        let all = self.remotes.configured();
+        self.remotes.change(all, now, |remote, at| {
+            remote.failures.end_row(at, remote.id);
+            LifeChange::default()
+        });
     }
 
     /// Puts what remotes get in a cycle without a transfer: with START their modes, and outputs where
@@ -348,7 +357,7 @@ impl SerialPort {
             .machine
             .in_flight()
             .map(|(operation, _)| operation);
-        for (remote, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
+        for (life, remote) in self.remotes.slots() {
             // The words of an access stay until it is complete.
             match operation.or(in_flight) {
                 Some(PortOperation::Access(channel, access)) if channel == remote.channel => {
@@ -359,7 +368,7 @@ impl SerialPort {
                 }
                 _ => {}
             }
-            if is_idle || !health.is_running() {
+            if is_idle || !life.is_running() {
                 remote.put(cycle);
             }
             if let Some(PortOperation::Start(_, mask)) = operation
@@ -374,12 +383,12 @@ impl SerialPort {
     /// outputs must be off; this clears their faults. Their outputs are safe from now on until they
     /// are re-armed.
     pub(crate) fn restart(&mut self, mask: ChannelMask, pins: &mut PinStore, now: Instant) {
-        for remote in &mut self.remotes {
-            if mask.contains(remote.channel) {
-                remote.lost(pins);
+        for (_, slot) in self.remotes.slots() {
+            if mask.contains(slot.channel) {
+                slot.lose(pins);
             }
         }
-        self.recovery.restart_now(mask, now);
+        self.remotes.change(mask, now, Remote::ask_for_restart);
     }
 }
 
@@ -387,37 +396,28 @@ impl Module for SerialPort {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         self.note_armed(cycle.pins, cycle.now);
         let (machine, seen) = (&mut self.port.machine, (cycle.words, &self.slots));
-        self.recovery.is_board_running = cycle.is_running;
+        self.schedule.is_board_running = cycle.is_running;
+        let remotes = &mut self.remotes;
         let outcome = self
-            .recovery
-            .observe(machine, cycle.now, &seen, cycle.certain);
-        let reads_before = u64::from(outcome.reads_before);
+            .schedule
+            .observe(machine, remotes, cycle.now, &seen, cycle.certain);
         let last_read = mem::replace(&mut self.read_at, cycle.now);
-        for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
-            let (channel, group) = (served.channel, served.pins.group);
-            served.is_confirmed = outcome.good.contains(channel);
-            if served.is_confirmed {
-                if !served.drives {
-                    health.outputs = OutputsState::Off;
-                }
-                served.take(cycle);
-                let due = cycle.pins.cycle().saturating_sub(reads_before);
-                let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
-                let cycles = cycle.pins.cycle().saturating_sub(due);
-                cycle.pins.group_good_since(group, cycles, started);
-                health.arming = Arming::default();
+        for (life, slot) in remotes.slots() {
+            slot.is_confirmed = outcome.good.contains(slot.channel);
+            if slot.is_confirmed {
+                slot.take(cycle, &outcome);
             } else {
-                served.not_confirmed(health, cycle, &outcome, last_read);
+                slot.not_confirmed(life, cycle, &outcome, last_read);
             }
-            let link = machine.link(channel);
-            served.fault_pins.publish(cycle.pins, health, link);
+            let link = machine.link(slot.channel);
+            slot.fault_pins.publish(cycle.pins, life, link);
         }
-        if let Some(ended) = self.recovery.ended.take() {
+        if let Some(ended) = self.schedule.ended.take() {
             self.parameter_ended(cycle.pins, ended);
         }
-        let machine = &self.port.machine;
+        let (schedule, machine) = (&self.schedule, &self.port.machine);
         self.pins
-            .publish(cycle.pins, &self.recovery, machine, cycle.now);
+            .publish(cycle.pins, schedule, &self.remotes, machine, cycle.now);
         let report = &mut *cycle.report;
         report.good.tally(outcome.good.len());
         report.failed.tally(outcome.failed.len());
@@ -427,38 +427,38 @@ impl Module for SerialPort {
 
     fn not_read(&mut self, _: &mut PinStore) {
         self.port.machine.not_observed();
-        for served in &mut self.remotes {
-            served.is_confirmed = false;
+        for (_, slot) in self.remotes.slots() {
+            slot.is_confirmed = false;
         }
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        self.pins.fetch(cycle.pins, &mut self.recovery);
+        self.pins
+            .fetch(cycle.pins, &mut self.schedule, &mut self.remotes);
         self.note_armed(cycle.pins, cycle.now);
-        if !self.recovery.run {
-            self.switched_off(cycle);
+        if !self.schedule.run {
+            for (_, slot) in self.remotes.slots() {
+                slot.keep_safe(cycle);
+            }
         }
-        let machine = &mut self.port.machine;
-        let operation = self.recovery.next(machine, cycle.now, cycle.hold);
+        let (machine, remotes) = (&mut self.port.machine, &mut self.remotes);
+        let operation = self.schedule.next(machine, remotes, cycle.now, cycle.hold);
         if let Some(PortOperation::Transfer(mask)) = operation {
-            for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
-                remote.put(cycle);
-                if remote.drives && mask.contains(remote.channel) {
-                    health.outputs = OutputsState::Driven;
-                }
+            for (_, slot) in remotes.slots() {
+                slot.put_transfer(cycle, mask.contains(slot.channel));
             }
         } else {
             self.put_between(cycle, operation);
         }
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
         cycle.words.put(self.doit, command);
-        if self.recovery.needs_start_data() {
+        if self.schedule.needs_start_data() {
             cycle.request_extra();
         }
     }
 
     fn set_period(&mut self, period: Duration, _: &mut PinStore) -> Result<(), RegisterError> {
-        self.recovery.policy.rest = rest_at(period, self.asked_rest);
+        self.remotes.policy.rest = rest_at(period, self.asked_rest);
         Ok(())
     }
 
@@ -468,22 +468,20 @@ impl Module for SerialPort {
 
     /// Fails all remotes together: inputs invalid, outputs safe until re-armed.
     fn make_safe(&mut self, pins: &mut PinStore) {
-        for remote in &self.remotes {
-            pins.fault(remote.pins.group);
+        for remote in self.remotes.iter() {
+            pins.fault(remote.slot.pins.group);
         }
     }
 
     /// Restarts all remotes that do not run, in the next cycles.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.doubt();
-        for health in &mut self.recovery.remotes {
-            health.arming.comes_with_board = health.is_of_board();
+        for (life, slot) in self.remotes.slots() {
+            slot.comes_with_board = life.is_of_board();
+            slot.pins.restarted();
         }
-        for remote in &mut self.remotes {
-            remote.pins.restarted();
-        }
-        self.recovery.set_up_again(now);
-        let not_running = self.recovery.known.difference(self.recovery.running());
+        self.schedule.set_up_restored(&mut self.remotes, now);
+        let not_running = self.remotes.configured().difference(self.remotes.running());
         self.restart(not_running, pins, now);
     }
 }
@@ -497,28 +495,14 @@ impl SerialPort {
 
     /// The statistics so far.
     pub fn statistics(&self) -> &PortStatistics {
-        &self.recovery.statistics
+        &self.schedule.statistics
     }
 
     /// The remotes, by channel.
     pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
-        let remotes = self.remotes.iter().zip(&self.recovery.remotes);
-        remotes.map(|(served, health)| {
-            let link = self.port.machine.link(served.channel);
-            RemoteStatus {
-                id: RemoteId::new(self.layout().instance, served.channel.index()),
-                started: &health.started,
-                descriptor: &served.descriptor,
-                pins: &served.pins,
-                state: health.state,
-                first_fault: health.first_fault,
-                watchdog: health.watchdog,
-                faults: health.faults,
-                transfers: link.transfers,
-                failures: &link.failures,
-                restarts: health.restarts,
-            }
-        })
+        let machine = &self.port.machine;
+        let remotes = self.remotes.iter();
+        remotes.map(|remote| remote.status(machine.link(remote.channel())))
     }
 
     /// Remotes that may have an output on which was on before the last write: the last read
@@ -529,18 +513,18 @@ impl SerialPort {
         now: Instant,
         silent_since: Option<Instant>,
     ) -> impl Iterator<Item = RemoteStatus<'_>> {
-        let pairs = self.remotes.iter().zip(&self.recovery.remotes);
-        let not = pairs.map(move |(served, health)| {
-            let has_bitten = match (silent_since, health.watchdog) {
+        let machine = &self.port.machine;
+        let not = self.remotes.iter().filter(move |remote| {
+            let has_bitten = match (silent_since, remote.watchdog) {
                 (Some(since), RemoteWatchdog::Known(_)) => {
-                    since.after(health.watchdog.silence()) <= now
+                    since.after(remote.watchdog.silence()) <= now
                 }
                 _ => false,
             };
-            !served.has_confirmed_safe() && !health.outputs.are_off(now) && !has_bitten
+            let slot = &remote.slot;
+            !slot.has_confirmed_safe() && !slot.outputs_state.are_off(now) && !has_bitten
         });
-        let not = self.remotes().zip(not);
-        not.filter_map(|(status, is_not)| is_not.then_some(status))
+        not.map(|remote| remote.status(machine.link(remote.channel())))
     }
 
     /// The remote on a channel.

@@ -1,23 +1,19 @@
-//! A remote of a port: its registers in the image, and its pins.
+//! A remote of a port: its identity, its life, and its place in the cycle.
 
-use alloc::vec::Vec;
+use core::time::Duration;
 
-use super::health::{Arming, Health};
-use super::pins::RemoteFaultPins;
-use super::recovery::ReadOutcome;
-use super::{OfflineReason, RemoteWatchdog};
-use crate::bus::{Instant, Phase, ReadSlot, Setting, WriteSlot};
+use super::failures::Failures;
+use super::life::{Life, LifeChange, silent_until};
+use super::remotes::At;
+use super::slot::RemoteSlot;
+use super::watchdog::OutputsState;
+use super::{FaultPolicy, OfflineReason, RemoteStatus, RemoteWatchdog};
+use crate::bus::Instant;
 use crate::discovery::RemoteDescriptor;
-use crate::hal::{Awaited, PinStore};
-use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::fraction::Fraction;
+use crate::hostmot2::RemoteId;
 use crate::remote::RemotePins;
-use crate::sslbp::{
-    Channel, ChannelRegisters, MAX_INTERFACE_REGISTERS, PortAccess, RemoteAccess, StartedRemote,
-    software_mode_word,
-};
-
-/// Number of interface registers of one direction.
-const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
+use crate::sslbp::{Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote};
 
 /// Name of the parameter for a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
 /// PARAMETERS".
@@ -52,205 +48,168 @@ impl FoundRemote {
     }
 }
 
-/// A remote in the cycle.
+/// A remote of a port.
 #[derive(Debug)]
-pub(super) struct RemoteSlot {
-    pub channel: Channel,
-    pub descriptor: RemoteDescriptor,
-    pub pins: RemotePins,
-    pub fault_pins: RemoteFaultPins,
-    inputs: Vec<ReadSlot>,
-    outputs: Vec<WriteSlot>,
-    /// CS: the software mode for START, and the command of an access.
-    mode: Setting,
-    mode_word: u32,
-    /// Those of interface registers 0 and 1 that have no outputs, for the data of an access.
-    data: [Option<Setting>; 2],
-    /// The last read delivered a good transfer of the outputs in the image.
-    pub is_confirmed: bool,
-    /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
-    /// since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was due,
-    /// and its time. The last transfer, if it failed; or, before the first transfer after a START,
-    /// the chatter frames that the gateware exchanges by itself (FACTS 4.8).
-    pub unanswered: Option<(u64, Instant)>,
-    /// The version of the outputs in the image.
-    put: Option<u64>,
-    /// The outputs in the image are not all 0, which they are after START.
-    pub drives: bool,
-    /// The outputs in the image are the safe values.
-    is_safe: bool,
+pub(super) struct Remote {
+    pub id: RemoteId,
+    /// The identity that START reported. For a remote that has never run, the known part of its
+    /// kind: 0 for an unknown unit number or unknown tables, and the class of the unit number in
+    /// the top byte.
+    pub started: StartedRemote,
+    pub watchdog: RemoteWatchdog,
+    pub life: Life,
+    pub failures: Failures,
+    pub slot: RemoteSlot,
 }
 
-impl RemoteSlot {
-    pub fn register(
-        r: &mut Registrar<'_>,
-        found: FoundRemote,
-        registers: ChannelRegisters,
-        started_at: Instant,
-    ) -> Result<Self, RegisterError> {
-        let FoundRemote { started, pins, .. } = found;
-        let inputs = registers.interfaces_for(started.input_bytes());
-        let outputs = registers.interfaces_for(started.sizes.tx);
-        let outputs: Vec<_> = outputs
-            .map(|address| r.image.write(Phase::Data, address, 0))
-            .collect();
-        let mut data = [None; 2];
-        for (n, (address, data)) in registers.interfaces().zip(&mut data).enumerate() {
-            *data = (n >= outputs.len()).then(|| r.image.on_demand(address));
-        }
-        if found.offline.is_some() {
-            r.pins.fault(pins.group);
-        }
-        Ok(Self {
-            channel: started.channel,
-            fault_pins: RemoteFaultPins::new(r.pins, r.status, &pins.prefix)?,
-            descriptor: found.descriptor,
-            pins,
-            inputs: inputs
-                .map(|address| r.image.read(Phase::Data, address))
-                .collect(),
-            outputs,
-            mode: r.image.on_demand(registers.cs),
-            data,
-            mode_word: software_mode_word(started.software_mode),
-            is_confirmed: false,
-            unanswered: Some((0, started_at)),
-            put: None,
-            drives: false,
-            is_safe: false,
-        })
-    }
-
-    /// Publishes the inputs of a good transfer.
-    pub fn take(&mut self, cycle: &mut ReadCycle<'_>) {
-        let mut words = [0; REGISTERS];
-        for (word, &slot) in words.iter_mut().zip(&self.inputs) {
-            *word = cycle.words.word(slot);
-        }
-        self.pins.take_inputs(cycle.pins, &words);
-    }
-
-    /// Handles that the remote went offline: its counters may contain any value when it comes back.
-    pub fn lost(&mut self, pins: &mut PinStore) {
-        pins.fault(self.pins.group);
-        self.unanswered = None;
-        self.pins.restarted();
-    }
-
-    /// Handles a read that delivered no good transfer, after the one at `last_read`.
-    #[cold]
-    pub fn not_confirmed(
-        &mut self,
-        health: &mut Health,
-        cycle: &mut ReadCycle<'_>,
-        outcome: &ReadOutcome,
-        last_read: Instant,
-    ) {
-        let channel = self.channel;
-        if outcome.offline.contains(channel) {
-            self.went_offline(health, cycle);
-        } else if outcome.failed.contains(channel) {
-            cycle.pins.invalidate(self.pins.group);
-            let due = cycle
-                .pins
-                .cycle()
-                .saturating_sub(outcome.reads_before.into());
-            self.unanswered = Some((due, outcome.started));
-        } else if outcome.started_anew.contains(channel) {
-            self.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
-        }
-        if health.arming != Arming::default() {
-            self.attempted(health, cycle);
+impl Remote {
+    /// A remote that runs.
+    pub fn new(
+        started: StartedRemote,
+        watchdog: RemoteWatchdog,
+        slot: RemoteSlot,
+        policy: &FaultPolicy,
+    ) -> Self {
+        Self {
+            id: slot.id,
+            started,
+            watchdog,
+            life: Life::running(policy),
+            failures: Failures::default(),
+            slot,
         }
     }
 
-    /// Handles a running remote that went offline: it will not be armed when it runs again, unless it
-    /// comes up because of the board.
-    fn went_offline(&mut self, health: &Health, cycle: &mut ReadCycle<'_>) {
-        let group = self.pins.group;
-        let is_of_board = health.arming.comes_with_board && health.is_of_board();
-        let awaited = cycle.pins.awaited(group);
-        let state = cycle.pins.group_state(group);
-        if state.is_some_and(|state| !state.armed) {
-            cycle.pins.count_loss();
+    pub const fn channel(&self) -> Channel {
+        self.started.channel
+    }
+
+    /// Marks a remote that does not run at the start: offline, and never started.
+    pub fn not_started(&mut self, at: At<'_>, reason: OfflineReason) -> LifeChange {
+        let change = self.go_offline(at, reason, 0);
+        if let OfflineReason::FieldPower(faults) | OfflineReason::Reported(faults) = reason {
+            self.life.reported(faults, true);
         }
-        self.lost(cycle.pins);
-        if awaited == Awaited::No || awaited == Awaited::AfterSetUp {
-            return;
+        self.life.was_not_started();
+        change
+    }
+
+    /// Takes the remote offline because of a fault that it reported with a transfer.
+    pub fn is_faulty(&mut self, at: At<'_>, faults: RemoteFaults, good: u64) -> LifeChange {
+        let was_running = self.life.is_running();
+        let reason = OfflineReason::of_faults(faults);
+        let change = self.go_offline(at, reason, good);
+        self.life.reported(faults, was_running);
+        change
+    }
+
+    /// Takes the remote offline, or adds a reason to one that is offline, and plans the next
+    /// attempt. `good`: transfers since it was started.
+    pub fn go_offline(&mut self, at: At<'_>, reason: OfflineReason, good: u64) -> LifeChange {
+        let bitten = silent_until(at.now, reason, self.watchdog);
+        self.get_silent(at, reason, bitten);
+        self.life.go_offline(at, reason, good, self.watchdog)
+    }
+
+    /// Requests a restart: at once for a remote that runs without a fault, for any other one as
+    /// soon as its outputs must be off.
+    pub fn ask_for_restart(&mut self, at: At<'_>) -> LifeChange {
+        if self.life.is_running() {
+            self.failures.end_row(at, self.id);
         }
-        if is_of_board {
-            cycle.pins.is_awaited_anew(group, awaited);
+        self.life.ask_for_restart(at)
+    }
+
+    /// Stops the remote because the application has switched its port off.
+    pub fn stop(&mut self, at: At<'_>) -> LifeChange {
+        let bitten = at.now.after(self.watchdog.silence());
+        self.get_silent(at, OfflineReason::Stopped, bitten);
+        self.life.stop(at.now)
+    }
+
+    /// Handles that nothing more is sent to the remote.
+    fn get_silent(&mut self, at: At<'_>, reason: OfflineReason, bitten: Instant) {
+        let outputs = &mut self.slot.outputs_state;
+        outputs.silent(reason, self.watchdog, bitten);
+        if self.life.is_running() {
+            self.failures.end_row(at, self.id);
+        }
+    }
+
+    /// Returns the reason to refuse the remote that answered START, from interface registers 0 to
+    /// 2: its unit number, name and tables. For a remote that has never run, the known part of its
+    /// kind is compared, with the unit number if it is known, and its sizes are compared later.
+    pub fn refuses(&self, [unit_number, name, found]: [u32; 3]) -> Option<OfflineReason> {
+        let StartedRemote {
+            gtoc,
+            ptoc,
+            unit_number: unit,
+            ..
+        } = self.started;
+        let expected = u32::from(gtoc) << 16 | u32::from(ptoc);
+        let name = RemoteName::from_register(name);
+        let is_of_kind = unit == 0 || unit == unit_number & 0xFF00_0000;
+        let has_run = self.life.has_run();
+        let is_kind = !has_run && is_of_kind;
+        if name != self.started.name || unit != unit_number && !is_kind {
+            return Some(OfflineReason::AnotherDevice {
+                found: RemoteIdentity { name, unit_number },
+                expected: self.started.identity(),
+            });
+        }
+        let are_known = has_run || expected != 0;
+        (are_known && found != expected).then_some(OfflineReason::OtherTables { found, expected })
+    }
+
+    /// Marks the remote as running and stores the identity that START reported; any other unit is
+    /// refused from now on.
+    pub fn restarted(&mut self, start_registers: [u32; 3]) -> LifeChange {
+        let is = self.started;
+        self.started = StartedRemote::new(
+            is.channel,
+            is.software_mode,
+            start_registers,
+            is.sizes,
+            is.cs,
+        );
+        self.slot.outputs_state = OutputsState::Off;
+        self.failures.restarted();
+        self.life.restarted()
+    }
+
+    /// Judges the watchdog of a remote that got no frame for `silence`, and was queried then: one that
+    /// was heard and did not report its bite counts as off. False if nothing is known of it.
+    pub fn judge_watchdog(&mut self, silence: Duration, is_heard: bool) -> bool {
+        // Another fault may be the reason for going offline; the bite is reported beside it.
+        let is_reported = self.life.faults().contains(RemoteFaults::WATCHDOG);
+        let is_cause = self.life.cause() == Some(OfflineReason::Watchdog);
+        if is_cause || is_reported {
+            let own = self.watchdog.silence();
+            if silence > own.fraction(5, 4) || self.watchdog == RemoteWatchdog::Assumed {
+                self.watchdog = RemoteWatchdog::Known(silence);
+            }
+        } else if is_heard {
+            self.watchdog = RemoteWatchdog::Off;
         } else {
-            health.not_awaited(cycle.now);
+            return false;
         }
+        true
     }
 
-    /// Handles the attempts to start a remote that is to be armed. A new fault cancels that: also a
-    /// fault of its own that is found when it comes up because of the board. An attempt that fails
-    /// again is none.
-    fn attempted(&self, health: &mut Health, cycle: &mut ReadCycle<'_>) {
-        let group = self.pins.group;
-        let awaited = cycle.pins.awaited(group);
-        let is_new = core::mem::take(&mut health.arming.has_new_fault);
-        let comes_alone = health.arming.comes_with_board && !health.is_of_board();
-        health.arming.comes_with_board &= !comes_alone;
-        if comes_alone {
-            // Commands that were set meanwhile are forgotten.
-            cycle.pins.disarm(group);
+    /// The current state, for the application.
+    pub fn status<'a>(&'a self, link: &'a ChannelLink) -> RemoteStatus<'a> {
+        RemoteStatus {
+            id: self.id,
+            started: &self.started,
+            descriptor: &self.slot.descriptor,
+            pins: &self.slot.pins,
+            state: self.life.state(),
+            first_fault: self.life.first_fault(),
+            watchdog: self.watchdog,
+            faults: self.life.faults(),
+            transfers: link.transfers,
+            failures: &link.failures,
+            restarts: self.life.restarts(),
         }
-        let is_awaited = awaited.is_with_transfer();
-        if is_awaited && (comes_alone || is_new) {
-            cycle.pins.not_awaited(group);
-            health.not_awaited(cycle.now);
-        }
-    }
-
-    /// Puts the outputs into the image, unless they are unchanged.
-    pub fn put(&mut self, cycle: &mut WriteCycle<'_>) {
-        let version = cycle.pins.output_version(self.pins.group);
-        if version.is_some() && version == self.put {
-            return;
-        }
-        self.put = version;
-        let mut words = [0; REGISTERS];
-        self.pins.put_outputs(cycle.pins, &mut words);
-        self.drives = words != [0; REGISTERS];
-        // What was read before is no evidence for them.
-        self.is_confirmed = false;
-        let state = cycle.pins.group_state(self.pins.group);
-        self.is_safe = state.is_some_and(|group| !group.armed);
-        for (word, &slot) in words.into_iter().zip(&self.outputs) {
-            cycle.words.put(slot, word);
-        }
-    }
-
-    /// True if the last read delivered a good transfer of safe values.
-    pub fn has_confirmed_safe(&self) -> bool {
-        self.is_confirmed && self.is_safe
-    }
-
-    /// Sets the words of an access, which are written with its DOIT. Outputs are put anew before the
-    /// next transfer.
-    pub fn put_access(&mut self, cycle: &mut WriteCycle<'_>, access: RemoteAccess) {
-        let data = access.data_words();
-        for (n, word) in data.into_iter().flatten().enumerate() {
-            if let Some(&slot) = self.outputs.get(n) {
-                cycle.words.put(slot, word);
-            }
-            if let Some(&Some(setting)) = self.data.get(n) {
-                cycle.words.set(setting, word);
-                cycle.words.repeat(setting);
-            }
-        }
-        cycle.words.set(self.mode, access.cs_word());
-        cycle.words.repeat(self.mode);
-        self.put = None;
-        self.drives = true;
-    }
-
-    /// Sets the software mode, which is written with START.
-    pub fn put_mode(&self, cycle: &mut WriteCycle<'_>) {
-        cycle.words.set(self.mode, self.mode_word);
-        cycle.words.repeat(self.mode);
     }
 }

@@ -8,18 +8,20 @@ const SIZES: ProcessDataSizes = ProcessDataSizes { rx: 5, tx: 2 };
 impl Rig {
     /// With a third remote that is absent at the start, of a known kind.
     fn with_absent() -> Self {
-        let mut rig = Self::new();
         let [unit_number, name, tables] = told(2);
         let kind = StartedRemote {
             unit_number: unit_number & 0xFF00_0000 | 0x1200_0000,
             ..started(TWO)
         };
-        let policy = FaultPolicy::default();
-        let remote = Health::new(kind, RemoteWatchdog::Assumed, &policy);
-        let remote = remote.not_started(rig.now, OfflineReason::Absent, &policy);
-        rig.recovery.remotes.push(remote);
-        rig.recovery.known = ChannelMask::first(3);
-        rig.recovery.update();
+        let mut absent = remote(kind);
+        let at = At {
+            now: Instant::default(),
+            policy: &FaultPolicy::default(),
+            events: &EventSink::new("", 1),
+        };
+        let _ = absent.not_started(at, OfflineReason::Absent);
+        let [zero, one, ..] = Channel::ALL.map(started);
+        let mut rig = Self::with(vec![remote(zero), remote(one), absent]);
         rig.machine.set_sizes(&kind);
         rig.seen.cs[2] = STOPPED;
         rig.seen.start[2] = [0x1200_0000 | unit_number, name, tables];
@@ -145,11 +147,11 @@ fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
 #[test]
 fn a_reset_is_told_by_the_remotes_that_have_run() {
     let mut rig = Rig::with_absent();
-    assert_eq!(rig.recovery.appears_reset(), Some(false));
+    assert_eq!(rig.schedule.appears_reset(&rig.remotes), Some(false));
     rig.write();
     rig.seen.cs = [STOPPED; 8];
     rig.read();
-    assert_eq!(rig.recovery.appears_reset(), Some(true));
-    let empty = Recovery::new(Vec::new(), PARAMETERS, FaultPolicy::default(), rig.now);
-    assert_eq!(empty.appears_reset(), None);
+    assert_eq!(rig.schedule.appears_reset(&rig.remotes), Some(true));
+    let none = Remotes::new(Vec::new(), EventSink::new("", 1), FaultPolicy::default());
+    assert_eq!(rig.schedule.appears_reset(&none), None);
 }

@@ -1,10 +1,22 @@
 mod absent;
 mod age;
 
-use super::super::RemoteWatchdog;
+use alloc::vec;
+
+use super::super::remote::FoundRemote;
+use super::super::slot::RemoteSlot;
+use super::super::{RemoteState, RemoteWatchdog};
 use super::*;
-use crate::sslbp::RemoteName;
-use crate::sslbp::{COMMAND_IGNORED, Channel, CsStatus, ProcessDataSizes, StartedRemote};
+use crate::bus::ImagePlan;
+use crate::discovery::{PackingPlan, RemoteDescriptor};
+use crate::hal::PinStore;
+use crate::hostmot2::RemoteId;
+use crate::modules::events::EventSink;
+use crate::remote::RemotePins;
+use crate::sslbp::{
+    COMMAND_IGNORED, Channel, ChannelRegisters, CsStatus, ProcessDataSizes, RemoteName,
+    StartedRemote,
+};
 
 const RUNNING: u32 = 0x0042_0000;
 const CHATTER: u32 = 0x003A_0000;
@@ -66,34 +78,62 @@ impl PortImage for Registers {
     }
 }
 
+/// A remote that runs, whose process data has no pins.
+fn remote(started: StartedRemote) -> Remote {
+    let (mut pins, mut image) = (PinStore::default(), ImagePlan::default());
+    let group = pins.add_group();
+    let (channel, descriptor) = (started.channel, RemoteDescriptor::default());
+    let id = RemoteId::new(0, channel.index());
+    let plan = PackingPlan::default();
+    let found = FoundRemote {
+        pins: RemotePins::new(&mut pins, "hm2_7i92.0", id, &descriptor, &plan, None).unwrap(),
+        started,
+        descriptor,
+        offline: None,
+    };
+    let (registers, at) = (ChannelRegisters::usual(channel), (id, Instant::default()));
+    let slot = RemoteSlot::register(&mut image, &mut pins, group, found, registers, at).unwrap();
+    Remote::new(
+        started,
+        RemoteWatchdog::Assumed,
+        slot,
+        &FaultPolicy::default(),
+    )
+}
+
 /// A port with remotes on channels 0 and 1 that have just been started.
 struct Rig {
     machine: PortMachine,
-    recovery: Recovery,
+    remotes: Remotes,
+    schedule: Schedule,
     seen: Registers,
     now: Instant,
 }
 
 impl Rig {
     fn new() -> Self {
-        let policy = FaultPolicy::default();
         let [zero, one, ..] = Channel::ALL.map(started);
-        let remotes =
-            [zero, one].map(|started| Health::new(started, RemoteWatchdog::Assumed, &policy));
+        Self::with(vec![remote(zero), remote(one)])
+    }
+
+    /// With these remotes, of which those that run have just been started.
+    fn with(remotes: Vec<Remote>) -> Self {
+        let now = Instant::default();
         let mut rig = Self {
             machine: PortMachine::new(ChannelMask::first(8)),
-            recovery: Recovery::new(remotes.to_vec(), PARAMETERS, policy, Instant::default()),
+            remotes: Remotes::new(remotes, EventSink::new("", 31), FaultPolicy::default()),
+            schedule: Schedule::new(PARAMETERS, &FaultPolicy::default(), now),
             seen: Registers {
                 cs: [CHATTER; 8],
                 start: [0, 1, 2, 3, 4, 5, 6, 7].map(told),
                 ..Registers::default()
             },
-            now: Instant::default(),
+            now,
         };
         rig.read();
-        let both = ChannelMask::first(2);
+        let running = rig.remotes.running();
         rig.machine
-            .begin(PortOperation::Start(StartMode::Normal, both));
+            .begin(PortOperation::Start(StartMode::Normal, running));
         rig.machine.written(rig.now, true);
         rig.read();
         rig.seen.cs = [RUNNING; 8];
@@ -107,22 +147,30 @@ impl Rig {
     fn read_with(&mut self, certain: bool) -> ReadOutcome {
         self.now = self.now.after(Duration::from_millis(1));
         let machine = &mut self.machine;
-        self.recovery
-            .observe(machine, self.now, &self.seen, certain)
+        let remotes = &mut self.remotes;
+        self.schedule
+            .observe(machine, remotes, self.now, &self.seen, certain)
     }
 
     fn write(&mut self) -> u32 {
-        let next = self.recovery.next(&mut self.machine, self.now, false);
+        let next = self
+            .schedule
+            .next(&mut self.machine, &mut self.remotes, self.now, false);
         self.machine.written(self.now, true);
         next.map_or(COMMAND_IGNORED, |operation| operation.command())
     }
 
     fn state(&self, channel: Channel) -> RemoteState {
-        let mut remotes = self.recovery.remotes.iter();
-        remotes
-            .find(|remote| remote.channel() == channel)
-            .unwrap()
-            .state
+        let remote = self.remotes.get(channel).expect("a remote");
+        remote.life.state()
+    }
+
+    /// Changes one remote.
+    fn change(&mut self, channel: Channel, change: impl Fn(&mut Remote)) {
+        self.remotes.change(channel.mask(), self.now, |remote, _| {
+            change(remote);
+            LifeChange::default()
+        });
     }
 
     /// One cycle without faults. Returns the word that was written.
@@ -179,7 +227,7 @@ fn nothing_is_written_while_command_is_busy_or_not_known() {
         3,
         "the same transfer, a little late"
     );
-    assert_eq!(rig.recovery.statistics.too_short, 1);
+    assert_eq!(rig.schedule.statistics.too_short, 1);
     assert_eq!(rig.write(), 0x1003);
 }
 
@@ -189,7 +237,7 @@ fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
     rig.write();
     let outcome = rig.read_with(false);
     assert_eq!((outcome.good, outcome.failed), Default::default());
-    assert_eq!(rig.recovery.statistics.unknown, 1);
+    assert_eq!(rig.schedule.statistics.unknown, 1);
     rig.write();
     let outcome = rig.read();
     let nothing = (outcome.good, outcome.failed);
@@ -207,17 +255,18 @@ fn a_transfer_that_was_in_doubt_while_busy_stays_so() {
     rig.seen.command = 0;
     let outcome = rig.read();
     assert_eq!((outcome.good, outcome.failed), Default::default());
-    assert_eq!(rig.recovery.statistics.unknown, 1);
+    assert_eq!(rig.schedule.statistics.unknown, 1);
 }
 
 #[test]
 fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
     let mut rig = Rig::new();
-    rig.recovery.next(&mut rig.machine, rig.now, false);
+    rig.schedule
+        .next(&mut rig.machine, &mut rig.remotes, rig.now, false);
     rig.machine.written(rig.now, false);
     let outcome = rig.read();
     assert_eq!((outcome.good, outcome.failed), Default::default());
-    assert_eq!(rig.recovery.statistics.unknown, 1);
+    assert_eq!(rig.schedule.statistics.unknown, 1);
 }
 
 #[test]
@@ -248,10 +297,10 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
 fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     for trouble in [0, 1] {
         let mut rig = Rig::new();
-        rig.recovery.remotes[0].fault_count = trouble;
-        rig.recovery.update();
+        rig.change(Channel::ALL[0], |remote| remote.failures.set_count(trouble));
         rig.write();
-        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
+        rig.remotes
+            .change(Channel::ALL[1].mask(), rig.now, Remote::ask_for_restart);
         assert_eq!(rig.read().good.bits(), 1);
         assert_eq!(rig.write(), 0x0802);
     }
@@ -263,10 +312,11 @@ fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
 fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings() {
     for (cs, at_least) in [(0x0842_2140, 60), (0x0142_2140, 0), (STOPPED, 60)] {
         let mut rig = Rig::new();
-        rig.recovery.policy.automatic = false;
+        rig.remotes.policy.automatic = false;
         rig.cycle();
         rig.cycle();
-        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
+        rig.remotes
+            .change(Channel::ALL[1].mask(), rig.now, Remote::ask_for_restart);
         rig.seen.cs[1] = cs;
         let asked = rig.now;
         assert_eq!(rig.until_not_doit(), 0x0802, "{cs:08X}");
@@ -285,13 +335,13 @@ fn a_remote_comes_back_in_small_steps() {
     rig.seen.cs[1] = STOPPED;
     rig.read();
     assert_eq!(rig.write(), 0x0902);
-    assert!(rig.recovery.needs_start_data());
+    assert!(rig.schedule.needs_start_data());
     rig.seen.command = 0x0902;
     for _ in 0..3 {
         assert_eq!(rig.cycle(), 0x8000_0000);
     }
     assert_eq!(
-        rig.recovery.statistics.too_short, 0,
+        rig.schedule.statistics.too_short, 0,
         "START may take that long"
     );
     rig.seen.command = 0;
@@ -369,7 +419,8 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
         let told = rig.now;
         assert_eq!(rig.write(), 0x1001);
         // A request of the application does not shorten the silence.
-        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
+        rig.remotes
+            .change(Channel::ALL[1].mask(), rig.now, Remote::ask_for_restart);
         assert_eq!(rig.until_not_doit(), 0x0802);
         assert_eq!(rig.now.since(told), Duration::from_millis(60), "bit {bit}");
     }
@@ -379,7 +430,9 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
 fn the_silence_follows_the_watchdog_of_the_remote() {
     for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
         let mut rig = Rig::new();
-        rig.recovery.remotes[1].watchdog = RemoteWatchdog::longer_of(millis, millis);
+        rig.change(Channel::ALL[1], |remote| {
+            remote.watchdog = RemoteWatchdog::longer_of(millis, millis);
+        });
         rig.write();
         rig.seen.cs[1] = 0x0842_2140;
         rig.read();
@@ -414,7 +467,7 @@ fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often
         }
     }
     assert!(attempts.len() < 20, "{attempts:?}");
-    assert_eq!(rig.recovery.statistics.starts, attempts.len() as u64);
+    assert_eq!(rig.schedule.statistics.starts, attempts.len() as u64);
 }
 
 #[test]
@@ -461,7 +514,7 @@ fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
         cycles += 1;
     }
     assert_eq!(cycles, 20);
-    assert_eq!(rig.recovery.statistics.stuck, 1);
+    assert_eq!(rig.schedule.statistics.stuck, 1);
     rig.seen.command = 0;
     assert_eq!(
         rig.read().offline.bits(),
@@ -491,14 +544,14 @@ impl Rig {
 #[test]
 fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
     let mut rig = Rig::new();
-    rig.recovery.run = false;
+    rig.schedule.run = false;
     assert_eq!(rig.write(), 0x1003, "with safe values");
     rig.read();
     assert_eq!(rig.write(), 0x0803);
     rig.seen.cs = [STOPPED; 8];
     rig.read();
     assert_eq!(rig.write(), 0x8000_0000);
-    rig.recovery.run = true;
+    rig.schedule.run = true;
     assert_eq!(rig.cycle(), 0x0803);
     assert_eq!(rig.cycle(), 0x0903);
 }
@@ -507,7 +560,7 @@ fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
 #[test]
 fn a_port_that_is_switched_off_repeats_the_safe_values_until_they_have_arrived() {
     let mut rig = Rig::new();
-    rig.recovery.run = false;
+    rig.schedule.run = false;
     assert_eq!(rig.write(), 0x1003, "with safe values");
     for _ in 0..3 {
         rig.read_with(false);
@@ -520,7 +573,7 @@ fn a_port_that_is_switched_off_repeats_the_safe_values_until_they_have_arrived()
 #[test]
 fn a_port_that_is_switched_off_stops_even_if_every_transfer_is_in_doubt() {
     let mut rig = Rig::new();
-    rig.recovery.run = false;
+    rig.schedule.run = false;
     let mut transfers = 0;
     while rig.write() == 0x1003 {
         transfers += 1;

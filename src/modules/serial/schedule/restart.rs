@@ -2,10 +2,9 @@
 
 use core::time::Duration;
 
-use super::{Recovery, Restart};
+use super::{LifeChange, Remotes, Restart, Schedule};
 use crate::bus::Instant;
-use crate::modules::serial::cost::Cost;
-use crate::modules::serial::{OfflineReason, RemoteState};
+use crate::modules::serial::OfflineReason;
 use crate::sslbp::{
     ChannelMask, ComState, CompletedOperation, CsStatus, PortImage, PortMachine, PortOperation,
     ProcessDataSizes,
@@ -15,75 +14,62 @@ use crate::sslbp::{
 /// (FACTS 1.5), and a restart takes up to 18 ms.
 const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
 
-impl Recovery {
-    /// Restarts remotes regardless of their pauses, but not before their outputs must be off.
-    pub fn restart_now(&mut self, mask: ChannelMask, now: Instant) {
-        let policy = self.policy;
-        for remote in self.each(mask) {
-            remote.ask_for_restart(now, &policy);
-        }
-        self.update();
-    }
-
+impl Schedule {
     /// Discards a restart in progress: the port was used outside the cycle, and all remotes are
     /// stopped.
     pub fn taken_over(&mut self, now: Instant) {
         self.end_restart(now);
-        self.cost = Cost::default();
+        self.cost.forget();
     }
 
     /// Takes all remotes offline: COMMAND had to be freed, and which remotes got which data is
     /// unknown.
-    pub(super) fn all_offline(&mut self, machine: &PortMachine, now: Instant) {
+    pub(super) fn all_offline(
+        &mut self,
+        machine: &PortMachine,
+        remotes: &mut Remotes,
+        now: Instant,
+    ) -> ChannelMask {
         self.end_restart(now);
-        for remote in &mut self.remotes {
+        let (all, reason) = (remotes.configured(), OfflineReason::PortStuck);
+        remotes.change(all, now, |remote, at| {
             let good = machine.link(remote.channel()).good;
-            remote.go_offline(now, OfflineReason::PortStuck, good, &self.policy);
-        }
+            remote.go_offline(at, reason, good)
+        })
     }
 
     /// Channels whose next attempt is due.
-    pub(super) fn due(&self, now: Instant) -> ChannelMask {
-        if self.running == self.known || now < self.no_restart_before {
+    pub(super) fn due(&self, remotes: &Remotes, now: Instant) -> ChannelMask {
+        if remotes.running() == remotes.configured() || now < self.no_restart_before {
             return ChannelMask::NONE;
         }
-        let due = self.mask(|remote| match remote.state {
-            RemoteState::Offline { next_attempt, .. } => {
-                next_attempt.is_some_and(|time| time <= now)
-            }
-            // Left over from a command that was lost.
-            RemoteState::Restarting { .. } => true,
-            RemoteState::Running => false,
-        });
-        if due.is_empty() || !self.is_free(due) && !self.cost.allows(now, &self.policy) {
+        let due = remotes.mask(|remote| remote.life.is_due(now));
+        if due.is_empty() || !is_free(remotes, due) && !self.cost.allows(now) {
             return ChannelMask::NONE;
         }
         // A single START takes as long for several remotes that do not answer as for one: all those
         // that did not answer before are tried with the first of them.
-        let failed = self.mask(|remote| remote.has_failed);
+        let failed = remotes.mask(|remote| remote.life.has_failed());
         if due.intersection(failed).is_empty() {
             return due;
         }
-        let is_planned = |state| matches!(state, RemoteState::Offline { next_attempt, .. } if next_attempt.is_some());
-        let silent = self.mask(|remote| is_planned(remote.state) && remote.silent_until <= now);
+        let silent = remotes.mask(|remote| remote.life.may_be_tried(now));
         due.union(failed.intersection(silent))
     }
 
-    /// True if no other remote runs, or the application has requested the attempt: its cost does
-    /// not count.
-    fn is_free(&self, due: ChannelMask) -> bool {
-        let asked = self.mask(|remote| remote.is_asked_for);
-        self.running.is_empty() || !due.intersection(asked).is_empty()
-    }
-
-    pub(super) fn begin_restart(&mut self, now: Instant, due: ChannelMask) -> PortOperation {
-        if !self.is_free(due) {
+    pub(super) fn begin_restart(
+        &mut self,
+        remotes: &mut Remotes,
+        now: Instant,
+        due: ChannelMask,
+    ) -> PortOperation {
+        if !is_free(remotes, due) {
             self.cost.begin(now);
         }
-        for remote in self.each(due) {
-            remote.restarting();
-        }
-        self.update();
+        remotes.change(due, now, |remote, _| {
+            remote.life.begin_restart();
+            LifeChange::default()
+        });
         PortOperation::Stop(due)
     }
 
@@ -95,7 +81,7 @@ impl Recovery {
             self.request_again(write);
         }
         self.restart = Restart::None;
-        self.cost.end(now, &self.policy);
+        self.cost.end(now);
     }
 
     /// Continues a restart with `next` for the channels of `mask`, or ends it if there are none.
@@ -111,97 +97,105 @@ impl Recovery {
     pub(super) fn stopped(
         &mut self,
         machine: &PortMachine,
+        remotes: &mut Remotes,
         now: Instant,
         complete: &CompletedOperation,
         seen: &impl PortImage,
-    ) {
-        let policy = self.policy;
-        for remote in self.each(complete.bad) {
-            let cs = CsStatus(seen.cs(remote.channel()));
-            let good = machine.link(remote.channel()).good;
-            remote.go_offline(now, OfflineReason::DidNotStart(cs), good, &policy);
-        }
-        let wanted = self.mask(|remote| matches!(remote.state, RemoteState::Restarting { .. }));
+    ) -> ChannelMask {
+        let new_faults = remotes.change(complete.bad, now, |remote, at| {
+            let channel = remote.channel();
+            let reason = OfflineReason::DidNotStart(CsStatus(seen.cs(channel)));
+            let good = machine.link(channel).good;
+            remote.go_offline(at, reason, good)
+        });
+        let wanted = remotes.mask(|remote| remote.life.is_restarting());
         let mask = complete.good.intersection(wanted);
         self.go_on(now, mask, Restart::Stopped(mask));
+        new_faults
     }
 
     /// Evaluates a complete START.
     pub(super) fn started(
         &mut self,
         machine: &PortMachine,
+        remotes: &mut Remotes,
         now: Instant,
         complete: &CompletedOperation,
-    ) {
+    ) -> ChannelMask {
         if self.restart == Restart::Starting {
             self.no_restart_before = now.after(BETWEEN_RESTARTS);
         }
         let mut mask = ChannelMask::NONE;
-        for remote in &mut self.remotes {
+        let answered = complete.good.union(complete.bad);
+        let new_faults = remotes.change(answered, now, |remote, at| {
             let channel = remote.channel();
             let link = machine.link(channel);
+            let mut has_new_fault = false;
             let problem = if complete.bad.contains(channel) {
-                remote.has_failed = true;
+                remote.life.attempt_failed();
                 // CS contains the remote's faults, as read by the last step of START (FACTS 4.1).
                 if link.cs.state() == ComState::CheckFaults {
-                    remote.reports(link.cs.remote_faults());
+                    has_new_fault = remote.life.reported_at_start(link.cs.remote_faults());
                 }
                 Some(OfflineReason::of_failed_start(link.cs))
-            } else if complete.good.contains(channel) {
-                remote.refuses(link.start_registers)
             } else {
-                continue;
+                remote.refuses(link.start_registers)
             };
             if let Some(reason) = problem {
-                remote.go_offline(now, reason, link.good, &self.policy);
-            } else if remote.has_run {
-                remote.restarted(now, link.start_registers);
-            } else {
-                mask = mask.union(channel.mask());
+                let mut change = remote.go_offline(at, reason, link.good);
+                change.has_new_fault |= has_new_fault;
+                return change;
             }
-        }
+            if remote.life.has_run() {
+                return remote.restarted(link.start_registers);
+            }
+            mask = mask.union(channel.mask());
+            LifeChange::default()
+        });
         self.go_on(now, mask, Restart::Measuring { mask, rx: None });
+        new_faults
     }
 
     /// Takes a size of a remote that has not run before.
-    pub(super) fn measured(&mut self, machine: &PortMachine, now: Instant, size: u8) {
+    pub(super) fn measured(
+        &mut self,
+        machine: &PortMachine,
+        remotes: &mut Remotes,
+        now: Instant,
+        size: u8,
+    ) -> ChannelMask {
+        let none = ChannelMask::NONE;
         let Restart::Measuring { mask, rx } = self.restart else {
-            return;
+            return none;
         };
         let Some(rx) = rx else {
             let rx = Some(size);
             self.restart = Restart::Measuring { mask, rx };
-            return;
+            return none;
         };
         let Some(channel) = mask.iter().next() else {
-            return self.end_restart(now);
+            self.end_restart(now);
+            return none;
         };
-        let policy = self.policy;
         let link = machine.link(channel);
-        for remote in self.each(channel.mask()) {
+        let new_faults = remotes.change(channel.mask(), now, |remote, at| {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {
-                remote.restarted(now, link.start_registers);
-            } else {
-                let reason = OfflineReason::OtherSizes { found, expected };
-                remote.go_offline(now, reason, link.good, &policy);
+                return remote.restarted(link.start_registers);
             }
-        }
+            let reason = OfflineReason::OtherSizes { found, expected };
+            remote.go_offline(at, reason, link.good)
+        });
         let mask = mask.difference(channel.mask());
         self.go_on(now, mask, Restart::Measuring { mask, rx: None });
+        new_faults
     }
+}
 
-    /// Stops all remotes, because the application has switched the port off.
-    pub(super) fn stop_for_good(
-        &mut self,
-        running: ChannelMask,
-        now: Instant,
-    ) -> Option<PortOperation> {
-        for remote in &mut self.remotes {
-            remote.stop_for_good(now);
-        }
-        self.update();
-        (!running.is_empty()).then_some(PortOperation::Stop(running))
-    }
+/// True if no other remote runs, or the application has requested the attempt: its cost does not
+/// count.
+fn is_free(remotes: &Remotes, due: ChannelMask) -> bool {
+    let asked = remotes.mask(|remote| remote.life.is_asked_for());
+    remotes.running().is_empty() || !due.intersection(asked).is_empty()
 }

@@ -1,5 +1,5 @@
-//! The remotes of a port in the cycle: the next operation, the remotes that are offline, and their
-//! recovery. A layer on [`PortMachine`], independent of bus and pins.
+//! The next operation of a port: transfers, restarts of remotes, and what a port that is switched off
+//! gets. A layer on [`PortMachine`], independent of the bus.
 
 mod configure;
 mod restart;
@@ -10,10 +10,12 @@ use alloc::vec::Vec;
 use core::time::Duration;
 
 use super::cost::Cost;
-use super::health::Health;
+use super::life::LifeChange;
 use super::parameter_writer::{ParameterWriter, WrittenParameter};
+use super::remote::Remote;
+use super::remotes::{At, Remotes};
 use super::statistics::PortStatistics;
-use super::{FaultPolicy, OfflineReason, RemoteState};
+use super::{FaultPolicy, OfflineReason};
 use crate::bus::Instant;
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
@@ -33,12 +35,22 @@ pub(crate) struct ReadOutcome {
     pub offline: ChannelMask,
     /// Channels that a START has started.
     pub started_anew: ChannelMask,
+    /// Channels on which an attempt has found a new fault: see
+    /// [`LifeChange::has_new_fault`](super::life::LifeChange::has_new_fault).
+    pub new_faults: ChannelMask,
     /// The transfer was not complete in time.
     pub too_short: bool,
     /// Start of the transfer to which `good` and `failed` belong, and the number of earlier reads
     /// that found it incomplete.
     pub started: Instant,
     pub reads_before: u32,
+}
+
+impl ReadOutcome {
+    /// The cycle in which the data of the transfer was due.
+    pub fn due(&self, cycle: u64) -> u64 {
+        cycle.saturating_sub(self.reads_before.into())
+    }
 }
 
 /// Progress of a restart. Channels are restarted together, because every attempt suspends the
@@ -100,28 +112,17 @@ impl LastTransfer {
     }
 }
 
-/// The remotes of a port.
+/// What a port does next.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
-pub(crate) struct Recovery {
-    pub remotes: Vec<Health>,
-    /// Channels with a remote.
-    pub known: ChannelMask,
-    /// Channels that transfer.
-    running: ChannelMask,
-    /// Channels with failures that good transfers have not made up for, or with an open row of
-    /// failures.
-    troubled: ChannelMask,
-    /// Channels that run, and were offline since they were armed last.
-    marked: ChannelMask,
+pub(super) struct Schedule {
     parameters: PortParameters,
-    pub policy: FaultPolicy,
     pub run: bool,
     /// The board is set up, so that a failed transfer is the remote's own.
     pub is_board_running: bool,
     /// The board was set up again, and no remote has transferred since: remotes found stopped were
     /// stopped before.
-    is_set_up_again: bool,
+    set_up_restored: bool,
     /// The transfer of safe values before the remotes of a port that is switched off are stopped.
     last_transfer: LastTransfer,
     pub statistics: PortStatistics,
@@ -145,70 +146,40 @@ pub(crate) struct Recovery {
 /// Least time between two attempts to free COMMAND.
 const BETWEEN_FREES: Duration = Duration::from_secs(1);
 
-impl Recovery {
-    /// A port with these remotes.
-    pub fn new(
-        remotes: Vec<Health>,
-        parameters: PortParameters,
-        policy: FaultPolicy,
-        now: Instant,
-    ) -> Self {
-        let mut recovery = Self {
-            known: remotes.iter().map(Health::channel).collect(),
-            remotes,
-            running: ChannelMask::NONE,
-            troubled: ChannelMask::NONE,
-            marked: ChannelMask::NONE,
+impl Schedule {
+    pub fn new(parameters: PortParameters, policy: &FaultPolicy, now: Instant) -> Self {
+        Self {
             parameters,
-            policy,
             run: true,
             is_board_running: true,
-            is_set_up_again: false,
+            set_up_restored: false,
             last_transfer: LastTransfer::default(),
             statistics: PortStatistics::default(),
             restart: Restart::None,
             no_restart_before: now,
-            cost: Cost::default(),
+            cost: Cost::new(policy),
             no_free_before: now,
             is_measured: false,
             requests: Vec::new(),
             may_configure: false,
             writer: ParameterWriter::default(),
             ended: None,
-        };
-        recovery.update();
-        recovery
-    }
-
-    /// Channels that transfer.
-    pub const fn running(&self) -> ChannelMask {
-        self.running
-    }
-
-    /// Channels that run, and were offline since they were armed last.
-    pub const fn marked(&self) -> ChannelMask {
-        self.marked
-    }
-
-    /// Updates the masks after any event other than a good transfer. Nothing else changes them.
-    pub fn update(&mut self) {
-        self.running = self.mask(Health::is_running);
-        self.troubled = self.mask(Health::is_troubled);
-        self.marked = self.mask(|remote| remote.is_running() && remote.first_fault.is_some());
+        }
     }
 
     /// Resets the counters after the board was set up again: failures and stops meanwhile were not
     /// the remotes' own.
-    pub fn set_up_again(&mut self, now: Instant) {
-        self.is_set_up_again = true;
+    pub fn set_up_restored(&mut self, remotes: &mut Remotes, now: Instant) {
+        self.set_up_restored = true;
         if self.is_configuring() {
             // A reset has stopped the remotes that were in setup mode.
             self.end_restart(now);
         }
-        for remote in &mut self.remotes {
-            remote.fault_count = 0;
-        }
-        self.update();
+        let all = remotes.configured();
+        remotes.change(all, now, |remote, _| {
+            remote.failures.forget_count();
+            LifeChange::default()
+        });
     }
 
     /// True while remotes are in setup mode, or are being started in it.
@@ -217,18 +188,6 @@ impl Recovery {
             self.restart,
             Restart::SettingUp(_) | Restart::Configuring { .. }
         )
-    }
-
-    /// The channels for which `condition` holds.
-    fn mask(&self, condition: impl Fn(&Health) -> bool) -> ChannelMask {
-        let remotes = self.remotes.iter().filter(|remote| condition(remote));
-        remotes.map(Health::channel).collect()
-    }
-
-    /// The remotes on these channels.
-    fn each(&mut self, mask: ChannelMask) -> impl Iterator<Item = &mut Health> {
-        let remotes = self.remotes.iter_mut();
-        remotes.filter(move |remote| mask.contains(remote.channel()))
     }
 
     /// True if the next read must include the interface registers, as START or an access leaves
@@ -249,25 +208,13 @@ impl Recovery {
         }
     }
 
-    /// The largest `fault-count` of the remotes.
-    pub fn fault_count(&self) -> u32 {
-        if self.troubled.is_empty() {
-            return 0;
-        }
-        let counts = self.remotes.iter().map(|remote| remote.fault_count);
-        counts.max().unwrap_or(0)
-    }
-
     /// True if every remote that has run was found stopped, without a STOP command and since the
     /// board was set up; `None` if none has run.
-    pub fn appears_reset(&self) -> Option<bool> {
-        let mut ran = self.remotes.iter().filter(|remote| remote.has_run);
-        let is_stopped = |remote: &Health| {
-            matches!(remote.state, RemoteState::Offline { .. })
-                && matches!(remote.cause, Some(OfflineReason::NotRunning(cs)) if cs.is_stopped())
-        };
+    pub fn appears_reset(&self, remotes: &Remotes) -> Option<bool> {
+        let mut ran = remotes.iter().filter(|remote| remote.life.has_run());
+        let is_stopped = |remote: &Remote| remote.life.was_found_stopped();
         let first = ran.next()?;
-        Some(!self.is_set_up_again && is_stopped(first) && ran.all(is_stopped))
+        Some(!self.set_up_restored && is_stopped(first) && ran.all(is_stopped))
     }
 
     /// Records the duration of a transfer that is polled for and is complete.
@@ -283,6 +230,7 @@ impl Recovery {
     pub fn observe(
         &mut self,
         machine: &mut PortMachine,
+        remotes: &mut Remotes,
         now: Instant,
         seen: &impl PortImage,
         certain: bool,
@@ -297,46 +245,49 @@ impl Recovery {
             }
             PortEvent::Idle | PortEvent::Settling(_) => return outcome,
         };
-        match complete.operation {
+        outcome.new_faults = match complete.operation {
             PortOperation::Transfer(mask) => {
                 self.count_transfer(complete.certain);
                 (outcome.started, outcome.reads_before) =
                     (complete.sent_from, complete.reads_before);
                 // Without remotes for which a restart was requested while the transfer was in
                 // flight.
-                outcome.good = complete.good.intersection(self.running);
-                self.is_set_up_again &= outcome.good.is_empty();
-                if complete.good == mask && self.troubled.is_empty() {
+                outcome.good = complete.good.intersection(remotes.running());
+                self.set_up_restored &= outcome.good.is_empty();
+                if complete.good == mask && remotes.with_failures().is_empty() {
                     return outcome;
                 }
-                self.transferred(machine, now, &complete, &mut outcome);
+                self.transferred(machine, remotes, now, &complete, &mut outcome)
             }
-            PortOperation::Stop(_) => self.stopped(machine, now, &complete, seen),
-            PortOperation::Start(StartMode::Setup, _) => self.setup_started(now, &complete),
+            PortOperation::Stop(_) => self.stopped(machine, remotes, now, &complete, seen),
+            PortOperation::Start(StartMode::Normal, _) => {
+                outcome.started_anew = complete.good;
+                self.started(machine, remotes, now, &complete)
+            }
+            PortOperation::Start(StartMode::Setup, _) => {
+                self.setup_started(now, &complete);
+                ChannelMask::NONE
+            }
             PortOperation::Access(channel, access) if complete.certain => {
                 let [low, high, _] = seen.interfaces(channel);
                 let value = access.value([low, high]);
                 let value = complete.good.contains(channel).then_some(value);
                 self.ended = self.writer.accessed(now, value);
                 if let Some(ended) = self.ended {
-                    self.parameter_ended(now, ended);
+                    self.parameter_ended(remotes, now, ended);
                 }
-            }
-            PortOperation::Start(StartMode::Normal, _) => {
-                outcome.started_anew = complete.good;
-                self.started(machine, now, &complete);
+                ChannelMask::NONE
             }
             // If uncertain, the access is repeated, and the size is read again.
             PortOperation::ReadLocal(_) if complete.certain => {
-                self.measured(machine, now, seen.data() as u8);
+                self.measured(machine, remotes, now, seen.data() as u8)
             }
             PortOperation::Free => {
-                self.all_offline(machine, now);
-                outcome.offline = self.known;
+                outcome.offline = remotes.configured();
+                self.all_offline(machine, remotes, now)
             }
-            _ => {}
-        }
-        self.update();
+            _ => ChannelMask::NONE,
+        };
         outcome
     }
 
@@ -351,26 +302,28 @@ impl Recovery {
     }
 
     fn transferred(
-        &mut self,
+        &self,
         machine: &PortMachine,
+        remotes: &mut Remotes,
         now: Instant,
         complete: &CompletedOperation,
         outcome: &mut ReadOutcome,
-    ) {
-        let policy = &self.policy;
-        for remote in &mut self.remotes {
+    ) -> ChannelMask {
+        let (mut failed, mut offline) = (ChannelMask::NONE, ChannelMask::NONE);
+        let all = remotes.configured();
+        let new_faults = remotes.change(all, now, |remote, at| {
             let (channel, mask) = (remote.channel(), remote.channel().mask());
             if complete.good.contains(channel) {
-                remote.count_good(now, policy.fault_dec);
+                remote.failures.count_good(at, remote.id);
             }
             if !complete.bad.contains(channel) {
-                continue;
+                return LifeChange::default();
             }
             let link = machine.link(channel);
             let reason = match link.verdict {
                 TransferResult::Faulty(faults) => {
-                    remote.faults = faults;
-                    Some(OfflineReason::of_faults(faults))
+                    offline = offline.union(mask);
+                    return remote.is_faulty(at, faults, link.good);
                 }
                 TransferResult::Failed(Failure::NotRunning) => {
                     Some(OfflineReason::NotRunning(link.cs))
@@ -379,23 +332,35 @@ impl Recovery {
                 // cycle.
                 TransferResult::Good | TransferResult::Failed(Failure::Doubtful) => None,
                 TransferResult::Failed(failure) => {
-                    outcome.failed = outcome.failed.union(mask);
-                    remote.rest_until = now.after(policy.rest);
-                    let (own, reason) = if self.is_board_running {
-                        (Some(failure), OfflineReason::TooManyFailures(failure))
-                    } else {
-                        (None, OfflineReason::BoardDown)
-                    };
-                    remote.count_fault(now, own, policy.fault_inc);
-                    (remote.fault_count >= policy.fault_lim).then_some(reason)
+                    failed = failed.union(mask);
+                    self.transfer_failed(remote, at, failure)
                 }
             };
-            if let Some(reason) = reason {
-                outcome.offline = outcome.offline.union(mask);
-                remote.go_offline(now, reason, link.good, policy);
-            }
-        }
-        outcome.failed = outcome.failed.difference(outcome.offline);
+            let Some(reason) = reason else {
+                return LifeChange::default();
+            };
+            offline = offline.union(mask);
+            remote.go_offline(at, reason, link.good)
+        });
+        (outcome.failed, outcome.offline) = (failed.difference(offline), offline);
+        new_faults
+    }
+
+    /// Counts a failed transfer of a remote; returns the reason to take it offline if there have been
+    /// too many.
+    fn transfer_failed(
+        &self,
+        remote: &mut Remote,
+        at: At<'_>,
+        failure: Failure,
+    ) -> Option<OfflineReason> {
+        let (own, reason) = if self.is_board_running {
+            (Some(failure), OfflineReason::TooManyFailures(failure))
+        } else {
+            (None, OfflineReason::BoardDown)
+        };
+        let count = remote.failures.count_failed(at, remote.id, own);
+        (count >= at.policy.fault_lim).then_some(reason)
     }
 
     /// Begins the operation of this write; [`PortMachine::written`] must follow. Output data
@@ -408,11 +373,12 @@ impl Recovery {
     pub fn next(
         &mut self,
         machine: &mut PortMachine,
+        remotes: &mut Remotes,
         now: Instant,
         hold: bool,
     ) -> Option<PortOperation> {
         let operation = if machine.is_idle() {
-            self.choose(now, hold)
+            self.choose(remotes, now, hold)
         } else if machine.is_stuck(now) && now >= self.no_free_before {
             self.no_free_before = now.after(BETWEEN_FREES);
             self.statistics.stuck.tally(1);
@@ -433,36 +399,38 @@ impl Recovery {
 
     /// The next operation of an idle port that is switched off. Outputs are safe already: a last
     /// transfer sends them to the remotes, and then the port is stopped.
-    fn choose_last(&mut self, now: Instant) -> Option<PortOperation> {
+    fn choose_last(&mut self, remotes: &mut Remotes, now: Instant) -> Option<PortOperation> {
         self.end_restart(now);
-        let running = self.running;
+        let running = remotes.running();
         if !running.is_empty() && self.last_transfer != LastTransfer::Done {
             self.last_transfer.begin();
             return transfer(running);
         }
-        self.stop_for_good(running, now)
+        let all = remotes.configured();
+        remotes.change(all, now, Remote::stop);
+        (!running.is_empty()).then_some(PortOperation::Stop(running))
     }
 
     /// The next operation of an idle port.
-    fn choose(&mut self, now: Instant, hold: bool) -> Option<PortOperation> {
+    fn choose(&mut self, remotes: &mut Remotes, now: Instant, hold: bool) -> Option<PortOperation> {
         if let Restart::Configuring { all, ready } = self.restart
             && !hold
         {
-            return self.configure(now, all, ready);
+            return self.configure(remotes, now, all, ready);
         }
         if !self.run {
-            return self.choose_last(now);
+            return self.choose_last(remotes, now);
         }
         self.last_transfer = LastTransfer::Pending;
-        let running = self.running;
+        let running = remotes.running();
         if hold {
             return transfer(running);
         }
         // Only remotes with failures rest.
-        let ready = if self.troubled.is_empty() {
+        let ready = if remotes.with_failures().is_empty() {
             running
         } else {
-            self.mask(|remote| remote.is_running() && remote.rest_until <= now)
+            running.difference(remotes.mask(|remote| remote.failures.rests(now)))
         };
         match self.restart {
             Restart::Stopped(mask) if !ready.is_empty() => {
@@ -470,7 +438,7 @@ impl Recovery {
                 return transfer(ready);
             }
             Restart::Stopped(mask) | Restart::OthersServed(mask) => {
-                if let Some(start) = self.begin_setup(mask) {
+                if let Some(start) = self.begin_setup(remotes, mask) {
                     return Some(start);
                 }
                 self.restart = Restart::Starting;
@@ -492,9 +460,9 @@ impl Recovery {
             // `Configuring` goes on with `configure`, or is held.
             Restart::Configuring { .. } | Restart::None => {}
         }
-        let due = self.due(now);
+        let due = self.due(remotes, now);
         if !due.is_empty() {
-            return Some(self.begin_restart(now, due));
+            return Some(self.begin_restart(remotes, now, due));
         }
         transfer(ready)
     }

@@ -1,11 +1,12 @@
 //! Parameters of remotes, written while their port is restarted: setup START, accesses, STOP.
 
-use super::{Recovery, Restart, WrittenParameter};
+use super::{Remotes, Restart, Schedule, WrittenParameter};
 use crate::bus::Instant;
+use crate::modules::events::EventKind;
 use crate::remote::ParameterWrite;
 use crate::sslbp::{ChannelMask, CompletedOperation, PortOperation, StartMode};
 
-impl Recovery {
+impl Schedule {
     /// Makes room for this number of requests, so that [`request`](Self::request) does not
     /// allocate.
     pub fn reserve_requests(&mut self, count: usize) {
@@ -37,8 +38,12 @@ impl Recovery {
     /// Begins the setup of those of these channels that have parameters to write: their setup START;
     /// `None` if there are none. While other remotes transfer, which setup mode would stop, they wait
     /// for a restart of the whole port.
-    pub(super) fn begin_setup(&mut self, stopped: ChannelMask) -> Option<PortOperation> {
-        if !self.running.is_empty() || !core::mem::take(&mut self.may_configure) {
+    pub(super) fn begin_setup(
+        &mut self,
+        remotes: &Remotes,
+        stopped: ChannelMask,
+    ) -> Option<PortOperation> {
+        if !remotes.running().is_empty() || !core::mem::take(&mut self.may_configure) {
             return None;
         }
         let channels = self.requests.iter().map(|write| write.channel);
@@ -68,6 +73,7 @@ impl Recovery {
     /// switched off meanwhile ends the write in progress first, because its memory is selected.
     pub(super) fn configure(
         &mut self,
+        remotes: &Remotes,
         now: Instant,
         all: ChannelMask,
         ready: ChannelMask,
@@ -86,7 +92,7 @@ impl Recovery {
             return None;
         }
         for write in &self.requests {
-            self.report_failure(now, write);
+            report_failure(remotes, now, write);
         }
         self.restart = Restart::None;
         Some(PortOperation::Stop(all))
@@ -94,23 +100,29 @@ impl Recovery {
 
     /// Handles the end of a write. A value that the remote does not keep is reported now, an unknown
     /// one with all that were not written; those are tried again at the next restart of the port.
-    pub(super) fn parameter_ended(&mut self, now: Instant, ended: WrittenParameter) {
+    pub(super) fn parameter_ended(
+        &mut self,
+        remotes: &Remotes,
+        now: Instant,
+        ended: WrittenParameter,
+    ) {
         if ended.kept.is_none() {
             if let Restart::Configuring { ready, .. } = &mut self.restart {
                 *ready = ready.difference(ended.write.channel.mask());
             }
             self.request_again(ended.write);
         } else if !ended.is_as_requested() {
-            self.report_failure(now, &ended.write);
+            report_failure(remotes, now, &ended.write);
         }
     }
+}
 
-    /// Reports a parameter that was not written.
-    fn report_failure(&self, now: Instant, write: &ParameterWrite) {
-        let mut remotes = self.remotes.iter();
-        if let Some(remote) = remotes.find(|remote| remote.channel() == write.channel) {
-            remote.parameter_not_written(now, write.parameter);
-        }
+/// Reports a parameter that was not written.
+fn report_failure(remotes: &Remotes, now: Instant, write: &ParameterWrite) {
+    if let Some(remote) = remotes.get(write.channel) {
+        let (remote, parameter) = (remote.id, write.parameter.into());
+        let kind = EventKind::ParameterNotWritten { remote, parameter };
+        remotes.events().tell(now, kind);
     }
 }
 
