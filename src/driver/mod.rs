@@ -70,7 +70,7 @@ pub use crate::modules::events::{
 pub use crate::modules::gpio::GpioConfig;
 pub use crate::modules::report::{BoardState, CycleReport};
 pub use crate::modules::serial::{
-    Failure, FailureCounts, FaultPolicy, FoundRemote, OfflineReason, PortStatistics, RemoteState,
+    Failure, FailureCounts, FaultPolicy, OfflineReason, PortStatistics, RemotePart, RemoteState,
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::settings::{

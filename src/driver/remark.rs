@@ -10,7 +10,7 @@ use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
-use crate::modules::serial::{FoundRemote, OfflineReason, RemoteWatchdog};
+use crate::modules::serial::{OfflineReason, RemotePart, RemoteWatchdog};
 use crate::remote::RemoteError;
 use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
@@ -265,7 +265,7 @@ pub(super) fn on(
 
 /// The channels of a port on which a 7I77 is plugged the wrong way round, unless its analog part
 /// could follow the field I/O of the previous channel.
-pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
+pub(super) fn swapped(remotes: &[RemotePart]) -> impl Iterator<Item = u8> {
     (0..MAX_CHANNELS).filter(|&channel| {
         is(remotes, Some(channel), &i7i77::ANALOG)
             && is(remotes, channel.checked_add(1), &i7i77::FIELD)
@@ -298,7 +298,7 @@ pub fn silent_part(
 }
 
 /// True if a channel has a remote of that table.
-pub(super) fn is(remotes: &[FoundRemote], channel: Option<u8>, table: &RemoteTable) -> bool {
+pub(super) fn is(remotes: &[RemotePart], channel: Option<u8>, table: &RemoteTable) -> bool {
     let mut remotes = remotes.iter();
     remotes.any(|remote| {
         Some(remote.started.channel.index()) == channel && table.matches(&remote.descriptor)

@@ -17,7 +17,7 @@ use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, di
 use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
-use crate::modules::serial::{FoundRemote, StartedPort};
+use crate::modules::serial::{RemotePart, StartedPort};
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
     Channel, CsStatus, MAX_CHANNELS, Port, PortError, PortLayout, PortLink, PortPlace,
@@ -34,7 +34,7 @@ pub(super) struct PortStage {
     /// The channels in use.
     configs: BTreeMap<u8, RemoteConfig>,
     /// The remotes that take part, by channel.
-    remotes: Vec<FoundRemote>,
+    remotes: Vec<RemotePart>,
     /// Its I/O pins, by channel.
     pins: Vec<(u8, u16)>,
     /// The channels on which nothing answers and nothing is expected.
@@ -61,7 +61,7 @@ impl PortStage {
         Remark::new(RemoteId::new(self.number(), channel), kind)
     }
 
-    pub fn remote(&self, channel: u8) -> Option<&FoundRemote> {
+    pub fn remote(&self, channel: u8) -> Option<&RemotePart> {
         let mut remotes = self.remotes.iter();
         remotes.find(|remote| remote.started.channel.index() == channel)
     }
@@ -70,7 +70,7 @@ impl PortStage {
 /// Results of discovery.
 impl<B: RegisterBus + Clock> Configured<B> {
     /// The remotes that take part, with their addresses, port by port; absent optional ones included.
-    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &FoundRemote)> {
+    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &RemotePart)> {
         let stages = self.0.stages.iter();
         stages.flat_map(|stage| {
             let number = stage.number();
@@ -107,7 +107,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         } = &mut self.0;
         let stage = stages.get_mut(usize::from(remote.port));
         let found = stage.and_then(|stage| {
-            let is_it = |found: &&mut FoundRemote| {
+            let is_it = |found: &&mut RemotePart| {
                 found.started.channel.index() == remote.channel && !found.is_absent()
             };
             Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
@@ -312,7 +312,7 @@ impl Plan {
         &mut self,
         stage: &PortStage,
         discovered: Discovery,
-    ) -> Result<FoundRemote, (Channel, RemarkKind)> {
+    ) -> Result<RemotePart, (Channel, RemarkKind)> {
         let descriptor = &discovered.descriptor;
         let channel = discovered.started.channel;
         let expected = stage.config(channel).copied().unwrap_or_default();
@@ -328,7 +328,7 @@ impl Plan {
         let remarks = remark::on(&discovered, &self.tables, table).into_iter();
         let remarks = remarks.map(|kind| stage.remark(channel.index(), kind));
         self.remarks.extend(remarks);
-        Ok(FoundRemote {
+        Ok(RemotePart {
             started: discovered.started,
             descriptor: discovered.descriptor,
             pins,
@@ -342,7 +342,7 @@ impl Plan {
         stage: &PortStage,
         channel: Channel,
         config: RemoteConfig,
-    ) -> Result<FoundRemote, AttachError> {
+    ) -> Result<RemotePart, AttachError> {
         let (mode, table) = (config.mode, config.kind.unwrap_or(&ANY));
         let unusable = |why| AttachError::Table {
             kind: table.title,
@@ -371,7 +371,7 @@ impl Plan {
         expected.sizes = plan.sizes(expected.has_fault_byte());
         let (at, of) = (RemoteId::new(stage.number(), channel.index()), Some(table));
         let pins = RemotePins::new(&mut self.pins, &self.name, at, &descriptor, &plan, of);
-        Ok(FoundRemote {
+        Ok(RemotePart {
             started: expected,
             pins: pins.map_err(|error| unusable(error.to_string()))?,
             descriptor,
@@ -385,7 +385,7 @@ impl Plan {
         &mut self,
         bus: &mut B,
         port: &mut Port,
-        remote: &mut FoundRemote,
+        remote: &mut RemotePart,
     ) -> Result<(), DriverError<B::Error>> {
         let channel = remote.started.channel;
         let mut memory = PortLink { port, bus, channel };

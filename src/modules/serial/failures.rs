@@ -1,6 +1,6 @@
 //! Failed transfers of one remote: LinuxCNC's `fault-count`, and the row of their events.
 
-use super::remotes::At;
+use super::life::At;
 use crate::bus::Instant;
 use crate::hostmot2::RemoteId;
 use crate::modules::events::{EventKind, EventRow, Repeating};

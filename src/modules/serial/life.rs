@@ -3,11 +3,10 @@
 
 use core::time::Duration;
 
-use super::remotes::At;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::hostmot2::RemoteId;
-use crate::modules::events::EventKind;
+use crate::modules::events::{EventKind, EventSink};
 use crate::packed::packed_enum;
 use crate::sslbp::RemoteFaults;
 use crate::tally::Tally;
@@ -44,6 +43,15 @@ pub enum RemoteState {
         reason: OfflineReason,
     },
 }
+}
+
+/// What a change of a remote needs besides the remote.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct At<'a> {
+    pub now: Instant,
+    pub policy: &'a FaultPolicy,
+    /// The sink of the remote's events.
+    pub events: &'a EventSink,
 }
 
 /// What a change of a remote's life reports.

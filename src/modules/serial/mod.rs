@@ -7,9 +7,12 @@
 
 mod cost;
 mod failures;
+mod fault_pins;
 mod life;
 mod offline;
+mod outcome;
 mod parameter_writer;
+mod part;
 mod pins;
 mod policy;
 mod port;
@@ -24,10 +27,10 @@ mod watchdog;
 pub use crate::sslbp::{Failure, FailureCounts};
 pub use life::RemoteState;
 pub use offline::OfflineReason;
+pub use part::RemotePart;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;
 pub(crate) use port::StartedPort;
-pub use remote::{FoundRemote, WATCHDOG_PARAMETER};
 pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
-pub use watchdog::RemoteWatchdog;
+pub use watchdog::{RemoteWatchdog, WATCHDOG_PARAMETER};

@@ -4,11 +4,12 @@ use alloc::vec::Vec;
 use core::mem;
 use core::time::Duration;
 
-use super::life::LifeChange;
+use super::life::{At, LifeChange};
 use super::parameter_writer::WrittenParameter;
+use super::part::RemotePart;
 use super::pins::PortPins;
-use super::remote::{FoundRemote, Remote};
-use super::remotes::{At, Remotes};
+use super::remote::Remote;
+use super::remotes::Remotes;
 use super::schedule::{Schedule, is_transferring};
 use super::slot::RemoteSlot;
 use super::watchdog::{HEARD, Queried};
@@ -53,7 +54,7 @@ fn rest_at(period: Duration, asked: Duration) -> Duration {
 /// which is no event.
 fn register_remote(
     r: &mut Registrar<'_>,
-    found: FoundRemote,
+    found: RemotePart,
     registers: ChannelRegisters,
     (id, at): (RemoteId, Instant),
     policy: &FaultPolicy,
@@ -93,7 +94,7 @@ struct Slots {
 pub(crate) struct StartedPort {
     pub port: Port,
     pub parameters: PortParameters,
-    pub remotes: Vec<FoundRemote>,
+    pub remotes: Vec<RemotePart>,
     /// Time after the start.
     pub at: Instant,
 }

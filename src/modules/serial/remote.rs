@@ -3,50 +3,14 @@
 use core::time::Duration;
 
 use super::failures::Failures;
-use super::life::{Life, LifeChange, silent_until};
-use super::remotes::At;
+use super::life::{At, Life, LifeChange, silent_until};
 use super::slot::RemoteSlot;
 use super::watchdog::OutputsState;
 use super::{FaultPolicy, OfflineReason, RemoteStatus, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::discovery::RemoteDescriptor;
 use crate::fraction::Fraction;
 use crate::hostmot2::RemoteId;
-use crate::remote::RemotePins;
 use crate::sslbp::{Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote};
-
-/// Name of the parameter for a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
-/// PARAMETERS".
-pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
-
-/// A remote that takes part: as found, whether it runs or not, or, while absent, as described by
-/// its table.
-#[derive(Debug)]
-#[non_exhaustive]
-pub struct FoundRemote {
-    /// The identity that START reported. For an absent remote, the expected identity: 0 for an
-    /// unknown unit number or unknown tables, and the class of the unit number in the top byte.
-    pub started: StartedRemote,
-    /// The description from discovery; for an absent remote, from its table.
-    pub descriptor: RemoteDescriptor,
-    /// The pins of the remote.
-    pub pins: RemotePins,
-    /// Reason for which the remote does not run at the start; it is offline from then on, and tried
-    /// again. `None` if it runs, or has not been started yet.
-    pub offline: Option<OfflineReason>,
-}
-
-impl FoundRemote {
-    /// The remote's own watchdog: the time for which its outputs stay on without process data.
-    pub fn watchdog(&self) -> RemoteWatchdog {
-        RemoteWatchdog::of(&self.pins)
-    }
-
-    /// True if the remote was absent: it may come up when it is plugged in.
-    pub fn is_absent(&self) -> bool {
-        self.offline == Some(OfflineReason::Absent)
-    }
-}
 
 /// A remote of a port.
 #[derive(Debug)]

@@ -2,22 +2,13 @@
 
 use alloc::vec::Vec;
 
-use super::life::{Life, LifeChange};
+use super::life::{At, Life, LifeChange};
 use super::remote::Remote;
 use super::slot::RemoteSlot;
 use super::{FaultPolicy, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::EventSink;
 use crate::sslbp::{Channel, ChannelMask};
-
-/// What a change of a remote needs besides the remote.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct At<'a> {
-    pub now: Instant,
-    pub policy: &'a FaultPolicy,
-    /// The sink of the remote's events.
-    pub events: &'a EventSink,
-}
 
 /// The remotes of a port. Their lives change in [`change`](Self::change) alone.
 #[derive(Debug)]

@@ -2,10 +2,11 @@
 
 use alloc::vec::Vec;
 
+use super::fault_pins::RemoteFaultPins;
 use super::life::Life;
-use super::pins::RemoteFaultPins;
-use super::remote::FoundRemote;
-use super::schedule::ReadOutcome;
+use super::outcome::ReadOutcome;
+use super::part::RemotePart;
+
 use super::watchdog::OutputsState;
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
@@ -69,7 +70,7 @@ impl RemoteSlot {
         image: &mut ImagePlan,
         pins: &mut PinStore,
         status: GroupId,
-        found: FoundRemote,
+        found: RemotePart,
         registers: ChannelRegisters,
         (id, started_at): (RemoteId, Instant),
     ) -> Result<Self, PinError> {

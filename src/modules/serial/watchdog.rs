@@ -3,11 +3,14 @@
 use core::time::Duration;
 
 use super::OfflineReason;
-use super::remote::WATCHDOG_PARAMETER;
 use crate::bus::Instant;
 use crate::fraction::Fraction;
 use crate::remote::RemotePins;
 use crate::sslbp::{ChannelMask, PerChannel};
+
+/// Name of the parameter for a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
+/// PARAMETERS".
+pub const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// The time for which a remote's outputs stay on without process data, as far as it is known.
 ///

@@ -3,7 +3,7 @@ mod age;
 
 use alloc::vec;
 
-use super::super::remote::FoundRemote;
+use super::super::part::RemotePart;
 use super::super::slot::RemoteSlot;
 use super::super::{RemoteState, RemoteWatchdog};
 use super::*;
@@ -85,7 +85,7 @@ fn remote(started: StartedRemote) -> Remote {
     let (channel, descriptor) = (started.channel, RemoteDescriptor::default());
     let id = RemoteId::new(0, channel.index());
     let plan = PackingPlan::default();
-    let found = FoundRemote {
+    let found = RemotePart {
         pins: RemotePins::new(&mut pins, "hm2_7i92.0", id, &descriptor, &plan, None).unwrap(),
         started,
         descriptor,

@@ -1,7 +1,7 @@
 //! Outputs that stay on for long, or for ever, after the cable of their remote has broken.
 
 use clap::Args;
-use mesa_hal::driver::{FoundRemote, RemoteWatchdog, SerialPort};
+use mesa_hal::driver::{RemotePart, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
 use mesa_hal::{Configured, Driver, Rounded};
 
@@ -22,7 +22,7 @@ impl SlowWatchdog {
     /// Checks the watchdog times that the remotes of these outputs store. Returns a warning about
     /// slow watchdogs, or fails if they were not allowed.
     pub fn check(self, board: &Configured<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
-        let driven = |remote: &FoundRemote| groups.contains(&remote.pins.group);
+        let driven = |remote: &RemotePart| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
         let slow = remotes.filter_map(|(port, remote)| {
             let watchdog = Some(remote.watchdog()).filter(|watchdog| watchdog.is_slow())?;
