@@ -78,6 +78,7 @@ impl ArrivalClock {
             return Tick::default();
         };
         let since = now.since(before);
+        debug_assert!(!self.period.is_zero(), "refused at the start");
         let period = self.period.as_nanos();
         let rounded = since.as_nanos().saturating_add(period / 2);
         let passed = rounded.checked_div(period).unwrap_or(0);

@@ -261,8 +261,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let raw = parameter.check(record, value, self.pacer.period)?.raw;
         let write = status.pins.write_of(status.started.channel, name, raw);
         let write = write.ok_or_else(|| parameter.failed(ParameterError::Unknown))?;
-        let ports = &mut self.cycle.parts.ports;
-        if let Some(port) = ports.get_mut(usize::from(remote.port)) {
+        let port = self.cycle.parts.ports.get_mut(usize::from(remote.port));
+        debug_assert!(port.is_some(), "the remote was found there");
+        if let Some(port) = port {
             port.request_parameter(write);
         }
         Ok(())

@@ -209,7 +209,9 @@ impl IoPorts {
             let why = "is used by a module or as plain I/O already".into();
             return Err(HostMot2Error::IoPin { pin, why });
         }
-        if let Some(port) = self.ports.get_mut(usize::from(place.port)) {
+        let port = self.ports.get_mut(usize::from(place.port));
+        debug_assert!(port.is_some(), "pin {pin} is in no port");
+        if let Some(port) = port {
             change(&mut port.setup, place);
         }
         Ok(())

@@ -64,7 +64,9 @@ impl Histogram {
         self.sum = self.sum.saturating_add(time);
         let (min, max) = self.range.unwrap_or((time, time));
         self.range = Some((min.min(time), max.max(time)));
-        if let Some(bucket) = self.buckets.get_mut(bucket_of(time)) {
+        let bucket = self.buckets.get_mut(bucket_of(time));
+        debug_assert!(bucket.is_some(), "no bucket for {time:?}");
+        if let Some(bucket) = bucket {
             bucket.tally(1);
         }
     }

@@ -183,6 +183,7 @@ impl Pacer {
         let (Pace::Host, Some(planned)) = (self.pace, self.planned) else {
             return (now, 0);
         };
+        debug_assert!(!self.period.is_zero(), "refused at the start");
         let behind = now.since(planned).as_nanos();
         let behind = behind.checked_div(self.period.as_nanos()).unwrap_or(0);
         let skipped = u64::try_from(behind).unwrap_or(u64::MAX);

@@ -223,6 +223,7 @@ impl Scope {
 
     /// The words of a row; the newest row overwrites the oldest.
     fn row(&self, number: usize) -> Range<usize> {
+        debug_assert!(self.range.cycles > 0, "a scope of no cycles");
         let size = HEAD.saturating_add(self.pins.len());
         let place = number.checked_rem(self.range.cycles).unwrap_or(0);
         let at = place.saturating_mul(size);

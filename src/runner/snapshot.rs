@@ -358,6 +358,7 @@ impl SnapshotLayout {
         let groups: Vec<_> = pins.groups().collect();
         let group_of = pins.infos().iter().map(|info| {
             let group = groups.iter().position(|&group| group == info.group);
+            debug_assert!(group.is_some(), "a group of another store");
             group.unwrap_or_default() as u32
         });
         let mut words = 0;

@@ -136,6 +136,7 @@ impl Trace {
         if matches!(self.state, TraceState::Frozen(_)) {
             return;
         }
+        debug_assert!(self.next < self.rows.len(), "no row {}", self.next);
         if let Some(row) = self.rows.get_mut(self.next) {
             *row = TraceRow {
                 cycle,
@@ -192,6 +193,7 @@ impl Trace {
         let mut rows = self.words.chunks_exact_mut(width.max(1));
         let places = self.columns.get(range.clone()).unwrap_or_default();
         let row = rows.nth(self.next).and_then(|row| row.get_mut(range));
+        debug_assert!(row.is_some(), "no row {}", self.next);
         for (word, column) in row.unwrap_or_default().iter_mut().zip(places) {
             *word = words.at(column.exchanged);
         }

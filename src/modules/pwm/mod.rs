@@ -147,6 +147,7 @@ impl Pwm {
         let pdm_rate = r
             .image
             .setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
+        debug_assert!(u32::try_from(bank).is_ok(), "bank {bank}");
         let generators = (0..module.instances)
             .map(|instance| Generator::new(r, of_kind, instance, rate.bits))
             .collect::<Result<Vec<_>, _>>()?;

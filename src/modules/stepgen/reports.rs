@@ -41,6 +41,7 @@ impl Reports {
     }
 
     fn add(&mut self, number: usize, event: EventKind) {
+        debug_assert!(number < self.events.len(), "no place for event {number}");
         if let Some(place) = self.events.get_mut(number) {
             *place = Some(event);
             self.has_events = true;

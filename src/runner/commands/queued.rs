@@ -49,6 +49,7 @@ impl QueuedCommand {
             Self::RearmGroupWhenRunning(group, epoch) => [4, group.to_word(), epoch, 0],
             Self::Set(pin, value, faults) => {
                 let number = TYPES.iter().position(|&other| other == value.hal_type);
+                debug_assert!(number.is_some(), "a type without a number");
                 let number = number.unwrap_or_default() as u64;
                 [number.wrapping_add(5), pin.to_word(), value.bits, faults]
             }

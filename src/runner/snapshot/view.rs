@@ -92,7 +92,9 @@ impl fmt::Display for Snapshot {
 
 /// The next value. The words of a snapshot are those of values, so there is always one.
 fn next<T: Packed + Default>(words: &mut impl Iterator<Item = u64>) -> T {
-    T::unpack(words).unwrap_or_default()
+    let value = T::unpack(words);
+    debug_assert!(value.is_some(), "the words of another layout");
+    value.unwrap_or_default()
 }
 
 /// The words before those of the pins.
@@ -274,7 +276,9 @@ impl Snapshot {
         let words = layout.remotes_at.saturating_sub(layout.groups_at);
         let each = words.checked_div(layout.groups.len()).unwrap_or(0);
         let at = number.saturating_mul(each).saturating_add(layout.groups_at);
-        let mut state = GroupState::unpack(&mut self.words_from(at)).unwrap_or(GroupState {
+        let state = GroupState::unpack(&mut self.words_from(at));
+        debug_assert!(state.is_some(), "the words of another layout");
+        let mut state = state.unwrap_or(GroupState {
             valid: false,
             armed: false,
             age: Age::NEVER,

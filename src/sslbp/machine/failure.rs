@@ -105,7 +105,9 @@ impl FailureCounts {
     }
 
     pub(super) fn add(&mut self, failure: Failure) {
-        if let Some(count) = self.counts.get_mut(failure as usize) {
+        let count = self.counts.get_mut(failure as usize);
+        debug_assert!(count.is_some(), "no count for {failure}");
+        if let Some(count) = count {
             *count = count.wrapping_add(1);
         }
         let counted = u64::from(failure != Failure::Doubtful);
