@@ -2,7 +2,8 @@
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    ForeignModule, SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, UNDRIVEN, machines,
+    Configuration, Fabric, SimFirmware, SimFpga, SimModule, SimModuleDescriptor, SimPinDescriptor,
+    UNDRIVEN, machines,
 };
 
 use crate::pulser::GTAG;
@@ -17,7 +18,12 @@ pub fn board() -> SimFpga {
 
 /// The FPGA of a firmware, with a pulse generator added.
 pub fn with_pulser(mut firmware: SimFirmware) -> SimFpga {
-    let descriptor = SimModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
+    let descriptor = SimModuleDescriptor {
+        gtag: GTAG.0,
+        base: 0xA000,
+        registers: 3,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(descriptor);
     firmware.pins[PIN] = SimPinDescriptor::new(GTAG.0, 0, 0x81);
     let clock_hz = u64::from(firmware.clock_low);
@@ -61,15 +67,16 @@ impl Gateware {
     }
 }
 
-impl ForeignModule for Gateware {
-    fn read(&mut self, now: Nanos, register: u8, _: u8) -> u32 {
+impl SimModule for Gateware {
+    fn read(&mut self, fabric: &Fabric, register: u8, _: u8) -> u32 {
         match register {
-            2 => self.pulses(now),
+            2 => self.pulses(fabric.now()),
             _ => UNDRIVEN,
         }
     }
 
-    fn write(&mut self, now: Nanos, register: u8, _: u8, value: u32) {
+    fn write(&mut self, fabric: &mut Fabric, register: u8, _: u8, value: u32) {
+        let now = fabric.now();
         (self.phase, self.since) = (self.phase(now), now);
         match register {
             0 => self.rate = value,
@@ -78,14 +85,14 @@ impl ForeignModule for Gateware {
         }
     }
 
-    fn level(&self, now: Nanos, _: u8, _: u8) -> bool {
+    fn level(&self, now: Nanos, _: SimPinDescriptor) -> bool {
         let fraction = self.phase(now) & 0xFFFF_FFFF;
         self.rate > 0 && fraction < u128::from(self.width) * u128::from(self.rate)
     }
 
-    fn reload(&mut self, now: Nanos) {
+    fn reload(&mut self, configuration: &Configuration<'_>) {
         *self = Self {
-            since: now,
+            since: configuration.now,
             ..Self::new(self.clock_hz)
         };
     }

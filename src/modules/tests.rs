@@ -236,7 +236,14 @@ fn addresses_follow_the_descriptor_and_not_the_usual_place() {
 #[test]
 fn each_instance_of_outm_has_its_register() {
     let mut firmware = machines::firmware_7i97(1);
-    let out_m = SimModuleDescriptor::new(gtag::OUT_M, 0, 1, 2, 0xB000, 1, 0x00, 1);
+    let out_m = SimModuleDescriptor {
+        gtag: gtag::OUT_M,
+        instances: 2,
+        base: 0xB000,
+        registers: 1,
+        multiple: 1,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(out_m);
     for (instance, pin) in [(0, 40), (1, 41)] {
         firmware.pins[pin] = SimPinDescriptor::new(gtag::OUT_M, instance, 0x81);
@@ -299,9 +306,32 @@ fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
 /// Two modules of a kind in one firmware, and both kinds of encoders.
 fn doubled() -> Bench {
     let mut firmware = machines::firmware_7i97(1);
-    let plain = SimModuleDescriptor::new(gtag::ENCODER, 3, 1, 2, 0x3000, 5, 0x00, 3);
-    let more_pwm = SimModuleDescriptor::new(gtag::PWM, 0, 2, 2, 0x9000, 5, 0x00, 3);
-    let wide = SimModuleDescriptor::new(gtag::SSERIAL_B, 0, 1, 1, 0xA000, 10, 0x10, 0x3FC);
+    let plain = SimModuleDescriptor {
+        gtag: gtag::ENCODER,
+        version: 3,
+        instances: 2,
+        base: 0x3000,
+        registers: 5,
+        multiple: 3,
+        ..SimModuleDescriptor::default()
+    };
+    let more_pwm = SimModuleDescriptor {
+        gtag: gtag::PWM,
+        clock: 2,
+        instances: 2,
+        base: 0x9000,
+        registers: 5,
+        multiple: 3,
+        ..SimModuleDescriptor::default()
+    };
+    let wide = SimModuleDescriptor {
+        gtag: gtag::SSERIAL_B,
+        base: 0xA000,
+        registers: 10,
+        strides: 0x10,
+        multiple: 0x3FC,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.extend([plain, more_pwm, wide]);
     for (pin, (kind, unit, number)) in [
         (gtag::ENCODER, 0, 1),
@@ -371,7 +401,12 @@ fn instances_of_two_modules_of_a_kind_are_numbered_through() {
 #[test]
 fn a_second_of_what_there_is_one_for_all_is_not_driven() {
     let mut firmware = machines::firmware_7i97(1);
-    let dpll = SimModuleDescriptor::new(gtag::DPLL, 0, 1, 1, 0x7800, 7, 0x00, 0);
+    let dpll = SimModuleDescriptor {
+        gtag: gtag::DPLL,
+        base: 0x7800,
+        registers: 7,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(dpll);
     let mut bench = Bench::new(firmware);
     assert_eq!(bench.register::<Dpll>(Dpll::register).unwrap().len(), 1);

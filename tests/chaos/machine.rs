@@ -63,7 +63,15 @@ fn add_step_generators(firmware: &mut SimFirmware, plan: &Plan) {
     if count == 0 || plan.steppers.is_7i76 {
         return;
     }
-    let module = SimModuleDescriptor::new(gtag::STEPGEN, version, 1, count, 0x2000, 10, 0, 0x1FF);
+    let module = SimModuleDescriptor {
+        gtag: gtag::STEPGEN,
+        version,
+        instances: count,
+        base: 0x2000,
+        registers: 10,
+        multiple: 0x1FF,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(module);
     let before = firmware.pins.len();
     for unit in 0..count {

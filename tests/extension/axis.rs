@@ -9,7 +9,9 @@ use mesa_hal::hal::{GroupId, InOut, Input, Output, Param, PinMaker, PinStore};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use mesa_hal::transport::{Fault, Faulty};
-use mesa_hal_sim::{ForeignModule, SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
+use mesa_hal_sim::{
+    Configuration, Fabric, SimFpga, SimModule, SimModuleDescriptor, SimPinDescriptor, machines,
+};
 use std::time::Duration;
 
 const MOVER: Gtag = Gtag(0x9B);
@@ -205,15 +207,15 @@ struct Gateware {
     latched: u32,
 }
 
-impl ForeignModule for Gateware {
-    fn read(&mut self, _now: u64, register: u8, _instance: u8) -> u32 {
+impl SimModule for Gateware {
+    fn read(&mut self, _fabric: &Fabric, register: u8, _instance: u8) -> u32 {
         match register {
             0 => self.place,
             _ => self.latched << 1 | u32::from(self.is_armed),
         }
     }
 
-    fn write(&mut self, _now: u64, register: u8, _instance: u8, value: u32) {
+    fn write(&mut self, _fabric: &mut Fabric, register: u8, _instance: u8, value: u32) {
         match register {
             0 if value > 0 => self.place = value,
             0 => {}
@@ -222,17 +224,13 @@ impl ForeignModule for Gateware {
         }
     }
 
-    fn set_input(&mut self, _now: u64, _instance: u8, pin: u8, level: bool) {
-        if pin == PROBE_INPUT && level && std::mem::take(&mut self.is_armed) {
+    fn set_input(&mut self, _: u64, pin: SimPinDescriptor, level: bool) {
+        if pin.pin == PROBE_INPUT && level && std::mem::take(&mut self.is_armed) {
             self.latched = self.place;
         }
     }
 
-    fn level(&self, _now: u64, _instance: u8, _pin: u8) -> bool {
-        false
-    }
-
-    fn reload(&mut self, _now: u64) {
+    fn reload(&mut self, _: &Configuration<'_>) {
         self.curve.clear();
         (self.is_armed, self.latched) = (false, 0);
     }
@@ -240,7 +238,12 @@ impl ForeignModule for Gateware {
 
 fn fpga() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
-    let descriptor = SimModuleDescriptor::new(MOVER.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
+    let descriptor = SimModuleDescriptor {
+        gtag: MOVER.0,
+        base: 0xA000,
+        registers: 3,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(descriptor);
     firmware.pins[PROBE] = SimPinDescriptor::new(MOVER.0, 0, PROBE_INPUT);
     let mut fpga = SimFpga::new(firmware);

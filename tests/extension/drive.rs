@@ -3,8 +3,8 @@
 
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{
-    AxisWiring, DriveSignal, DriveSource, ForeignModule, Motor, MotorConfig, PinSource, SimFpga,
-    SimIoPorts, SimModuleDescriptor, SimPinDescriptor, machines,
+    AxisWiring, Configuration, DriveSignal, DriveSource, Fabric, Motor, MotorConfig, PinSource,
+    SimFpga, SimIoPorts, SimModule, SimModuleDescriptor, SimPinDescriptor, machines,
 };
 
 /// The firmware's number for the module, and the base address of its registers.
@@ -38,26 +38,22 @@ impl Dac {
     }
 }
 
-impl ForeignModule for Dac {
-    fn read(&mut self, _: Nanos, _: u8, instance: u8) -> u32 {
+impl SimModule for Dac {
+    fn read(&mut self, _: &Fabric, _: u8, instance: u8) -> u32 {
         self.millivolts[usize::from(instance)] as u32
     }
 
-    fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
+    fn write(&mut self, fabric: &mut Fabric, register: u8, instance: u8, value: u32) {
         let output = usize::from(instance);
         if register == 1 {
             self.timeout = Nanos::from(value) * 1_000;
             return;
         }
         self.millivolts[output] = value as i32;
-        self.ends[output] = (self.timeout > 0).then_some(now + self.timeout);
+        self.ends[output] = (self.timeout > 0).then_some(fabric.now() + self.timeout);
     }
 
-    fn level(&self, _: Nanos, _: u8, _: u8) -> bool {
-        true
-    }
-
-    fn reload(&mut self, _: Nanos) {
+    fn reload(&mut self, _: &Configuration<'_>) {
         *self = Self::default();
     }
 
@@ -72,7 +68,7 @@ impl ForeignModule for Dac {
         }
     }
 
-    fn next_change(&self, now: Nanos) -> Option<Nanos> {
+    fn next_event(&self, now: Nanos) -> Option<Nanos> {
         let ends = self.ends.iter().flatten().copied();
         ends.filter(|&end| end > now).min()
     }
@@ -82,7 +78,14 @@ impl ForeignModule for Dac {
 /// outputs, at encoders 0 and 1.
 fn machine() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
-    let descriptor = SimModuleDescriptor::new(DAC, 0, 1, 2, BASE, 2, 0x00, 0x01);
+    let descriptor = SimModuleDescriptor {
+        gtag: DAC,
+        instances: 2,
+        base: BASE,
+        registers: 2,
+        multiple: 0x01,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(descriptor);
     firmware.pins[ENABLE] = SimPinDescriptor::new(DAC, 0, 0x81);
     let mut fpga = SimFpga::new(firmware);

@@ -10,7 +10,8 @@ use mesa_hal::hal::{Input, Output};
 use mesa_hal::hostmot2::{Gtag, ModuleDescriptor, PinDescriptor};
 use mesa_hal::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use mesa_hal_sim::{
-    ForeignModule, SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, machines,
+    Configuration, Fabric, SimFirmware, SimFpga, SimModule, SimModuleDescriptor, SimPinDescriptor,
+    machines,
 };
 
 const GAUGE: Gtag = Gtag(0x9A);
@@ -120,8 +121,8 @@ struct Gateware {
     latch: u32,
 }
 
-impl ForeignModule for Gateware {
-    fn read(&mut self, _now: u64, register: u8, instance: u8) -> u32 {
+impl SimModule for Gateware {
+    fn read(&mut self, _fabric: &Fabric, register: u8, instance: u8) -> u32 {
         let instance = usize::from(instance);
         match register {
             0 => self.levels[instance],
@@ -133,7 +134,7 @@ impl ForeignModule for Gateware {
         }
     }
 
-    fn write(&mut self, _now: u64, register: u8, instance: u8, value: u32) {
+    fn write(&mut self, _fabric: &mut Fabric, register: u8, instance: u8, value: u32) {
         match register {
             1 => self.cleared[usize::from(instance)] += value,
             LATCH => self.latch = value,
@@ -141,17 +142,20 @@ impl ForeignModule for Gateware {
         }
     }
 
-    fn level(&self, _now: u64, _instance: u8, _pin: u8) -> bool {
-        true
-    }
-
-    fn reload(&mut self, _now: u64) {
+    fn reload(&mut self, _: &Configuration<'_>) {
         *self = Self::default();
     }
 }
 
 fn fpga(mut firmware: SimFirmware) -> SimFpga {
-    let descriptor = SimModuleDescriptor::new(GAUGE.0, 0, 1, 2, 0xA000, 4, 0x00, 0b0111);
+    let descriptor = SimModuleDescriptor {
+        gtag: GAUGE.0,
+        instances: 2,
+        base: 0xA000,
+        registers: 4,
+        multiple: 0b0111,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(descriptor);
     for (place, (instance, pin)) in [(0, 0x81), (0, 0x82), (1, 0x81), (1, 0x82)]
         .into_iter()

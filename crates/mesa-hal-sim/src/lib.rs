@@ -49,12 +49,13 @@ pub use board::{
 pub use faults::{FaultKind, FaultPlace};
 pub use fpga::{
     AccessCounters, AxisWiring, ChangeCause, DEFAULT_ACCESS_COST, Director, DriveSignal,
-    DriveSource, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimError, SimFirmware,
-    SimFpga, SimModuleDescriptor, SimPinDescriptor, StepperWiring, UNDRIVEN, gtag,
+    DriveSource, Fabric, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimError,
+    SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, StepperWiring, UNDRIVEN, gtag,
 };
 pub use modules::{
-    EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
-    SimStepgen, SimWatchdog, SmartSerial, Source as PinSource,
+    Configuration, Effect, EncoderBank, Inputs, RegisterAddress, Settles, SimDpll, SimIoPorts,
+    SimLeds, SimModule, SimOutputs, SimPwm, SimStepgen, SimWatchdog, SmartSerial,
+    Source as PinSource,
 };
 pub use serial_face::SerialFace;
 pub use world::{

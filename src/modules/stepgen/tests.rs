@@ -211,7 +211,15 @@ struct Machine {
 
 fn firmware(version: u8) -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
-    let descriptor = SimModuleDescriptor::new(GTAG, version, 1, 2, 0x2000, 10, 0x00, 0x1FF);
+    let descriptor = SimModuleDescriptor {
+        gtag: GTAG,
+        version,
+        instances: 2,
+        base: 0x2000,
+        registers: 10,
+        multiple: 0x1FF,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(descriptor);
     for unit in 0..2 {
         for output in 0..4 {

@@ -44,7 +44,15 @@ pub fn logged(level: Level, work: impl FnOnce()) -> Vec<String> {
 fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
     let mut firmware = machines::firmware_7i92_7i77();
     // Two resolvers, on the last three pins.
-    let resolver = SimModuleDescriptor::new(0xC0, 2, 1, 2, 0xC000, 10, 0x00, 0x1FF);
+    let resolver = SimModuleDescriptor {
+        gtag: 0xC0,
+        version: 2,
+        instances: 2,
+        base: 0xC000,
+        registers: 10,
+        multiple: 0x1FF,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.insert(2, resolver);
     let pins = firmware.pins.len();
     for (pin, secondary) in firmware.pins[pins - 3..].iter_mut().zip([0x81, 0x82, 0x83]) {

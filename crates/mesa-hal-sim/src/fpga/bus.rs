@@ -58,7 +58,7 @@ impl RegisterBus for SimFpga {
         for access in accesses {
             let words = words.get_mut(access.words()).unwrap_or_default();
             for (index, word) in words.iter_mut().enumerate() {
-                self.advance_to(self.now.saturating_add(self.access_cost));
+                self.advance_to(self.fabric.now.saturating_add(self.access_cost));
                 let address = access.address.wrapping_add(4 * index as u16);
                 match access.direction {
                     Direction::Read => *word = self.read_register(address),
@@ -76,12 +76,12 @@ impl RegisterBus for SimFpga {
 
 impl Clock for SimFpga {
     fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.now)
+        Instant::from_nanos(self.fabric.now)
     }
 
     fn wait(&mut self, duration: Duration) {
         let nanos = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
-        self.advance_to(self.now.saturating_add(nanos));
+        self.advance_to(self.fabric.now.saturating_add(nanos));
     }
 }
 

@@ -1,9 +1,7 @@
 //! Address decoder: the register at each address.
 
-use super::firmware::{COOKIE_ADDRESS, IDROM_ADDRESS, SimFirmware, SimModuleDescriptor, gtag};
-
-/// Maximum number of ports of a serial module.
-pub(super) const MAX_PORTS: u8 = 4;
+use super::firmware::{COOKIE_ADDRESS, IDROM_ADDRESS, SimFirmware};
+use crate::modules::RegisterAddress;
 
 /// Target of an address.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,51 +13,31 @@ pub(crate) enum Target {
     Rom(u16),
     /// A register of a module.
     Module {
-        /// The module.
-        gtag: u8,
+        /// Slot of the module.
+        slot: u8,
         /// Register number.
         register: u8,
-        /// Instance, or channel for smart serial.
+        /// Instance.
         instance: u8,
-        /// Smart serial only: the port.
-        port: u8,
     },
 }
 
-/// The address space, one entry for each 32-bit word.
+/// The address space, one entry for each 32-bit word, with the contents of its read-only part.
 #[derive(Clone, Debug)]
-pub(crate) struct AddressMap {
+pub(crate) struct AddressSpace {
     targets: Box<[Target]>,
+    rom: Vec<u32>,
 }
 
-impl AddressMap {
-    /// The map of a firmware. `rom` is the number of words of identification and IDROM.
-    pub(crate) fn new(firmware: &SimFirmware, idrom_words: usize) -> Self {
-        let mut map = Self {
+impl AddressSpace {
+    /// The address space of a firmware, without the registers of its modules.
+    pub(crate) fn new(firmware: &SimFirmware) -> Self {
+        let mut space = Self {
             targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
+            rom: SimFirmware::identification().to_vec(),
         };
-        // Serial ports are numbered consecutively over all modules.
-        let mut ports = 0;
-        for module in &firmware.modules {
-            // The select line of the encoders has no register of its own, and a descriptor without
-            // instances has no hardware.
-            if module.gtag == gtag::MUX_SELECT || module.instances == 0 {
-                continue;
-            }
-            for register in 0..registers(firmware, module).min(32) {
-                map.put_register(module, register, ports);
-            }
-            if is_serial(module) {
-                ports += module.instances.min(MAX_PORTS);
-            }
-        }
-        for index in 0..4 {
-            map.put(COOKIE_ADDRESS + 4 * index, Target::Rom(index));
-        }
-        for index in 0..idrom_words as u16 {
-            map.put(IDROM_ADDRESS + 4 * index, Target::Rom(4 + index));
-        }
-        map
+        space.rom.extend(firmware.idrom());
+        space
     }
 
     /// The target at a byte address.
@@ -70,49 +48,54 @@ impl AddressMap {
             .unwrap_or_default()
     }
 
-    /// Maps one register in all instances of a module. `first_port` is the number of the first
-    /// port, if the module is serial.
-    fn put_register(&mut self, module: &SimModuleDescriptor, register: u8, first_port: u8) {
-        let (register_stride, instance_stride) = SimFirmware::strides(module);
-        let serial = is_serial(module);
-        let multiple = module.multiple >> register & 1 != 0;
-        let base = module
-            .base
-            .wrapping_add(u16::from(register).wrapping_mul(register_stride));
-        let instances = if multiple || serial {
-            module.instances
-        } else {
-            1
-        };
-        for instance in 0..instances {
-            let address = base.wrapping_add(u16::from(instance).wrapping_mul(instance_stride));
-            if serial {
-                let port = instance.saturating_add(first_port);
-                self.put_channels(address, module.gtag, register, port, multiple);
-            } else {
-                let target = Target::Module {
-                    gtag: module.gtag,
-                    register,
-                    instance,
-                    port: 0,
-                };
-                self.put(address, target);
-            }
+    /// A word of identification and IDROM.
+    pub(crate) fn rom(&self, index: u16) -> u32 {
+        self.rom.get(usize::from(index)).copied().unwrap_or(0)
+    }
+
+    /// Changes a word of identification or IDROM; no effect at other addresses.
+    pub(crate) fn override_rom(&mut self, address: u16, value: u32) {
+        if let Target::Rom(index) = self.at(address)
+            && let Some(word) = self.rom.get_mut(usize::from(index))
+        {
+            *word = value;
         }
     }
 
-    /// Maps smart serial: COMMAND and DATA once per port, the others once for each of eight
-    /// channels.
-    fn put_channels(&mut self, address: u16, gtag: u8, register: u8, port: u8, multiple: bool) {
-        let channels = if multiple { 8 } else { 1 };
-        for channel in 0..channels {
+    /// Maps the registers of the module in a slot, in place of those of its predecessor.
+    pub(crate) fn map(&mut self, slot: usize, registers: &[RegisterAddress]) {
+        let Ok(slot) = u8::try_from(slot) else {
+            return;
+        };
+        for target in &mut self.targets {
+            if matches!(target, Target::Module { slot: of, .. } if *of == slot) {
+                *target = Target::Nothing;
+            }
+        }
+        for &RegisterAddress {
+            address,
+            register,
+            instance,
+        } in registers
+        {
             let target = Target::Module {
-                gtag,
+                slot,
                 register,
-                instance: channel,
-                port,
+                instance,
             };
-            self.put(address.wrapping_add(4 * u16::from(channel)), target);
+            self.put(address, target);
+        }
+        self.map_rom();
+    }
+
+    /// Maps identification and IDROM, over the registers of any module.
+    fn map_rom(&mut self) {
+        for index in 0..self.rom.len() as u16 {
+            let address = match index.checked_sub(4) {
+                None => COOKIE_ADDRESS + 4 * index,
+                Some(word) => IDROM_ADDRESS + 4 * word,
+            };
+            self.put(address, Target::Rom(index));
         }
     }
 
@@ -121,20 +104,4 @@ impl AddressMap {
             *slot = target;
         }
     }
-}
-
-fn is_serial(module: &SimModuleDescriptor) -> bool {
-    matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B)
-}
-
-/// Number of registers of a module. Encoders with a DPLL and step generators have one more than
-/// their descriptor counts: the selection of the timer that latches them. Step generators without a
-/// DPLL have its address, but nothing drives the bus there.
-fn registers(firmware: &SimFirmware, module: &SimModuleDescriptor) -> u8 {
-    let has_timer = match module.gtag {
-        gtag::ENCODER | gtag::MUXED_ENCODER => firmware.module(gtag::DPLL).is_some(),
-        gtag::STEPGEN => true,
-        _ => false,
-    };
-    module.registers + u8::from(has_timer)
 }

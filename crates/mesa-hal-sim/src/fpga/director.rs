@@ -1,6 +1,6 @@
 //! A director: acts on the world around the FPGA at exact times, and observes the driven outputs.
 
-use super::{SimFpga, gtag};
+use super::SimFpga;
 use crate::wire::Nanos;
 
 /// Cause of a possible change of the driven outputs.
@@ -39,7 +39,7 @@ impl SimFpga {
     /// Time of the director's next action, if it is not later than `to`.
     pub(super) fn scene(&self, to: Nanos) -> Option<Nanos> {
         let due = self.director.as_ref()?.due()?;
-        (due <= to).then_some(due.max(self.now))
+        (due <= to).then_some(due.max(self.now()))
     }
 
     /// Lets the director act. Changes that it makes itself are not reported to it.
@@ -56,14 +56,6 @@ impl SimFpga {
             director.drives(self, cause);
             self.director.get_or_insert(director);
         }
-    }
-
-    /// True if outputs depend directly on the registers of a module.
-    pub(super) const fn is_driving(gtag: u8) -> bool {
-        matches!(
-            gtag,
-            gtag::IO_PORT | gtag::STEPGEN | gtag::PWM | gtag::SSR | gtag::OUT_M
-        )
     }
 }
 

@@ -61,6 +61,19 @@ const PIN_SLOTS: usize = 144;
 pub(crate) const IDROM_WORDS: usize = 256;
 
 /// A module descriptor. FACTS 9.1.
+///
+/// ```
+/// use mesa_hal_sim::{SimModuleDescriptor, gtag};
+///
+/// let step_generators = SimModuleDescriptor {
+///     gtag: gtag::STEPGEN,
+///     instances: 4,
+///     base: 0x2000,
+///     registers: 10,
+///     multiple: 0x1FF,
+///     ..SimModuleDescriptor::default()
+/// };
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SimModuleDescriptor {
     /// Kind of module; see [`gtag`].
@@ -81,31 +94,23 @@ pub struct SimModuleDescriptor {
     pub multiple: u32,
 }
 
-impl SimModuleDescriptor {
-    /// A descriptor, in the order of the table in FACTS 9.2.
-    #[expect(clippy::too_many_arguments, reason = "a table row, written as one")]
-    pub const fn new(
-        gtag: u8,
-        version: u8,
-        clock: u8,
-        instances: u8,
-        base: u16,
-        registers: u8,
-        strides: u8,
-        multiple: u32,
-    ) -> Self {
+impl Default for SimModuleDescriptor {
+    /// One instance on ClockLow, in version 0 and with the usual strides, without registers.
+    fn default() -> Self {
         Self {
-            gtag,
-            version,
-            clock,
-            instances,
-            base,
-            registers,
-            strides,
-            multiple,
+            gtag: 0,
+            version: 0,
+            clock: 1,
+            instances: 1,
+            base: 0,
+            registers: 0,
+            strides: 0x00,
+            multiple: 0,
         }
     }
+}
 
+impl SimModuleDescriptor {
     fn words(&self) -> [u32; 3] {
         [
             u32::from_le_bytes([self.gtag, self.version, self.clock, self.instances]),
@@ -290,9 +295,25 @@ mod tests {
 
     #[test]
     fn descriptor_words_have_the_layout_of_facts_9_1() {
-        let encoder = SimModuleDescriptor::new(0x0C, 4, 1, 6, 0x3600, 5, 0x00, 3);
+        let encoder = SimModuleDescriptor {
+            gtag: 0x0C,
+            version: 4,
+            instances: 6,
+            base: 0x3600,
+            registers: 5,
+            multiple: 3,
+            ..SimModuleDescriptor::default()
+        };
         assert_eq!(encoder.words(), [0x0601_040C, 0x0005_3600, 3]);
-        let sserial = SimModuleDescriptor::new(0xC1, 0, 1, 2, 0x5B00, 6, 0x10, 0x3C);
+        let sserial = SimModuleDescriptor {
+            gtag: 0xC1,
+            instances: 2,
+            base: 0x5B00,
+            registers: 6,
+            strides: 0x10,
+            multiple: 0x3C,
+            ..SimModuleDescriptor::default()
+        };
         assert_eq!(sserial.words(), [0x0201_00C1, 0x1006_5B00, 0x3C]);
         assert_eq!(SimPinDescriptor::new(0xC1, 0, 0x91).word(), 0x0300_C191);
         assert_eq!(SimPinDescriptor::gpio().word(), 0x0300_0000);

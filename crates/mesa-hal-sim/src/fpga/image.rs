@@ -4,12 +4,11 @@ use std::collections::BTreeMap;
 
 use super::firmware::{
     COOKIE, COOKIE_ADDRESS, IDROM_ADDRESS, IDROM_WORDS, SimFirmware, SimModuleDescriptor,
-    SimPinDescriptor, gtag,
+    SimPinDescriptor,
 };
-use super::{SimFpga, UNDRIVEN};
-use crate::modules::ForeignModule;
+use super::{Fabric, SimFpga, UNDRIVEN};
+use crate::modules::{Configuration, SimModule};
 use crate::sslbp::MINOR_REVISION;
-use crate::wire::Nanos;
 
 /// The identity memory of a firmware: cookie and name at 0100, and the IDROM at 0400, as a host
 /// reads them.
@@ -44,25 +43,6 @@ pub enum FirmwareImageError {
         expected: &'static str,
     },
 }
-
-/// Modules that the simulator implements; all others are registers that keep their words.
-const SIMULATED: [u8; 15] = [
-    gtag::WATCHDOG,
-    gtag::IO_PORT,
-    gtag::ENCODER,
-    gtag::STEPGEN,
-    gtag::PWM,
-    gtag::MUXED_ENCODER,
-    gtag::MUX_SELECT,
-    gtag::DPLL,
-    gtag::IN_MUX,
-    gtag::IN_M,
-    gtag::OUT_M,
-    gtag::LED,
-    gtag::SSERIAL,
-    gtag::SSR,
-    gtag::SSERIAL_B,
-];
 
 /// Descriptors after the end of the list, each with its slot.
 type BehindEnd = Vec<(u8, SimModuleDescriptor)>;
@@ -185,17 +165,16 @@ impl FirmwareImage {
             let [tag, version, clock, instances] = word(0).to_le_bytes();
             let [b0, b1, registers, strides] = word(1).to_le_bytes();
             has_ended |= tag == 0;
-            let base = u16::from_le_bytes([b0, b1]);
-            let module = SimModuleDescriptor::new(
-                tag,
+            let module = SimModuleDescriptor {
+                gtag: tag,
                 version,
                 clock,
                 instances,
-                base,
+                base: u16::from_le_bytes([b0, b1]),
                 registers,
                 strides,
-                word(2),
-            );
+                multiple: word(2),
+            };
             match (has_ended, tag) {
                 (false, _) => modules.push(module),
                 (true, 0) => {}
@@ -234,8 +213,7 @@ impl SimFpga {
             let address = COOKIE_ADDRESS + 4 * n;
             fpga.override_rom(address, image.word(address));
         }
-        let others: Vec<u8> = fpga.firmware.modules.iter().map(|m| m.gtag).collect();
-        for gtag in others.into_iter().filter(|tag| !SIMULATED.contains(tag)) {
+        for gtag in fpga.fabric.modules.unsimulated() {
             fpga.add_module(gtag, Box::<PlainRegisters>::default());
         }
         Ok(fpga)
@@ -248,21 +226,17 @@ struct PlainRegisters {
     words: BTreeMap<(u8, u8), u32>,
 }
 
-impl ForeignModule for PlainRegisters {
-    fn read(&mut self, _: Nanos, register: u8, instance: u8) -> u32 {
+impl SimModule for PlainRegisters {
+    fn read(&mut self, _: &Fabric, register: u8, instance: u8) -> u32 {
         let word = self.words.get(&(register, instance));
         word.copied().unwrap_or(UNDRIVEN)
     }
 
-    fn write(&mut self, _: Nanos, register: u8, instance: u8, value: u32) {
+    fn write(&mut self, _: &mut Fabric, register: u8, instance: u8, value: u32) {
         self.words.insert((register, instance), value);
     }
 
-    fn level(&self, _: Nanos, _: u8, _: u8) -> bool {
-        true
-    }
-
-    fn reload(&mut self, _: Nanos) {
+    fn reload(&mut self, _: &Configuration<'_>) {
         self.words.clear();
     }
 }

@@ -1,7 +1,10 @@
 //! Switches, handwheels and the emergency stop on the inputs of an FPGA and of its remotes.
 
 use super::SimFpga;
+use super::fabric::Fabric;
 use crate::devices::find_mut;
+use crate::modules::Inputs;
+use crate::wire::{Nanos, RemoteEnd};
 use crate::world::{Change, EstopConfig, SimTerminal, Switch, SwitchConfig, Wheel, WheelConfig};
 
 /// Field power of a remote while an emergency stop does not cut it.
@@ -11,91 +14,94 @@ impl SimFpga {
     /// Wires a switch on an axis to an input, which follows the switch from now on; returns its
     /// index. Plug in the remote first. A switch on an axis that does not exist never changes.
     pub fn add_switch(&mut self, config: SwitchConfig) -> usize {
-        self.settle();
-        let position = self.plant.position(config.axis).unwrap_or(f64::NAN);
-        let index = self
-            .plant
-            .installation
-            .add_switch(self.now, config, position);
-        self.settle();
+        self.fabric.settle();
+        let position = self.fabric.plant.position(config.axis).unwrap_or(f64::NAN);
+        let Fabric { plant, now, .. } = &mut self.fabric;
+        let index = plant.installation.add_switch(*now, config, position);
+        self.fabric.settle();
         index
     }
 
     /// The switches, up to date.
     pub fn switches(&mut self) -> &[Switch] {
-        self.settle();
-        &self.plant.installation.switches
+        self.fabric.settle();
+        &self.fabric.plant.installation.switches
     }
 
     /// Wires a handwheel to two inputs; returns its index.
     pub fn add_wheel(&mut self, config: WheelConfig) -> usize {
-        self.plant.installation.add_wheel(config)
+        self.fabric.plant.installation.add_wheel(config)
     }
 
     /// The handwheels, up to date.
     pub fn wheels(&mut self) -> &[Wheel] {
-        self.settle();
-        &self.plant.installation.wheels
+        self.fabric.settle();
+        &self.fabric.plant.installation.wheels
     }
 
     /// Turns a handwheel by clicks, at its speed, from now on. `false` if the wheel does not exist,
     /// or if more than a million clicks would be pending.
     pub fn turn_wheel(&mut self, wheel: usize, clicks: i64) -> bool {
-        self.settle();
-        let now = self.now;
-        let wheel = self.plant.installation.wheels.get_mut(wheel);
+        self.fabric.settle();
+        let now = self.fabric.now;
+        let wheel = self.fabric.plant.installation.wheels.get_mut(wheel);
         wheel.is_some_and(|wheel| wheel.turn(now, clicks))
     }
 
     /// Wires a closed emergency-stop chain, in place of the previous one. Plug in the remotes
     /// first.
     pub fn set_estop(&mut self, config: EstopConfig) {
-        self.plant.installation.estop = Some(config);
+        self.fabric.plant.installation.estop = Some(config);
         self.press_estop(false);
     }
 
     /// The emergency-stop chain.
     pub fn estop(&self) -> Option<&EstopConfig> {
-        self.plant.installation.estop.as_ref()
+        self.fabric.plant.installation.estop.as_ref()
     }
 
     /// True if the emergency stop is pressed.
     pub fn is_estop_pressed(&self) -> bool {
-        self.plant.installation.pressed
+        self.fabric.plant.installation.pressed
     }
 
     /// Presses or releases the emergency stop; `false` without a chain. Its inputs change at the
     /// same time, and the power that it cuts is switched off or on again.
     pub fn press_estop(&mut self, pressed: bool) -> bool {
-        self.settle();
-        let Some(estop) = self.plant.installation.estop.clone() else {
+        self.fabric.settle();
+        let Some(estop) = self.fabric.plant.installation.estop.clone() else {
             return false;
         };
         if estop.cuts_drives {
-            self.plant.power_drives(!pressed);
+            self.fabric.plant.power_drives(!pressed);
         }
         for &(port, channel) in &estop.cuts_field {
             let volts = if pressed { 0.0 } else { FIELD_VOLTS };
-            let now = self.now;
-            let device = self.remote_mut(port, channel).and_then(find_mut);
+            let now = self.fabric.now;
+            let device = self.fabric.remote_mut(port, channel).and_then(find_mut);
             // A card without field power has nothing to switch.
             let _ = device.map(|device| device.set_field_volts(now, volts));
         }
-        self.plant.installation.press(self.now, pressed);
-        self.settle();
+        self.fabric
+            .plant
+            .installation
+            .press(self.fabric.now, pressed);
+        self.fabric.settle();
         true
     }
 
     /// Sets the signal at an input from now on, like a wire.
     pub fn set_terminal(&mut self, terminal: SimTerminal, on: bool) {
-        self.settle();
-        self.put_on(&Change {
-            at: self.now,
+        self.fabric.settle();
+        self.fabric.put_on(&Change {
+            at: self.fabric.now,
             terminal,
             on,
         });
     }
+}
 
+impl Fabric {
     /// Applies the changes of switches and wheels up to now to their inputs, in order.
     pub(super) fn take_signals(&mut self) {
         while let Some(change) = self.plant.installation.take(self.now) {
@@ -115,11 +121,7 @@ impl SimFpga {
                 // A wire to an input that the card does not have has no effect.
                 let _ = device.map(|device| device.set_input(input, on));
             }
-            SimTerminal::Board { input } => {
-                if let Some(inputs) = self.in_mux.as_mut().or(self.in_m.as_mut()) {
-                    inputs.set_terminal(at, input, on);
-                }
-            }
+            SimTerminal::Board { input } => self.set_input(at, input, on),
             SimTerminal::Pin { pin } => {
                 self.io.drive(pin, Some(on));
                 self.pin_driven(pin);
@@ -127,11 +129,16 @@ impl SimFpga {
         }
     }
 
-    /// Brings the board's inputs up to date before they are read.
-    pub(super) fn settle_inputs(&mut self) {
-        if !self.plant.installation.is_empty() {
-            self.settle();
+    /// Switches the current into an isolated input on or off.
+    pub(super) fn set_input(&mut self, at: Nanos, input: usize, on: bool) {
+        if let Some(inputs) = self.modules.first_mut::<Inputs>() {
+            inputs.set_terminal(at, input, on);
         }
+    }
+
+    /// Mutable access to the remote plugged into a channel.
+    pub(super) fn remote_mut(&mut self, port: usize, channel: usize) -> Option<&mut dyn RemoteEnd> {
+        self.modules.port_mut(port)?.remote_mut(channel)
     }
 }
 
@@ -139,7 +146,6 @@ impl SimFpga {
 mod tests {
     use super::*;
     use crate::devices::{SignalValue, find};
-    use crate::wire::Nanos;
     use crate::{Motor, MotorConfig, machines};
 
     const MS: Nanos = 1_000_000;

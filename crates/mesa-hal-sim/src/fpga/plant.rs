@@ -1,11 +1,9 @@
 //! The plant around the FPGA, besides the remotes: drives, motors and their encoders.
 
 use super::firmware::{SimFirmware, gtag};
+use super::slots::Modules;
 use crate::devices::find_mut;
-use crate::modules::{
-    EncoderBank, ForeignModules, OutputChange, SelectLine, SimIoPorts, SimPwm, SimStepgen, Source,
-    Watcher, is_high,
-};
+use crate::modules::{EncoderBank, OutputChange, SimIoPorts, SimStepgen, Source, is_high};
 use crate::wire::{Nanos, RemoteEnd};
 use crate::world::{Change, Installation, Motor, Segment, SimTerminal, Stepper};
 
@@ -46,8 +44,8 @@ pub enum DriveSource {
         /// The generator.
         unit: usize,
     },
-    /// An output of a foreign module: the result of its
-    /// [`drive_signal`](crate::ForeignModule::drive_signal). Without the module the drive has no
+    /// An output of a module that was added: the result of its
+    /// [`drive_signal`](crate::SimModule::drive_signal). Without the module the drive has no
     /// signal.
     Module {
         /// The GTAG of the module.
@@ -55,6 +53,21 @@ pub enum DriveSource {
         /// The output, in the module's own numbering.
         output: u8,
     },
+}
+
+impl DriveSource {
+    /// The module whose output is the source: its GTAG and the output.
+    pub(super) fn module(self) -> Option<(u8, u8)> {
+        match self {
+            Self::Pwm { unit } => Some((gtag::PWM, u8::try_from(unit).unwrap_or(u8::MAX))),
+            Self::Module { gtag, output } => Some((gtag, output)),
+            Self::Nothing | Self::Remote { .. } => None,
+        }
+    }
+
+    fn is_added_module(&self) -> bool {
+        matches!(self, Self::Module { .. })
+    }
 }
 
 /// Wiring of a motor: the source of its drive's signal, and the encoder that it turns.
@@ -122,41 +135,29 @@ impl StepInputs {
     }
 }
 
-/// Drives, motors and encoders.
-#[derive(Debug)]
+/// Drives, motors, and what is wired to them.
+#[derive(Debug, Default)]
 pub(crate) struct Plant {
     now: Nanos,
-    /// In the order of the firmware's modules.
-    pub(super) banks: Vec<EncoderBank>,
-    pub(super) stepgen: Option<SimStepgen>,
     axes: Vec<Axis>,
     pub(super) installation: Installation,
 }
 
 impl Plant {
-    pub(crate) fn new(firmware: &SimFirmware, now: Nanos) -> Self {
-        let steps = firmware.module(gtag::STEPGEN);
-        let modules = firmware.modules.iter();
-        let banks = modules
-            .filter(|module| matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER))
-            .map(|module| EncoderBank::new(firmware, module));
-        Self {
-            now: 0,
-            banks: banks.collect(),
-            stepgen: steps.map(|module| SimStepgen::new(firmware, module, now)),
-            axes: Vec::new(),
-            installation: Installation::default(),
-        }
+    /// The time up to which the motors have moved.
+    pub(super) fn now(&self) -> Nanos {
+        self.now
     }
 
-    pub(super) fn add(&mut self, wiring: AxisWiring, io: &SimIoPorts) -> usize {
+    /// Adds a servo motor, which turns an encoder of the bank.
+    pub(super) fn add(&mut self, wiring: AxisWiring, bank: Option<&mut EncoderBank>) -> usize {
         let AxisWiring {
             motor,
             encoder,
             source,
         } = wiring;
         let per_revolution = motor.config().counts_per_revolution;
-        self.place(encoder, motor.counts(), per_revolution, io);
+        place(bank, encoder, motor.counts(), per_revolution);
         self.axes.push(Axis {
             mover: Mover::Servo { motor, source },
             encoder: Some(encoder),
@@ -170,6 +171,7 @@ impl Plant {
         wiring: StepperWiring,
         firmware: &SimFirmware,
         io: &SimIoPorts,
+        modules: &mut Modules,
     ) -> usize {
         let StepperWiring {
             generator,
@@ -179,7 +181,7 @@ impl Plant {
         let unit = u8::try_from(generator).unwrap_or(u8::MAX);
         let pin = |pin| firmware.pin(gtag::STEPGEN, unit, pin);
         let pins = [pin(STEP_PIN), pin(DIR_PIN)];
-        let stepgen = self.stepgen.as_ref();
+        let stepgen = modules.first::<SimStepgen>();
         let inputs = StepInputs {
             generator,
             pins,
@@ -190,7 +192,7 @@ impl Plant {
         motor.wire(self.now, step, dir);
         if let Some(encoder) = encoder {
             let per_revolution = motor.config().counts_per_revolution;
-            self.place(encoder, motor.counts(), per_revolution, io);
+            place(modules.first_mut(), encoder, motor.counts(), per_revolution);
         }
         self.axes.push(Axis {
             mover: Mover::Stepper { motor, inputs },
@@ -199,74 +201,17 @@ impl Plant {
         self.axes.len() - 1
     }
 
-    /// Sets the position of an encoder when its motor is wired.
-    fn place(&mut self, encoder: usize, counts: f64, per_revolution: u32, io: &SimIoPorts) {
-        self.pins_changed(io);
-        if let Some(bank) = self.banks.first_mut() {
-            bank.place(encoder, libm::floor(counts) as i64, per_revolution);
-        }
-    }
-
     pub(super) fn len(&self) -> usize {
         self.axes.len()
     }
 
-    pub(super) fn read_encoder(&mut self, bank: usize, now: Nanos, register: u8, n: u8) -> u32 {
-        let bank = self.banks.get_mut(bank);
-        bank.map_or(0, |bank| bank.read(now, register, n))
-    }
-
-    pub(super) fn write_encoder(
-        &mut self,
-        bank: usize,
-        now: Nanos,
-        register: u8,
-        n: u8,
-        value: u32,
-    ) {
-        if let Some(bank) = self.banks.get_mut(bank) {
-            bank.write(now, register, n, value);
-        }
-    }
-
-    pub(super) fn write_stepgen(&mut self, now: Nanos, register: u8, n: u8, value: u32) {
-        let (stepgen, axes, mut world) = self.split();
-        if let Some(stepgen) = stepgen {
-            let follow = |change| outputs_changed(axes, change, &mut world);
-            stepgen.write(now, register, n, value, follow);
-        }
-    }
-
-    /// Replaces the step generators by those of a new configuration.
-    pub(super) fn reload_stepgen(&mut self, fresh: Option<SimStepgen>) {
-        self.stepgen = fresh;
+    /// Takes over the outputs of the step generators of a new configuration.
+    pub(super) fn stepgen_reloaded(&mut self, stepgen: Option<&SimStepgen>) {
         for axis in &mut self.axes {
             if let Mover::Stepper { inputs, .. } = &mut axis.mover {
-                let stepgen = self.stepgen.as_ref();
                 inputs.outputs = stepgen.map_or(0, |steps| steps.outputs(inputs.generator));
             }
         }
-    }
-
-    /// Latches the registers of all modules whose timer `rises` at `edge`.
-    pub(super) fn latch(&mut self, edge: Nanos, rises: impl Fn(u8) -> bool) {
-        for bank in &mut self.banks {
-            if bank.latching_timer().is_some_and(&rises) {
-                bank.latch(edge);
-            }
-        }
-        if let Some(stepgen) = &mut self.stepgen
-            && stepgen.sampling_timer().is_some_and(&rises)
-        {
-            stepgen.sample();
-        }
-    }
-
-    /// Timers of the modules that a timer latches.
-    pub(super) fn latching_timers(&self) -> impl Iterator<Item = u8> {
-        let banks = self.banks.iter().filter_map(EncoderBank::latching_timer);
-        let steps = self.stepgen.iter().filter_map(SimStepgen::sampling_timer);
-        banks.chain(steps)
     }
 
     pub(super) fn motor_mut(&mut self, axis: usize) -> Option<&mut Motor> {
@@ -317,16 +262,10 @@ impl Plant {
         self.now.saturating_add(GRAIN)
     }
 
-    /// Moves all motors and their encoders.
-    pub(super) fn advance(&mut self, to: Nanos) {
-        if to <= self.now {
-            return;
-        }
+    /// Moves all motors, and the encoders of the bank that they turn.
+    pub(super) fn advance(&mut self, to: Nanos, bank: Option<&mut EncoderBank>) {
         self.now = to;
-        let (stepgen, axes, mut world) = self.split();
-        if let Some(stepgen) = stepgen {
-            stepgen.advance(to, |change| outputs_changed(axes, change, &mut world));
-        }
+        let (axes, mut world) = self.split(bank);
         for (number, axis) in axes.iter_mut().enumerate() {
             let mut moved = world.mover(number, axis.encoder);
             match &mut axis.mover {
@@ -337,13 +276,25 @@ impl Plant {
         world.installation.advance(to);
     }
 
-    /// The step generators, the axes, and what follows the motion of an axis.
-    fn split(&mut self) -> (Option<&mut SimStepgen>, &mut [Axis], World<'_>) {
-        let world = World {
-            banks: &mut self.banks,
-            installation: &mut self.installation,
-        };
-        (self.stepgen.as_mut(), &mut self.axes, world)
+    /// Applies a change of a generator's outputs to the drives that are wired to it.
+    pub(super) fn outputs_changed(&mut self, change: OutputChange, bank: Option<&mut EncoderBank>) {
+        let (axes, mut world) = self.split(bank);
+        for (number, axis) in axes.iter_mut().enumerate() {
+            if let Mover::Stepper { motor, inputs } = &mut axis.mover
+                && inputs.generator == change.unit
+            {
+                inputs.outputs = change.outputs;
+                let [step, dir] = inputs.levels();
+                let mut moved = world.mover(number, axis.encoder);
+                motor.set_inputs(change.at, step, dir, &mut moved);
+            }
+        }
+    }
+
+    /// The axes, and what follows the motion of an axis.
+    fn split<'a>(&'a mut self, bank: Option<&'a mut EncoderBank>) -> (&'a mut [Axis], World<'a>) {
+        let installation = &mut self.installation;
+        (&mut self.axes, World { bank, installation })
     }
 
     /// Switches the power of all drives.
@@ -356,29 +307,10 @@ impl Plant {
         }
     }
 
-    /// Determines the encoder that each counter sees: without its select line, a multiplexer stays
-    /// at one encoder of each pair (the odd one, because the line is pulled up), and both counters
-    /// see that one.
-    pub(super) fn pins_changed(&mut self, io: &SimIoPorts) {
-        for bank in self.banks.iter_mut().filter(|bank| bank.is_multiplexed()) {
-            for encoder in 0..bank.encoders() {
-                let Some(pin) = bank.select_pin(encoder) else {
-                    continue;
-                };
-                let line = match io.module_pin(Some(pin)) {
-                    Some(inverted) => SelectLine::Driven { inverted },
-                    None => SelectLine::Stuck(io.level(pin, &|_| false)),
-                };
-                bank.set_select(self.now, encoder, line);
-            }
-        }
-        self.step_pins_changed(io);
-    }
-
     /// Applies the set-up of the pins to the inputs of stepper drives.
-    fn step_pins_changed(&mut self, io: &SimIoPorts) {
+    pub(super) fn pins_changed(&mut self, io: &SimIoPorts, bank: Option<&mut EncoderBank>) {
         let now = self.now;
-        let (_, axes, mut world) = self.split();
+        let (axes, mut world) = self.split(bank);
         for (number, axis) in axes.iter_mut().enumerate() {
             if let Mover::Stepper { motor, inputs } = &mut axis.mover {
                 inputs.sources = inputs.pins.map(|pin| io.source(pin));
@@ -389,36 +321,47 @@ impl Plant {
         }
     }
 
-    /// Applies the outputs of the PWM generators.
-    pub(super) fn pwm_changed(&mut self, pwm: &SimPwm, io: &SimIoPorts) {
-        let now = self.now;
-        for (motor, source) in self.servos() {
-            if let DriveSource::Pwm { unit } = source {
-                let enabled = pwm.drive_enabled(unit, io);
-                motor.command(pwm.volts(unit, io, now), enabled);
-            }
-        }
+    /// Applies the outputs of all modules to the drives.
+    pub(super) fn take_all(&mut self, modules: &Modules, io: &SimIoPorts) {
+        self.take(modules, io, |_| true);
     }
 
-    /// Applies the outputs of foreign modules.
-    pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &SimIoPorts) {
+    /// Applies the outputs of the module in a slot.
+    pub(super) fn take_from(&mut self, slot: usize, modules: &Modules, io: &SimIoPorts) {
+        let gtag = modules.gtag(slot);
+        self.take(modules, io, |source| {
+            source.module().map(|(from, _)| from) == gtag
+        });
+    }
+
+    /// Applies the outputs of modules that were added, which may change at any time.
+    pub(super) fn take_from_modules(&mut self, modules: &Modules, io: &SimIoPorts) {
+        self.take(modules, io, DriveSource::is_added_module);
+    }
+
+    fn take(&mut self, modules: &Modules, io: &SimIoPorts, which: impl Fn(&DriveSource) -> bool) {
         let now = self.now;
         for (motor, source) in self.servos() {
-            if let DriveSource::Module { gtag, output } = source {
+            if which(&source)
+                && let Some((gtag, output)) = source.module()
+            {
                 let signal = modules.drive_signal(gtag, now, output, io);
                 motor.command(signal.volts, signal.enabled);
             }
         }
     }
 
-    /// True if a foreign module drives an axis.
+    /// True if a module that was added drives an axis.
     pub(super) fn is_driven_by_modules(&self) -> bool {
-        let mut sources = self.sources();
-        sources.any(|source| matches!(source, DriveSource::Module { .. }))
+        self.sources().any(|source| source.is_added_module())
     }
 
     /// Applies the outputs of a remote.
-    fn remote_changed(&mut self, port: usize, channel: usize, remote: Option<&dyn RemoteEnd>) {
+    pub(super) fn remote_changed(
+        &mut self,
+        [port, channel]: [usize; 2],
+        remote: Option<&dyn RemoteEnd>,
+    ) {
         for (motor, source) in self.servos() {
             if let DriveSource::Remote {
                 port: from_port,
@@ -434,17 +377,36 @@ impl Plant {
         }
     }
 
-    fn is_driven_by(&self, port: usize, channel: usize) -> bool {
+    pub(super) fn is_driven_by(&self, port: usize, channel: usize) -> bool {
         self.sources().any(|source| {
             matches!(source, DriveSource::Remote { port: p, channel: c, .. }
                 if (p, c) == (port, channel))
         })
     }
+
+    /// Applies the changes of switches and wheels up to `now` to the inputs of a remote.
+    pub(super) fn put_on_remote(
+        &mut self,
+        now: Nanos,
+        [port, channel]: [usize; 2],
+        remote: &mut dyn RemoteEnd,
+    ) {
+        while let Some(change) = self.installation.take_for(now, port, channel) {
+            put_on(remote, &change);
+        }
+    }
+}
+
+/// Sets the position of an encoder when its motor is wired.
+fn place(bank: Option<&mut EncoderBank>, encoder: usize, counts: f64, per_revolution: u32) {
+    if let Some(bank) = bank {
+        bank.place(encoder, libm::floor(counts) as i64, per_revolution);
+    }
 }
 
 /// The parts of the plant that follow the motion of an axis.
 struct World<'a> {
-    banks: &'a mut Vec<EncoderBank>,
+    bank: Option<&'a mut EncoderBank>,
     installation: &'a mut Installation,
 }
 
@@ -453,58 +415,13 @@ impl World<'_> {
     fn mover(&mut self, axis: usize, encoder: Option<usize>) -> impl FnMut(&Segment, [f64; 2]) {
         move |segment, positions| {
             if let Some(encoder) = encoder
-                && let Some(bank) = self.banks.first_mut()
+                && let Some(bank) = &mut self.bank
             {
                 bank.turn(encoder, segment);
             }
             let times = [segment.start, segment.end];
             self.installation.moved(axis, times, positions);
         }
-    }
-}
-
-/// Applies a change of a generator's outputs to the drives that are wired to it.
-fn outputs_changed(axes: &mut [Axis], change: OutputChange, world: &mut World<'_>) {
-    for (number, axis) in axes.iter_mut().enumerate() {
-        if let Mover::Stepper { motor, inputs } = &mut axis.mover
-            && inputs.generator == change.unit
-        {
-            inputs.outputs = change.outputs;
-            let [step, dir] = inputs.levels();
-            let mut moved = world.mover(number, axis.encoder);
-            motor.set_inputs(change.at, step, dir, &mut moved);
-        }
-    }
-}
-
-/// Observer that keeps the motors in step with the commands of the remotes.
-pub(super) struct PortWatcher<'a> {
-    plant: &'a mut Plant,
-    port: usize,
-}
-
-impl<'a> PortWatcher<'a> {
-    pub(super) fn new(plant: &'a mut Plant, port: usize) -> Self {
-        Self { plant, port }
-    }
-}
-
-impl Watcher for PortWatcher<'_> {
-    fn before(&mut self, channel: usize, now: Nanos, remote: &mut dyn RemoteEnd) {
-        let is_wired = self.plant.installation.is_wired_to(self.port, channel);
-        if is_wired || self.plant.is_driven_by(self.port, channel) {
-            self.plant.advance(now);
-        }
-        if is_wired {
-            let installation = &mut self.plant.installation;
-            while let Some(change) = installation.take_for(now, self.port, channel) {
-                put_on(remote, &change);
-            }
-        }
-    }
-
-    fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>) {
-        self.plant.remote_changed(self.port, channel, remote);
     }
 }
 

@@ -1,7 +1,8 @@
 //! Reload of the FPGA, while the world around it continues.
 
-use super::{ChangeCause, OUTPUT_PIN, SimFpga, gtag};
-use crate::modules::{Inputs, SimLeds, SimStepgen};
+use super::fabric::Fabric;
+use super::{ChangeCause, SimFpga};
+use crate::modules::SimStepgen;
 use crate::wire::Nanos;
 
 impl SimFpga {
@@ -13,70 +14,38 @@ impl SimFpga {
     /// The firmware of a serial port needs up to 142 us from here on until it takes commands;
     /// COMMAND, DATA and CS read 0 meanwhile, like those of an idle port.
     pub fn reload(&mut self) {
-        self.reload_until(self.now);
+        self.reload_until(self.fabric.now);
     }
 
     /// Makes the FPGA lose its configuration, and have it again after `time`. Until then all pins
     /// are inputs, reads return all ones, like a bus that is not driven, and writes have no effect.
     pub fn reset_for(&mut self, time: Nanos) {
-        let configured = self.now.saturating_add(time);
+        let configured = self.fabric.now.saturating_add(time);
         self.reload_until(configured);
-        self.reset_until = configured;
+        self.fabric.reset_until = configured;
     }
 
-    /// Restarts everything now, and the serial ports' firmware at `configured`.
     fn reload_until(&mut self, configured: Nanos) {
-        self.settle();
-        let fresh = Self::configured_at(self.firmware.clone(), self.now);
-        self.io.reload();
-        self.watchdog = fresh.watchdog;
-        self.pwm = fresh.pwm;
-        self.ssr = fresh.ssr;
-        self.out_m = fresh.out_m;
-        self.dpll = fresh.dpll;
-        self.leds = SimLeds::default();
-        self.foreign.reload(self.now);
-        for bank in &mut self.plant.banks {
-            bank.reload(self.now, &self.firmware);
-        }
-        self.reload_stepgen(fresh.plant.stepgen);
-        for port in &mut self.serial {
-            port.reload(self.now, configured);
-        }
-        let now = self.now;
-        for (tag, inputs) in [
-            (gtag::IN_MUX, &mut self.in_mux),
-            (gtag::IN_M, &mut self.in_m),
-        ] {
-            let module = self.firmware.module(tag);
-            if let (Some(inputs), Some(module)) = (inputs, module) {
-                let mut fresh = Inputs::new(&self.firmware, module);
-                for input in 0..inputs.count() {
-                    fresh.set_terminal(now, input, inputs.terminal(input));
-                }
-                *inputs = fresh;
-            }
-        }
-        self.pins_changed();
+        self.fabric.reload(configured);
         self.show(ChangeCause::Reset);
-    }
-
-    /// Replaces the step generators. Their index and probe pins keep their levels.
-    fn reload_stepgen(&mut self, fresh: Option<SimStepgen>) {
-        self.plant.reload_stepgen(fresh);
-        for pin in 0..self.firmware.pins.len() {
-            let is_input = self.firmware.pins.get(pin).is_some_and(|found| {
-                found.secondary == gtag::STEPGEN && found.pin & OUTPUT_PIN == 0
-            });
-            if is_input {
-                self.pin_driven(pin);
-            }
-        }
     }
 
     /// True while the FPGA has no configuration.
     pub fn is_in_reset(&self) -> bool {
-        self.now < self.reset_until
+        self.fabric.is_in_reset()
+    }
+}
+
+impl Fabric {
+    /// Restarts everything now, and the serial ports' firmware at `configured`.
+    fn reload(&mut self, configured: Nanos) {
+        self.settle();
+        self.io.reload();
+        let times = [self.now, configured];
+        self.modules.reload(&self.firmware, &self.io, times);
+        self.plant
+            .stepgen_reloaded(self.modules.first::<SimStepgen>());
+        self.pins_changed();
     }
 }
 

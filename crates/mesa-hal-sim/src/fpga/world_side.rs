@@ -1,10 +1,11 @@
 //! The outside of the FPGA: pins, sockets, motors, inputs and outputs.
 
+use super::fabric::Fabric;
 use super::plant::{AxisWiring, DriveSignal, DriveSource, StepperWiring};
-use super::{AccessCounters, SimFirmware, SimFpga, Target, gtag};
+use super::{AccessCounters, SimFirmware, SimFpga, gtag};
 use crate::modules::{
-    EncoderBank, ForeignModule, Inputs, SimDpll, SimIoPorts, SimLeds, SimOutputs, SimPwm,
-    SimStepgen, SimWatchdog, SmartSerial,
+    EncoderBank, Inputs, SimDpll, SimIoPorts, SimLeds, SimModule, SimOutputs, SimPwm, SimStepgen,
+    SimWatchdog, SmartSerial,
 };
 use crate::wire::{Nanos, RemoteEnd};
 use crate::world::{Motor, Stepper};
@@ -12,7 +13,7 @@ use crate::world::{Motor, Stepper};
 impl SimFpga {
     /// The firmware of the FPGA.
     pub fn firmware(&self) -> &SimFirmware {
-        &self.firmware
+        &self.fabric.firmware
     }
 
     /// Access statistics.
@@ -28,102 +29,73 @@ impl SimFpga {
     /// Overrides a word of identification or IDROM: a firmware with a defect. Has no effect at
     /// other addresses.
     pub fn override_rom(&mut self, address: u16, value: u32) {
-        if let Target::Rom(index) = self.map.at(address)
-            && let Some(word) = self.rom.get_mut(usize::from(index))
-        {
-            *word = value;
-        }
+        self.space.override_rom(address, value);
     }
 
     /// The I/O ports.
     pub fn io(&self) -> &SimIoPorts {
-        &self.io
+        self.fabric.io()
     }
 
     /// The level of an I/O pin.
     pub fn pin_level(&self, pin: usize) -> bool {
-        let levels = |pin| self.module_level(pin);
-        self.io.level(pin, &levels)
+        self.fabric.pin_level(pin)
     }
 
     /// The level that the FPGA or the outside drives on an I/O pin; `None` if it is only pulled up.
     pub fn driven_level(&self, pin: usize) -> Option<bool> {
-        let levels = |pin| self.module_level(pin);
-        self.io.driven_level(pin, &levels)
+        self.fabric.driven_level(pin)
     }
 
     /// True if the FPGA drives an I/O pin, to any level.
     pub fn is_driven(&self, pin: usize) -> bool {
-        self.io.is_output(pin)
+        self.fabric.io.is_output(pin)
     }
 
     /// Drives an I/O pin from outside, or releases it.
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
-        self.io.drive(pin, level);
-        self.settle();
-        self.pin_driven(pin);
+        self.fabric.io.drive(pin, level);
+        self.fabric.settle();
+        self.fabric.pin_driven(pin);
     }
 
-    /// Passes the level of a pin to the module whose input it is.
-    pub(super) fn pin_driven(&mut self, pin: usize) {
-        let Some(found) = self.firmware.pins.get(pin).copied() else {
-            return;
-        };
-        let (level, now) = (self.pin_level(pin), self.now);
-        match found.secondary {
-            gtag::ENCODER | gtag::MUXED_ENCODER => {
-                if let Some(bank) = self.bank(found.secondary)
-                    && let Some(bank) = self.plant.banks.get_mut(bank)
-                {
-                    bank.set_pin(now, found.unit, found.pin, level);
-                }
-            }
-            gtag::STEPGEN => {
-                if let Some(steps) = &mut self.plant.stepgen {
-                    steps.set_pin(found.unit, found.pin, level);
-                }
-            }
-            other => {
-                if let Some(module) = self.foreign.get_mut(other) {
-                    module.set_input(now, found.unit, found.pin, level);
-                }
-            }
-        }
+    /// Adds a module in place of the firmware's module with this GTAG, which the simulator may
+    /// implement or not. The module can drive a motor: [`DriveSource::Module`].
+    pub fn add_module(&mut self, gtag: u8, module: Box<dyn SimModule>) {
+        self.fabric.settle();
+        let slot = self.fabric.modules.replace(gtag, module);
+        self.map_module(slot);
+        self.fabric.pins_changed();
+        self.fabric.settle();
     }
 
-    /// Adds a module that the simulator does not implement, in place of the firmware's module with
-    /// this GTAG. The module can drive a motor: [`DriveSource::Module`].
-    pub fn add_module(&mut self, gtag: u8, module: Box<dyn ForeignModule>) {
-        self.settle();
-        self.foreign.add(gtag, module);
-        self.settle();
-    }
-
-    /// A module added with [`add_module`](Self::add_module).
-    pub fn module<T: ForeignModule>(&self, gtag: u8) -> Option<&T> {
-        let module: &dyn core::any::Any = self.foreign.get(gtag)?;
+    /// The module with this GTAG, if it is of type `T`: one that was added with
+    /// [`add_module`](Self::add_module), or one of the simulator's own.
+    pub fn module<T: SimModule>(&self, gtag: u8) -> Option<&T> {
+        let module: &dyn core::any::Any = self.fabric.modules.get(gtag)?;
         module.downcast_ref()
     }
 
-    /// Mutable access to an added module.
-    pub fn module_mut<T: ForeignModule>(&mut self, gtag: u8) -> Option<&mut T> {
-        let module: &mut dyn core::any::Any = self.foreign.get_mut(gtag)?;
+    /// Mutable access to the module with this GTAG, if it is of type `T`.
+    pub fn module_mut<T: SimModule>(&mut self, gtag: u8) -> Option<&mut T> {
+        let module: &mut dyn core::any::Any = self.fabric.modules.get_mut(gtag)?;
         module.downcast_mut()
     }
 
-    /// The watchdog.
-    pub fn watchdog(&self) -> &SimWatchdog {
-        &self.watchdog
+    /// The watchdog; one that stands still if the firmware has none.
+    pub fn watchdog(&self) -> SimWatchdog {
+        let watchdog = self.fabric.modules.first().copied();
+        watchdog.unwrap_or_default()
     }
 
     /// Number of smart serial ports.
     pub fn serial_ports(&self) -> usize {
-        self.serial.len()
+        self.fabric.modules.ports().count()
     }
 
     /// A smart serial port.
     pub fn serial_port(&self, port: usize) -> Option<&SmartSerial> {
-        self.serial.get(port)
+        self.fabric.modules.ports().nth(port)
     }
 
     /// Plugs a remote into a channel (`None` unplugs) and returns the one that was there.
@@ -133,20 +105,21 @@ impl SimFpga {
         channel: usize,
         remote: Option<Box<dyn RemoteEnd>>,
     ) -> Option<Box<dyn RemoteEnd>> {
-        self.settle();
-        let previous = self.serial.get_mut(port)?.plug(channel, remote);
-        self.settle();
+        self.fabric.settle();
+        let socket = self.fabric.modules.port_mut(port)?;
+        let previous = socket.plug(channel, remote);
+        self.fabric.settle();
         previous
     }
 
     /// The remote plugged into a channel.
     pub fn remote(&self, port: usize, channel: usize) -> Option<&dyn RemoteEnd> {
-        self.serial.get(port)?.remote(channel)
+        self.serial_port(port)?.remote(channel)
     }
 
     /// Mutable access to the remote plugged into a channel.
     pub fn remote_mut(&mut self, port: usize, channel: usize) -> Option<&mut dyn RemoteEnd> {
-        self.serial.get_mut(port)?.remote_mut(channel)
+        self.fabric.remote_mut(port, channel)
     }
 
     /// The device of type `T` on a channel, behind any wrappers.
@@ -161,47 +134,57 @@ impl SimFpga {
 
     /// Number of axes: motors and their loads.
     pub fn axes(&self) -> usize {
-        self.plant.len()
+        self.fabric.plant.len()
     }
 
     /// Wires a motor to a drive signal and an encoder; returns the index of the axis.
     pub fn wire_axis(&mut self, wiring: AxisWiring) -> usize {
-        self.settle();
-        let axis = self.plant.add(wiring, &self.io);
-        self.visit_remotes(|_| true);
-        self.pins_changed();
+        let fabric = &mut self.fabric;
+        fabric.settle();
+        fabric.pins_changed();
+        let axis = fabric.plant.add(wiring, fabric.modules.first_mut());
+        fabric.visit_remotes(|_| true);
+        fabric.pins_changed();
         axis
     }
 
     /// Wires a stepper motor to a step generator; returns the index of the axis.
     pub fn wire_stepper(&mut self, wiring: StepperWiring) -> usize {
-        self.settle();
-        let axis = self.plant.add_stepper(wiring, &self.firmware, &self.io);
-        self.pins_changed();
+        self.fabric.settle();
+        self.fabric.pins_changed();
+        let Fabric {
+            firmware,
+            io,
+            modules,
+            plant,
+            ..
+        } = &mut self.fabric;
+        let axis = plant.add_stepper(wiring, firmware, io, modules);
+        self.fabric.pins_changed();
         axis
     }
 
     /// The stepper motor of an axis, up to date.
     pub fn stepper(&mut self, axis: usize) -> Option<&mut Stepper> {
-        self.settle();
-        self.plant.stepper_mut(axis)
+        self.fabric.settle();
+        self.fabric.plant.stepper_mut(axis)
     }
 
     /// The servo motor of an axis, up to date.
     pub fn motor(&mut self, axis: usize) -> Option<&mut Motor> {
-        self.settle();
-        self.plant.motor_mut(axis)
+        self.fabric.settle();
+        self.fabric.plant.motor_mut(axis)
     }
 
     /// The present signal to the drive of an axis, and its enable.
     pub fn drive_signal(&mut self, axis: usize) -> Option<DriveSignal> {
-        self.settle();
-        let signal = match self.plant.source(axis)? {
+        self.fabric.settle();
+        let source = self.fabric.plant.source(axis)?;
+        let signal = match source {
             DriveSource::Nothing => DriveSignal::default(),
-            DriveSource::Pwm { unit } => self.analog_output(unit),
-            DriveSource::Module { gtag, output } => {
-                let (foreign, now) = (&self.foreign, self.now);
-                foreign.drive_signal(gtag, now, output, &self.io)
+            DriveSource::Pwm { .. } | DriveSource::Module { .. } => {
+                let (gtag, output) = source.module()?;
+                self.module_signal(gtag, output)
             }
             DriveSource::Remote {
                 port,
@@ -216,70 +199,71 @@ impl SimFpga {
         Some(signal)
     }
 
+    /// The present signal of a module's output.
+    fn module_signal(&self, gtag: u8, output: u8) -> DriveSignal {
+        let Fabric {
+            modules, io, now, ..
+        } = &self.fabric;
+        modules.drive_signal(gtag, *now, output, io)
+    }
+
     /// The first encoder module, up to date.
     pub fn encoders(&mut self) -> Option<&mut EncoderBank> {
-        self.settle();
-        self.plant.banks.first_mut()
+        self.fabric.settle();
+        self.fabric.modules.first_mut()
     }
 
     /// The step generators, up to date.
     pub fn stepgen(&mut self) -> Option<&SimStepgen> {
-        self.settle();
-        self.plant.stepgen.as_ref()
+        self.fabric.settle();
+        self.fabric.modules.first()
     }
 
     /// The PWM generators.
     pub fn pwm(&self) -> Option<&SimPwm> {
-        self.pwm.as_ref()
+        self.fabric.modules.first()
     }
 
     /// The signal of an analog output of a 7I97 to its drive.
     pub fn analog_output(&self, output: usize) -> DriveSignal {
-        self.pwm
-            .as_ref()
-            .map_or(DriveSignal::default(), |pwm| DriveSignal {
-                volts: pwm.volts(output, &self.io, self.now),
-                enabled: pwm.drive_enabled(output, &self.io),
-            })
+        let output = u8::try_from(output).unwrap_or(u8::MAX);
+        self.module_signal(gtag::PWM, output)
     }
 
     /// The isolated inputs.
     pub fn inputs(&self) -> Option<&Inputs> {
-        self.in_mux.as_ref().or(self.in_m.as_ref())
+        self.fabric.modules.first()
     }
 
     /// Switches the current into an isolated input on or off.
     pub fn set_input(&mut self, input: usize, on: bool) {
-        let now = self.now;
-        if let Some(inputs) = self.in_mux.as_mut().or(self.in_m.as_mut()) {
-            inputs.set_terminal(now, input, on);
-        }
+        self.fabric.set_input(self.fabric.now, input, on);
     }
 
     /// True if an isolated output conducts.
     pub fn isolated_output(&self, output: usize) -> bool {
-        let outputs = self.ssr.as_ref().or(self.out_m.as_ref());
-        outputs.is_some_and(|outputs| outputs.is_on(output, &self.io))
+        let outputs = self.ssr().or(self.out_m());
+        outputs.is_some_and(|outputs| outputs.is_on(output, self.fabric.io()))
     }
 
     /// The plain output module.
     pub fn out_m(&self) -> Option<&SimOutputs> {
-        self.out_m.as_ref()
+        self.module(gtag::OUT_M)
     }
 
     /// The solid-state relay module.
     pub fn ssr(&self) -> Option<&SimOutputs> {
-        self.ssr.as_ref()
+        self.module(gtag::SSR)
     }
 
-    /// The LEDs.
+    /// The LEDs; none is lit if the firmware has no such module.
     pub fn leds(&self) -> SimLeds {
-        self.leds
+        self.fabric.modules.first().copied().unwrap_or_default()
     }
 
     /// The phase-locked loop.
     pub fn dpll(&self) -> Option<&SimDpll> {
-        self.dpll.as_ref()
+        self.fabric.modules.first()
     }
 }
 

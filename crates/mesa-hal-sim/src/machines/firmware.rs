@@ -14,31 +14,27 @@ const RX: u8 = 0x01;
 /// TXEN of channel 0 in a secondary pin.
 const TXEN: u8 = OUTPUT_PIN | 0x11;
 
-/// A module with one instance, on ClockLow, in version 0 and with the usual strides; without its
-/// kind and its registers.
-const MODULE: SimModuleDescriptor = SimModuleDescriptor::new(0, 0, 1, 1, 0, 0, 0x00, 0);
-
-const fn watchdog() -> SimModuleDescriptor {
+fn watchdog() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::WATCHDOG,
         base: 0x0C00,
         registers: 3,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn io_ports(ports: u8) -> SimModuleDescriptor {
+fn io_ports(ports: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::IO_PORT,
         instances: ports,
         base: 0x1000,
         registers: 5,
         multiple: 0x1F,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn muxed_encoders(count: u8) -> SimModuleDescriptor {
+fn muxed_encoders(count: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::MUXED_ENCODER,
         version: 4,
@@ -46,11 +42,11 @@ const fn muxed_encoders(count: u8) -> SimModuleDescriptor {
         base: 0x3600,
         registers: 5,
         multiple: 0x03,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn encoders(count: u8) -> SimModuleDescriptor {
+fn encoders(count: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::ENCODER,
         version: 2,
@@ -58,12 +54,12 @@ const fn encoders(count: u8) -> SimModuleDescriptor {
         base: 0x3000,
         registers: 5,
         multiple: 0x03,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
 /// Step generators. FACTS 14.1.
-const fn step_generators(count: u8, version: u8) -> SimModuleDescriptor {
+fn step_generators(count: u8, version: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::STEPGEN,
         version,
@@ -71,18 +67,18 @@ const fn step_generators(count: u8, version: u8) -> SimModuleDescriptor {
         base: 0x2000,
         registers: 10,
         multiple: 0x1FF,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn mux_select() -> SimModuleDescriptor {
+fn mux_select() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::MUX_SELECT,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn smart_serial(ports: u8) -> SimModuleDescriptor {
+fn smart_serial(ports: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::SSERIAL,
         instances: ports,
@@ -90,20 +86,20 @@ const fn smart_serial(ports: u8) -> SimModuleDescriptor {
         registers: 6,
         strides: 0x10,
         multiple: 0x3C,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn dpll() -> SimModuleDescriptor {
+fn dpll() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::DPLL,
         base: 0x7000,
         registers: 7,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn pwm(count: u8) -> SimModuleDescriptor {
+fn pwm(count: u8) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::PWM,
         clock: 2,
@@ -111,57 +107,57 @@ const fn pwm(count: u8) -> SimModuleDescriptor {
         base: 0x4100,
         registers: 5,
         multiple: 0x03,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn ssr() -> SimModuleDescriptor {
+fn ssr() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::SSR,
         base: 0x7D00,
         registers: 2,
         multiple: 0x03,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn in_mux() -> SimModuleDescriptor {
+fn in_mux() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::IN_MUX,
         base: 0x8000,
         registers: 5,
         multiple: 0x1F,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn cp_drive() -> SimModuleDescriptor {
+fn cp_drive() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::CP_DRIVE,
         base: 0x1E00,
         registers: 1,
         multiple: 0x01,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
 /// The entry with the number of inputs of InMux, which is no module.
-const fn in_mux_width(inputs: u32) -> SimModuleDescriptor {
+fn in_mux_width(inputs: u32) -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::IN_MUX_WIDTH,
         clock: 0,
         instances: 0,
         multiple: inputs,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
-const fn led() -> SimModuleDescriptor {
+fn led() -> SimModuleDescriptor {
     SimModuleDescriptor {
         gtag: gtag::LED,
         base: 0x0200,
         registers: 1,
-        ..MODULE
+        ..SimModuleDescriptor::default()
     }
 }
 
@@ -355,7 +351,7 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> SimFirmware {
             gtag: gtag::IN_M,
             base: 0x8500,
             registers: 5,
-            ..MODULE
+            ..SimModuleDescriptor::default()
         };
     }
     if let Some(outputs) = firmware.module_mut(gtag::SSR) {
@@ -363,7 +359,7 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> SimFirmware {
             gtag: gtag::OUT_M,
             base: 0xB000,
             registers: 1,
-            ..MODULE
+            ..SimModuleDescriptor::default()
         };
     }
     for pin in &mut firmware.pins {
@@ -442,7 +438,7 @@ pub fn firmware_7i80_of_2016() -> SimFirmware {
             base: 0x3500,
             registers: 5,
             multiple: 0x03,
-            ..MODULE
+            ..SimModuleDescriptor::default()
         },
         mux_select(),
         SimModuleDescriptor {
@@ -451,7 +447,7 @@ pub fn firmware_7i80_of_2016() -> SimFirmware {
             registers: 6,
             strides: 0x10,
             multiple: 0x3C,
-            ..MODULE
+            ..SimModuleDescriptor::default()
         },
         SimModuleDescriptor {
             gtag: gtag::PWM,
@@ -460,7 +456,7 @@ pub fn firmware_7i80_of_2016() -> SimFirmware {
             base: 0x4000,
             registers: 5,
             multiple: 0x03,
-            ..MODULE
+            ..SimModuleDescriptor::default()
         },
         led(),
     ];

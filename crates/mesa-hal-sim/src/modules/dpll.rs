@@ -2,6 +2,10 @@
 
 mod phase_loop;
 
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, Settles, SimModule};
+use crate::fpga::Fabric;
 use crate::wire::Nanos;
 use phase_loop::{DDS_SIZE, PhaseLoop};
 
@@ -32,15 +36,9 @@ pub struct SimDpll {
     phase_loop: PhaseLoop,
 }
 
-impl SimDpll {
-    pub(crate) fn new(clock: u32) -> Self {
-        Self {
-            clock: clock.max(1),
-            phase_loop: PhaseLoop::default(),
-        }
-    }
-
-    pub(crate) fn read(&mut self, now: Nanos, register: u8) -> u32 {
+impl SimModule for SimDpll {
+    fn read(&mut self, fabric: &Fabric, register: u8, _: u8) -> u32 {
+        let now = fabric.now();
         self.phase_loop.run_to(self.next_clock(now));
         let registers = &self.phase_loop;
         match register {
@@ -59,7 +57,8 @@ impl SimDpll {
         }
     }
 
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
+    fn write(&mut self, fabric: &mut Fabric, register: u8, _: u8, value: u32) {
+        let now = fabric.now();
         if register == SYNC {
             return self.sync(now);
         }
@@ -75,6 +74,24 @@ impl SimDpll {
             TIMERS_12 => (*one, *two) = (low, high),
             TIMERS_34 => (*three, *four) = (low, high),
             _ => {}
+        }
+    }
+
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        *self = Self::new(configuration);
+    }
+
+    /// Edges of its timers before an access latch other modules by its registers of before.
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::World
+    }
+}
+
+impl SimDpll {
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        Self {
+            clock: configuration.clock(),
+            phase_loop: PhaseLoop::default(),
         }
     }
 

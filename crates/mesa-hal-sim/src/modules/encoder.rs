@@ -7,8 +7,10 @@
 mod clocks;
 mod counter;
 
-use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, RegisterAddress, Settles, SimIoPorts, SimModule};
+use crate::fpga::{Fabric, SimFirmware, SimPinDescriptor, UNDRIVEN, gtag};
 use crate::wire::Nanos;
 use crate::world::Segment;
 use clocks::{Clock, Clocks, Divider, Stamps, period};
@@ -75,7 +77,7 @@ struct Latched {
 
 /// The signal on a select line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum SelectLine {
+enum SelectLine {
     /// The multiplexer's own signal, or its inverse.
     Driven {
         /// True if the pin inverts the signal.
@@ -85,8 +87,138 @@ pub(crate) enum SelectLine {
     Stuck(bool),
 }
 
+impl SimModule for EncoderBank {
+    fn read(&mut self, fabric: &Fabric, register: u8, instance: u8) -> u32 {
+        let number = usize::from(instance);
+        let clock = self.clock.passed(fabric.now());
+        let mut edge = clock.saturating_sub(TO_READ);
+        if let Some(counter) = self.counters.get_mut(number) {
+            if counter.changes_at(clock) {
+                // An access without any delay after a write, which a real bus does not make, sees
+                // the write done.
+                edge = clock;
+            }
+            counter.run_to(edge, &self.stamps);
+        }
+        let is_latched = self.latching_timer().is_some();
+        let latched = self.latched.words.get(number).filter(|_| is_latched);
+        let counter = self.counters.get(number);
+        match register {
+            COUNT => match latched {
+                Some([word, _]) => *word,
+                None => counter.map_or(UNDRIVEN, Counter::count_word),
+            },
+            CONTROL => match latched {
+                Some([_, word]) => *word,
+                None => counter.map_or(UNDRIVEN, |counter| counter.control_word(edge)),
+            },
+            STAMP_DIVIDER => HIGH_HALF | u32::from(self.stamps.register()),
+            STAMP_COUNTER if is_latched => HIGH_HALF | u32::from(self.latched.stamp),
+            STAMP_COUNTER => HIGH_HALF | u32::from(self.stamps.after(clock) as u16),
+            TIMER => self.timer,
+            _ => UNDRIVEN,
+        }
+    }
+
+    fn write(&mut self, fabric: &mut Fabric, register: u8, instance: u8, value: u32) {
+        let now = fabric.now();
+        self.catch_up(now);
+        let clock = self.clock.passed(now);
+        let change = match register {
+            COUNT => CountChange::Clear,
+            CONTROL => CountChange::Control(value),
+            STAMP_DIVIDER => return self.stamps.write(clock, value as u16),
+            RATE => return self.set_rate(now, value),
+            TIMER => return self.set_timer(now, value),
+            _ => return,
+        };
+        if let Some(counter) = self.counters.get_mut(usize::from(instance)) {
+            counter.change(clock, change, &self.stamps);
+        }
+    }
+
+    /// Shafts and lines keep their positions.
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        self.configure(configuration.firmware, configuration.now);
+    }
+
+    /// With a DPLL one register more than the descriptor counts: the timer that latches the others.
+    fn addresses(&self, configuration: &Configuration<'_>) -> Vec<RegisterAddress> {
+        let has_timer = configuration.firmware.module(gtag::DPLL).is_some();
+        let registers = configuration.module.registers;
+        configuration.addresses(registers.saturating_add(has_timer.into()))
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::World
+    }
+
+    /// The select lines, which all carry the same signal (FACTS 12.7).
+    fn level(&self, now: Nanos, pin: SimPinDescriptor) -> bool {
+        if pin.secondary != gtag::MUX_SELECT {
+            return true;
+        }
+        let clock = self.clock.passed(now);
+        let mut select = self.select;
+        let edges = clock.saturating_sub(TO_SELECT);
+        select.run_to(edges);
+        let [first, ..] = select.loaded();
+        // The output rises with the first load.
+        first <= edges && select.count().is_multiple_of(2)
+    }
+
+    /// The index mask of an encoder, or the probe.
+    fn set_input(&mut self, now: Nanos, pin: SimPinDescriptor, level: bool) {
+        self.catch_up(now);
+        match pin.pin {
+            MASK_PIN => self.set_index_mask(pin.unit.into(), level),
+            PROBE_PIN => self.set_probe(level),
+            _ => {}
+        }
+    }
+
+    /// Determines the encoder that each counter sees: without its select line, a multiplexer stays
+    /// at one encoder of each pair (the odd one, because the line is pulled up), and both counters
+    /// see that one.
+    fn pins_changed(&mut self, now: Nanos, io: &SimIoPorts) {
+        if !self.multiplexed {
+            return;
+        }
+        for encoder in 0..self.encoders() {
+            let Some(pin) = self.select_pins.get(encoder).copied().flatten() else {
+                continue;
+            };
+            let line = match io.module_pin(Some(pin)) {
+                Some(inverted) => SelectLine::Driven { inverted },
+                None => SelectLine::Stuck(io.level(pin, &|_| false)),
+            };
+            self.set_select(now, encoder, line);
+        }
+    }
+
+    fn latching_timer(&self) -> Option<u8> {
+        // There are four timers; any other number selects the reference.
+        let output = Some((self.timer >> 12 & 7) as u8).filter(|&timer| timer <= TIMERS);
+        (self.timer & LATCHED_BY_TIMER != 0).then_some(output.unwrap_or(0))
+    }
+
+    fn latch(&mut self, edge: Nanos) {
+        self.catch_up(edge);
+        let clock = self.clock.passed(edge);
+        self.latched.stamp = self.stamps.after(clock) as u16;
+        let counters = self.counters.iter_mut();
+        for (counter, words) in counters.zip(&mut self.latched.words) {
+            counter.run_to(clock, &self.stamps);
+            *words = [counter.count_word(), counter.control_word(clock)];
+        }
+    }
+}
+
 impl EncoderBank {
-    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor) -> Self {
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        let Configuration {
+            firmware, module, ..
+        } = *configuration;
         let multiplexed = module.gtag == gtag::MUXED_ENCODER;
         let has_pin = |pin| {
             let mut pins = firmware.pins.iter();
@@ -98,7 +230,7 @@ impl EncoderBank {
             multiplexed,
             has_probe,
             has_mask: has_pin(MASK_PIN),
-            clock: Clock::new(firmware.clock(module.clock), 0),
+            clock: Clock::new(configuration.clock(), 0),
             stamps: Stamps::new(),
             rate: 0,
             timer: 0,
@@ -113,11 +245,6 @@ impl EncoderBank {
         };
         bank.configure(firmware, 0);
         bank
-    }
-
-    /// Reloads the FPGA: registers as after configuration. Shafts and lines keep their positions.
-    pub(crate) fn reload(&mut self, now: Nanos, firmware: &SimFirmware) {
-        self.configure(firmware, now);
     }
 
     fn configure(&mut self, firmware: &SimFirmware, now: Nanos) {
@@ -164,27 +291,8 @@ impl EncoderBank {
         self.counters.len()
     }
 
-    /// The pin of an encoder's select line, if it has one.
-    pub(crate) fn select_pin(&self, encoder: usize) -> Option<usize> {
-        if !self.multiplexed {
-            return None;
-        }
-        self.select_pins.get(encoder).copied().flatten()
-    }
-
-    /// The module's output on its select lines, which all carry the same signal (FACTS 12.7).
-    pub(crate) fn select_level(&self, now: Nanos) -> bool {
-        let clock = self.clock.passed(now);
-        let mut select = self.select;
-        let edges = clock.saturating_sub(TO_SELECT);
-        select.run_to(edges);
-        let [first, ..] = select.loaded();
-        // The output rises with the first load.
-        first <= edges && select.count().is_multiple_of(2)
-    }
-
     /// Changes the source of the select signal of the multiplexer in front of an encoder.
-    pub(crate) fn set_select(&mut self, now: Nanos, encoder: usize, line: SelectLine) {
+    fn set_select(&mut self, now: Nanos, encoder: usize, line: SelectLine) {
         let pair = encoder & !1;
         let source = match line {
             SelectLine::Driven { inverted } => encoder ^ usize::from(inverted),
@@ -200,59 +308,11 @@ impl EncoderBank {
     }
 
     /// Advances to the state that a read at `now` shows.
-    pub(crate) fn advance(&mut self, now: Nanos) {
+    fn catch_up(&mut self, now: Nanos) {
         self.now = now;
         let edge = self.clock.passed(now).saturating_sub(TO_READ);
         for counter in &mut self.counters {
             counter.run_to(edge, &self.stamps);
-        }
-    }
-
-    pub(crate) fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32 {
-        let number = usize::from(instance);
-        let clock = self.clock.passed(now);
-        let mut edge = clock.saturating_sub(TO_READ);
-        if let Some(counter) = self.counters.get_mut(number) {
-            if counter.changes_at(clock) {
-                // An access without any delay after a write, which a real bus does not make, sees
-                // the write done.
-                edge = clock;
-            }
-            counter.run_to(edge, &self.stamps);
-        }
-        let is_latched = self.latching_timer().is_some();
-        let latched = self.latched.words.get(number).filter(|_| is_latched);
-        let counter = self.counters.get(number);
-        match register {
-            COUNT => match latched {
-                Some([word, _]) => *word,
-                None => counter.map_or(UNDRIVEN, Counter::count_word),
-            },
-            CONTROL => match latched {
-                Some([_, word]) => *word,
-                None => counter.map_or(UNDRIVEN, |counter| counter.control_word(edge)),
-            },
-            STAMP_DIVIDER => HIGH_HALF | u32::from(self.stamps.register()),
-            STAMP_COUNTER if is_latched => HIGH_HALF | u32::from(self.latched.stamp),
-            STAMP_COUNTER => HIGH_HALF | u32::from(self.stamps.after(clock) as u16),
-            TIMER => self.timer,
-            _ => UNDRIVEN,
-        }
-    }
-
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
-        self.advance(now);
-        let clock = self.clock.passed(now);
-        let change = match register {
-            COUNT => CountChange::Clear,
-            CONTROL => CountChange::Control(value),
-            STAMP_DIVIDER => return self.stamps.write(clock, value as u16),
-            RATE => return self.set_rate(now, value),
-            TIMER => return self.set_timer(now, value),
-            _ => return,
-        };
-        if let Some(counter) = self.counters.get_mut(usize::from(instance)) {
-            counter.change(clock, change, &self.stamps);
         }
     }
 
@@ -272,25 +332,6 @@ impl EncoderBank {
         self.timer = value & 0xF000;
         if !was_latched {
             self.latch(now);
-        }
-    }
-
-    /// The DPLL timer whose rising edge latches the reads, if one is selected.
-    pub(crate) fn latching_timer(&self) -> Option<u8> {
-        // There are four timers; any other number selects the reference.
-        let output = Some((self.timer >> 12 & 7) as u8).filter(|&timer| timer <= TIMERS);
-        (self.timer & LATCHED_BY_TIMER != 0).then_some(output.unwrap_or(0))
-    }
-
-    /// Latches the words at a rise of the timer.
-    pub(crate) fn latch(&mut self, now: Nanos) {
-        self.advance(now);
-        let clock = self.clock.passed(now);
-        self.latched.stamp = self.stamps.after(clock) as u16;
-        let counters = self.counters.iter_mut();
-        for (counter, words) in counters.zip(&mut self.latched.words) {
-            counter.run_to(clock, &self.stamps);
-            *words = [counter.count_word(), counter.control_word(clock)];
         }
     }
 
@@ -393,16 +434,6 @@ impl EncoderBank {
     pub fn disturb(&mut self, instance: usize) {
         if let Some(counter) = self.counters.get_mut(instance) {
             counter.disturb();
-        }
-    }
-
-    /// Sets the level of an input pin: the index mask of an encoder, or the probe.
-    pub(crate) fn set_pin(&mut self, now: Nanos, unit: u8, pin: u8, level: bool) {
-        self.advance(now);
-        match pin {
-            MASK_PIN => self.set_index_mask(unit.into(), level),
-            PROBE_PIN => self.set_probe(level),
-            _ => {}
         }
     }
 

@@ -2,8 +2,10 @@
 
 mod scanner;
 
-use super::SimIoPorts;
-use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, Settles, SimIoPorts, SimModule};
+use crate::fpga::{Fabric, SimFirmware, SimPinDescriptor, gtag};
 use crate::wire::Nanos;
 use scanner::{MAX_INPUTS, Scanner};
 
@@ -15,8 +17,8 @@ const MPG: u8 = 4;
 
 /// The number of inputs of an instance, if a descriptor after the end of the list holds it: tags 1F
 /// to 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
-fn width(firmware: &SimFirmware, gtag: u8, instance: u8) -> Option<usize> {
-    let first = if gtag == gtag::IN_MUX {
+fn width(firmware: &SimFirmware, multiplexed: bool, instance: u8) -> Option<usize> {
+    let first = if multiplexed {
         gtag::IN_MUX_WIDTH
     } else {
         0x24
@@ -27,6 +29,8 @@ fn width(firmware: &SimFirmware, gtag: u8, instance: u8) -> Option<usize> {
     Some(hint.multiple as usize)
 }
 
+/// Secondary pin of the first address line.
+const FIRST_LINE: u8 = 0x81;
 const MAX_ADDRESS_LINES: usize = 5;
 
 const SECOND: u128 = 1_000_000_000;
@@ -55,57 +59,12 @@ pub struct Inputs {
     stuck_address: usize,
 }
 
-impl Inputs {
-    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor) -> Self {
-        let multiplexed = module.gtag == gtag::IN_MUX;
-        let pin = |number: u8| firmware.pin(module.gtag, 0, number);
-        let address = core::array::from_fn(|line| {
-            let number = 0x81 + line as u8;
-            if multiplexed { pin(number) } else { None }
-        });
-        let count = if multiplexed {
-            1 << address.iter().flatten().count()
-        } else {
-            (0x01..=0x20)
-                .filter(|&number| pin(number).is_some())
-                .count()
-        };
-        let count = width(firmware, module.gtag, 0).unwrap_or(count);
-        let count = count.clamp(1, MAX_INPUTS);
-        Self {
-            multiplexed,
-            clock: firmware.clock(module.clock).max(1),
-            count,
-            terminals: 0,
-            scanner: Scanner::new(count, multiplexed),
-            address,
-            stuck_address: if multiplexed { usize::MAX } else { 0 },
-        }
-    }
-
-    /// The word that instance `instance` of a module reads where the first instance reads `word`:
-    /// instances differ only in the number of their inputs.
-    pub(crate) fn word_of(
-        firmware: &SimFirmware,
-        gtag: u8,
-        instance: u8,
-        register: u8,
-        word: u32,
-    ) -> u32 {
-        const LAST_INPUT: u32 = 0x1F;
-        match width(firmware, gtag, instance) {
-            Some(count) if register == CONTROL && instance > 0 => {
-                word & !LAST_INPUT | (count.clamp(1, MAX_INPUTS) as u32 - 1)
-            }
-            _ => word,
-        }
-    }
-
-    pub(crate) fn read(&mut self, now: Nanos, register: u8) -> u32 {
-        let clocks = self.next_clock(now);
+impl SimModule for Inputs {
+    fn read(&mut self, fabric: &Fabric, register: u8, instance: u8) -> u32 {
+        let clocks = self.next_clock(fabric.now());
         self.run_to(clocks);
         match register {
-            CONTROL => self.scanner.control(),
+            CONTROL => self.control(fabric.firmware(), instance),
             FILTER => self.scanner.long_filter,
             FILTERED => self.scanner.filtered(),
             RAW => self.scanner.raw(),
@@ -114,8 +73,8 @@ impl Inputs {
         }
     }
 
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
-        let clocks = self.next_clock(now) + 1;
+    fn write(&mut self, fabric: &mut Fabric, register: u8, _: u8, value: u32) {
+        let clocks = self.next_clock(fabric.now()) + 1;
         self.run_to(clocks);
         match register {
             CONTROL => self.scanner.set_control(value),
@@ -126,6 +85,85 @@ impl Inputs {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// The current into the inputs stays.
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        let mut fresh = Self::new(configuration);
+        for input in 0..self.count {
+            fresh.set_terminal(configuration.now, input, self.terminal(input));
+        }
+        *self = fresh;
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::Signals
+    }
+
+    fn level(&self, now: Nanos, pin: SimPinDescriptor) -> bool {
+        let line = pin.pin.checked_sub(FIRST_LINE);
+        let line = line.filter(|_| self.multiplexed);
+        line.is_none_or(|line| self.address_line(now, line))
+    }
+
+    /// Updates the stuck address lines: a line is driven only while its pin is set up for it.
+    fn pins_changed(&mut self, now: Nanos, io: &SimIoPorts) {
+        if !self.multiplexed {
+            return;
+        }
+        let lines = self.address.iter().enumerate();
+        let stuck = lines
+            .filter(|(_, pin)| !io.module_drives(**pin))
+            .fold(0, |stuck, (line, _)| stuck | 1 << line);
+        if stuck != self.stuck_address {
+            let clocks = self.next_clock(now);
+            self.run_to(clocks);
+            self.stuck_address = stuck;
+        }
+    }
+}
+
+impl Inputs {
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        let Configuration {
+            firmware, module, ..
+        } = *configuration;
+        let multiplexed = module.gtag == gtag::IN_MUX;
+        let pin = |number: u8| firmware.pin(module.gtag, 0, number);
+        let address = core::array::from_fn(|line| {
+            let number = FIRST_LINE + line as u8;
+            if multiplexed { pin(number) } else { None }
+        });
+        let count = if multiplexed {
+            1 << address.iter().flatten().count()
+        } else {
+            (0x01..=0x20)
+                .filter(|&number| pin(number).is_some())
+                .count()
+        };
+        let count = width(firmware, multiplexed, 0).unwrap_or(count);
+        let count = count.clamp(1, MAX_INPUTS);
+        Self {
+            multiplexed,
+            clock: configuration.clock(),
+            count,
+            terminals: 0,
+            scanner: Scanner::new(count, multiplexed),
+            address,
+            stuck_address: if multiplexed { usize::MAX } else { 0 },
+        }
+    }
+
+    /// The control register of an instance: instances differ only in the number of their inputs.
+    fn control(&self, firmware: &SimFirmware, instance: u8) -> u32 {
+        const LAST_INPUT: u32 = 0x1F;
+        let word = self.scanner.control();
+        match width(firmware, self.multiplexed, instance) {
+            Some(count) if instance > 0 => {
+                word & !LAST_INPUT | (count.clamp(1, MAX_INPUTS) as u32 - 1)
+            }
+            _ => word,
         }
     }
 
@@ -155,22 +193,6 @@ impl Inputs {
             let clocks = self.next_clock(now);
             self.run_to(clocks);
             self.terminals ^= 1 << input;
-        }
-    }
-
-    /// Updates the stuck address lines: a line is driven only while its pin is set up for it.
-    pub(crate) fn pins_changed(&mut self, now: Nanos, io: &SimIoPorts) {
-        if !self.multiplexed {
-            return;
-        }
-        let lines = self.address.iter().enumerate();
-        let stuck = lines
-            .filter(|(_, pin)| !io.module_drives(**pin))
-            .fold(0, |stuck, (line, _)| stuck | 1 << line);
-        if stuck != self.stuck_address {
-            let clocks = self.next_clock(now);
-            self.run_to(clocks);
-            self.stuck_address = stuck;
         }
     }
 

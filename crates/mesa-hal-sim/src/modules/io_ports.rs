@@ -1,12 +1,46 @@
 //! The I/O ports: direction, alternate source, open drain and invert of every pin.
 
-use crate::fpga::UNDRIVEN;
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, Settles, SimModule};
+use crate::fpga::{Fabric, UNDRIVEN};
 
 const DATA: u8 = 0;
 const DIRECTION: u8 = 1;
 const ALTERNATE: u8 = 2;
 const OPEN_DRAIN: u8 = 3;
 const INVERT: u8 = 4;
+
+/// The registers of all ports: a port is an instance of this module.
+///
+/// The set-up of the pins concerns all modules, and belongs to the fabric: [`SimIoPorts`].
+#[derive(Debug)]
+pub(super) struct IoPortRegisters;
+
+impl SimModule for IoPortRegisters {
+    fn read(&mut self, fabric: &Fabric, register: u8, port: u8) -> u32 {
+        let levels = |pin| fabric.module_level(pin);
+        fabric.io().read(register, port, &levels)
+    }
+
+    fn write(&mut self, fabric: &mut Fabric, register: u8, port: u8, value: u32) {
+        fabric.io_mut().write(register, port, value);
+        fabric.pins_changed();
+    }
+
+    fn reload(&mut self, _: &Configuration<'_>) {}
+
+    fn settles(&self, access: Direction) -> Settles {
+        match access {
+            Direction::Read => Settles::Signals,
+            Direction::Write => Settles::World,
+        }
+    }
+
+    fn is_driving(&self) -> bool {
+        true
+    }
+}
 
 /// The registers of one port.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,7 +92,7 @@ impl SimIoPorts {
     }
 
     /// Reads a register; `levels` returns a module's output on a pin.
-    pub(crate) fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
+    fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
         let Some(registers) = self.ports.get(usize::from(port)) else {
             return 0;
         };
@@ -76,7 +110,7 @@ impl SimIoPorts {
     }
 
     /// Writes a register.
-    pub(crate) fn write(&mut self, register: u8, port: u8, value: u32) {
+    fn write(&mut self, register: u8, port: u8, value: u32) {
         let value = value & (u32::MAX >> (32 - self.width));
         let Some(registers) = self.ports.get_mut(usize::from(port)) else {
             return;

@@ -1,9 +1,10 @@
 //! Isolated outputs: SSR and OutM; and LEDs.
 
-use super::SimIoPorts;
+use mesa_wire::bus::Direction;
+
 use super::io_ports::Source;
-use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
+use super::{Configuration, Settles, SimIoPorts, SimModule};
+use crate::fpga::{Fabric, SimPinDescriptor, UNDRIVEN, gtag};
 use crate::wire::Nanos;
 
 const DATA: u8 = 0;
@@ -30,24 +31,8 @@ pub struct SimOutputs {
     reference: Option<usize>,
 }
 
-impl SimOutputs {
-    /// Outputs after the configuration of the FPGA at `now`.
-    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
-        Self {
-            driven_by_ac: module.gtag == gtag::SSR,
-            data: 0,
-            rate: RATE_AT_RESET,
-            carrier: Carrier::new(firmware.clock(module.clock), now),
-            pins: core::array::from_fn(|n| {
-                let number = FIRST_PIN + n as u8;
-                let free = module.gtag != gtag::SSR || number != REFERENCE_PIN;
-                free.then(|| firmware.pin(module.gtag, 0, number)).flatten()
-            }),
-            reference: firmware.pin(module.gtag, 0, REFERENCE_PIN),
-        }
-    }
-
-    pub(crate) fn read(&self, register: u8) -> u32 {
+impl SimModule for SimOutputs {
+    fn read(&mut self, _: &Fabric, register: u8, _: u8) -> u32 {
         match register {
             DATA => self.data,
             RATE if self.driven_by_ac => self.rate,
@@ -55,14 +40,57 @@ impl SimOutputs {
         }
     }
 
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
+    fn write(&mut self, fabric: &mut Fabric, register: u8, _: u8, value: u32) {
         match register {
             DATA => self.data = value,
             RATE => {
                 self.rate = value & (RUN | DIVISOR);
-                self.carrier.set(now, self.rate);
+                self.carrier.set(fabric.now(), self.rate);
             }
             _ => {}
+        }
+    }
+
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        *self = Self::new(configuration);
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::Nothing
+    }
+
+    fn is_driving(&self) -> bool {
+        true
+    }
+
+    /// An SSR is on while its pin and the reference differ.
+    fn level(&self, now: Nanos, pin: SimPinDescriptor) -> bool {
+        let carrier = self.driven_by_ac && self.carrier.level(now);
+        if self.driven_by_ac && pin.pin == REFERENCE_PIN {
+            return carrier;
+        }
+        let output = pin.pin.wrapping_sub(FIRST_PIN);
+        output < 32 && (self.data >> output & 1 != 0) ^ carrier
+    }
+}
+
+impl SimOutputs {
+    /// Outputs after the configuration of the FPGA.
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        let gtag = configuration.module.gtag;
+        let driven_by_ac = gtag == gtag::SSR;
+        let pin = |number| configuration.firmware.pin(gtag, 0, number);
+        Self {
+            driven_by_ac,
+            data: 0,
+            rate: RATE_AT_RESET,
+            carrier: Carrier::new(configuration.clock(), configuration.now),
+            pins: core::array::from_fn(|n| {
+                let number = FIRST_PIN + n as u8;
+                let is_free = !driven_by_ac || number != REFERENCE_PIN;
+                is_free.then(|| pin(number)).flatten()
+            }),
+            reference: pin(REFERENCE_PIN),
         }
     }
 
@@ -97,16 +125,6 @@ impl SimOutputs {
             Source::Level(_) => true,
             Source::Module { inverted } => wanted != (inverted != reference),
         }
-    }
-
-    /// The level on a pin of the module. An SSR is on while its pin and the reference differ.
-    pub(crate) fn level(&self, now: Nanos, pin: u8) -> bool {
-        let carrier = self.driven_by_ac && self.carrier.level(now);
-        if self.driven_by_ac && pin == REFERENCE_PIN {
-            return carrier;
-        }
-        let output = pin.wrapping_sub(FIRST_PIN);
-        output < 32 && (self.data >> output & 1 != 0) ^ carrier
     }
 }
 
@@ -183,11 +201,25 @@ pub struct SimLeds {
     word: u32,
 }
 
-impl SimLeds {
-    pub(crate) fn write(&mut self, value: u32) {
+impl SimModule for SimLeds {
+    fn read(&mut self, _: &Fabric, _: u8, _: u8) -> u32 {
+        UNDRIVEN
+    }
+
+    fn write(&mut self, _: &mut Fabric, _: u8, _: u8, value: u32) {
         self.word = value & 0xF000_0000;
     }
 
+    fn reload(&mut self, _: &Configuration<'_>) {
+        *self = Self::default();
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::Nothing
+    }
+}
+
+impl SimLeds {
     /// True if an LED is lit (its pin is low); LED 0 is the top bit.
     pub fn is_lit(self, led: usize) -> bool {
         led < LEDS && self.word >> (31 - led) & 1 != 0

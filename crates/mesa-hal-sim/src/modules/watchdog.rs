@@ -1,6 +1,9 @@
 //! The watchdog: without its cookie in time, every pin becomes an input.
 
-use crate::fpga::UNDRIVEN;
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, Effect, Settles, SimModule};
+use crate::fpga::{Fabric, UNDRIVEN};
 use crate::wire::Nanos;
 
 const TIME: u8 = 0;
@@ -32,49 +35,56 @@ pub struct SimWatchdog {
     bitten: bool,
 }
 
-impl SimWatchdog {
-    /// A watchdog after configuration of the FPGA: its counter is stopped. Older firmware starts
-    /// with `bitten`.
-    pub(crate) fn new(clock: u32, bitten: bool) -> Self {
+impl Default for SimWatchdog {
+    /// A watchdog whose counter is stopped.
+    fn default() -> Self {
         Self {
-            clock: clock.max(1),
+            clock: 1,
             time: 0,
             loaded: STOPPED,
             since: 0,
             status_due: None,
             pins_due: None,
-            bitten,
+            bitten: false,
         }
     }
+}
 
-    pub(crate) fn read(&self, now: Nanos, register: u8) -> u32 {
+impl SimModule for SimWatchdog {
+    fn read(&mut self, fabric: &Fabric, register: u8, _: u8) -> u32 {
         match register {
-            TIME => self.count(now),
+            TIME => self.count(fabric.now()),
             STATUS => u32::from(self.bitten),
             _ => UNDRIVEN,
         }
     }
 
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
+    fn write(&mut self, fabric: &mut Fabric, register: u8, _: u8, value: u32) {
         match register {
             TIME => {
                 self.time = value;
-                self.load(now);
+                self.load(fabric.now());
             }
             STATUS => self.bitten = value & 1 != 0,
-            RESET if value >> 24 == COOKIE => self.load(now),
+            RESET if value >> 24 == COOKIE => self.load(fabric.now()),
             _ => {}
         }
     }
 
-    /// Time of the next event without a write.
-    pub(crate) fn next_event(&self) -> Option<Nanos> {
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        *self = Self::new(configuration);
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::Nothing
+    }
+
+    fn next_event(&self, _: Nanos) -> Option<Nanos> {
         let events = [self.status_due, self.pins_due, self.runs_out()];
         events.into_iter().flatten().min()
     }
 
-    /// Handles the events due at `now`; `true` if the pins become inputs.
-    pub(crate) fn event(&mut self, now: Nanos) -> bool {
+    fn event(&mut self, now: Nanos) -> Effect {
         let due = |event: &mut Option<Nanos>| event.take_if(|event| *event <= now).is_some();
         self.bitten |= due(&mut self.status_due);
         let bites = due(&mut self.pins_due);
@@ -83,7 +93,19 @@ impl SimWatchdog {
             self.since = end;
             self.rises(end);
         }
-        bites
+        if bites { Effect::Bite } else { Effect::Nothing }
+    }
+}
+
+impl SimWatchdog {
+    /// A watchdog after configuration of the FPGA: its counter is stopped. Older firmware starts
+    /// with it bitten.
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        Self {
+            clock: configuration.clock(),
+            bitten: configuration.firmware.starts_bitten,
+            ..Self::default()
+        }
     }
 
     /// True if the watchdog has bitten and its status has not been cleared since.

@@ -45,7 +45,12 @@ fn inm_and_outm_have_the_pins_and_terminals_of_inmux_and_ssr() {
 #[test]
 fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     let mut firmware = machines::firmware_7i97(1);
-    let out_m = SimModuleDescriptor::new(gtag::OUT_M, 0, 1, 1, 0xB000, 1, 0x00, 0);
+    let out_m = SimModuleDescriptor {
+        gtag: gtag::OUT_M,
+        base: 0xB000,
+        registers: 1,
+        ..SimModuleDescriptor::default()
+    };
     firmware.modules.push(out_m);
     for (pin, output) in [(34, 5), (35, 4), (36, 31)] {
         firmware.pins[pin] = SimPinDescriptor::new(gtag::OUT_M, 0, 0x81 + output);

@@ -5,10 +5,11 @@ mod generator;
 #[cfg(test)]
 mod stepped;
 
-use super::SimIoPorts;
+use mesa_wire::bus::Direction;
+
 use super::io_ports::Source;
-use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor};
+use super::{Configuration, Effect, Settles, SimIoPorts, SimModule};
+use crate::fpga::{DriveSignal, Fabric, SimPinDescriptor, UNDRIVEN};
 use crate::wire::Nanos;
 use divider::Divider;
 use generator::{DITHER, Generator, Reference, Style};
@@ -60,9 +61,73 @@ pub struct SimPwm {
     pins: Vec<Pins>,
 }
 
+impl SimModule for SimPwm {
+    fn read(&mut self, _: &Fabric, register: u8, _: u8) -> u32 {
+        match register {
+            ENABLES => self.enables,
+            _ => UNDRIVEN,
+        }
+    }
+
+    fn write(&mut self, fabric: &mut Fabric, register: u8, instance: u8, value: u32) {
+        self.put(fabric.now(), register, instance, value);
+    }
+
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        *self = Self::new(configuration);
+    }
+
+    fn settles(&self, access: Direction) -> Settles {
+        match access {
+            Direction::Read => Settles::Nothing,
+            Direction::Write => Settles::World,
+        }
+    }
+
+    fn is_driving(&self) -> bool {
+        true
+    }
+
+    fn level(&self, now: Nanos, pin: SimPinDescriptor) -> bool {
+        let Some(generator) = self.generators.get(usize::from(pin.unit)) else {
+            return false;
+        };
+        match pin.pin {
+            PIN_ENABLE => !self.enabled(pin.unit.into()),
+            pin => generator.level(self.clocks(now), pin == PIN_DIRECTION, &self.reference),
+        }
+    }
+
+    fn drive_signal(&self, now: Nanos, output: u8, io: &SimIoPorts) -> DriveSignal {
+        let unit = usize::from(output);
+        DriveSignal {
+            volts: self.volts(unit, io, now),
+            enabled: self.drive_enabled(unit, io),
+        }
+    }
+
+    /// A written value or mode takes effect a few clocks later, or at the end of the period.
+    fn next_event(&self, _: Nanos) -> Option<Nanos> {
+        self.next_event
+    }
+
+    fn event(&mut self, now: Nanos) -> Effect {
+        let clock = self.clocks(now);
+        self.seen = clock;
+        for generator in &mut self.generators {
+            generator.settle(clock, &self.reference);
+        }
+        self.look_ahead();
+        Effect::Outputs
+    }
+}
+
 impl SimPwm {
-    /// Generators after the configuration of the FPGA at `now`.
-    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
+    /// Generators after the configuration of the FPGA.
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        let Configuration {
+            firmware, module, ..
+        } = *configuration;
         let count = module.instances.min(32);
         let pin = |unit, pin| firmware.pin(module.gtag, unit, pin);
         let pins = (0..count).map(|unit| {
@@ -74,8 +139,8 @@ impl SimPwm {
                 enabled_by: if own.is_some() { unit.into() } else { 0 },
             }
         });
-        let clock = firmware.clock(module.clock).max(1);
-        let start = clocks(clock, now);
+        let clock = configuration.clock();
+        let start = clocks(clock, configuration.now);
         Self {
             clock,
             dithers: module.version >= 1,
@@ -91,14 +156,8 @@ impl SimPwm {
         }
     }
 
-    pub(crate) fn read(&self, register: u8) -> u32 {
-        match register {
-            ENABLES => self.enables,
-            _ => UNDRIVEN,
-        }
-    }
-
-    pub(crate) fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
+    /// Writes a register.
+    fn put(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
         let clock = self.clocks(now);
         let reference = self.reference;
         for generator in &mut self.generators {
@@ -124,22 +183,6 @@ impl SimPwm {
                 self.enables = value & existing as u32;
             }
             _ => {}
-        }
-        self.look_ahead();
-    }
-
-    /// Time at which a written value or mode takes effect: a few clocks later, or at the end of the
-    /// period.
-    pub(crate) const fn next_event(&self) -> Option<Nanos> {
-        self.next_event
-    }
-
-    /// Applies written words that have taken effect.
-    pub(crate) fn event(&mut self, now: Nanos) {
-        let clock = self.clocks(now);
-        self.seen = clock;
-        for generator in &mut self.generators {
-            generator.settle(clock, &self.reference);
         }
         self.look_ahead();
     }
@@ -185,7 +228,7 @@ impl SimPwm {
                     _ => self.reference.pwm.rate(),
                 };
                 let high = if rate == 0 {
-                    f64::from(u8::from(self.level(unit as u8, PIN_OUT, now)))
+                    f64::from(u8::from(generator.level(clock, false, &self.reference)))
                 } else {
                     stage.high_part(clock, &self.reference)
                 };
@@ -213,17 +256,6 @@ impl SimPwm {
                 Source::Level(level) => !level,
                 Source::Module { inverted } => self.enabled(pins.enabled_by) != inverted,
             })
-    }
-
-    /// The level on a pin of a generator.
-    pub(crate) fn level(&self, unit: u8, pin: u8, now: Nanos) -> bool {
-        let Some(generator) = self.generators.get(usize::from(unit)) else {
-            return false;
-        };
-        match pin {
-            PIN_ENABLE => !self.enabled(unit.into()),
-            _ => generator.level(self.clocks(now), pin == PIN_DIRECTION, &self.reference),
-        }
     }
 
     /// True if a generator has its direction on a separate pin, as sign and magnitude need.

@@ -4,8 +4,9 @@
 //! 12.3; the recordings show the same delays). It shares no code with the model that it checks.
 
 use super::{PIN_DIRECTION, PIN_OUT, SimPwm};
-use crate::fpga::firmware::gtag;
+use crate::fpga::{SimPinDescriptor, gtag};
 use crate::machines;
+use crate::modules::{Configuration, SimIoPorts, SimModule};
 
 /// The three registers that a written word passes on its way to the fast clock.
 #[derive(Clone, Copy, Debug, Default)]
@@ -179,7 +180,13 @@ fn difference(seed: u64, version: u8) -> Option<String> {
     let firmware = machines::firmware_7i97(1);
     let mut module = *firmware.module(gtag::PWM).expect("a 7I97 has PWM");
     module.version = version;
-    let mut pwm = SimPwm::new(&firmware, &module, 0);
+    let mut pwm = SimPwm::new(&Configuration {
+        firmware: &firmware,
+        module: &module,
+        io: &SimIoPorts::new(firmware.ports, firmware.port_width),
+        now: 0,
+        complete: 0,
+    });
     let mut stepped = Stepped::default();
     let mut numbers = Numbers(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let mut said = Vec::new();
@@ -190,7 +197,7 @@ fn difference(seed: u64, version: u8) -> Option<String> {
     let mut first = (version > 0).then_some(1);
     for clock in 0..24_000u64 {
         let now = clock * 5;
-        while let Some(event) = pwm.next_event().filter(|&event| event <= now) {
+        while let Some(event) = pwm.next_event(now).filter(|&event| event <= now) {
             pwm.event(event);
         }
         stepped.step();
@@ -208,11 +215,12 @@ fn difference(seed: u64, version: u8) -> Option<String> {
             if now >= next[usize::from(register)] {
                 next[usize::from(register)] = now + 40;
                 said.push(format!("{now} {register}: {word:#010X}"));
-                pwm.write(now, register, 0, word);
+                pwm.put(now, register, 0, word);
                 stepped.write(version, register, word);
             }
         }
-        let pins = [PIN_OUT, PIN_DIRECTION].map(|pin| pwm.level(0, pin, now));
+        let pins = [PIN_OUT, PIN_DIRECTION]
+            .map(|pin| pwm.level(now, SimPinDescriptor::new(gtag::PWM, 0, pin)));
         if pins != stepped.pins() {
             let last = said.split_off(said.len().saturating_sub(8));
             return Some(format!(

@@ -8,8 +8,10 @@ mod stepped;
 #[cfg(test)]
 mod tests;
 
-use crate::fpga::UNDRIVEN;
-use crate::fpga::firmware::{SimFirmware, SimModuleDescriptor, gtag};
+use mesa_wire::bus::Direction;
+
+use super::{Configuration, RegisterAddress, Settles, SimModule};
+use crate::fpga::{Fabric, OUTPUT_PIN, SimPinDescriptor, UNDRIVEN, gtag};
 use crate::wire::Nanos;
 use divider::Divider;
 use generator::{Generator, Time};
@@ -89,9 +91,107 @@ pub(crate) struct OutputChange {
     pub(crate) outputs: u8,
 }
 
+impl SimModule for SimStepgen {
+    fn read(&mut self, _: &Fabric, register: u8, instance: u8) -> u32 {
+        let unit = usize::from(instance);
+        let generator = self.generators.get(unit);
+        match (register, generator) {
+            (ACCUM, Some(generator)) => self.accum_word(unit, generator),
+            (MODE, Some(generator)) => generator.mode_word().unwrap_or(UNDRIVEN),
+            (MASTER, _) => self.master.rate(),
+            (TIMER, _) if self.has_dpll => self.timer,
+            _ => UNDRIVEN,
+        }
+    }
+
+    /// The outputs can change at once. A timer that is selected while it is 1, in place of one that
+    /// was 0, samples the accumulators at once. FACTS 14.13.
+    fn write(&mut self, fabric: &mut Fabric, register: u8, instance: u8, value: u32) {
+        let now = fabric.now();
+        let before = self.selected_timer();
+        self.put(now, register, instance, value, |change| {
+            fabric.outputs_changed(change);
+        });
+        let after = self.selected_timer();
+        if before != after {
+            let was_high = fabric.timer_level(now.saturating_sub(1), before);
+            if was_high == Some(false) && fabric.timer_level(now, after) == Some(true) {
+                self.sample();
+            }
+        }
+    }
+
+    fn reload(&mut self, configuration: &Configuration<'_>) {
+        *self = Self::new(configuration);
+    }
+
+    /// One register more than the descriptor counts: the timer that latches the accumulators.
+    /// Without a DPLL nothing drives the bus there.
+    fn addresses(&self, configuration: &Configuration<'_>) -> Vec<RegisterAddress> {
+        configuration.addresses(configuration.module.registers.saturating_add(1))
+    }
+
+    fn settles(&self, _: Direction) -> Settles {
+        Settles::World
+    }
+
+    fn is_driving(&self) -> bool {
+        true
+    }
+
+    fn level(&self, now: Nanos, pin: SimPinDescriptor) -> bool {
+        let Some(generator) = self.generators.get(usize::from(pin.unit)) else {
+            return false;
+        };
+        let mut ahead = *generator;
+        let ticks = self.ticks_passed(now).saturating_sub(self.ticks);
+        ahead.run(self.master, ticks.min(STRETCH), |_, _| {});
+        is_high(ahead.outputs(), pin.pin)
+    }
+
+    /// Index or probe.
+    fn set_input(&mut self, _: Nanos, pin: SimPinDescriptor, level: bool) {
+        for (number, generator) in self.generators.iter_mut().enumerate() {
+            let is_meant = pin.unit == ALL_UNITS || usize::from(pin.unit) == number;
+            let latch = generator.latch_mut().filter(|_| is_meant);
+            let Some(latch) = latch else {
+                continue;
+            };
+            if INDEX_PINS.contains(&pin.pin) {
+                latch.index.set(level);
+            } else if PROBE_PINS.contains(&pin.pin) {
+                latch.probe.set(level);
+            }
+        }
+    }
+
+    /// Reports the changes generator by generator, each in order of time.
+    fn advance(&mut self, fabric: &mut Fabric, to: Nanos) {
+        let ticks = self.ticks_passed(to);
+        self.run_to(ticks, &mut |change| fabric.outputs_changed(change));
+    }
+
+    fn latching_timer(&self) -> Option<u8> {
+        let is_on = self.has_dpll && self.timer & SAMPLED_BY_TIMER != 0;
+        is_on.then_some(self.selected_timer())
+    }
+
+    fn latch(&mut self, _: Nanos) {
+        self.sample();
+    }
+}
+
 impl SimStepgen {
-    /// Generators after the configuration of the FPGA at `now`.
-    pub(crate) fn new(firmware: &SimFirmware, module: &SimModuleDescriptor, now: Nanos) -> Self {
+    /// Generators after the configuration of the FPGA. Index and probe have the levels of their
+    /// pins.
+    pub(super) fn new(configuration: &Configuration<'_>) -> Self {
+        let Configuration {
+            firmware,
+            module,
+            io,
+            now,
+            ..
+        } = *configuration;
         let count = usize::from(module.instances);
         let has_latch = module.version & WITH_LATCH != 0;
         let mode_bits = match module.version {
@@ -101,7 +201,7 @@ impl SimStepgen {
         };
         let has_dpll = firmware.module(gtag::DPLL).is_some();
         let mut generators = Self {
-            clock: firmware.clock(module.clock).max(1),
+            clock: configuration.clock(),
             has_dpll,
             mode_bits,
             master: Divider::new(has_dpll),
@@ -115,33 +215,25 @@ impl SimStepgen {
             ticks: 0,
         };
         generators.ticks = generators.next_tick(now);
-        generators
-    }
-
-    /// Reads a register; call [`advance`](Self::advance) first.
-    pub(crate) fn read(&self, register: u8, instance: u8) -> u32 {
-        let unit = usize::from(instance);
-        let generator = self.generators.get(unit);
-        match (register, generator) {
-            (ACCUM, Some(generator)) => self.accum_word(unit, generator),
-            (MODE, Some(generator)) => generator.mode_word().unwrap_or(UNDRIVEN),
-            (MASTER, _) => self.master.rate(),
-            (TIMER, _) if self.has_dpll => self.timer,
-            _ => UNDRIVEN,
+        for (number, &pin) in firmware.pins.iter().enumerate() {
+            if pin.secondary == module.gtag && pin.pin & OUTPUT_PIN == 0 {
+                generators.set_input(now, pin, io.level(number, &|_| false));
+            }
         }
+        generators
     }
 
     /// ACCUM as a read returns it. With a DPLL it passes through one register more.
     fn accum_word(&self, unit: usize, generator: &Generator) -> u32 {
-        match (self.sampling_timer(), self.has_dpll) {
+        match (self.latching_timer(), self.has_dpll) {
             (Some(_), _) => self.samples.word(unit, self.ticks),
             (None, true) => generator.accum_before(),
             (None, false) => generator.accum(),
         }
     }
 
-    /// Writes a register. The outputs can change at once.
-    pub(crate) fn write(
+    /// Writes a register.
+    fn put(
         &mut self,
         now: Nanos,
         register: u8,
@@ -172,7 +264,7 @@ impl SimStepgen {
 
     /// Writes TIMER. Reads show the values at the moment of switching on until the first edge.
     fn set_timer(&mut self, value: u32) {
-        let was_sampled = self.sampling_timer().is_some();
+        let was_sampled = self.latching_timer().is_some();
         self.timer = value & TIMER_BITS;
         if !was_sampled {
             for (word, generator) in self.samples.words.iter_mut().zip(&self.generators) {
@@ -182,34 +274,21 @@ impl SimStepgen {
         }
     }
 
-    /// The DPLL timer at whose rising edge ACCUM is sampled, if one is selected.
-    pub(crate) fn sampling_timer(&self) -> Option<u8> {
-        let is_on = self.has_dpll && self.timer & SAMPLED_BY_TIMER != 0;
-        is_on.then_some(self.selected_timer())
-    }
-
     /// The selected DPLL timer, even if it does not sample; 0 is the reference.
-    pub(crate) fn selected_timer(&self) -> u8 {
+    fn selected_timer(&self) -> u8 {
         // There are four timers; any other number selects the reference.
         let output = Some((self.timer >> 12 & 7) as u8);
         output.filter(|&timer| timer <= TIMERS).unwrap_or(0)
     }
 
-    /// Samples all accumulators at a rise of the timer; call [`advance`](Self::advance) first. The
-    /// samples show one tick later.
-    pub(crate) fn sample(&mut self) {
+    /// Samples all accumulators, up to date, at a rise of the timer. The samples show one tick later.
+    fn sample(&mut self) {
         let Samples { words, older, edge } = &mut self.samples;
         core::mem::swap(words, older);
         *edge = self.ticks;
         for (word, generator) in words.iter_mut().zip(&self.generators) {
             *word = generator.accum();
         }
-    }
-
-    /// Advances to `now`, and reports the changes of the outputs: generator by generator, each in
-    /// order of time.
-    pub(crate) fn advance(&mut self, now: Nanos, mut changed: impl FnMut(OutputChange)) {
-        self.run_to(self.ticks_passed(now), &mut changed);
     }
 
     fn run_to(&mut self, to: u64, changed: &mut impl FnMut(OutputChange)) {
@@ -225,33 +304,6 @@ impl SimStepgen {
             self.master.advance(ticks);
             self.ticks += ticks;
         }
-    }
-
-    /// Sets the level of an input pin: index or probe. Call [`advance`](Self::advance) first.
-    pub(crate) fn set_pin(&mut self, unit: u8, pin: u8, level: bool) {
-        for (number, generator) in self.generators.iter_mut().enumerate() {
-            let is_meant = unit == ALL_UNITS || usize::from(unit) == number;
-            let latch = generator.latch_mut().filter(|_| is_meant);
-            let Some(latch) = latch else {
-                continue;
-            };
-            if INDEX_PINS.contains(&pin) {
-                latch.index.set(level);
-            } else if PROBE_PINS.contains(&pin) {
-                latch.probe.set(level);
-            }
-        }
-    }
-
-    /// A generator's signal on one of its pins, not inverted.
-    pub(crate) fn level(&self, unit: u8, pin: u8, now: Nanos) -> bool {
-        let Some(generator) = self.generators.get(usize::from(unit)) else {
-            return false;
-        };
-        let mut ahead = *generator;
-        let ticks = self.ticks_passed(now).saturating_sub(self.ticks);
-        ahead.run(self.master, ticks.min(STRETCH), |_, _| {});
-        is_high(ahead.outputs(), pin)
     }
 
     /// The outputs of a generator; bit 0 is the first pin.
