@@ -3,9 +3,7 @@
 use super::firmware::SimFirmware;
 use super::plant::Plant;
 use super::slots::Modules;
-use crate::modules::{
-    Effect, EncoderBank, OutputChange, SimDpll, SimIoPorts, SimModule, SmartSerial,
-};
+use crate::modules::{Effect, OutputChange, SimIoPorts, SimModule, SmartSerial};
 use crate::wire::{Nanos, RemoteEnd};
 
 /// The fabric of the simulated FPGA, as its modules see it: the time, the I/O pins, the other
@@ -94,19 +92,19 @@ impl Fabric {
 
     /// The level of a timer of the DPLL, or of its reference (0), if the firmware has one.
     pub(crate) fn timer_level(&self, at: Nanos, timer: u8) -> Option<bool> {
-        self.modules.first::<SimDpll>()?.level(at, timer)
+        self.modules.dpll()?.level(at, timer)
     }
 
     /// Lets the stepper drives of a step generator follow its outputs.
     pub(crate) fn outputs_changed(&mut self, change: OutputChange) {
-        let bank = self.modules.first_mut::<EncoderBank>();
+        let bank = self.modules.encoders_mut();
         self.plant.outputs_changed(change, bank);
     }
 
     /// Informs everything that depends on the set-up of the pins.
     pub(crate) fn pins_changed(&mut self) {
         self.modules.pins_changed(self.now, &self.io);
-        let bank = self.modules.first_mut::<EncoderBank>();
+        let bank = self.modules.encoders_mut();
         self.plant.pins_changed(&self.io, bank);
         self.plant.take_all(&self.modules, &self.io);
     }
@@ -156,9 +154,9 @@ impl Fabric {
     pub(super) fn run_to(&mut self, to: Nanos) {
         self.visit_remotes(SmartSerial::is_touched);
         while self.now < to {
-            let remotes = self.modules.ports().filter_map(SmartSerial::remotes_due);
-            let due = [remotes.min(), self.next_latch()].into_iter().flatten();
-            let due = due.min().unwrap_or(Nanos::MAX).min(self.plant.due());
+            let due = [self.modules.remotes_due(), self.next_latch()];
+            let due = due.into_iter().flatten().min().unwrap_or(Nanos::MAX);
+            let due = due.min(self.plant.due());
             let step = to.min(due.max(self.now + 1));
             self.run_ports(step);
             self.now = step;
@@ -173,7 +171,7 @@ impl Fabric {
 
     /// Advances the remotes of the selected ports, and applies their outputs.
     pub(super) fn visit_remotes(&mut self, which: impl Fn(&SmartSerial) -> bool) {
-        if !self.modules.ports().any(&which) {
+        if !self.modules.has_port(&which) {
             return;
         }
         let now = self.now;
@@ -188,7 +186,7 @@ impl Fabric {
     /// Runs the ports that have an event up to `to`.
     fn run_ports(&mut self, to: Nanos) {
         let is_due = |port: &SmartSerial| port.next_event().is_some_and(|event| event <= to);
-        if self.is_in_reset() || !self.modules.ports().any(is_due) {
+        if self.is_in_reset() || !self.modules.has_port(is_due) {
             return;
         }
         self.with_ports(|number, port, fabric| {
@@ -200,11 +198,9 @@ impl Fabric {
 
     /// Works with all serial ports and their numbers.
     fn with_ports(&mut self, mut work: impl FnMut(usize, &mut SmartSerial, &mut Self)) {
-        for list in 0.. {
-            let next = self.modules.serial().nth(list);
-            let Some((slot, first)) = next else {
-                break;
-            };
+        let mut place = 0;
+        while let Some((slot, first)) = self.modules.serial(place) {
+            place += 1;
             self.with(slot, |module, fabric| {
                 for (number, port) in (first..).zip(module.ports_mut()) {
                     work(number, port, fabric);
@@ -237,10 +233,16 @@ impl Fabric {
         if to <= self.plant.now() {
             return;
         }
-        for slot in 0..self.modules.len() {
-            self.with(slot, |module, fabric| module.advance(fabric, to));
+        let mut place = 0;
+        while let Some(slot) = self.modules.advancing(place) {
+            let advances = self.with(slot, |module, fabric| module.advance(fabric, to));
+            if advances == Some(false) {
+                self.modules.does_not_advance(place);
+            } else {
+                place += 1;
+            }
         }
-        let bank = self.modules.first_mut::<EncoderBank>();
+        let bank = self.modules.encoders_mut();
         self.plant.advance(to, bank);
     }
 
@@ -249,7 +251,7 @@ impl Fabric {
     fn next_latch(&self) -> Option<Nanos> {
         let mut timers = self.modules.latching_timers().peekable();
         timers.peek()?;
-        let dpll = self.modules.first::<SimDpll>()?;
+        let dpll = self.modules.dpll()?;
         let edges = timers.filter_map(|timer| dpll.next_edge(self.latched_to, timer));
         edges.min()
     }
@@ -257,7 +259,7 @@ impl Fabric {
     /// Latches all modules whose timer rises at `edge`, the next edge of any.
     fn latch(&mut self, edge: Nanos) {
         let from = self.latched_to;
-        if let Some(dpll) = self.modules.first::<SimDpll>().copied() {
+        if let Some(dpll) = self.modules.dpll().copied() {
             let rises = |timer| dpll.next_edge(from, timer) == Some(edge);
             self.modules.latch(edge, rises);
         }

@@ -5,7 +5,8 @@ use core::any::Any;
 use super::firmware::{SimFirmware, SimModuleDescriptor};
 use super::plant::DriveSignal;
 use crate::modules::{
-    Configuration, RegisterAddress, SimIoPorts, SimModule, SmartSerial, Unsimulated, built_in,
+    Configuration, EncoderBank, RegisterAddress, SimDpll, SimIoPorts, SimModule, SmartSerial,
+    Unsimulated, built_in,
 };
 use crate::wire::Nanos;
 
@@ -18,8 +19,13 @@ pub(crate) struct Modules {
     slots: Vec<Slot>,
     /// Number of the slot for each GTAG of a module or of a pin.
     by_gtag: Box<[u8; 256]>,
-    /// The slots with smart serial ports.
-    serial: Vec<usize>,
+    /// The slots with smart serial ports, each with the number of its first port.
+    serial: Vec<(usize, usize)>,
+    /// The slots whose modules advance with time.
+    advancing: Vec<usize>,
+    /// The slots of the first encoder module and of the DPLL.
+    encoders: Option<usize>,
+    dpll: Option<usize>,
     /// The next event of any module.
     next_event: Nanos,
     /// True if a timer latches a module.
@@ -44,6 +50,9 @@ impl Modules {
             slots: Vec::new(),
             by_gtag: Box::new([NONE; 256]),
             serial: Vec::new(),
+            advancing: Vec::new(),
+            encoders: None,
+            dpll: None,
             next_event: Nanos::MAX,
             is_latched: false,
             is_stale: true,
@@ -70,7 +79,7 @@ impl Modules {
                 gtags,
             );
         }
-        modules.list_ports();
+        modules.index();
         modules
     }
 
@@ -94,10 +103,25 @@ impl Modules {
         }
     }
 
-    fn list_ports(&mut self) {
-        let slots = self.slots.iter().enumerate();
-        let serial = slots.filter(|(_, slot)| !slot.ports().is_empty());
-        self.serial = serial.map(|(number, _)| number).collect();
+    /// Finds the modules that the others and the world ask for often.
+    fn index(&mut self) {
+        let mut ports = 0;
+        self.serial.clear();
+        for (number, slot) in self.slots.iter().enumerate() {
+            if !slot.ports().is_empty() {
+                self.serial.push((number, ports));
+                ports += slot.ports().len();
+            }
+        }
+        self.advancing = (0..self.slots.len()).collect();
+        self.encoders = self.position::<EncoderBank>();
+        self.dpll = self.position::<SimDpll>();
+    }
+
+    fn position<T: SimModule>(&self) -> Option<usize> {
+        let is_type = |module: &dyn SimModule| (module as &dyn Any).is::<T>();
+        let mut slots = self.slots.iter();
+        slots.position(|slot| slot.module.as_deref().is_some_and(is_type))
     }
 
     /// Puts a module in the place of the one with this GTAG, or after the others; returns its slot.
@@ -115,7 +139,7 @@ impl Modules {
             }
         }
         self.is_stale = true;
-        self.list_ports();
+        self.index();
         number.unwrap_or(self.slots.len() - 1)
     }
 
@@ -231,6 +255,27 @@ impl Modules {
         modules.find_map(|module| (module as &mut dyn Any).downcast_mut())
     }
 
+    /// The first encoder module.
+    pub(super) fn encoders_mut(&mut self) -> Option<&mut EncoderBank> {
+        let module = self.slots.get_mut(self.encoders?)?.module.as_deref_mut()?;
+        (module as &mut dyn Any).downcast_mut()
+    }
+
+    /// The DPLL.
+    pub(super) fn dpll(&self) -> Option<&SimDpll> {
+        (self.at(self.dpll?)? as &dyn Any).downcast_ref()
+    }
+
+    /// The slot in a place of the list of modules that advance with time.
+    pub(super) fn advancing(&self, place: usize) -> Option<usize> {
+        self.advancing.get(place).copied()
+    }
+
+    /// Takes the module in a place out of that list.
+    pub(super) fn does_not_advance(&mut self, place: usize) {
+        self.advancing.remove(place);
+    }
+
     /// Takes a module out of its slot, so that it can work with the others;
     /// [`put_back`](Self::put_back) it afterwards.
     pub(super) fn take(&mut self, number: usize) -> Option<Box<dyn SimModule>> {
@@ -238,6 +283,7 @@ impl Modules {
     }
 
     /// Puts a module back into its slot.
+    #[inline]
     pub(super) fn put_back(&mut self, number: usize, module: Box<dyn SimModule>) {
         if let Some(slot) = self.slots.get_mut(number) {
             slot.module = Some(module);
@@ -311,23 +357,35 @@ impl Modules {
         }
     }
 
-    /// Number of the slots with smart serial ports, and the number of the first port in each.
-    pub(super) fn serial(&self) -> impl Iterator<Item = (usize, usize)> {
-        let mut first = 0;
-        self.serial.iter().map(move |&number| {
-            let ports = self.slots.get(number).map_or(0, |slot| slot.ports().len());
-            first += ports;
-            (number, first - ports)
-        })
+    /// A slot with smart serial ports, and the number of its first port, from a place in their list.
+    pub(super) fn serial(&self, place: usize) -> Option<(usize, usize)> {
+        self.serial.get(place).copied()
     }
 
     /// All smart serial ports.
     pub(super) fn ports(&self) -> impl Iterator<Item = &SmartSerial> {
-        let slots = self
-            .serial
-            .iter()
-            .filter_map(|&number| self.slots.get(number));
+        let slots = self.serial.iter();
+        let slots = slots.filter_map(|&(number, _)| self.slots.get(number));
         slots.flat_map(Slot::ports)
+    }
+
+    /// True if a smart serial port is one of the selected.
+    pub(super) fn has_port(&self, which: impl Fn(&SmartSerial) -> bool) -> bool {
+        let mut slots = self.serial.iter();
+        slots.any(|&(number, _)| {
+            let slot = self.slots.get(number);
+            slot.is_some_and(|slot| slot.ports().iter().any(&which))
+        })
+    }
+
+    /// Time of the next event of a remote that needs no transmission to it.
+    pub(super) fn remotes_due(&self) -> Option<Nanos> {
+        let slots = self.serial.iter();
+        let due = slots.filter_map(|&(number, _)| {
+            let ports = self.slots.get(number)?.ports().iter();
+            ports.filter_map(SmartSerial::remotes_due).min()
+        });
+        due.min()
     }
 
     /// Mutable access to a smart serial port.

@@ -96,9 +96,11 @@ pub trait SimModule: Any + fmt::Debug + Send {
     }
 
     /// Advances to `to`, before motors do, and reports changes of outputs that drives follow at
-    /// their exact time. The default does nothing.
-    fn advance(&mut self, fabric: &mut Fabric, to: Nanos) {
+    /// their exact time. The default does nothing, and returns false: the module need not be called
+    /// again.
+    fn advance(&mut self, fabric: &mut Fabric, to: Nanos) -> bool {
         let _ = (fabric, to);
+        false
     }
 
     /// The timer of the DPLL at whose rising edge the module latches its registers, 0 for the

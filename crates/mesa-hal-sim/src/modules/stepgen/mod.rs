@@ -166,9 +166,10 @@ impl SimModule for SimStepgen {
     }
 
     /// Reports the changes generator by generator, each in order of time.
-    fn advance(&mut self, fabric: &mut Fabric, to: Nanos) {
+    fn advance(&mut self, fabric: &mut Fabric, to: Nanos) -> bool {
         let ticks = self.ticks_passed(to);
         self.run_to(ticks, &mut |change| fabric.outputs_changed(change));
+        true
     }
 
     fn latching_timer(&self) -> Option<u8> {
