@@ -357,7 +357,7 @@ impl Modules {
         }
     }
 
-    /// A slot with smart serial ports, and the number of its first port, from a place in their list.
+    /// A slot with smart serial ports, and the number of its first port, by its place in the list.
     pub(super) fn serial(&self, place: usize) -> Option<(usize, usize)> {
         self.serial.get(place).copied()
     }
