@@ -39,7 +39,12 @@ fn each_path_is_there() {
 #[test]
 fn each_name_is_defined() {
     let mut texts = Vec::new();
-    for folder in ["src", "crates/mesa-tools/src", "crates/mesa-wire/src"] {
+    for folder in [
+        "src",
+        "crates/mesa-hal-sim/src",
+        "crates/mesa-tools/src",
+        "crates/mesa-wire/src",
+    ] {
         sources(crate::root().join(folder), &mut texts);
     }
     let is_defined = |ways: &[String]| {

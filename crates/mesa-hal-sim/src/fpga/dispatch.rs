@@ -33,7 +33,8 @@ impl Fabric {
         let is_settled = self.settle_for(settles);
         let result = self.with(slot, work);
         self.modules.accessed(slot, self.now);
-        if is_settled {
+        // The simulator's own modules change no output when they are read.
+        if is_settled && (access == Direction::Write || settles == Settles::Drives) {
             self.plant.take_from(slot, &self.modules, &self.io);
         }
         result

@@ -328,9 +328,6 @@ impl Plant {
 
     /// Applies the outputs of the module in a slot.
     pub(super) fn take_from(&mut self, slot: usize, modules: &Modules, io: &SimIoPorts) {
-        if self.axes.is_empty() {
-            return;
-        }
         let gtag = modules.gtag(slot);
         self.take(modules, io, |source| {
             source.module().map(|(from, _)| from) == gtag
