@@ -127,16 +127,15 @@ impl Modules {
     /// Puts a module in the place of the one with this GTAG, or after the others; returns its slot.
     pub(super) fn replace(&mut self, gtag: u8, module: Box<dyn SimModule>) -> usize {
         let number = self.number_of(gtag);
-        match number.and_then(|number| self.slots.get_mut(number)) {
-            Some(slot) => slot.module = Some(module),
-            None => {
-                let descriptor = SimModuleDescriptor {
-                    gtag,
-                    instances: 0,
-                    ..SimModuleDescriptor::default()
-                };
-                self.push(descriptor, module, &[gtag]);
-            }
+        if let Some(slot) = number.and_then(|number| self.slots.get_mut(number)) {
+            slot.module = Some(module);
+        } else {
+            let descriptor = SimModuleDescriptor {
+                gtag,
+                instances: 0,
+                ..SimModuleDescriptor::default()
+            };
+            self.push(descriptor, module, &[gtag]);
         }
         self.is_stale = true;
         self.index();
@@ -412,5 +411,75 @@ impl Slot {
         let changed = seen != (self.next_event, self.latching_timer);
         (self.next_event, self.latching_timer) = seen;
         changed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fpga::{Fabric, gtag};
+    use crate::machines;
+    use crate::modules::Effect;
+
+    /// Counts its events, one each microsecond.
+    #[derive(Debug, Default)]
+    struct Ticker {
+        ticks: u32,
+        level: bool,
+    }
+
+    impl SimModule for Ticker {
+        fn read(&mut self, _: &Fabric, register: u8, _: u8) -> u32 {
+            if register == 0 { self.ticks } else { 0xAB }
+        }
+
+        fn write(&mut self, _: &mut Fabric, _: u8, _: u8, value: u32) {
+            self.ticks = value;
+        }
+
+        fn reload(&mut self, _: &Configuration<'_>) {
+            self.ticks = 0;
+        }
+
+        fn addresses(&self, configuration: &Configuration<'_>) -> Vec<RegisterAddress> {
+            configuration.addresses(2)
+        }
+
+        fn next_event(&self, now: Nanos) -> Option<Nanos> {
+            Some(now / 1_000 * 1_000 + 1_000)
+        }
+
+        fn event(&mut self, _: Nanos) -> Effect {
+            self.ticks += 1;
+            self.level = !self.level;
+            Effect::Outputs
+        }
+    }
+
+    #[test]
+    fn added_module_takes_the_place_of_a_built_in_one() {
+        let mut fpga = machines::i7i97(1);
+        assert_eq!(fpga.read_register(0x0200), u32::MAX, "LEDs");
+        assert_eq!(fpga.counters().unknown_reads, 0);
+        fpga.add_module(gtag::LED, Box::<Ticker>::default());
+        fpga.advance_to(10_500);
+        assert_eq!(fpga.read_register(0x0200), 10);
+        assert_eq!(fpga.read_register(0x0300), 0xAB, "a register more");
+        fpga.write_register(0x0200, 100);
+        fpga.advance_to(12_000);
+        assert_eq!(fpga.module::<Ticker>(gtag::LED).unwrap().ticks, 102);
+        fpga.reload();
+        assert_eq!(fpga.read_register(0x0200), 0);
+        assert!(!fpga.leds().is_lit(0));
+    }
+
+    #[test]
+    fn module_that_no_descriptor_has_gets_no_register() {
+        let mut fpga = machines::i7i97(1);
+        fpga.add_module(0x98, Box::<Ticker>::default());
+        fpga.advance_to(3_000);
+        assert_eq!(fpga.module::<Ticker>(0x98).unwrap().ticks, 3);
+        assert_eq!(fpga.read_register(0x0000), 0);
+        assert_eq!(fpga.counters().unknown_reads, 1);
     }
 }

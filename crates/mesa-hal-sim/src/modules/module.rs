@@ -181,7 +181,11 @@ impl Configuration<'_> {
         let (register_stride, instance_stride) = SimFirmware::strides(module);
         let addresses = (0..registers.min(32)).flat_map(|register| {
             let is_multiple = module.multiple >> register & 1 != 0;
-            let instances = if is_multiple { module.instances } else { 1 };
+            let instances = if is_multiple {
+                module.instances
+            } else {
+                module.instances.min(1)
+            };
             let base = module.base;
             let first = base.wrapping_add(u16::from(register).wrapping_mul(register_stride));
             (0..instances).map(move |instance| RegisterAddress {
