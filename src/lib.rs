@@ -168,6 +168,7 @@ pub mod bus;
 pub mod discovery;
 pub mod driver;
 pub mod ethernet;
+mod events;
 mod fraction;
 #[cfg(feature = "std")]
 pub mod guides;

@@ -151,8 +151,8 @@ mod tests {
     use crate::bus::{BusErrorKind, BusStatistics, Instant};
     use crate::driver::{DriverStatistics, Event, EventKind, OfflineReason, RemoteState};
     use crate::driver::{EventMask, PortStatistics, TimeHistogram, TraceSettings};
+    use crate::events::tests::event;
     use crate::lbp::RemoteFaults;
-    use crate::modules::events::tests::event;
     use crate::{Pace, Settings};
 
     #[test]

@@ -18,12 +18,12 @@ use super::{
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{Access, BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
 use crate::discovery::RemoteTable;
+use crate::events::EventSink;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{FirmwareCheck, Gtag, HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
-use crate::modules::events::EventSink;
 use crate::modules::gpio::Gpio;
 use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;

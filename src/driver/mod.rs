@@ -64,14 +64,14 @@ mod trace;
 mod watchdogs;
 
 pub use crate::ParseError;
-pub use crate::modules::events::{
-    CorrectedValue, Event, EventKind, EventMask, Events, Positions, Repeating,
+pub use crate::events::{
+    CorrectedValue, Event, EventKind, EventMask, Events, OfflineReason, Positions, Repeating,
 };
 pub use crate::modules::gpio::GpioConfig;
 pub use crate::modules::report::{BoardState, CycleReport};
 pub use crate::modules::serial::{
-    Failure, FailureCounts, FaultPolicy, OfflineReason, PortStatistics, RemotePart, RemoteState,
-    RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
+    Failure, FailureCounts, FaultPolicy, PortStatistics, RemotePart, RemoteState, RemoteStatus,
+    RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::settings::{
     Defaults, NotedWord, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,

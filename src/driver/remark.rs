@@ -8,9 +8,10 @@ use alloc::vec::Vec;
 use crate::advice::Advice;
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
+use crate::events::OfflineReason;
 use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
-use crate::modules::serial::{OfflineReason, RemotePart, RemoteWatchdog};
+use crate::modules::serial::{RemotePart, RemoteWatchdog};
 use crate::remote::RemoteError;
 use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,

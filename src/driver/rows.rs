@@ -1,7 +1,7 @@
 //! Rows of events that may happen in every cycle.
 
 use crate::bus::Instant;
-use crate::modules::events::{EventRow, EventSink};
+use crate::events::{EventRow, EventSink};
 
 use super::Repeating;
 

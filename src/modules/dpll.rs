@@ -5,13 +5,13 @@
 use alloc::format;
 use core::time::Duration;
 
-use super::events::CorrectedValue;
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
+use crate::events::CorrectedValue;
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 use crate::tally::Tally;

@@ -6,11 +6,11 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::events::CorrectedValue;
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
+use crate::events::CorrectedValue;
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
 

@@ -1,7 +1,7 @@
 //! Values that a register cannot have: corrected where they are set, and reported.
 
 use super::WriteCycle;
-use super::events::{CorrectedValue, EventKind};
+use crate::events::{CorrectedValue, EventKind};
 use crate::hal::{Output, Param, Value};
 
 /// The values that a setting may have.

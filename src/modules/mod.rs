@@ -11,7 +11,6 @@ mod doubt;
 pub mod dpll;
 pub mod encoder;
 mod error;
-pub(crate) mod events;
 pub mod gpio;
 pub mod in_mux;
 pub mod led;
@@ -24,6 +23,7 @@ pub mod serial;
 pub(crate) mod settings;
 pub mod stepgen;
 mod undriven;
+mod unsure;
 pub mod watchdog;
 
 pub use error::RegisterError;
@@ -40,7 +40,7 @@ use core::any::Any;
 use core::fmt;
 use core::time::Duration;
 
-use events::{EventKind, EventSink};
+use crate::events::{EventKind, EventSink};
 use watchdog::LastFeed;
 
 use crate::bus::{Instant, Words};

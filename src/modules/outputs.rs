@@ -5,11 +5,11 @@
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::events::CorrectedValue;
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage, WriteSlot};
+use crate::events::CorrectedValue;
 use crate::hal::{DigitalOut, Invert, Output, Spec};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
 

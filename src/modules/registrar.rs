@@ -5,10 +5,10 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::events::EventSink;
 use super::settings::CountedKind;
 use super::undriven::check;
 use super::{Module, RegisterError, Settings};
+use crate::events::EventSink;
 
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};

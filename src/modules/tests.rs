@@ -1,6 +1,6 @@
 //! The registrations of the built-in modules on the firmwares of FACTS 9.2 and 9.3.
 
-use super::events::EventSink;
+use crate::events::EventSink;
 use alloc::{boxed::Box, string::ToString, vec::Vec};
 use core::any::Any;
 

@@ -9,7 +9,7 @@ const WIRE: [&str; 3] = ["bus", "lbp", "lbp16"];
 
 /// The layers from the lowest up, each with those that it may name; `..` adds all that the named
 /// layer may name itself. Wire formats are those of `mesa-wire`.
-const LAYERS: [(&str, &[&str]); 11] = [
+const LAYERS: [(&str, &[&str]); 12] = [
     ("bus", &[]),
     ("hal", &["bus"]),
     ("hostmot2", &["bus", "hal"]),
@@ -17,6 +17,7 @@ const LAYERS: [(&str, &[&str]); 11] = [
     ("discovery", &["bus", "lbp", "hal", "sslbp"]),
     ("remote", &["lbp", "hal", "hostmot2", "sslbp", "discovery"]),
     ("boards", &["hal", "hostmot2", "sslbp", "discovery"]),
+    ("events", &["bus", "hostmot2", "sslbp"]),
     (
         "modules",
         &[
@@ -28,6 +29,7 @@ const LAYERS: [(&str, &[&str]); 11] = [
             "discovery",
             "remote",
             "boards",
+            "events",
         ],
     ),
     ("driver", &["modules.."]),

@@ -12,8 +12,8 @@ use core::fmt;
 use super::{Event, TraceSettings};
 use crate::bus::{BusErrorKind, Exchanges, Instant, Words};
 use crate::bus::{CycleRegister, WordDirection};
+use crate::events::EventSink;
 use crate::hostmot2::HostMot2;
-use crate::modules::events::EventSink;
 
 /// The words written and read in the last cycles: see [`Settings::trace`](super::Settings::trace).
 ///

@@ -13,15 +13,16 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::ops::Range;
 
-use super::events::{CorrectedValue, Positions, UnsureMask};
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
+use super::unsure::UnsureMask;
 use super::{
     Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
 };
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage, Words};
+use crate::events::{CorrectedValue, Positions};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 

@@ -7,11 +7,11 @@ mod duty;
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::events::CorrectedValue;
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
 use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
+use crate::events::CorrectedValue;
 
 pub use duty::{PwmRate, PwmShape};
 

@@ -2,8 +2,8 @@
 
 use super::life::At;
 use crate::bus::Instant;
+use crate::events::{EventKind, EventRow, Repeating};
 use crate::hostmot2::RemoteId;
-use crate::modules::events::{EventKind, EventRow, Repeating};
 use crate::sslbp::Failure;
 
 /// Failed transfers of a remote.

@@ -3,10 +3,10 @@
 
 use core::time::Duration;
 
-use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
+use super::{FaultPolicy, RemoteWatchdog};
 use crate::bus::Instant;
+use crate::events::{EventKind, EventSink, OfflineReason};
 use crate::hostmot2::RemoteId;
-use crate::modules::events::{EventKind, EventSink};
 use crate::packed::packed_enum;
 use crate::sslbp::RemoteFaults;
 use crate::tally::Tally;

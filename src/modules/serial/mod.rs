@@ -9,7 +9,6 @@ mod cost;
 mod failures;
 mod fault_pins;
 mod life;
-mod offline;
 mod outcome;
 mod parameter_writer;
 mod part;
@@ -26,7 +25,6 @@ mod watchdog;
 
 pub use crate::sslbp::{Failure, FailureCounts};
 pub use life::RemoteState;
-pub use offline::OfflineReason;
 pub use part::RemotePart;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;

@@ -1,7 +1,8 @@
 //! A remote before it takes part in the cycle.
 
-use super::{OfflineReason, RemoteWatchdog};
+use super::RemoteWatchdog;
 use crate::discovery::RemoteDescriptor;
+use crate::events::OfflineReason;
 use crate::remote::RemotePins;
 use crate::sslbp::StartedRemote;
 

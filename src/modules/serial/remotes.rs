@@ -7,7 +7,7 @@ use super::remote::Remote;
 use super::slot::RemoteSlot;
 use super::{FaultPolicy, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::modules::events::EventSink;
+use crate::events::EventSink;
 use crate::sslbp::{Channel, ChannelMask};
 
 /// The remotes of a port. Their lives change in [`change`](Self::change) alone.

@@ -10,9 +10,9 @@ use super::part::RemotePart;
 use super::watchdog::OutputsState;
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
+use crate::events::EventKind;
 use crate::hal::{ArmingCondition, GroupId, PinError, PinStore};
 use crate::hostmot2::RemoteId;
-use crate::modules::events::EventKind;
 use crate::modules::{ReadCycle, WriteCycle};
 use crate::remote::RemotePins;
 use crate::sslbp::{

@@ -1,7 +1,8 @@
 //! Current state of a remote, for the application.
 
-use super::{FailureCounts, OfflineReason, RemoteState, RemoteWatchdog};
+use super::{FailureCounts, RemoteState, RemoteWatchdog};
 use crate::discovery::RemoteDescriptor;
+use crate::events::OfflineReason;
 use crate::hostmot2::RemoteId;
 use crate::remote::RemotePins;
 use crate::sslbp::{RemoteFaults, StartedRemote};

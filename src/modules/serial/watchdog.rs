@@ -2,8 +2,8 @@
 
 use core::time::Duration;
 
-use super::OfflineReason;
 use crate::bus::Instant;
+use crate::events::OfflineReason;
 use crate::fraction::Fraction;
 use crate::remote::RemotePins;
 use crate::sslbp::{ChannelMask, PerChannel};

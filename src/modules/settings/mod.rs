@@ -11,10 +11,10 @@ use core::str::FromStr;
 use core::time::Duration;
 
 use super::RegisterError;
-use super::events::EventMask;
 use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::usual_time;
+use crate::events::EventMask;
 
 use crate::ParseError;
 use crate::advice::Advice;

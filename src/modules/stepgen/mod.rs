@@ -37,14 +37,15 @@ pub use pins::StepgenPins;
 
 use generator::{Generator, LastRead, Moment};
 
-use super::events::{CorrectedValue, Positions, UnsureMask};
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::settings::Defaults;
+use super::unsure::UnsureMask;
 use super::{
     Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
 };
 use crate::bus::{Instant, Setting, Stage};
+use crate::events::{CorrectedValue, Positions};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 

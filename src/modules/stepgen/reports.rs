@@ -1,8 +1,8 @@
 //! The events of a generator: each once for each change of what it is about.
 
 use super::timing::{PulseTicks, PulseTimes};
+use crate::events::EventKind;
 use crate::modules::ReadCycle;
-use crate::modules::events::EventKind;
 
 /// Events to report with the next read, and what they are about.
 #[derive(Debug)]

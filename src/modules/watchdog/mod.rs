@@ -21,10 +21,10 @@ pub use registers::WatchdogRegisters;
 
 use core::time::Duration;
 
-use super::events::CorrectedValue;
 use super::limit::Limit;
 use super::{BoardState, Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
+use crate::events::CorrectedValue;
 use crate::hal::{InOut, Param, PinStore, Pins};
 
 /// The board's watchdog.

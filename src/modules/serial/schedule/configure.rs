@@ -2,7 +2,7 @@
 
 use super::{Remotes, Restart, Schedule, WrittenParameter};
 use crate::bus::Instant;
-use crate::modules::events::EventKind;
+use crate::events::EventKind;
 use crate::remote::ParameterWrite;
 use crate::sslbp::{ChannelMask, CompletedOperation, PortOperation, StartMode};
 

@@ -9,6 +9,7 @@ mod tests;
 use alloc::vec::Vec;
 use core::time::Duration;
 
+use super::FaultPolicy;
 use super::cost::Cost;
 use super::life::{At, LifeChange};
 use super::outcome::ReadOutcome;
@@ -16,8 +17,8 @@ use super::parameter_writer::{ParameterWriter, WrittenParameter};
 use super::remote::Remote;
 use super::remotes::Remotes;
 use super::statistics::PortStatistics;
-use super::{FaultPolicy, OfflineReason};
 use crate::bus::Instant;
+use crate::events::OfflineReason;
 use crate::remote::ParameterWrite;
 use crate::sslbp::{
     ChannelMask, ChannelVariable, CompletedOperation, Failure, PortAccess, PortEvent, PortImage,

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::{LifeChange, Remotes, Restart, Schedule};
 use crate::bus::Instant;
-use crate::modules::serial::OfflineReason;
+use crate::events::OfflineReason;
 use crate::sslbp::{
     ChannelMask, ComState, CompletedOperation, CsStatus, PortImage, PortMachine, PortOperation,
     ProcessDataSizes,

@@ -9,9 +9,9 @@ use super::super::{RemoteState, RemoteWatchdog};
 use super::*;
 use crate::bus::ImagePlan;
 use crate::discovery::{PackingPlan, RemoteDescriptor};
+use crate::events::EventSink;
 use crate::hal::PinStore;
 use crate::hostmot2::RemoteId;
-use crate::modules::events::EventSink;
 use crate::remote::RemotePins;
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelRegisters, CsStatus, ProcessDataSizes, RemoteName,

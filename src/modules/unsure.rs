@@ -1,7 +1,7 @@
 //! The positions that have become unsure in a read, as few events.
 
-use super::{EventKind, Positions};
-use crate::modules::ReadCycle;
+use super::ReadCycle;
+use crate::events::{EventKind, Positions};
 
 /// The counters of a module whose positions have become unsure in a read.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,17 +1,17 @@
 //! Events, and the queue from which the application takes them.
 
 mod kind;
+mod offline;
 mod queue;
 mod row;
-mod unsure;
 mod words;
 
 pub use kind::{CorrectedValue, EventKind, EventMask, Positions, Repeating};
+pub use offline::OfflineReason;
 pub use queue::Events;
 
 pub(crate) use queue::EventSink;
 pub(crate) use row::EventRow;
-pub(crate) use unsure::UnsureMask;
 
 use core::fmt;
 

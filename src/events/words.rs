@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn each_field_of_an_event_comes_back() {
-        use crate::modules::serial::OfflineReason;
+        use crate::events::OfflineReason;
         let remote = RemoteId::new(1, 7);
         for why in BUS_ERRORS {
             let kind = EventKind::ReadFailed { why };

@@ -1,10 +1,10 @@
 //! Reasons why a remote is offline.
 
-use super::Failure;
 use crate::advice::Advice;
 use crate::packed::{packed_enum, packed_word};
 use crate::sslbp::{
-    ComState, CsStatus, ProcessDataSizes, RemoteFaults, RemoteIdentity, RemoteName, StartProblem,
+    ComState, CsStatus, Failure, ProcessDataSizes, RemoteFaults, RemoteIdentity, RemoteName,
+    StartProblem,
 };
 
 packed_enum! {
@@ -116,7 +116,7 @@ impl OfflineReason {
     /// Every fault takes the remote offline: a remote with a fault does not take new outputs, and
     /// every transfer feeds its watchdog, so that outputs that are on stay on while transfers
     /// continue (FACTS 1.5).
-    pub(super) fn of_faults(faults: RemoteFaults) -> Self {
+    pub(crate) fn of_faults(faults: RemoteFaults) -> Self {
         let voltage = RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE);
         if faults.contains(RemoteFaults::ILLEGAL_MODE) {
             Self::IllegalMode
@@ -155,7 +155,7 @@ impl OfflineReason {
     /// The present reason of a remote that was offline for the reason `before`, and has not run
     /// since, when this one is found: a restart that fails or is only requested keeps a reason that
     /// it does not contradict.
-    pub(super) fn after(self, before: Self) -> Self {
+    pub(crate) fn after(self, before: Self) -> Self {
         match self {
             Self::DidNotStart(_) if matches!(before, Self::Absent | Self::TooManyFailures(_)) => {
                 before
@@ -166,12 +166,12 @@ impl OfflineReason {
     }
 
     /// True for a fault that a START clears.
-    pub(super) const fn is_cleared_by_start(&self) -> bool {
+    pub(crate) const fn is_cleared_by_start(&self) -> bool {
         matches!(self, Self::Watchdog | Self::IllegalMode | Self::Reported(_))
     }
 
     /// True if the application requested it, so that there is no fault.
-    pub(super) const fn is_asked_for(&self) -> bool {
+    pub(crate) const fn is_asked_for(&self) -> bool {
         matches!(self, Self::Stopped | Self::Requested)
     }
 }

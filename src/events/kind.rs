@@ -7,8 +7,8 @@ use core::time::Duration;
 
 use bitflags::bitflags;
 
+use super::OfflineReason;
 use crate::bus::BusErrorKind;
-use crate::modules::serial::OfflineReason;
 use crate::packed::packed_enum;
 use crate::sslbp::Failure;
 
