@@ -183,6 +183,7 @@ mod rounded;
 pub mod runner;
 #[cfg(feature = "serde")]
 mod serial_form;
+mod settings;
 pub mod sslbp;
 mod tally;
 pub mod transport;

@@ -78,9 +78,8 @@ pub(crate) mod instances {
     use alloc::string::String;
     use serde::{Deserialize, Deserializer, Serializer, de::Error as _, ser::Error as _};
 
-    use crate::Settings;
+    use crate::hostmot2::CountedKind;
     use crate::hostmot2::Gtag;
-    use crate::modules::CountedKind;
 
     pub fn serialize<S: Serializer>(
         instances: &BTreeMap<Gtag, u8>,
@@ -101,7 +100,7 @@ pub(crate) mod instances {
         let named = BTreeMap::<String, u8>::deserialize(deserializer)?;
         let instances = named.into_iter().map(|(name, count)| {
             let kind = CountedKind::named(&name).ok_or_else(|| {
-                let known = Settings::counted_names();
+                let known = CountedKind::ALL.map(|kind| kind.name).join("', '");
                 D::Error::custom(format!("no module is '{name}'; known: '{known}'"))
             })?;
             Ok((kind.key(), count))

@@ -22,14 +22,10 @@ use crate::events::EventSink;
 use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{FirmwareCheck, Gtag, HostMot2, IoPorts};
+use crate::modules::built_in::{self, BUILT_IN};
 use crate::modules::dpll::Dpll;
-use crate::modules::encoder::Encoders;
 use crate::modules::gpio::Gpio;
-use crate::modules::in_mux::InMux;
-use crate::modules::led::Leds;
-use crate::modules::outputs::Outputs;
-use crate::modules::pwm::Pwm;
-use crate::modules::stepgen::{self, Stepgens};
+use crate::modules::stepgen;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{Module, RegisterError, Registrar, undriven};
 
@@ -285,17 +281,14 @@ impl<B: RegisterBus + Clock> Configured<B> {
 
 impl<B: RegisterBus + Clock> Assembly<B> {
     fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
-        self.add(Dpll::register)?;
+        for register in BUILT_IN.iter().filter_map(|kind| kind.register) {
+            self.add(register)?;
+        }
         if self.plan.settings.pace == Pace::Board && self.parts.of::<Dpll>().next().is_none() {
             let why = "this firmware's phase-locked loop is missing, or left alone";
             return Err(DriverError::NotPaced { why });
         }
-        self.add(Encoders::register)?;
-        self.add(Pwm::register)?;
-        self.add(Stepgens::register)?;
-        self.add(InMux::register)?;
-        self.add(Outputs::register)?;
-        self.add(Leds::register)
+        Ok(())
     }
 
     fn add<T>(
@@ -568,6 +561,7 @@ impl Plan {
             image: &mut self.image,
             added: &mut self.added,
             claimed: &mut self.claimed,
+            is_driven: |module| built_in::check(module).is_ok(),
             bus: &mut peek,
         });
         match (registered, bus_error) {

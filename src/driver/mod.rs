@@ -58,6 +58,7 @@ mod remotes;
 mod report;
 mod rows;
 mod safe_bus;
+mod settings;
 mod setup_line;
 mod stop;
 mod trace;
@@ -65,17 +66,17 @@ mod watchdogs;
 
 pub use crate::ParseError;
 pub use crate::events::{
-    CorrectedValue, Event, EventKind, EventMask, Events, OfflineReason, Positions, Repeating,
+    BoardState, CorrectedValue, CycleReport, Event, EventKind, EventMask, Events, OfflineReason,
+    Positions, Repeating,
 };
 pub use crate::modules::gpio::GpioConfig;
-pub use crate::modules::report::{BoardState, CycleReport};
 pub use crate::modules::serial::{
-    Failure, FailureCounts, FaultPolicy, PortStatistics, RemotePart, RemoteState, RemoteStatus,
-    RemoteWatchdog, SerialPort, TimeHistogram,
+    Failure, FailureCounts, PortStatistics, RemotePart, RemoteState, RemoteStatus, RemoteWatchdog,
+    SerialPort, TimeHistogram,
 };
-pub use crate::modules::settings::{
-    Defaults, NotedWord, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,
-    TraceSettings,
+pub use crate::settings::{
+    Defaults, FaultPolicy, NotedWord, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig,
+    Settings, TraceSettings,
 };
 pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};

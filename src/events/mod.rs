@@ -3,12 +3,14 @@
 mod kind;
 mod offline;
 mod queue;
+mod report;
 mod row;
 mod words;
 
 pub use kind::{CorrectedValue, EventKind, EventMask, Positions, Repeating};
 pub use offline::OfflineReason;
 pub use queue::Events;
+pub use report::{BoardState, CycleReport};
 
 pub(crate) use queue::EventSink;
 pub(crate) use row::EventRow;

@@ -7,13 +7,13 @@ use core::time::Duration;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::settings::Defaults;
-use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::advice::Advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::events::CorrectedValue;
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
+use crate::settings::{Defaults, Pace};
 use crate::tally::Tally;
 
 /// Frequency in kHz that stands for that of the period, as in LinuxCNC.

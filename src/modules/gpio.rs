@@ -4,11 +4,11 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use super::settings::Defaults;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, MAX_NAME, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, ModuleInstance, PinDescriptor, PinPlace, PortRegisters};
+use crate::settings::Defaults;
 
 pub use crate::hostmot2::GpioConfig;
 
@@ -63,7 +63,7 @@ impl Gpio {
     /// [`RegisterError`]: the firmware has no I/O ports, or a pin cannot be used as [`Settings`]
     /// ask.
     ///
-    /// [`Settings`]: crate::modules::Settings
+    /// [`Settings`]: crate::settings::Settings
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let mut pins = Vec::new();
         for number in 0.. {

@@ -15,7 +15,7 @@ use crate::hal::Output;
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// Number of user LEDs: CR01 to CR04 of the Ethernet boards.
-pub(super) const LEDS: usize = 4;
+pub(crate) const LEDS: usize = 4;
 
 /// The LEDs of a board.
 #[derive(Debug)]

@@ -5,15 +5,16 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::settings::CountedKind;
-use super::undriven::check;
-use super::{Module, RegisterError, Settings};
+use super::{Module, RegisterError};
 use crate::events::EventSink;
 
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::board_table::BoardTable;
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, ModuleInstance, PinDescriptor};
+use crate::hostmot2::{
+    CountedKind, Gtag, HostMot2, IoPorts, ModuleDescriptor, ModuleInstance, PinDescriptor,
+};
+use crate::settings::Settings;
 
 /// A module of the firmware that is driven.
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +68,8 @@ pub struct Registrar<'a> {
     pub(crate) added: &'a mut Vec<Box<dyn Module>>,
     /// The kinds of modules that were requested, see [`module`](Self::module).
     pub(crate) claimed: &'a mut Vec<Gtag>,
+    /// True if kind, version and layout of a module are supported.
+    pub(crate) is_driven: fn(&ModuleDescriptor) -> bool,
     /// Reads a register.
     pub(crate) bus: &'a mut dyn FnMut(u16) -> Result<u32, RegisterError>,
 }
@@ -90,7 +93,7 @@ impl Registrar<'_> {
         for module in modules.filter(|module| kinds.contains(&module.gtag)) {
             let mut same = self.firmware.modules_of(module.gtag);
             let first = same.find(|(_, other)| core::ptr::eq(*other, module));
-            let (Some((first, _)), Ok(())) = (first, check(module)) else {
+            let (Some((first, _)), true) = (first, (self.is_driven)(module)) else {
                 continue;
             };
             let mut descriptor = *module;

@@ -9,14 +9,14 @@ use super::encoder::Encoders;
 use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
-use super::settings::Defaults;
 use super::undriven::{UndrivenReason, undriven};
-use super::{Module, RegisterError, Registrar, Settings};
+use super::{Module, RegisterError, Registrar, built_in};
 use crate::advice::Advice;
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
+use crate::settings::{Defaults, Settings};
 use crate::sslbp::PortLayout;
 use mesa_hal_sim::{SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, gtag, machines};
 
@@ -80,6 +80,7 @@ impl Bench {
             image: &mut self.plan,
             added,
             claimed: &mut Vec::new(),
+            is_driven: |module| built_in::check(module).is_ok(),
             bus: &mut peek,
         })
     }

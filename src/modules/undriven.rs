@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::{dpll, encoder, in_mux, led, outputs, pwm, stepgen};
+use super::built_in::{NotDriven, check, is_single};
 use crate::advice::Advice;
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
@@ -100,30 +100,6 @@ impl fmt::Display for Undriven {
     }
 }
 
-/// Checks that kind, version and layout of a module are supported.
-///
-/// # Errors
-/// [`UndrivenReason::Unsupported`] and [`UndrivenReason::Unknown`].
-pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
-    let checked = match module.gtag {
-        // A board without them is not driven at all.
-        Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::MUX_SELECT => Ok(()),
-        Gtag::ENCODER | Gtag::MUXED_ENCODER => encoder::check(module),
-        Gtag::PWM => pwm::check(module),
-        Gtag::STEPGEN => stepgen::check(module),
-        Gtag::HM2DPLL => dpll::check(module),
-        Gtag::IN_MUX | Gtag::IN_M => in_mux::check(module),
-        Gtag::SSR | Gtag::OUT_M => outputs::check(module),
-        Gtag::LED => led::check(module),
-        Gtag::SSERIAL | Gtag::SSERIAL_B => PortLayout::new(module, 0, 1).map(drop),
-        _ => return Err(UndrivenReason::Unsupported),
-    };
-    checked.map_err(UndrivenReason::Unknown)
-}
-
-/// Kinds of which a board has a single module.
-const ONE_FOR_ALL: [Gtag; 4] = [Gtag::WATCHDOG, Gtag::IO_PORT, Gtag::HM2DPLL, Gtag::LED];
-
 /// Returns the modules of a firmware that are not driven, in the order of its descriptors. Modules
 /// of the kinds `claimed` are driven by the application.
 ///
@@ -139,10 +115,9 @@ pub fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
             continue;
         };
         let reason = match check(module) {
-            Err(reason) => Some(reason),
-            Ok(()) if first > 0 && ONE_FOR_ALL.contains(&module.gtag) => {
-                Some(UndrivenReason::Another)
-            }
+            Err(NotDriven::Unsupported) => Some(UndrivenReason::Unsupported),
+            Err(NotDriven::Unknown(error)) => Some(UndrivenReason::Unknown(error)),
+            Ok(()) if first > 0 && is_single(module.gtag) => Some(UndrivenReason::Another),
             Ok(()) if module.gtag == Gtag::MUX_SELECT && !has_muxed(firmware) => {
                 Some(UndrivenReason::NoEncoders)
             }

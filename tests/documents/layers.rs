@@ -9,7 +9,7 @@ const WIRE: [&str; 3] = ["bus", "lbp", "lbp16"];
 
 /// The layers from the lowest up, each with those that it may name; `..` adds all that the named
 /// layer may name itself. Wire formats are those of `mesa-wire`.
-const LAYERS: [(&str, &[&str]); 12] = [
+const LAYERS: [(&str, &[&str]); 13] = [
     ("bus", &[]),
     ("hal", &["bus"]),
     ("hostmot2", &["bus", "hal"]),
@@ -18,6 +18,7 @@ const LAYERS: [(&str, &[&str]); 12] = [
     ("remote", &["lbp", "hal", "hostmot2", "sslbp", "discovery"]),
     ("boards", &["hal", "hostmot2", "sslbp", "discovery"]),
     ("events", &["bus", "hostmot2", "sslbp"]),
+    ("settings", &["hostmot2", "sslbp", "discovery", "events"]),
     (
         "modules",
         &[
@@ -30,6 +31,7 @@ const LAYERS: [(&str, &[&str]); 12] = [
             "remote",
             "boards",
             "events",
+            "settings",
         ],
     ),
     ("driver", &["modules.."]),

@@ -2,6 +2,7 @@
 //!
 //! Source: FACTS 13.4, 9.5, 12.5 to 12.7.
 
+mod command;
 mod latch;
 mod pins;
 mod reach;
@@ -15,7 +16,6 @@ use core::ops::Range;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::settings::Defaults;
 use super::unsure::UnsureMask;
 use super::{
     Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
@@ -25,11 +25,13 @@ use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage, Words};
 use crate::events::{CorrectedValue, Positions};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
+use crate::settings::Defaults;
 
 pub use crate::hostmot2::TickRate;
 
+use command::EncoderCommand;
+use pins::EncoderBankPins;
 pub use pins::EncoderPins;
-use pins::{EncoderBankPins, EncoderCommand};
 use state::{EncoderRates, EncoderReading, EncoderSample, EncoderState};
 
 /// All encoders of a firmware.

@@ -1,5 +1,6 @@
 //! The pins of encoders, and their translation to commands and settings.
 
+use super::command::EncoderCommand;
 use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderRates, EncoderReading, EncoderState};
@@ -69,16 +70,6 @@ pub struct EncoderPins {
 
 /// The largest `vel-timeout`, in seconds.
 const LONGEST_IDLE: f64 = 3600.0;
-
-/// The command of an encoder for one cycle.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct EncoderCommand {
-    pub reset: bool,
-    pub homed: bool,
-    pub request: LatchRequest,
-    /// The pins ask for a probe that the firmware does not have: counted as a refused value.
-    pub refuses_probe: bool,
-}
 
 impl EncoderPins {
     /// Makes the pins, each at the terminals of its signal: `places` are those of A, B and index.

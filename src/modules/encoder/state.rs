@@ -2,8 +2,8 @@
 
 use core::mem::{replace, take};
 
+use super::command::EncoderCommand;
 use super::latch::{HORIZON, Latch, LatchRequest, Movement};
-use super::pins::EncoderCommand;
 use super::reach::Reach;
 use super::registers::bits;
 use super::velocity::{CountStep, VelocityEstimator};

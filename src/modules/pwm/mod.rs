@@ -9,9 +9,9 @@ use alloc::vec::Vec;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::settings::Defaults;
 use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
 use crate::events::CorrectedValue;
+use crate::settings::Defaults;
 
 pub use duty::{PwmRate, PwmShape};
 

@@ -2,8 +2,8 @@
 
 use core::time::Duration;
 
-use super::FaultPolicy;
 use crate::bus::Instant;
+use crate::settings::FaultPolicy;
 
 /// Time that attempts have taken from the other remotes of a port, and its limit.
 ///

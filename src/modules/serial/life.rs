@@ -3,11 +3,12 @@
 
 use core::time::Duration;
 
-use super::{FaultPolicy, RemoteWatchdog};
+use super::RemoteWatchdog;
 use crate::bus::Instant;
 use crate::events::{EventKind, EventSink, OfflineReason};
 use crate::hostmot2::RemoteId;
 use crate::packed::packed_enum;
+use crate::settings::FaultPolicy;
 use crate::sslbp::RemoteFaults;
 use crate::tally::Tally;
 

@@ -6,8 +6,8 @@ use super::remotes::Remotes;
 use super::schedule::{Schedule, is_stopping};
 use crate::bus::Instant;
 use crate::hal::{GroupId, Input, Output, Param, PinMaker, PinStore};
-use crate::modules::settings::Defaults;
 use crate::modules::{RegisterError, Registrar};
+use crate::settings::Defaults;
 use crate::sslbp::PortMachine;
 
 /// The pins that LinuxCNC has for a port.

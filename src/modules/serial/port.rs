@@ -13,7 +13,7 @@ use super::remotes::Remotes;
 use super::schedule::{Schedule, is_transferring};
 use super::slot::RemoteSlot;
 use super::watchdog::{HEARD, Queried};
-use super::{FaultPolicy, PortStatistics, RemoteStatus, RemoteWatchdog};
+use super::{PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::events::OfflineReason;
 use crate::fraction::Fraction;
@@ -21,6 +21,7 @@ use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::RemoteId;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
+use crate::settings::FaultPolicy;
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, ChannelRegisters, CsStatus, DoitTime, MAX_CHANNELS,
     PerChannel, Port, PortImage, PortLayout, PortOperation, PortParameters, TransferResult,

@@ -6,11 +6,12 @@ use super::failures::Failures;
 use super::life::{At, Life, LifeChange, silent_until};
 use super::slot::RemoteSlot;
 use super::watchdog::OutputsState;
-use super::{FaultPolicy, RemoteStatus, RemoteWatchdog};
+use super::{RemoteStatus, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::events::OfflineReason;
 use crate::fraction::Fraction;
 use crate::hostmot2::RemoteId;
+use crate::settings::FaultPolicy;
 use crate::sslbp::{Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote};
 
 /// A remote of a port.

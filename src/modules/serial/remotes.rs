@@ -2,12 +2,13 @@
 
 use alloc::vec::Vec;
 
+use super::RemoteWatchdog;
 use super::life::{At, Life, LifeChange};
 use super::remote::Remote;
 use super::slot::RemoteSlot;
-use super::{FaultPolicy, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::events::EventSink;
+use crate::settings::FaultPolicy;
 use crate::sslbp::{Channel, ChannelMask};
 
 /// The remotes of a port. Their lives change in [`change`](Self::change) alone.

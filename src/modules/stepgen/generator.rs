@@ -8,6 +8,7 @@ use core::time::Duration;
 
 use super::control::{ControlLaw, ControlLimits};
 use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
+use super::firmware::Firmware;
 use super::latch::{AccumulatorLatch, LatchRequest};
 use super::pins::{Rows, StepgenPins, Switches};
 use super::pulses::PulseChange;
@@ -15,9 +16,9 @@ use super::rate::RateRegister;
 use super::registers::Registers;
 use super::reports::Reports;
 use super::timing::PulseTimes;
-use super::{Firmware, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::ModuleDescriptor;
+use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 
 /// Rate register for one step per tick of the clock.
 const STEP_PER_TICK: f64 = 4_294_967_296.0;

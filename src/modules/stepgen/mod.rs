@@ -20,6 +20,7 @@
 
 mod control;
 mod counts;
+mod firmware;
 mod generator;
 mod latch;
 mod pins;
@@ -35,11 +36,11 @@ use core::time::Duration;
 
 pub use pins::StepgenPins;
 
+use firmware::Firmware;
 use generator::{Generator, LastRead, Moment};
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::settings::Defaults;
 use super::unsure::UnsureMask;
 use super::{
     Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
@@ -48,9 +49,8 @@ use crate::bus::{Instant, Setting, Stage};
 use crate::events::{CorrectedValue, Positions};
 use crate::hal::{Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
+use crate::settings::Defaults;
 
-/// MODE bit: exchanges the first two outputs.
-const SWAP: u32 = 1 << 2;
 /// The accumulators advance in every tick.
 const EVERY_TICK: u32 = u32::MAX;
 /// Versions with `swap_step_dir`, and with index and probe.
@@ -88,16 +88,6 @@ struct LatchTimer {
     setting: Setting,
     /// Times of the DPLL's timers, in microseconds from the read.
     timers_us: [Option<Output<f64>>; 4],
-}
-
-/// What the generators of a firmware can do.
-#[derive(Clone, Copy, Debug)]
-struct Firmware {
-    clock_hz: u32,
-    has_swap: bool,
-    has_latch: bool,
-    /// There are pins for tables.
-    has_table: bool,
 }
 
 impl Stepgens {

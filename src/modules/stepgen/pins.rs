@@ -1,8 +1,8 @@
 //! The pins of step generators, and what their parameters ask for.
 
+use super::firmware::{Firmware, SWAP};
 use super::latch::{LatchRequest, bits};
 use super::timing::{PulseTicks, PulseTimes};
-use super::{Firmware, SWAP};
 use crate::hal::{Axis, InOut, Input, InputRow, Output, Param, PinError, PinMaker, PinStore, Spec};
 
 /// The pins of one generator: `hm2_7i92.0.stepgen.00.position-cmd` and so on.

@@ -1,9 +1,10 @@
 //! The registers of a generator.
 
+use super::firmware::Firmware;
 use super::pins::PulseSetup;
-use super::{Firmware, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hostmot2::ModuleDescriptor;
+use crate::modules::{RegisterError, Registrar, WriteCycle};
 
 /// The registers of a generator.
 #[derive(Debug)]

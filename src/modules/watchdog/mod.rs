@@ -22,10 +22,11 @@ pub use registers::WatchdogRegisters;
 use core::time::Duration;
 
 use super::limit::Limit;
-use super::{BoardState, Module, RegisterError, Registrar, WriteCycle};
+use super::{LastFeed, Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
-use crate::events::CorrectedValue;
+use crate::events::{BoardState, CorrectedValue};
 use crate::hal::{InOut, Param, PinStore, Pins};
+use crate::settings::usual_watchdog_time;
 
 /// The board's watchdog.
 #[derive(Debug)]
@@ -101,17 +102,6 @@ impl Feed {
     fn bitten_at(&self) -> Instant {
         self.at.after(self.time)
     }
-}
-
-/// The last write that restarted a watchdog before it has bitten.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct LastFeed {
-    /// Its start.
-    pub at: Instant,
-    /// The watchdog's time after that.
-    pub bitten_at: Instant,
-    /// No further write has arrived since.
-    pub is_last: bool,
 }
 
 /// A read with evidence of the set-up.
@@ -199,7 +189,7 @@ impl Watchdog {
     pub(crate) fn time_at(&self, period: Duration, pins: &Pins) -> Duration {
         let set = pins.param(self.pins.timeout_ns);
         if self.usual_ns == Some(set) {
-            usual_time(period)
+            usual_watchdog_time(period)
         } else {
             Duration::from_nanos(set.into())
         }
@@ -344,12 +334,6 @@ impl Watchdog {
     pub(crate) fn show(&self, pins: &mut PinStore, has_bitten: bool) {
         pins.publish(self.pins.has_bit, has_bitten);
     }
-}
-
-/// The time that follows from a period: five periods, and at least 5 ms.
-pub(super) fn usual_time(period: Duration) -> Duration {
-    let follows = period.saturating_mul(5);
-    follows.max(WatchdogRegisters::DEFAULT_TIMEOUT)
 }
 
 impl Module for Watchdog {

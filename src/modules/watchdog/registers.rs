@@ -40,9 +40,6 @@ impl WatchdogRegisters {
     /// The longest time: 21 s at 100 MHz.
     pub const LONGEST: u32 = Self::DISABLE - 1;
 
-    /// The usual timeout in LinuxCNC.
-    pub const DEFAULT_TIMEOUT: Duration = Duration::from_millis(5);
-
     const DISABLE: u32 = 1 << 31;
     /// Clocks from a write to the bite, less the value.
     const EXTRA: u32 = 2;
@@ -103,6 +100,7 @@ impl WatchdogRegisters {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::SHORTEST_USUAL_WATCHDOG;
     use proptest::prelude::*;
 
     const fn at(clock_hz: u32) -> WatchdogRegisters {
@@ -117,7 +115,7 @@ mod tests {
     #[test]
     fn five_milliseconds_at_100_mhz_are_499998() {
         let registers = at(100_000_000);
-        let time = registers.time_for(WatchdogRegisters::DEFAULT_TIMEOUT);
+        let time = registers.time_for(SHORTEST_USUAL_WATCHDOG);
         assert_eq!(time, 499_998);
         assert_eq!(registers.timeout_of(time), Some(Duration::from_millis(5)));
     }

@@ -9,7 +9,6 @@ mod tests;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::FaultPolicy;
 use super::cost::Cost;
 use super::life::{At, LifeChange};
 use super::outcome::ReadOutcome;
@@ -20,6 +19,7 @@ use super::statistics::PortStatistics;
 use crate::bus::Instant;
 use crate::events::OfflineReason;
 use crate::remote::ParameterWrite;
+use crate::settings::FaultPolicy;
 use crate::sslbp::{
     ChannelMask, ChannelVariable, CompletedOperation, Failure, PortAccess, PortEvent, PortImage,
     PortMachine, PortOperation, PortParameters, StartMode, TransferResult,

@@ -6,7 +6,7 @@ use core::time::Duration;
 ///
 /// # What is promised
 /// - A remote that reports any fault goes offline with the reply that reports it. It gets no frame
-///   of any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches
+///   of any kind from then on, so that its own [watchdog](crate::driver::RemoteWatchdog) bites and switches
 ///   *all* its outputs off: 50 ms after that reply for a remote as delivered, within 60 ms at most;
 ///   for a remote with another watchdog time within that time and a fifth more. The outputs stay
 ///   off until the application re-arms the remote: even if the cause of the fault goes away, during

@@ -5,23 +5,10 @@
 
 use alloc::string::String;
 
-use super::{CountedKind, Defaults, SerialConfig, Settings};
+use super::{Defaults, SerialConfig, Settings};
 use crate::ParseError;
-use crate::hostmot2::Gtag;
+use crate::hostmot2::{CountedKind, Gtag};
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS};
-
-/// Words that count instances of modules that this crate drives, with LinuxCNC's name of the kind.
-const DRIVEN: [(&str, &str); 9] = [
-    ("num_encoders", "encoder"),
-    ("num_pwmgens", "pwmgen"),
-    ("num_stepgens", "stepgen"),
-    ("num_dplls", "dpll"),
-    ("num_inmuxs", "inmux"),
-    ("num_inms", "inm"),
-    ("num_ssrs", "ssr"),
-    ("num_outms", "outm"),
-    ("num_leds", "led"),
-];
 
 /// A kind of modules that this crate does not drive: the beginning of its words, what it is called,
 /// and the tags of its modules.
@@ -191,8 +178,7 @@ impl Settings {
             }
             return Ok(());
         }
-        let kind = DRIVEN.iter().find(|(known, _)| *known == name);
-        let Some(kind) = kind.and_then(|(_, kind)| CountedKind::named(kind)) else {
+        let Some(kind) = CountedKind::counted_by(name) else {
             return refuse(KNOWN);
         };
         match (number, number.map(u8::try_from)) {
@@ -469,21 +455,23 @@ mod tests {
 
         #[test]
         fn valid_words_come_back(
-            counts in proptest::collection::btree_map(0..DRIVEN.len(), any::<u8>(), 0..8),
+            counts in proptest::collection::btree_map(0..CountedKind::ALL.len(), any::<u8>(), 0..8),
             ports in proptest::collection::btree_map(0..4u8, "[0-9x]{8}", 0..4),
         ) {
             let mut words = Vec::new();
             for (&kind, count) in &counts {
-                words.push(format!("{}={count}", DRIVEN[kind].0));
+                let word = CountedKind::ALL[kind].word;
+                words.extend(word.map(|word| format!("{word}={count}")));
             }
             for (port, modes) in &ports {
                 words.push(format!("sserial_port_{port}={modes}"));
             }
             let settings = parsed(&words.join(" "));
             let mut back = Vec::new();
-            for (word, name) in DRIVEN {
-                let key = CountedKind::named(name).expect("known").key();
-                if let Some(count) = settings.instances.get(&key) {
+            for kind in CountedKind::ALL {
+                if let Some(word) = kind.word
+                    && let Some(count) = settings.instances.get(&kind.key())
+                {
                     back.push(format!("{word}={count}"));
                 }
             }

@@ -1,31 +1,23 @@
 //! The settings of an application, given before a board is configured.
 
 mod hostmot2;
-mod instances;
+mod policy;
 
 use alloc::collections::BTreeMap;
-use alloc::format;
-use alloc::string::String;
 use alloc::vec::Vec;
 use core::str::FromStr;
 use core::time::Duration;
 
-use super::RegisterError;
-use super::gpio::GpioConfig;
-use super::serial::FaultPolicy;
-use super::watchdog::usual_time;
 use crate::events::EventMask;
 
 use crate::ParseError;
-use crate::advice::Advice;
 use crate::discovery::RemoteTable;
-use crate::hal::is_scale;
 use crate::hostmot2::board_table::BoardTable;
-use crate::hostmot2::{Gtag, TickRate};
+use crate::hostmot2::{CountedKind, GpioConfig, Gtag, TickRate};
 use crate::sslbp::MAX_CHANNELS;
 
 pub use hostmot2::NotedWord;
-pub(crate) use instances::CountedKind;
+pub use policy::FaultPolicy;
 
 /// Settings of a driver.
 ///
@@ -178,89 +170,24 @@ impl Settings {
     /// Returns the time after which the board's watchdog bites: the one that is set, or else five
     /// periods, and at least 5 ms.
     pub fn watchdog_time(&self) -> Duration {
-        self.watchdog.unwrap_or_else(|| usual_time(self.period))
+        self.watchdog
+            .unwrap_or_else(|| usual_watchdog_time(self.period))
     }
 
-    /// Refuses values that are invalid for any board.
-    pub(crate) fn check(&self) -> Result<(), RegisterError> {
-        let watchdog = self.watchdog_time();
-        if watchdog > LONGEST_WATCHDOG {
-            return refused(
-                Advice::SetWatchdog,
-                "the board's watchdog",
-                format!("{watchdog:?}"),
-                "at most 4.29 s, as many nanoseconds as its parameter holds",
-            );
-        }
-        if self.bus_error_limit == 0 {
-            return refused(
-                Advice::SetBusErrorLimit,
-                "failures in a row that make everything safe",
-                "0".into(),
-                "at least 1",
-            );
-        }
-        self.check_fault_policy()?;
-        self.check_instances()?;
-        let mut scales = self.pwm.values().filter_map(|config| config.scale);
-        if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
-            return refused(
-                Advice::SetPwm,
-                "the scale of a PWM generator",
-                format!("{scale}"),
-                "a number other than 0, its size from 1e-100 to 1e100",
-            );
-        }
-        match self.trace {
-            Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
-                Advice::SetTrace,
-                "the size of a trace",
-                format!("{cycles} cycles, {after} of them after the event"),
-                "at least 1 cycle, and fewer after the event than in all",
-            ),
-            _ => Ok(()),
-        }
-    }
-
-    fn check_fault_policy(&self) -> Result<(), RegisterError> {
-        let policy = &self.fault_policy;
-        if policy.fault_lim == 0 || policy.fault_inc == 0 {
-            return refused(
-                Advice::SetFaultPolicy,
-                "counters of failed transfers",
-                format!(
-                    "fault_inc {}, fault_lim {}",
-                    policy.fault_inc, policy.fault_lim
-                ),
-                "both at least 1: else a remote goes offline without a failure, or never",
-            );
-        }
-        if !(1..=LONGEST_STALE).contains(&policy.stale_after) {
-            return refused(
-                Advice::SetStaleAfter,
-                "cycles after which inputs are no longer valid",
-                format!("{}", policy.stale_after),
-                "1 to 1000",
-            );
-        }
-        Ok(())
+    /// Number of instances of the kind of this module that are used; `None` for all.
+    pub(crate) fn limit(&self, gtag: Gtag) -> Option<u8> {
+        let key = CountedKind::of(gtag)?.key();
+        self.instances.get(&key).copied()
     }
 }
 
-fn refused(
-    advice: Advice,
-    what: &'static str,
-    found: String,
-    expected: &str,
-) -> Result<(), RegisterError> {
-    let expected = expected.into();
-    Err(RegisterError::Setting {
-        what,
-        found,
-        expected,
-        advice,
-    })
+/// The time of a watchdog that follows from a period: five periods, and at least 5 ms.
+pub(crate) fn usual_watchdog_time(period: Duration) -> Duration {
+    period.saturating_mul(5).max(SHORTEST_USUAL_WATCHDOG)
 }
+
+/// The shortest time of a watchdog that follows from a period: the usual one of LinuxCNC.
+pub(crate) const SHORTEST_USUAL_WATCHDOG: Duration = Duration::from_millis(5);
 
 /// The source of the initial values of pins and parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -287,9 +214,6 @@ pub enum Defaults {
     LinuxCnc,
 }
 
-/// Greatest number of cycles for which old inputs may count as valid.
-const LONGEST_STALE: u32 = 1_000;
-
 /// Initial parameters of a PWM generator. `None` is the value that the board needs, or LinuxCNC's.
 ///
 /// ```
@@ -311,18 +235,15 @@ const LONGEST_STALE: u32 = 1_000;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct PwmConfig {
-    /// The parameter [`output-type`](super::pwm::PwmPins::output_type).
+    /// The parameter [`output-type`](crate::modules::pwm::PwmPins::output_type).
     pub output_type: Option<i32>,
-    /// The parameter [`offset-mode`](super::pwm::PwmPins::offset_mode): with it the pin is high
+    /// The parameter [`offset-mode`](crate::modules::pwm::PwmPins::offset_mode): with it the pin is high
     /// half of the time while the value is 0 and while the generator is not enabled.
     pub offset_mode: Option<bool>,
-    /// The parameter [`scale`](super::pwm::PwmPins::scale): the value at full scale. Its magnitude
+    /// The parameter [`scale`](crate::modules::pwm::PwmPins::scale): the value at full scale. Its magnitude
     /// is also the limit of the value.
     pub scale: Option<f64>,
 }
-
-/// Greatest value of the parameter `watchdog.timeout_ns`.
-const LONGEST_WATCHDOG: Duration = Duration::from_nanos(u32::MAX as u64);
 
 /// Size of a [`Trace`](crate::driver::Trace), and the events that stop it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
