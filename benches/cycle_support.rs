@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use mesa_hal::Settings;
 use mesa_hal::bus::{
-    Access, AccessList, Clock, Direction, Hold, Instant, ListForm, RegisterBus, Reply,
+    Access, AccessList, BusError, Clock, Direction, Hold, Instant, ListForm, RegisterBus, Reply,
 };
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::devices::FieldIo;
@@ -145,13 +145,11 @@ impl Frozen {
 }
 
 impl RegisterBus for Frozen {
-    type Error = <SimFpga as RegisterBus>::Error;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.sim.exchange(accesses, words)
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, BusError> {
         self.answers.push(Vec::new());
         let addresses = accesses.iter().flat_map(|access| {
             let words = access.words().len();
@@ -164,7 +162,7 @@ impl RegisterBus for Frozen {
         }))
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         let list: &Answers = list.form().expect("a list of this bus");
         let reads = list
             .accesses

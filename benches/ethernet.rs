@@ -11,11 +11,11 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mesa_hal::bus::AccessList;
 use mesa_hal::bus::{Access, Instant, RegisterBus};
+use mesa_hal::bus::{AccessList, LinkError};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -123,16 +123,14 @@ struct Direct {
 }
 
 impl PacketLink for Direct {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let reply = self.responder.answer(packet);
         self.waiting.clear();
         self.waiting.extend_from_slice(reply);
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> Result<Option<usize>, SocketError> {
+    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> Result<Option<usize>, LinkError> {
         let len = self.waiting.len();
         buffer[..len].copy_from_slice(&self.waiting);
         Ok((len > 0).then_some(len))

@@ -178,7 +178,6 @@ pub mod modules;
 mod packed;
 mod parse_error;
 pub mod remote;
-mod rounded;
 #[cfg(feature = "std")]
 pub mod runner;
 #[cfg(feature = "serde")]
@@ -197,9 +196,9 @@ pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Axis, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 pub use hostmot2::RemoteId;
+pub use mesa_wire::Rounded;
 pub use mesa_wire::{lbp, lbp16};
 pub use parse_error::ParseError;
-pub use rounded::Rounded;
 pub use transport::udp::{UdpBus, UdpConfig};
 
 #[doc = include_str!("../docs/gateware.md")]

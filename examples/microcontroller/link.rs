@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use mesa_hal::bus::{BusAdvice, BusError, BusErrorKind, Clock, Instant};
+use mesa_hal::bus::{BusAdvice, BusErrorKind, Clock, CustomError, Instant, LinkError};
 use mesa_hal::transport::udp::PacketLink;
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet};
 use smoltcp::phy::Device;
@@ -35,23 +35,13 @@ pub struct SmoltcpLink<D: Device, C: Clock> {
     board: IpEndpoint,
 }
 
-/// The stack refuses an address or a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum StackError {
-    #[error("smoltcp cannot send: {0}")]
-    Send(udp::SendError),
-    #[error("smoltcp cannot open the port: {0}")]
-    Bind(udp::BindError),
-}
+/// The stack takes no such address.
+const CANNOT_SEND: CustomError = of_stack("smoltcp cannot send: unaddressable");
+/// The stack opens no such port.
+const CANNOT_BIND: CustomError = of_stack("smoltcp cannot open the port");
 
-impl BusError for StackError {
-    fn kind(&self) -> BusErrorKind {
-        BusErrorKind::Unreachable
-    }
-
-    fn advice(&self) -> Option<BusAdvice> {
-        Some(BusAdvice::CheckAddress)
-    }
+const fn of_stack(text: &'static str) -> CustomError {
+    CustomError::new(BusErrorKind::Unreachable, text).with_advice(BusAdvice::CheckAddress)
 }
 
 impl<D: Device, C: Clock> SmoltcpLink<D, C> {
@@ -61,7 +51,7 @@ impl<D: Device, C: Clock> SmoltcpLink<D, C> {
         mut clock: C,
         own: Own,
         board: IpEndpoint,
-    ) -> Result<Self, StackError> {
+    ) -> Result<Self, LinkError> {
         let config = Config::new(own.mac.into());
         let mut interface = Interface::new(config, &mut device, stack_time(clock.now()));
         interface.update_ip_addrs(|addresses| {
@@ -71,7 +61,7 @@ impl<D: Device, C: Clock> SmoltcpLink<D, C> {
         // With storage in `static` memory instead of vectors, smoltcp needs no heap.
         let buffer = || PacketBuffer::new(vec![PacketMetadata::EMPTY; PACKETS], vec![0_u8; BYTES]);
         let mut socket = Socket::new(buffer(), buffer());
-        socket.bind(own.port).map_err(StackError::Bind)?;
+        socket.bind(own.port).map_err(|_| CANNOT_BIND)?;
         let mut sockets = SocketSet::new(Vec::with_capacity(1));
         let socket = sockets.add(socket);
         Ok(Self {
@@ -117,14 +107,12 @@ impl<D: Device, C: Clock> SmoltcpLink<D, C> {
 }
 
 impl<D: Device, C: Clock> PacketLink for SmoltcpLink<D, C> {
-    type Error = StackError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), StackError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let socket = self.sockets.get_mut::<Socket<'_>>(self.socket);
         match socket.send_slice(packet, self.board) {
             // While the board's MAC address is not known, packets wait; more than that are lost.
             Ok(()) | Err(udp::SendError::BufferFull) => {}
-            Err(error) => return Err(StackError::Send(error)),
+            Err(udp::SendError::Unaddressable) => return Err(CANNOT_SEND.into()),
         }
         self.poll();
         Ok(())
@@ -134,7 +122,7 @@ impl<D: Device, C: Clock> PacketLink for SmoltcpLink<D, C> {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, StackError> {
+    ) -> Result<Option<usize>, LinkError> {
         loop {
             // The time is older than the look: no datagram that arrived in time is missed.
             let now = self.poll();

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{Access, Clock, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, RegisterBus};
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal_sim::devices::find_mut;
 use mesa_hal_sim::{Motor, MotorConfig, MotorError, SimFpga, machines};
@@ -65,9 +65,7 @@ impl World for Simulated {
 }
 
 impl RegisterBus for Simulated {
-    type Error = <SimFpga as RegisterBus>::Error;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.fpga.exchange(accesses, words)
     }
 }

@@ -66,7 +66,7 @@ fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
 
 fn connect(address: SocketAddrV4) -> Result<UdpBus, Failure> {
     let bus = UdpBus::connect(address, UdpConfig::default());
-    bus.map_err(|error| advised(&error, error.advice()))
+    bus.map_err(|error| advised(&error, error.advice().map(Advice::Bus)))
 }
 
 /// A failure with the facts of an error and its advice.

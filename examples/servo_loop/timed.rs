@@ -4,7 +4,8 @@ use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{
-    Access, AccessList, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusStatistics, Clock, Effort, Hold, RegisterBus,
+    Reply,
 };
 
 #[derive(Debug)]
@@ -49,29 +50,27 @@ impl<B> DerefMut for Timed<B> {
 }
 
 impl<B: RegisterBus> RegisterBus for Timed<B> {
-    type Error = B::Error;
-
     fn can_hold(&self) -> bool {
         self.bus.can_hold()
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.measured(|bus| bus.exchange(accesses, words))
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
         self.bus.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
         self.measured(|bus| bus.start(list, words))
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.measured(|bus| bus.finish(list, words))
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.measured(|bus| bus.write_all(accesses, words))
     }
 
@@ -79,7 +78,7 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.bus.set_cycle(period, deadline);
     }
 
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
         self.bus.board(effort)
     }
 

@@ -4,11 +4,10 @@
 #![no_main]
 
 use std::collections::VecDeque;
-use std::convert::Infallible;
 use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
-use mesa_hal::bus::{Access, Clock, Instant, RegisterBus};
+use mesa_hal::bus::{Access, Clock, Instant, LinkError, RegisterBus};
 use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::{BoardConfig, Gateware, SimBoard};
 
@@ -107,9 +106,7 @@ impl Link {
 }
 
 impl PacketLink for Link {
-    type Error = Infallible;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), Infallible> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let mut reply = Vec::new();
         let at = self.board.time().max(self.now) + WIRE;
         if self.board.handle_packet(at, packet, &mut reply).is_some() {
@@ -122,7 +119,7 @@ impl PacketLink for Link {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, Infallible> {
+    ) -> Result<Option<usize>, LinkError> {
         let Some(reply) = self.replies.pop_front() else {
             self.sleep_until(deadline);
             return Ok(None);

@@ -26,7 +26,7 @@ pub fn discover_port<B: RegisterBus + Clock>(
     bus: &mut B,
     channels: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
-) -> PortResult<Vec<Result<Discovery, StartFailure>>, B> {
+) -> PortResult<Vec<Result<Discovery, StartFailure>>> {
     port.on(bus).stop_all()?;
     let outcomes = port.on(bus).start(StartMode::Setup, channels)?.into_iter();
     Ok(outcomes

@@ -146,7 +146,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded.
-    pub fn identify(bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
+    pub fn identify(bus: B, settings: Settings) -> Result<Self, DriverError> {
         Self::identify_with(bus, settings, |_, _| {})
     }
 
@@ -185,7 +185,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         mut bus: B,
         settings: Settings,
         adjust: impl FnOnce(&HostMot2, &mut Settings),
-    ) -> Result<Self, DriverError<B::Error>> {
+    ) -> Result<Self, DriverError> {
         let mut settings = begin_cycle(&mut bus, settings)?;
         let (firmware, description) = identify_steady(&mut bus)?;
         adjust(&firmware, &mut settings);
@@ -228,7 +228,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     pub fn add<T>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
-    ) -> Result<T, DriverError<B::Error>> {
+    ) -> Result<T, DriverError> {
         self.0.add(register)
     }
 
@@ -239,7 +239,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn discover(self) -> Result<Configured<B>, DriverError<B::Error>> {
+    pub fn discover(self) -> Result<Configured<B>, DriverError> {
         let mut assembly = self.0;
         match assembly.find_remotes() {
             Ok(()) => Ok(Configured(assembly)),
@@ -254,7 +254,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+    pub fn start(self) -> Result<Driver<B>, DriverError> {
         self.discover()?.start()
     }
 }
@@ -270,7 +270,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(self) -> Result<Driver<B>, DriverError<B::Error>> {
+    pub fn start(self) -> Result<Driver<B>, DriverError> {
         let mut assembly = self.0;
         match assembly.start_ports() {
             Ok((exchanges, words)) => Ok(assembly.into_driver(exchanges, words)),
@@ -280,7 +280,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
 }
 
 impl<B: RegisterBus + Clock> Assembly<B> {
-    fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
+    fn add_built_in(&mut self) -> Result<(), DriverError> {
         for register in BUILT_IN.iter().filter_map(|kind| kind.register) {
             self.add(register)?;
         }
@@ -294,7 +294,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     fn add<T>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
-    ) -> Result<T, DriverError<B::Error>> {
+    ) -> Result<T, DriverError> {
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
         let registered = self.plan.register(&mut *self.bus, group, register);
@@ -309,7 +309,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         Ok(handles)
     }
 
-    fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError<B::Error>> {
+    fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError> {
         let bus = &mut *self.bus;
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
@@ -325,7 +325,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         Ok(frozen)
     }
 
-    fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
+    fn find_remotes(&mut self) -> Result<(), DriverError> {
         // I/O pins come last, after all modules have taken theirs.
         self.add(Gpio::register)?;
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
@@ -349,7 +349,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// Gives the pins of serial channels on which nothing answers back to plain I/O, as LinuxCNC does,
     /// and gives those of modules their second names.
-    fn finish_gpio(&mut self) -> Result<(), DriverError<B::Error>> {
+    fn finish_gpio(&mut self) -> Result<(), DriverError> {
         if self.plan.settings.defaults != Defaults::LinuxCnc {
             return Ok(());
         }
@@ -378,7 +378,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// Writes the set-up, until the board has all of it. A reset in the middle of the set-up leaves
     /// its end without its beginning: driven pins of modules that are not set up.
-    fn set_up(&mut self) -> Result<(), DriverError<B::Error>> {
+    fn set_up(&mut self) -> Result<(), DriverError> {
         for _ in 0..TRIES {
             self.plan
                 .image
@@ -392,7 +392,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     }
 
     /// Fails if the board has lost its set-up since it was written, and makes it drive nothing.
-    fn expect_set_up(&mut self, during: &'static str) -> Result<(), DriverError<B::Error>> {
+    fn expect_set_up(&mut self, during: &'static str) -> Result<(), DriverError> {
         if self.is_set_up().map_err(DriverError::Bus)? {
             return Ok(());
         }
@@ -403,7 +403,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// True if the board has not been reset since its set-up began. A read in the middle of a reset
     /// is no evidence, so the board's description has to be unchanged as well.
-    fn is_set_up(&mut self) -> Result<bool, B::Error> {
+    fn is_set_up(&mut self) -> Result<bool, BusError> {
         let bus = &mut *self.bus;
         Ok(self.description.is_still(bus, Effort::Repeated)?
             && self.parts.watchdog.registers.are_at_first(bus)?)
@@ -411,7 +411,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// Stops everything after a failed start, and returns its error. A failure of a port or a
     /// remote after a reset is reported as the reset.
-    fn stopped(&mut self, error: DriverError<B::Error>) -> DriverError<B::Error> {
+    fn stopped(&mut self, error: DriverError) -> DriverError {
         let is_of_port = matches!(error, DriverError::Port(_) | DriverError::Missing(_));
         if is_of_port && let Err(reset @ DriverError::Unsteady { .. }) = self.expect_set_up(STARTED)
         {
@@ -466,9 +466,7 @@ const TRIES: u32 = 3;
 
 /// Identifies the firmware of the board, and the words that identify it, read twice with the same
 /// result: words read around a reset do not identify a firmware.
-fn identify_steady<B: RegisterBus>(
-    bus: &mut B,
-) -> Result<(HostMot2, FirmwareCheck), DriverError<B::Error>> {
+fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<(HostMot2, FirmwareCheck), DriverError> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;
@@ -482,10 +480,7 @@ fn identify_steady<B: RegisterBus>(
 }
 
 /// Sets the bus up for the cycle of the settings, and refuses those that are invalid for any board.
-fn begin_cycle<B: RegisterBus>(
-    bus: &mut B,
-    settings: Settings,
-) -> Result<Settings, DriverError<B::Error>> {
+fn begin_cycle<B: RegisterBus>(bus: &mut B, settings: Settings) -> Result<Settings, DriverError> {
     let settings = checked(settings)?;
     if settings.pace == Pace::Board && !bus.can_hold() {
         let why = "this bus cannot hold reads back";
@@ -496,7 +491,7 @@ fn begin_cycle<B: RegisterBus>(
 }
 
 /// Refuses times that do not fit each other, and a rest that is too short.
-fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
+fn checked(mut settings: Settings) -> Result<Settings, DriverError> {
     let period = settings.period;
     check_range(period)?;
     DriverError::check_watchdog(None, settings.watchdog_time(), period)?;
@@ -540,7 +535,7 @@ impl Plan {
         bus: &mut B,
         group: GroupId,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
-    ) -> Result<T, DriverError<B::Error>> {
+    ) -> Result<T, DriverError> {
         let mut bus_error = None;
         let mut peek = |address| {
             bus.read(address).map_err(|error| {

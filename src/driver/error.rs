@@ -21,19 +21,19 @@ use crate::sslbp::PortError;
 /// If a start fails, everything that was started is stopped again.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum DriverError<E: BusError> {
+pub enum DriverError {
     /// The bus failed.
     #[error(transparent)]
-    Bus(E),
+    Bus(BusError),
     /// This crate does not support the firmware.
     #[error(transparent)]
-    Identify(#[from] IdentifyError<E>),
+    Identify(#[from] IdentifyError),
     /// A module cannot be used.
     #[error(transparent)]
     Register(#[from] RegisterError),
     /// A serial port does not execute commands.
     #[error(transparent)]
-    Port(PortError<E>),
+    Port(PortError),
     /// The board was reset, or lost its power, during the start. It drives nothing.
     #[error("the board was reset, or lost power, while {during}, and drives nothing")]
     Unsteady {
@@ -62,7 +62,7 @@ pub enum DriverError<E: BusError> {
         /// The requested name of the parameter.
         name: Box<str>,
         /// The reason.
-        source: ParameterError<PortError<E>>,
+        source: ParameterError<PortError>,
     },
     /// The board should pace the cycle, and cannot.
     #[error("the board cannot pace the cycle: {why}")]
@@ -153,7 +153,7 @@ fn watchdog_name(remote: Option<RemoteId>) -> String {
     }
 }
 
-impl<E: BusError> DriverError<E> {
+impl DriverError {
     /// The next step, if there is one.
     pub fn advice(&self) -> Option<Advice> {
         match self {
@@ -207,8 +207,8 @@ impl<E: BusError> DriverError<E> {
     }
 }
 
-impl<E: BusError> From<PortError<E>> for DriverError<E> {
-    fn from(error: PortError<E>) -> Self {
+impl From<PortError> for DriverError {
+    fn from(error: PortError) -> Self {
         match error {
             PortError::Bus(error) => Self::Bus(error),
             error => Self::Port(error),
@@ -219,12 +219,12 @@ impl<E: BusError> From<PortError<E>> for DriverError<E> {
 /// Error of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum CycleError<E: BusError> {
+pub enum CycleError {
     /// The read failed: no input was taken.
     #[error("read, failure {consecutive} in a row: {source}")]
     Read {
         /// The error of the bus.
-        source: E,
+        source: BusError,
         /// Number of consecutive failed reads, including this one.
         consecutive: u32,
     },
@@ -232,7 +232,7 @@ pub enum CycleError<E: BusError> {
     #[error("write, failure {consecutive} in a row: {source}")]
     Write {
         /// The error of the bus.
-        source: E,
+        source: BusError,
         /// Number of consecutive failed writes, including this one.
         consecutive: u32,
     },
@@ -255,7 +255,7 @@ pub enum CycleError<E: BusError> {
     OtherFirmware,
 }
 
-impl<E: BusError> CycleError<E> {
+impl CycleError {
     /// The next step, if there is one.
     ///
     /// # Real time

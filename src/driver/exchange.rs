@@ -34,7 +34,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// One exchange, bounded by the bus. Where the [board paces](Pace::Board), it waits for the
     /// next period, at most for five quarters of one besides the deadline of the bus. No
     /// allocation.
-    pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+    pub fn read(&mut self) -> Result<CycleReport, CycleError> {
         let result = self.read_board();
         if self.trace.is_some() {
             let failed = result.as_ref().err().map(CycleError::kind);
@@ -43,7 +43,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         result
     }
 
-    fn read_board(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+    fn read_board(&mut self) -> Result<CycleReport, CycleError> {
         let asked = self.cycle.begin_read();
         let words = &mut self.cycle.words;
         let answer = self
@@ -87,7 +87,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// is written.
     ///
     /// [`EventKind::NotRead`]: super::EventKind::NotRead
-    pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
+    pub fn write(&mut self) -> Result<(), CycleError> {
         let result = self.write_board();
         if self.trace.is_some() {
             let failed = result.as_ref().err().map(CycleError::kind);
@@ -98,7 +98,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Does the exchanges that the cycle orders. A failed exchange other than the last one is
     /// repeated with the next write; this write continues without it.
-    fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
+    fn write_board(&mut self) -> Result<(), CycleError> {
         let mut now = self.bus.now();
         let mut order = self.cycle.write(now);
         loop {
@@ -126,7 +126,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    fn write_cycle(&mut self, form: CycleWrite) -> Result<(), CycleError<B::Error>> {
+    fn write_cycle(&mut self, form: CycleWrite) -> Result<(), CycleError> {
         let period = self.pacer.period;
         if let Some(deadline) = self.cycle.new_deadline(period) {
             self.bus.set_cycle(period, Some(deadline));
@@ -153,7 +153,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Writes settings that drive pins. They could drive pins that the rest of the set-up protects,
     /// so the evidence of the set-up is checked before and after the write.
-    fn write_guarded(&mut self) -> Result<(), B::Error> {
+    fn write_guarded(&mut self) -> Result<(), BusError> {
         self.forget_started();
         self.look()?;
         if !self.cycle.is_running() {
@@ -195,7 +195,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Reads all registers before the set-up, of a board that is not set up.
-    fn survey(&mut self) -> Result<(), B::Error> {
+    fn survey(&mut self) -> Result<(), BusError> {
         self.read_all()?;
         let now = self.bus.now();
         self.cycle.surveyed(now);
@@ -203,7 +203,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Reads all registers in a separate exchange.
-    fn read_all(&mut self) -> Result<(), B::Error> {
+    fn read_all(&mut self) -> Result<(), BusError> {
         self.cycle.asked(self.bus.now());
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         let ask = ReadRequest {
@@ -216,7 +216,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Reads all evidence in a separate exchange.
-    fn look(&mut self) -> Result<(), B::Error> {
+    fn look(&mut self) -> Result<(), BusError> {
         self.cycle.asked(self.bus.now());
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         self.exchanges.read_evidence(bus, words)?;
@@ -228,7 +228,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Writes the set-up that the board has lost. If the evidence then shows the set-up, the board
     /// runs, and so does its watchdog; otherwise the state is unchanged. Another firmware gets no
     /// part of it, because its registers have other meanings, and its pins other wires.
-    pub(super) fn write_set_up(&mut self) -> Result<(), CycleError<B::Error>> {
+    pub(super) fn write_set_up(&mut self) -> Result<(), CycleError> {
         match self.set_up_same() {
             Ok(true) => Ok(()),
             Ok(false) => {
@@ -244,7 +244,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Detects if the board is the one that the driver was started with.
-    pub(super) fn responder(&mut self) -> Result<Responder, B::Error> {
+    pub(super) fn responder(&mut self) -> Result<Responder, BusError> {
         // A read around a reset is no evidence of another firmware, so that is read twice.
         for _ in 0..2 {
             // An FPGA without its configuration could get it back in the middle of an exchange, and
@@ -262,7 +262,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Returns false if another firmware answers.
-    fn set_up_same(&mut self) -> Result<bool, B::Error> {
+    fn set_up_same(&mut self) -> Result<bool, BusError> {
         let now = self.bus.now();
         // A reply that was requested before shows nothing of the board's present state.
         self.forget_started();
@@ -296,7 +296,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Renews the set-up of a board that still has it. If it has lost it meanwhile, another set-up is
     /// needed.
-    fn renew(&mut self, begun: Instant) -> Result<(), B::Error> {
+    fn renew(&mut self, begun: Instant) -> Result<(), BusError> {
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         let renewed = self.exchanges.renew(bus, words);
         if renewed.is_ok() {
@@ -372,7 +372,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// still. No allocation.
     ///
     /// [`PortStatistics::doit`]: super::PortStatistics::doit
-    pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+    pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, BusError> {
         self.wait_ports(limit, SerialPort::poll)
     }
 
@@ -381,7 +381,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &mut self,
         limit: Duration,
         mut are: impl FnMut(&mut SerialPort, &Words, Instant) -> bool,
-    ) -> Result<bool, B::Error> {
+    ) -> Result<bool, BusError> {
         if self.pacer.pace == Pace::Board {
             return Ok(false);
         }

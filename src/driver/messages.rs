@@ -29,7 +29,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
 }
 
 /// Logs the parts of a dropped driver that could not be stopped.
-pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError<B::Error>) {
+pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError) {
     let error = WithAdvice::new(error, error.advice());
     log::error!(target: "mesa_hal", "{}: was dropped: {error}", driver.name());
 }

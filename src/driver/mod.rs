@@ -166,7 +166,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
+    pub fn start(bus: B, settings: Settings) -> Result<Self, DriverError> {
         Board::identify(bus, settings)?.start()
     }
 

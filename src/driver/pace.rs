@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::Pace;
 use super::cycle::CycleWrite;
-use crate::bus::{Clock, Exchanges, Instant, ReadRequest, RegisterBus, Words};
+use crate::bus::{BusError, Clock, Exchanges, Instant, ReadRequest, RegisterBus, Words};
 use crate::fraction::Fraction;
 
 /// Pacing of the cycle.
@@ -26,14 +26,14 @@ const MAX_FAILURES: u32 = 2;
 
 /// Outcome of a read.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ReadResult<E> {
+pub(super) struct ReadResult {
     /// The read included the extra registers.
     pub extra: bool,
     /// Time of the request.
     pub from: Instant,
     /// Time of arrival; the cycle may begin later.
     pub at: Instant,
-    pub result: Result<(), E>,
+    pub result: Result<(), BusError>,
 }
 
 impl Pacer {
@@ -66,7 +66,7 @@ impl Pacer {
         exchanges: &Exchanges,
         words: &mut Words,
         extra: bool,
-    ) -> ReadResult<B::Error> {
+    ) -> ReadResult {
         if self.started.is_none() && self.is_behind() {
             self.rest(bus, self.period);
         }
@@ -126,7 +126,7 @@ impl Pacer {
         exchanges: &mut Exchanges,
         words: &mut Words,
         form: CycleWrite,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let ask = self.ask(form.extra);
         if !ask.held {
             return exchanges.write(bus, words, form.writes);

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{Configured, Driver, DriverError, Remark, RemarkKind, RemoteStatus, remark};
-use crate::bus::{Access, BusError, Clock, RegisterBus};
+use crate::bus::{Access, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
 use crate::hostmot2::RemoteId;
@@ -28,7 +28,7 @@ struct KeptParameter<'a> {
 }
 
 impl<'a> KeptParameter<'a> {
-    fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
+    fn failed(self, source: ParameterError<PortError>) -> DriverError {
         match source {
             ParameterError::Memory(error) => error.into(),
             source => DriverError::Parameter {
@@ -39,19 +39,19 @@ impl<'a> KeptParameter<'a> {
         }
     }
 
-    fn record<E: BusError>(self, pins: &RemotePins) -> Result<&DataRecord, DriverError<E>> {
+    fn record(self, pins: &RemotePins) -> Result<&DataRecord, DriverError> {
         let parameter = pins.parameter(self.name);
         let record = parameter.map(|parameter| &parameter.record);
         record.ok_or_else(|| self.failed(ParameterError::Unknown))
     }
 
     /// Checks everything that can be checked before anything is stopped.
-    fn check<E: BusError>(
+    fn check(
         self,
         record: &'a DataRecord,
         value: AnyValue,
         period: Duration,
-    ) -> Result<CheckedWrite<'a>, DriverError<E>> {
+    ) -> Result<CheckedWrite<'a>, DriverError> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
         // 0 switches the watchdog off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
@@ -82,7 +82,7 @@ impl CheckedWrite<'_> {
     fn write<B: RegisterBus + Clock>(
         self,
         memory: &mut PortLink<'_, B>,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let written = self.record.write_parameter(memory, self.value);
         written.map_err(|error| self.parameter.failed(error))
     }
@@ -94,7 +94,7 @@ impl CheckedWrite<'_> {
         bus: &mut B,
         port: &mut Port,
         is: &StartedRemote,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let (remote, channel) = (self.parameter.remote, is.channel);
         let mut on_bus = port.on(bus);
         on_bus.stop_all()?;
@@ -125,7 +125,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         &mut self,
         remote: impl Into<RemoteId>,
         name: &str,
-    ) -> Result<ParameterValue, DriverError<B::Error>> {
+    ) -> Result<ParameterValue, DriverError> {
         let remote = remote.into();
         let parameter = KeptParameter { remote, name };
         let (mut memory, _, pins) = self.in_setup(remote)?;
@@ -149,7 +149,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         remote: impl Into<RemoteId>,
         name: &str,
         value: impl Into<AnyValue>,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let (value, period) = (value.into(), self.0.plan.settings.period);
         let remote = remote.into();
         let parameter = KeptParameter { remote, name };
@@ -177,7 +177,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         &mut self,
         remote: impl Into<RemoteId>,
         access: RemoteAccess,
-    ) -> Result<u64, DriverError<B::Error>> {
+    ) -> Result<u64, DriverError> {
         let (mut memory, ..) = self.in_setup(remote.into())?;
         Ok(memory.exchange(access)?)
     }
@@ -209,7 +209,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         remote: impl Into<RemoteId>,
         name: &str,
         value: impl Into<AnyValue>,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let (value, remote) = (value.into(), remote.into());
         let parameter = KeptParameter { remote, name };
         let status = self.status(remote)?;
@@ -253,7 +253,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         remote: impl Into<RemoteId>,
         name: &str,
         value: impl Into<AnyValue>,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let (value, remote) = (value.into(), remote.into());
         let parameter = KeptParameter { remote, name };
         let status = self.status(remote)?;
@@ -269,14 +269,14 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    fn status(&self, remote: RemoteId) -> Result<RemoteStatus<'_>, DriverError<B::Error>> {
+    fn status(&self, remote: RemoteId) -> Result<RemoteStatus<'_>, DriverError> {
         self.remote(remote)
             .ok_or_else(|| DriverError::no_remote(remote))
     }
 
     /// Feeds the board's watchdog, once, for this time. A bite remains visible, and so does a
     /// reset: the watchdog is restarted before it has the time.
-    pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
+    pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError> {
         let watchdog = self.cycle.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
@@ -297,7 +297,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &mut self,
         write: CheckedWrite<'_>,
         started: &StartedRemote,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let bus = &mut *self.bus;
         let KeptParameter { remote, name } = write.parameter;
         let ports = &mut self.cycle.parts.ports;

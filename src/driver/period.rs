@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::arrival::ArrivalClock;
 use super::{Driver, DriverError, Pace, Pacer};
-use crate::bus::{BusError, Clock, RegisterBus};
+use crate::bus::{Clock, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::modules::serial::SerialPort;
 
@@ -21,7 +21,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// [`DriverError::PeriodTooShort`] and [`DriverError::Register`], as at the start. The period
     /// then stays as it was, and everything is safe until it is re-armed: outputs must not follow a
     /// cycle whose period they do not have.
-    pub fn set_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+    pub fn set_period(&mut self, period: Duration) -> Result<(), DriverError> {
         if self.pacer.pace != Pace::Host || self.cycle.statistics.writes > 0 {
             return Err(DriverError::PeriodInUse);
         }
@@ -32,7 +32,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         changed
     }
 
-    fn change_period(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+    fn change_period(&mut self, period: Duration) -> Result<(), DriverError> {
         check_range(period)?;
         let parts = &self.cycle.parts;
         let watchdog = parts.watchdog.time_at(period, &self.cycle.pins);
@@ -52,7 +52,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    fn change_parts(&mut self, period: Duration) -> Result<(), DriverError<B::Error>> {
+    fn change_parts(&mut self, period: Duration) -> Result<(), DriverError> {
         for part in self.cycle.parts.each() {
             part.set_period(period, &mut self.cycle.pins)?;
         }
@@ -61,7 +61,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 }
 
 /// Refuses a period out of the range in which the cycle can be kept.
-pub(super) fn check_range<E: BusError>(period: Duration) -> Result<(), DriverError<E>> {
+pub(super) fn check_range(period: Duration) -> Result<(), DriverError> {
     let range = Duration::from_micros(1)..=Duration::from_millis(800);
     if range.contains(&period) {
         Ok(())
@@ -72,10 +72,7 @@ pub(super) fn check_range<E: BusError>(period: Duration) -> Result<(), DriverErr
 
 /// Checks that the period is long enough for the transfers of a port, and short enough for the
 /// watchdogs of its remotes.
-pub(super) fn check_port<E: BusError>(
-    port: &SerialPort,
-    period: Duration,
-) -> Result<(), DriverError<E>> {
+pub(super) fn check_port(port: &SerialPort, period: Duration) -> Result<(), DriverError> {
     let number = port.layout().instance;
     let needed = port.expected_time.usual;
     if needed > period {

@@ -25,7 +25,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// As `write`, and nine more exchanges when the board has to be set up again, after the reply
     /// that is waited for where the board paces. No allocation.
-    pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
+    pub fn rearm(&mut self) -> Result<Rearmed, CycleError> {
         if !self.cycle.is_running() {
             self.write_set_up()?;
         }

@@ -12,7 +12,7 @@ use super::{
     SerialPort,
 };
 use crate::boards::{AttachError, check_identity};
-use crate::bus::{BusError, Clock, RegisterBus};
+use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, PinDescriptor, RemoteId};
@@ -94,14 +94,10 @@ impl<B: RegisterBus + Clock> Configured<B> {
     }
 
     /// The memory and the pins of a remote in setup mode.
-    #[expect(
-        clippy::type_complexity,
-        reason = "parts of the board, borrowed at once"
-    )]
     pub(super) fn in_setup(
         &mut self,
         remote: RemoteId,
-    ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
+    ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError> {
         let Assembly {
             bus, plan, stages, ..
         } = &mut self.0;
@@ -124,7 +120,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
 
 impl Plan {
     /// Finds the ports of the firmware that are used, and takes their I/O pins.
-    pub(super) fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
+    pub(super) fn locate_ports(&mut self) -> Result<Vec<PortStage>, DriverError> {
         let mut places = PortLayout::ports(&self.firmware);
         let ports = places.len() as u8;
         if ports == 0 && self.settings.defaults == Defaults::LinuxCnc {
@@ -182,7 +178,7 @@ impl Plan {
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let parameters = stage.port.on(bus).reset()?;
         if parameters.is_old() {
             let (major, minor) = (parameters.major, parameters.minor);
@@ -207,7 +203,7 @@ impl Plan {
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,
-    ) -> Result<Vec<(Channel, RemarkKind)>, DriverError<B::Error>> {
+    ) -> Result<Vec<(Channel, RemarkKind)>, DriverError> {
         let start = |channel| Some((channel, stage.config(channel)?.mode));
         let starts: Vec<_> = Channel::ALL.into_iter().filter_map(start).collect();
         let options = DiscoveryOptions {
@@ -239,12 +235,12 @@ impl Plan {
     /// Continues without the remote of a channel: an optional one takes part as an absent remote,
     /// any other is missing. A silent part of a card is reported as that, if the other parts are
     /// there.
-    fn do_without<E: BusError>(
+    fn do_without(
         &mut self,
         stage: &mut PortStage,
         channel: Channel,
         kind: RemarkKind,
-    ) -> Result<(), DriverError<E>> {
+    ) -> Result<(), DriverError> {
         match stage.config(channel) {
             Some(config) if config.presence == Presence::Optional => {
                 let remote = self.absent(stage, channel, *config)?;
@@ -267,12 +263,12 @@ impl Plan {
     }
 
     /// Notes a remote that does not take part. Fails if the machine cannot do without it.
-    fn miss<E: BusError>(
+    fn miss(
         &mut self,
         stage: &PortStage,
         channel: Channel,
         kind: RemarkKind,
-    ) -> Result<(), DriverError<E>> {
+    ) -> Result<(), DriverError> {
         let missing = stage.remark(channel.index(), kind);
         let config = stage.config(channel);
         if config.is_some_and(|config| config.presence == Presence::Required) {
@@ -285,12 +281,12 @@ impl Plan {
     /// Notes a remote that was found, and does not run: it is offline. Fails if the machine cannot do
     /// without it, unless the remote reports a fault, as it does without field power: it may be what
     /// the application has to start for.
-    fn offline<E: BusError>(
+    fn offline(
         &mut self,
         stage: &PortStage,
         is: &StartedRemote,
         reason: OfflineReason,
-    ) -> Result<(), DriverError<E>> {
+    ) -> Result<(), DriverError> {
         let name = is.name;
         let kind = RemarkKind::Offline { name, reason };
         let remark = stage.remark(is.channel.index(), kind);
@@ -386,7 +382,7 @@ impl Plan {
         bus: &mut B,
         port: &mut Port,
         remote: &mut RemotePart,
-    ) -> Result<(), DriverError<B::Error>> {
+    ) -> Result<(), DriverError> {
         let channel = remote.started.channel;
         let mut memory = PortLink { port, bus, channel };
         for parameter in &mut remote.pins.parameters {
@@ -406,7 +402,7 @@ impl Plan {
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,
-    ) -> Result<SerialPort, DriverError<B::Error>> {
+    ) -> Result<SerialPort, DriverError> {
         let mut port = stage.port.on(bus);
         port.stop_all()?;
         let there = stage.remotes.iter().filter(|remote| !remote.is_absent());

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::ops::{Deref, DerefMut};
 
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{Access, BusError, RegisterBus};
 use crate::hostmot2::IoPorts;
 use crate::modules::watchdog::WatchdogRegisters;
 
@@ -34,7 +34,7 @@ impl<B: RegisterBus> SafeBus<B> {
 
     /// Makes the board drive nothing: all pins are inputs, and the watchdog bites. Acknowledged, so
     /// that a lost packet is repeated. Only once.
-    pub fn release(&mut self) -> Result<(), B::Error> {
+    pub fn release(&mut self) -> Result<(), BusError> {
         let mut words = core::mem::take(&mut self.words);
         match &mut self.bus {
             Some(bus) if !words.is_empty() => bus.exchange(&self.release, &mut words),

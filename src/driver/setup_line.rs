@@ -23,7 +23,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         &mut self,
         remote: impl Into<RemoteId>,
         baud_rate: u32,
-    ) -> Result<(PortLink<'_, B>, StartedRemote), DriverError<B::Error>> {
+    ) -> Result<(PortLink<'_, B>, StartedRemote), DriverError> {
         let remote = remote.into();
         let PortLink { port, bus, channel } = self.line(remote)?;
         let mut on_bus = port.on(bus);
@@ -45,10 +45,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
     ///
     /// # Errors
     /// The port fails, or does not exist.
-    pub fn end_setup_at(
-        &mut self,
-        remote: impl Into<RemoteId>,
-    ) -> Result<(), DriverError<B::Error>> {
+    pub fn end_setup_at(&mut self, remote: impl Into<RemoteId>) -> Result<(), DriverError> {
         let PortLink { port, bus, channel } = self.line(remote.into())?;
         let mut port = port.on(bus);
         port.stop_all()?;
@@ -57,7 +54,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
     }
 
     /// The line of an existing channel.
-    fn line(&mut self, remote: RemoteId) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
+    fn line(&mut self, remote: RemoteId) -> Result<PortLink<'_, B>, DriverError> {
         let stage = self.0.stages.get_mut(usize::from(remote.port));
         let line = stage
             .zip(Channel::new(remote.channel))

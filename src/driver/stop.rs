@@ -8,7 +8,7 @@ use core::time::Duration;
 use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::advice::Advice;
-use crate::bus::{BusError, Clock, Instant, RegisterBus};
+use crate::bus::{Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
 
@@ -44,14 +44,14 @@ impl<B: RegisterBus + Clock> Deref for Stopped<B> {
 /// The parts of a driver that could not be stopped. All others are stopped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct StopError<E: BusError> {
+pub struct StopError {
     /// The first step that failed. The outputs of the board itself are off by its watchdog.
-    pub failed: Option<PortError<E>>,
+    pub failed: Option<PortError>,
     /// The remotes that may still have an output on.
     pub not_reached: Vec<NotReached>,
 }
 
-impl<E: BusError> fmt::Display for StopError<E> {
+impl fmt::Display for StopError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut between = "";
         if let Some(failed) = &self.failed {
@@ -67,9 +67,9 @@ impl<E: BusError> fmt::Display for StopError<E> {
     }
 }
 
-impl<E: BusError> core::error::Error for StopError<E> {}
+impl core::error::Error for StopError {}
 
-impl<E: BusError> StopError<E> {
+impl StopError {
     /// The next step, if there is one: that of the first remote with one, because its outputs may
     /// be on; else that of the step that failed.
     pub fn advice(&self) -> Option<Advice> {
@@ -146,7 +146,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
     /// each port, or the bus's own time-outs.
-    pub fn shutdown(self) -> (B, Result<(), StopError<B::Error>>) {
+    pub fn shutdown(self) -> (B, Result<(), StopError>) {
         let (stopped, result) = self.stop();
         (stopped.into_bus(), result)
     }
@@ -158,7 +158,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// # Real time
     /// As [`shutdown`](Self::shutdown).
-    pub fn stop(mut self) -> (Stopped<B>, Result<(), StopError<B::Error>>) {
+    pub fn stop(mut self) -> (Stopped<B>, Result<(), StopError>) {
         let result = self.stop_all();
         (Stopped(self), result)
     }
@@ -176,7 +176,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         })
     }
 
-    fn stop_all(&mut self) -> Result<(), StopError<B::Error>> {
+    fn stop_all(&mut self) -> Result<(), StopError> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
@@ -199,7 +199,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         })
     }
 
-    fn stop_board(&mut self) -> Result<(), PortError<B::Error>> {
+    fn stop_board(&mut self) -> Result<(), PortError> {
         let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
             // A running remote may have missed a transfer.
@@ -239,7 +239,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Switches everything off, and makes sure that the board has received it: only then may the
     /// board do without its usual watchdog time.
-    pub(super) fn all_off(&mut self) -> Result<(), DriverError<B::Error>> {
+    pub(super) fn all_off(&mut self) -> Result<(), DriverError> {
         for _ in 0..LAST_TRIES {
             self.last_transfer()?;
             if !self.cycle.is_running() {
@@ -256,7 +256,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Sends safe values to all remotes, so that their outputs go off without their own watchdogs.
-    pub(super) fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
+    pub(super) fn last_transfer(&mut self) -> Result<(), PortError> {
         self.cycle.is_last = true;
         let result = self.transfer_safe_values();
         self.cycle.is_last = false;
@@ -268,7 +268,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
+    fn transfer_safe_values(&mut self) -> Result<(), CycleError> {
         let begin = self.bus.now();
         self.cycle.make_safe();
         // A failing wait fails again in the following read, which returns the error.

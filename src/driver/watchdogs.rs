@@ -35,7 +35,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// # Real time
     /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.4 s at most.
-    pub fn prove_watchdogs(&mut self) -> Result<(), DriverError<B::Error>> {
+    pub fn prove_watchdogs(&mut self) -> Result<(), DriverError> {
         let silences = self
             .cycle
             .parts

@@ -11,10 +11,10 @@ use crate::lbp16::{Lbp16Error, Space};
 /// An error of a board, apart from its registers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum EthernetError<E> {
+pub enum EthernetError {
     /// The board did not answer.
     #[error(transparent)]
-    Bus(E),
+    Bus(BusError),
     /// The commands do not fit into a packet, or the answer is not that of a known board.
     #[error(transparent)]
     Lbp16(#[from] Lbp16Error),
@@ -157,7 +157,7 @@ pub enum EthernetError<E> {
     },
 }
 
-impl<E: BusError> EthernetError<E> {
+impl EthernetError {
     /// The next step, if there is one.
     pub fn advice(&self) -> Option<Advice> {
         Some(match self {

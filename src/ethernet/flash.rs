@@ -122,10 +122,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::WrongBoard`], and errors of [`identity`](Self::identity).
-    pub fn into_flash(
-        mut self,
-        layout: FlashLayout,
-    ) -> Result<Flash<Self>, EthernetError<B::Error>> {
+    pub fn into_flash(mut self, layout: FlashLayout) -> Result<Flash<Self>, EthernetError> {
         let found = self.identity()?.card;
         if !found.eq_ignore_ascii_case(layout.board) {
             return Err(EthernetError::WrongBoard {
@@ -143,7 +140,7 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// # Errors
     /// [`EthernetError::WrongBoard`], and errors of the bus.
-    pub fn open(mut chip: C, layout: FlashLayout) -> Result<Self, EthernetError<C::Error>> {
+    pub fn open(mut chip: C, layout: FlashLayout) -> Result<Self, EthernetError> {
         let (found, expected) = (chip.id()?, layout.id);
         if found == expected {
             return Ok(Self {
@@ -174,7 +171,7 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// # Errors
     /// [`EthernetError::OutsideArea`] beyond the chip's end, and errors of the bus.
-    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<C::Error>> {
+    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError> {
         self.check(Area::Whole, address, bytes.len(), false)?;
         for (part, at) in bytes.chunks_mut(PACKET).zip((address..).step_by(PACKET)) {
             self.chip.read(at, part)?;
@@ -200,7 +197,7 @@ impl<C: FlashChip> Flash<C> {
         bitfile: &Bitfile<'_>,
         area: Area,
         progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check_program(bitfile, area)?;
         let range = self.layout.addresses(area);
         let (data, mut progress) = (bitfile.configuration, progress);
@@ -216,7 +213,7 @@ impl<C: FlashChip> Flash<C> {
         &mut self,
         bitfile: &Bitfile<'_>,
         area: Area,
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check_file(bitfile, area)?;
         self.check_boot_block()?;
         self.need_other(area)
@@ -231,13 +228,13 @@ impl<C: FlashChip> Flash<C> {
         &mut self,
         bitfile: &Bitfile<'_>,
         area: Area,
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check_file(bitfile, area)?;
         self.need_other(area)
     }
 
     /// Checks that a file is a configuration for this board and fits into the area.
-    fn check_file(&self, bitfile: &Bitfile<'_>, area: Area) -> Result<(), EthernetError<C::Error>> {
+    fn check_file(&self, bitfile: &Bitfile<'_>, area: Area) -> Result<(), EthernetError> {
         if !matches!(area, Area::User | Area::Fallback) {
             return Err(EthernetError::NotForConfigurations { area });
         }
@@ -247,7 +244,7 @@ impl<C: FlashChip> Flash<C> {
     }
 
     /// Checks that the FPGA can still start when the area is erased.
-    fn need_other(&mut self, area: Area) -> Result<(), EthernetError<C::Error>> {
+    fn need_other(&mut self, area: Area) -> Result<(), EthernetError> {
         let FlashLayout { fallback, user, .. } = self.layout;
         match area {
             Area::User if self.needs_fallback && !self.begins(Area::Fallback)? => {
@@ -268,7 +265,7 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError<C::Error>> {
+    pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError> {
         let mut head = [0; Bitfile::SYNC_WITHIN];
         self.read(self.layout.addresses(area).start, &mut head)?;
         Ok(Bitfile::has_sync(&head))
@@ -283,7 +280,7 @@ impl<C: FlashChip> Flash<C> {
         bitfile: &Bitfile<'_>,
         area: Area,
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         let start = self.layout.addresses(area).start;
         self.check(area, start, bitfile.configuration.len(), false)?;
         self.compare(start, bitfile.configuration, &mut progress)
@@ -306,7 +303,7 @@ impl<C: FlashChip> Flash<C> {
         address: u32,
         data: &[u8],
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check(area, address, data.len(), true)?;
         self.put(address, data, Padding::Erased, &mut progress)
     }
@@ -318,7 +315,7 @@ impl<C: FlashChip> Flash<C> {
         data: &[u8],
         padding: Padding,
         progress: &mut impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         let mut erased = 0_usize;
         for (_, sector) in data.chunks(SECTOR).zip((address..).step_by(SECTOR)) {
             self.change(sector, FlashChange::EraseSector)?;
@@ -343,11 +340,7 @@ impl<C: FlashChip> Flash<C> {
     }
 
     /// Erases or writes at `address`, and waits until it is done.
-    fn change(
-        &mut self,
-        address: u32,
-        change: FlashChange<'_>,
-    ) -> Result<(), EthernetError<C::Error>> {
+    fn change(&mut self, address: u32, change: FlashChange<'_>) -> Result<(), EthernetError> {
         let deadline = match change {
             FlashChange::EraseSector => ERASE,
             FlashChange::WritePage(_) => WRITE,
@@ -363,7 +356,7 @@ impl<C: FlashChip> Flash<C> {
         address: u32,
         bytes: usize,
         is_write: bool,
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         let Range { start, end } = self.layout.addresses(area);
         let (size, within) = (self.layout.size, address % SECTOR_BYTES);
         let behind = u64::from(address).saturating_add(bytes as u64);
@@ -390,7 +383,7 @@ impl<C: FlashChip> Flash<C> {
         start: u32,
         data: &[u8],
         progress: &mut impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         let mut buffer = [0; PACKET];
         let mut verified = 0_usize;
         for (chunk, at) in data.chunks(PACKET).zip((start..).step_by(PACKET)) {

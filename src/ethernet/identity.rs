@@ -212,7 +212,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`Lbp16Error::Cookie`], and errors of the bus.
-    pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
+    pub fn identity(&mut self) -> Result<Identity, EthernetError> {
         let mut answer = [0; Identity::ANSWER];
         let question = Identity::question();
         let ran = self.bus.run_commands(&question, &mut answer, QUICK);

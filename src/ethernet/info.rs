@@ -102,7 +102,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// # Errors
     /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie) if the firmware does not have it,
     /// and errors of the bus.
-    pub fn space_info(&mut self, space: Space) -> Result<InfoArea, EthernetError<B::Error>> {
+    pub fn space_info(&mut self, space: Space) -> Result<InfoArea, EthernetError> {
         let read = Command::read_info(space, InfoArea::WORDS as u8);
         let words = self.ask(|request| request.command(read, 0, &[]))?;
         Ok(InfoArea::parse(space, words)?)
@@ -112,7 +112,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn counters(&mut self) -> Result<Counters, EthernetError<B::Error>> {
+    pub fn counters(&mut self) -> Result<Counters, EthernetError> {
         let [errors, counted @ ..]: [u16; 10] = self.words(Space::Control, control::ERROR)?;
         let [parse_errors, memory_errors, write_errors, packets @ ..] = counted;
         let [
@@ -141,7 +141,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError<B::Error>> {
+    pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError> {
         let words = self.words(Space::ReadOnly, read_only::RECEIVE_START)?;
         let [receive_start, receive_done, send_start, send_done] = words;
         Ok(Timestamps {
@@ -156,7 +156,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn led_mode(&mut self, time: LedTime) -> Result<LedMode, EthernetError<B::Error>> {
+    pub fn led_mode(&mut self, time: LedTime) -> Result<LedMode, EthernetError> {
         let (space, address) = time.register();
         let [word] = self.words(space, address)?;
         Ok(match word & LedMode::Debug as u16 {
@@ -174,7 +174,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
+    pub fn clear_errors(&mut self) -> Result<(), EthernetError> {
         let [_] = self.ask(|request| {
             // The register, and the counters of parse, memory and write errors behind it.
             request.write(Space::Control, control::ERROR, &[0; 8])?;
@@ -193,11 +193,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::NotKept`], and errors of the bus.
-    pub fn set_led_mode(
-        &mut self,
-        time: LedTime,
-        mode: LedMode,
-    ) -> Result<(), EthernetError<B::Error>> {
+    pub fn set_led_mode(&mut self, time: LedTime, mode: LedMode) -> Result<(), EthernetError> {
         let (space, address) = time.register();
         let [word] = self.words(space, address)?;
         let bit = LedMode::Debug as u16;
@@ -213,7 +209,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::NotKept`], and errors of the bus.
-    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
+    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError> {
         self.write_words(Space::Eeprom, eeprom::IP_ADDRESS, low_first(address), !0)
     }
 
@@ -221,7 +217,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::Firmware`], [`EthernetError::NotKept`], and errors of the bus.
-    pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
+    pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError> {
         self.need_firmware(eeprom::NETMASK_FIRMWARE)?;
         self.write_words(Space::Eeprom, eeprom::NETMASK, low_first(netmask), !0)
     }
@@ -234,7 +230,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn reset(&mut self) -> Result<(), EthernetError<B::Error>> {
+    pub fn reset(&mut self) -> Result<(), EthernetError> {
         self.send_control(control::RESET, &[1])?;
         self.bus.wait(Duration::from_millis(500));
         Ok(())
@@ -249,14 +245,14 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::Firmware`], and errors of the bus.
-    pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError<B::Error>> {
+    pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError> {
         self.need_firmware(read_only::RELOAD_FIRMWARE)?;
         self.send_control(control::ICAP, &icap_reboot(user, fallback))?;
         self.bus.wait(Duration::from_secs(2));
         Ok(())
     }
 
-    fn need_firmware(&mut self, needed: u16) -> Result<(), EthernetError<B::Error>> {
+    fn need_firmware(&mut self, needed: u16) -> Result<(), EthernetError> {
         let [found] = self.words(Space::ReadOnly, read_only::FIRMWARE_VERSION)?;
         if found < needed {
             return Err(EthernetError::Firmware { needed, found });
@@ -297,7 +293,7 @@ fn icap_reboot(user: u32, fallback: u32) -> [u16; 14] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::{Clock, Instant};
+    use crate::bus::{BusError, Clock, Instant};
     use crate::lbp16::Operations;
     use alloc::vec::Vec;
 
@@ -319,14 +315,12 @@ mod tests {
     }
 
     impl Lbp16Board for Leds {
-        type Error = core::convert::Infallible;
-
         fn run_commands(
             &mut self,
             commands: &[u8],
             reply: &mut [u8],
             _: Duration,
-        ) -> Result<(), Self::Error> {
+        ) -> Result<(), BusError> {
             let mut answer = Vec::new();
             for operation in Operations::new(commands).map(Result::unwrap) {
                 assert_eq!(operation.address, Some(control::LED_MODE));
@@ -345,7 +339,7 @@ mod tests {
             Ok(())
         }
 
-        fn send(&mut self, _: &[u8]) -> Result<(), Self::Error> {
+        fn send(&mut self, _: &[u8]) -> Result<(), BusError> {
             unreachable!("everything is answered")
         }
     }

@@ -28,7 +28,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         space: Space,
         address: u16,
         count: u16,
-    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+    ) -> Result<Vec<u32>, EthernetError> {
         check(space, address, usize::from(count))?;
         let mut values = Vec::with_capacity(usize::from(count));
         let size = space.element().bytes() as u16;
@@ -58,7 +58,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         space: Space,
         address: u16,
         values: &[u32],
-    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+    ) -> Result<Vec<u32>, EthernetError> {
         Self::check_poke(space, address, values.len())?;
         let count = u8::try_from(values.len()).unwrap_or(u8::MAX);
         self.access(space, address, count, Some(values))
@@ -69,11 +69,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ///
     /// # Errors
     /// [`EthernetError::NoRegister`], as for [`poke`](Self::poke).
-    pub fn check_poke(
-        space: Space,
-        address: u16,
-        count: usize,
-    ) -> Result<(), EthernetError<B::Error>> {
+    pub fn check_poke(space: Space, address: u16, count: usize) -> Result<(), EthernetError> {
         check(space, address, count)?;
         let reason = match space {
             Space::ReadOnly | Space::Unused => Some("its space cannot be written"),
@@ -102,7 +98,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         address: u16,
         count: u8,
         values: Option<&[u32]>,
-    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+    ) -> Result<Vec<u32>, EthernetError> {
         let size = space.element().bytes();
         let len = usize::from(count).saturating_mul(size);
         let mut reply = vec![0; len.saturating_add(2 * COUNTED)];
@@ -142,7 +138,7 @@ fn end(space: Space, address: u16, count: usize) -> usize {
 }
 
 /// Checks that `count` registers can exist from an address on.
-fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetError<E>> {
+fn check(space: Space, address: u16, count: usize) -> Result<(), EthernetError> {
     let size = space.element().bytes();
     let reason = if !usize::from(address).is_multiple_of(size) {
         match space.element() {
@@ -171,7 +167,7 @@ mod tests {
     fn no_count_is_so_great_that_it_looks_small() {
         for count in [usize::MAX, usize::MAX / 2 + 2, usize::MAX / 4 + 2] {
             for space in [Space::HostMot2, Space::Control] {
-                let checked = check::<()>(space, 0, count);
+                let checked = check(space, 0, count);
                 assert!(checked.is_err(), "{count} registers of space {space}");
             }
         }

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::EthernetError;
-use crate::bus::Clock;
+use crate::bus::{BusError, Clock};
 use crate::lbp16::registers::control;
 use crate::lbp16::{Command, Lbp16Error, RequestBuilder, Space};
 
@@ -12,9 +12,6 @@ use crate::lbp16::{Command, Lbp16Error, RequestBuilder, Space};
 /// For set-up only: a packet without a reply is sent again a bounded number of times, so executing
 /// it twice must be harmless. All packets of this module are.
 pub trait Lbp16Board: Clock {
-    /// Errors of the transport.
-    type Error;
-
     /// Executes `commands` as one packet, and fills `reply` with the data read.
     ///
     /// `deadline` is for each try.
@@ -26,13 +23,13 @@ pub trait Lbp16Board: Clock {
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
-    ) -> Result<(), Self::Error>;
+    ) -> Result<(), BusError>;
 
     /// Sends commands that the board will not answer, because it restarts.
     ///
     /// # Errors
     /// The commands were not sent.
-    fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error>;
+    fn send(&mut self, commands: &[u8]) -> Result<(), BusError>;
 }
 
 /// An Ethernet board, apart from its HostMot2 registers.
@@ -59,7 +56,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         reply: &mut [u8],
         deadline: Duration,
         build: impl FnOnce(&mut RequestBuilder) -> Result<T, Lbp16Error>,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         let mut request = RequestBuilder::default();
         build(&mut request)?;
         self.bus
@@ -71,7 +68,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     pub(super) fn ask<const N: usize, T>(
         &mut self,
         build: impl FnOnce(&mut RequestBuilder) -> Result<T, Lbp16Error>,
-    ) -> Result<[u16; N], EthernetError<B::Error>> {
+    ) -> Result<[u16; N], EthernetError> {
         let mut reply = [[0; 2]; N];
         self.run(reply.as_flattened_mut(), QUICK, build)?;
         Ok(reply.map(u16::from_le_bytes))
@@ -82,7 +79,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         &mut self,
         space: Space,
         address: u16,
-    ) -> Result<[u16; N], EthernetError<B::Error>> {
+    ) -> Result<[u16; N], EthernetError> {
         self.ask(|request| request.read(space, address, N as u8))
     }
 
@@ -93,7 +90,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         address: u16,
         words: [u16; N],
         mask: u16,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         let found: [u16; N] = self.ask(|request| {
             if space == Space::Eeprom {
                 // Cleared at the end of every packet, so it precedes the write in the same packet.
@@ -123,7 +120,7 @@ impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
         &mut self,
         address: u16,
         values: &[u16],
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         let mut request = RequestBuilder::default();
         for value in values {
             let write = Command::write(Space::Control, 1).standing();

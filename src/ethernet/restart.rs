@@ -11,7 +11,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// # Errors
     /// [`EthernetError::NotRestarted`] if the count has grown: the packet with the command was
     /// lost. Errors of the bus while the board does not answer.
-    pub fn restarted(&mut self, before: &Counters) -> Result<Counters, EthernetError<B::Error>> {
+    pub fn restarted(&mut self, before: &Counters) -> Result<Counters, EthernetError> {
         let after = self.counters()?;
         if after.received_udp > before.received_udp {
             return Err(EthernetError::NotRestarted {

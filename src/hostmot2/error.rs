@@ -111,7 +111,7 @@ impl HostMot2Error {
 /// Reason why no firmware was identified.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum IdentifyError<E: core::error::Error + 'static> {
+pub enum IdentifyError {
     /// The bus failed.
     #[error("reading {count} registers of the firmware's description at {address:#06X} failed")]
     Bus {
@@ -121,14 +121,14 @@ pub enum IdentifyError<E: core::error::Error + 'static> {
         count: u16,
         /// The bus error.
         #[source]
-        source: E,
+        source: BusError,
     },
     /// The board has no HostMot2 firmware, or one that cannot be used.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
 }
 
-impl<E: BusError> IdentifyError<E> {
+impl IdentifyError {
     /// The next step, if there is one.
     pub fn advice(&self) -> Option<Advice> {
         match self {

@@ -6,7 +6,7 @@ use super::pin::list_of;
 use super::{
     Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor, TrailingEntry,
 };
-use crate::bus::{Access, AccessList, BoardIdentity, Effort, RegisterBus};
+use crate::bus::{Access, AccessList, BoardIdentity, BusError, Effort, RegisterBus};
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
 use alloc::format;
@@ -67,7 +67,7 @@ impl HostMot2 {
     ///
     /// # Real time
     /// For set-up: allocates.
-    pub fn identify<B: RegisterBus>(bus: &mut B) -> Result<Self, IdentifyError<B::Error>> {
+    pub fn identify<B: RegisterBus>(bus: &mut B) -> Result<Self, IdentifyError> {
         Ok(Self::describe(bus)?.0)
     }
 
@@ -77,7 +77,7 @@ impl HostMot2 {
     /// As [`identify`](Self::identify).
     pub(crate) fn describe<B: RegisterBus>(
         bus: &mut B,
-    ) -> Result<(Self, FirmwareWords), IdentifyError<B::Error>> {
+    ) -> Result<(Self, FirmwareWords), IdentifyError> {
         let mut description = FirmwareWords::default();
         let mut words = [0; 4];
         description.read(bus, COOKIE_ADDRESS, &mut words)?;
@@ -233,7 +233,7 @@ impl FirmwareCheck {
     ///
     /// # Real time
     /// With [`Effort::Once`] five exchanges, without allocation.
-    pub fn is_still<B>(&mut self, bus: &mut B, effort: Effort) -> Result<bool, B::Error>
+    pub fn is_still<B>(&mut self, bus: &mut B, effort: Effort) -> Result<bool, BusError>
     where
         B: RegisterBus,
     {
@@ -261,11 +261,12 @@ impl FirmwareWords {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<FirmwareCheck, B::Error> {
+    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<FirmwareCheck, BusError> {
         let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();
         let parts = self.0.into_iter();
-        let parts = parts.map(|(accesses, words)| Ok((bus.prepare(&accesses, None)?, words)));
+        let parts =
+            parts.map(|(accesses, words)| bus.prepare(&accesses, None).map(|list| (list, words)));
         Ok(FirmwareCheck {
             board,
             parts: parts.collect::<Result<_, _>>()?,
@@ -281,7 +282,7 @@ impl FirmwareWords {
         start: u32,
         offset: u32,
         words: &mut [u32],
-    ) -> Result<(), IdentifyError<B::Error>> {
+    ) -> Result<(), IdentifyError> {
         let place = u64::from(start) + u64::from(offset);
         let end = place + 4 * words.len() as u64;
         match u16::try_from(place) {
@@ -303,7 +304,7 @@ impl FirmwareWords {
         bus: &mut B,
         address: u16,
         words: &mut [u32],
-    ) -> Result<(), IdentifyError<B::Error>> {
+    ) -> Result<(), IdentifyError> {
         let count = words.len() as u16;
         let accesses: Vec<_> = (0..count)
             .step_by(ACCESS_WORDS as usize)

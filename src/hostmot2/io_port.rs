@@ -1,7 +1,7 @@
 //! I/O ports: the pins themselves, and their sources.
 
 use super::{Gtag, HostMot2, HostMot2Error, PinDescriptor};
-use crate::bus::{ImagePlan, RegisterBus, Stage};
+use crate::bus::{BusError, ImagePlan, RegisterBus, Stage};
 use alloc::format;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -119,7 +119,7 @@ impl IoPorts {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub fn drives<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
+    pub fn drives<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, BusError> {
         for port in &self.ports {
             if bus.read(port.address.direction)? != 0 {
                 return Ok(true);
@@ -227,7 +227,7 @@ impl IoPorts {
     ///
     /// # Real time
     /// For set-up: allocates.
-    pub fn apply<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+    pub fn apply<B: RegisterBus>(&self, bus: &mut B) -> Result<(), BusError> {
         let mut plan = ImagePlan::default();
         for IoPort { address, setup } in &self.ports {
             plan.step(Stage::Quiesce, address.direction, 0);

@@ -133,9 +133,9 @@ pub struct Cycle<'a, B: RegisterBus + Clock> {
     /// Number of cycles before this one.
     pub number: u64,
     /// Report of the read, or the reason why it failed: inputs are not valid then.
-    pub read: Result<CycleReport, CycleError<B::Error>>,
+    pub read: Result<CycleReport, CycleError>,
     /// Error of the previous cycle's write, if it failed.
-    pub write: Result<(), CycleError<B::Error>>,
+    pub write: Result<(), CycleError>,
     /// Start of the cycle, before its read.
     pub begun: Instant,
     /// Delay of the start after the planned time. Zero where the [board paces](Pace::Board).
@@ -211,7 +211,7 @@ pub struct Ended<B: RegisterBus + Clock> {
     pub driver: Stopped<B>,
     /// `Ok` if all outputs are safe and all ports stopped; otherwise those that are not, and the
     /// remotes whose outputs may still be on: see [`Driver::stop`].
-    pub stopped: Result<(), StopError<B::Error>>,
+    pub stopped: Result<(), StopError>,
     /// Statistics of the runner.
     pub statistics: RunStatistics,
     /// The signal that ended the run; `None` if the application ended it.
@@ -332,7 +332,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
     }
 
     /// Reads the board in the next period, and executes the commands of other threads.
-    fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+    fn read(&mut self) -> Result<CycleReport, CycleError> {
         let read = self.pacer.read(&mut self.driver);
         if let Some(commands) = &mut self.commands {
             commands.take(&mut self.driver);

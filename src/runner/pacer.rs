@@ -92,7 +92,7 @@ impl Pacer {
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
-    ) -> Result<CycleReport, CycleError<B::Error>> {
+    ) -> Result<CycleReport, CycleError> {
         let skipped = self.wait(driver.bus_mut());
         let read = driver.read();
         if let Ok(report) = &read {
@@ -118,7 +118,7 @@ impl Pacer {
     pub fn write<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
-    ) -> Result<(), CycleError<B::Error>> {
+    ) -> Result<(), CycleError> {
         let written = driver.write();
         let took = driver.bus_mut().now().since(self.begun);
         let statistics = &mut self.statistics;

@@ -11,10 +11,10 @@ use thiserror::Error;
 /// Reason why an operation on a port failed.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum PortError<E: BusError> {
+pub enum PortError {
     /// The bus could not reach the registers.
     #[error(transparent)]
-    Bus(#[from] E),
+    Bus(#[from] BusError),
     /// A bounded wait has ended without result.
     #[error(
         "SSLBP port {port}: waited {} for {waiting_for}; {registers}",
@@ -80,7 +80,7 @@ pub enum PortError<E: BusError> {
     },
 }
 
-impl<E: BusError> PortError<E> {
+impl PortError {
     /// The next step, if there is one.
     pub fn advice(&self) -> Option<Advice> {
         match self {

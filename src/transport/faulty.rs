@@ -3,11 +3,9 @@
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use thiserror::Error;
-
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusAdvice, BusError, BusErrorKind, BusStatistics, Clock,
-    Direction, Effort, Fault, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
+    Effort, Fault, Hold, Instant, RegisterBus, Reply,
 };
 use crate::tally::Tally;
 
@@ -43,39 +41,6 @@ struct NumberedFault {
     /// Number of the exchange.
     exchange: u64,
     fault: Option<Fault>,
-}
-
-/// An injected error, or an error of the inner bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum FaultyError<E: core::error::Error + 'static> {
-    /// An injected error.
-    #[error("exchange {exchange}: {kind:?}, injected by the test set-up")]
-    Injected {
-        /// The injected kind.
-        kind: BusErrorKind,
-        /// Number of the exchange, from 0 on.
-        exchange: u64,
-    },
-    /// An error of the inner bus.
-    #[error(transparent)]
-    Inner(#[from] E),
-}
-
-impl<E: BusError> BusError for FaultyError<E> {
-    fn kind(&self) -> BusErrorKind {
-        match self {
-            Self::Injected { kind, .. } => *kind,
-            Self::Inner(inner) => inner.kind(),
-        }
-    }
-
-    fn advice(&self) -> Option<BusAdvice> {
-        match self {
-            Self::Injected { .. } => None,
-            Self::Inner(inner) => inner.advice(),
-        }
-    }
 }
 
 /// Room for the buffers of all machines that fit into a packet.
@@ -148,8 +113,8 @@ impl<B: RegisterBus> Faulty<B> {
         accesses: &[Access],
         words: &mut [u32],
         unheard: T,
-        inner: impl Fn(&mut B, &mut [u32]) -> Result<T, B::Error>,
-    ) -> Result<T, FaultyError<B::Error>> {
+        inner: impl Fn(&mut B, &mut [u32]) -> Result<T, BusError>,
+    ) -> Result<T, BusError> {
         match fault {
             Some(Fault::SilentWrite) if !reads(accesses) => {
                 self.unnoticed.tally(1);
@@ -162,11 +127,11 @@ impl<B: RegisterBus> Faulty<B> {
                 inner(&mut self.inner, &mut self.scratch)?;
                 Err(self.fail(exchange, kind))
             }
-            Some(Fault::SilentWrite) | None => Ok(inner(&mut self.inner, words)?),
+            Some(Fault::SilentWrite) | None => inner(&mut self.inner, words),
         }
     }
 
-    fn fail(&mut self, exchange: u64, kind: BusErrorKind) -> FaultyError<B::Error> {
+    fn fail(&mut self, exchange: u64, kind: BusErrorKind) -> BusError {
         self.counted.exchanges.tally(1);
         match kind {
             BusErrorKind::Late => self.counted.late.tally(1),
@@ -175,7 +140,7 @@ impl<B: RegisterBus> Faulty<B> {
             BusErrorKind::Short => self.counted.short.tally(1),
             _ => {}
         }
-        FaultyError::Injected { kind, exchange }
+        BusError::Injected { kind, exchange }
     }
 
     /// Counts the silently dropped writes, which an exchange that reads has found, and returns their
@@ -197,13 +162,11 @@ impl<B: RegisterBus> Faulty<B> {
 }
 
 impl<B: RegisterBus> RegisterBus for Faulty<B> {
-    type Error = FaultyError<B::Error>;
-
     fn can_hold(&self) -> bool {
         self.inner.can_hold()
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let drawn = self.draw();
         self.execute(drawn, accesses, words, (), |bus, words| {
             bus.exchange(accesses, words)
@@ -214,24 +177,20 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         Ok(())
     }
 
-    fn prepare(
-        &mut self,
-        accesses: &[Access],
-        hold: Option<Hold>,
-    ) -> Result<AccessList, Self::Error> {
-        Ok(self.inner.prepare(accesses, hold)?)
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
+        self.inner.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), Self::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
         self.started = self.draw();
         match self.started.fault {
             Some(Fault::NotExecuted(_)) => Ok(()),
             Some(Fault::SilentWrite) if !reads(list.as_ref()) => Ok(()),
-            _ => Ok(self.inner.start(list, words)?),
+            _ => self.inner.start(list, words),
         }
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         let drawn = core::mem::take(&mut self.started);
         let accesses = list.as_ref();
         let reply = self.execute(drawn, accesses, words, Reply::UNKNOWN, |bus, words| {
@@ -244,7 +203,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let drawn = self.draw();
         self.execute(drawn, accesses, words, (), |bus, words| {
             bus.write_all(accesses, words)
@@ -255,8 +214,8 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         self.inner.set_cycle(period, deadline);
     }
 
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, Self::Error> {
-        Ok(self.inner.board(effort)?)
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
+        self.inner.board(effort)
     }
 
     /// The statistics of the inner bus, with the injected faults added.

@@ -15,5 +15,5 @@ mod tests;
 pub mod udp;
 
 pub use crate::bus::Fault;
-pub use faulty::{Faulty, FaultyError};
+pub use faulty::Faulty;
 pub use recording::{RecordedEntry, Recording};

@@ -123,8 +123,8 @@ impl<B: RegisterBus + Clock> Recording<B> {
         &mut self,
         accesses: &[Access],
         words: &[u32],
-        result: Result<T, B::Error>,
-    ) -> Result<T, B::Error> {
+        result: Result<T, BusError>,
+    ) -> Result<T, BusError> {
         let at = self.inner.now();
         if let Err(error) = &result {
             self.push(RecordedEntry::Failed {
@@ -151,32 +151,30 @@ impl<B: RegisterBus + Clock> Recording<B> {
 
 /// The inner bus's clock provides the time stamps of the log.
 impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
-    type Error = B::Error;
-
     fn can_hold(&self) -> bool {
         self.inner.can_hold()
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let result = self.inner.exchange(accesses, words);
         self.record(accesses, words, result)
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
         self.inner.prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
         let result = self.inner.start(list, words);
         result.or_else(|error| self.record(list.as_ref(), words, Err(error)))
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         let result = self.inner.finish(list, words);
         self.record(list.as_ref(), words, result)
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let result = self.inner.write_all(accesses, words);
         self.record(accesses, words, result)
     }
@@ -185,7 +183,7 @@ impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
         self.inner.set_cycle(period, deadline);
     }
 
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
         self.inner.board(effort)
     }
 

@@ -21,28 +21,18 @@ struct Memory {
     now: u64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("fails as it is asked to")]
-struct MemoryError;
-
-impl BusError for MemoryError {
-    fn kind(&self) -> BusErrorKind {
-        BusErrorKind::Device
-    }
-}
+const MEMORY_ERROR: BusError = BusError::custom(BusErrorKind::Device, "fails as it is asked to");
 
 impl RegisterBus for Memory {
-    type Error = MemoryError;
-
     fn can_hold(&self) -> bool {
         true
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), MemoryError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.exchanges += 1;
         self.now += 1_000;
         if core::mem::take(&mut self.fail_next) {
-            return Err(MemoryError);
+            return Err(MEMORY_ERROR);
         }
         for access in accesses {
             for (n, word) in words[access.words()].iter_mut().enumerate() {
@@ -58,12 +48,12 @@ impl RegisterBus for Memory {
         Ok(())
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.exchange(list.as_ref(), words)?;
         Ok(Reply::CERTAIN.with_slack(Some(Duration::from_micros(5))))
     }
 
-    fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), MemoryError> {
+    fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), BusError> {
         self.started += 1;
         Ok(())
     }

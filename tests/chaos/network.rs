@@ -2,14 +2,15 @@
 //! abandoned by a process that was killed.
 
 use std::cell::{Cell, RefCell};
-use std::io::ErrorKind;
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Clock, Instant, RegisterBus};
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus};
+use mesa_hal::bus::{
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Instant, LinkError, RegisterBus,
+};
+use mesa_hal::transport::udp::{PacketLink, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
-use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, Stepper, machines};
+use mesa_hal_sim::{BoardConfig, FaultKind, SimBoard, SimFpga, Stepper, machines};
 
 use super::machine::{CLOCK_LOW, nominal};
 use super::plan::Stranger;
@@ -190,11 +191,9 @@ pub struct Direct {
 }
 
 impl RegisterBus for Direct {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         if self.life.is_over() {
-            return Err(SimError::Misaligned { address: 1 });
+            return Err(BusError::NotStarted);
         }
         let mut fpga = self.fpga.borrow_mut();
         let before = SimFpga::now(&fpga) + self.life.take_pause(true);
@@ -328,11 +327,9 @@ pub struct ChaosLink {
 }
 
 impl PacketLink for ChaosLink {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         if self.life.is_over() {
-            return Err(SocketError(ErrorKind::HostUnreachable));
+            return Err(LinkError::Unreachable);
         }
         let link = &mut self.network.borrow_mut().link;
         let until = link.time() + self.life.take_pause(true);
@@ -350,7 +347,7 @@ impl PacketLink for ChaosLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         if self.life.is_over() {
             self.life.ghost_until(deadline.as_nanos());
             return Ok(None);

@@ -3,10 +3,8 @@
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
-use mesa_hal::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Instant, RegisterBus,
-};
-use mesa_hal_sim::{SimError, SimFpga};
+use mesa_hal::bus::{Access, BusError, BusStatistics, Clock, Direction, Instant, RegisterBus};
+use mesa_hal_sim::SimFpga;
 
 /// Time for a word, in nanoseconds.
 const ACCESS: u64 = 100;
@@ -55,21 +53,8 @@ impl<R> DerefMut for FakeBus<R> {
     }
 }
 
-/// A fake bus never fails.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a fake bus does not fail")]
-pub struct NeverFails;
-
-impl BusError for NeverFails {
-    fn kind(&self) -> BusErrorKind {
-        BusErrorKind::Other
-    }
-}
-
 impl<R: Registers> RegisterBus for FakeBus<R> {
-    type Error = NeverFails;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.exchanges += 1;
         for access in accesses {
             for (address, index) in (access.address..).step_by(4).zip(access.words()) {
@@ -103,7 +88,7 @@ pub trait Between {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError>;
+    ) -> Result<(), BusError>;
 }
 
 /// A simulated FPGA behind a [`Between`].
@@ -114,9 +99,7 @@ pub struct Around<T> {
 }
 
 impl<T: Between> RegisterBus for Around<T> {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.between.exchange(&mut self.fpga, accesses, words)
     }
 

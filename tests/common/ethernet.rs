@@ -1,10 +1,9 @@
 //! A simulated Ethernet board behind a network on virtual time.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io::ErrorKind;
 
-use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
+use mesa_hal::bus::{Instant, LinkError};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::devices::find;
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga};
 
@@ -221,11 +220,9 @@ impl std::fmt::Debug for SimLink {
 }
 
 impl PacketLink for SimLink {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         if self.is_unreachable {
-            return Err(SocketError(ErrorKind::HostUnreachable));
+            return Err(LinkError::Unreachable);
         }
         let number = self.journal.len();
         self.journal.push(Sent {
@@ -247,7 +244,7 @@ impl PacketLink for SimLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         self.run(deadline.as_nanos() + self.missed, true);
         let Some(packet) = self.waiting.pop_front() else {
             return Ok(None);

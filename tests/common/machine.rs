@@ -104,7 +104,7 @@ impl World for SimPciBus {
 pub fn start<B: RegisterBus + Clock>(
     bus: B,
     change: impl FnOnce(&mut Settings),
-) -> Result<Driver<B>, DriverError<B::Error>> {
+) -> Result<Driver<B>, DriverError> {
     let mut settings = Settings::default();
     change(&mut settings);
     Driver::start(bus, settings)

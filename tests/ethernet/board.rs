@@ -9,14 +9,14 @@ use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::boards::I7i97;
-use mesa_hal::bus::{BusAdvice, BusError, BusErrorKind, Clock, RegisterBus};
+use mesa_hal::bus::{BusAdvice, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
     Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashStep, LedMode, LedTime,
     MultibootFeature,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 
 fn link() -> SimLink {
@@ -320,13 +320,13 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
     link.to_board = cut();
     let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
     assert_eq!(error.kind(), BusErrorKind::Lost);
-    assert_eq!(error.advice(), Some(Advice::Bus(BusAdvice::CheckBoard)));
+    assert_eq!(error.advice(), Some(BusAdvice::CheckBoard));
 }
 
 #[test]
 fn every_error_says_what_to_do_next() {
     use mesa_hal::ethernet::BitfileError::{self, *};
-    type Ethernet = EthernetError<UdpError>;
+    type Ethernet = EthernetError;
     let (address, bytes, area) = (0x10_0000, 9, Area::User);
     let files: [BitfileError; 6] = [
         NoMark,

@@ -6,14 +6,14 @@ use std::time::Duration;
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{BusAdvice, BusError, BusErrorKind, BusStatistics, Clock, RegisterBus};
 use mesa_hal::driver::{CycleError, Driver};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal_sim::devices::{find, find_mut};
 use mesa_hal_sim::{BoardConfig, Motor, SimBoard, machines};
 use smoltcp::wire::{EthernetAddress, IpAddress, IpCidr, IpEndpoint};
 
 use super::common::machine::{ANALOG, FIELD, fpga, start};
 use cable::{BOARD, Cable, Fate, Port};
-use link::{Own, SmoltcpLink, StackError};
+use link::{Own, SmoltcpLink};
 
 #[path = "../../examples/microcontroller/cable.rs"]
 mod cable;
@@ -64,7 +64,7 @@ impl Controller {
     }
 
     /// A cycle that commands `volts`; returns the result of the read.
-    fn cycle(&mut self, volts: f64) -> Result<(), CycleError<UdpError<StackError>>> {
+    fn cycle(&mut self, volts: f64) -> Result<(), CycleError> {
         let result = self.driver.read().map(drop);
         let (pins, drive) = (self.driver.pins_mut(), self.analog.analog_out[0]);
         drive.enable(pins, true);
@@ -218,10 +218,10 @@ fn a_board_that_is_not_there_is_no_reply_and_not_a_full_buffer() {
         .err()
         .expect("nobody");
     assert!(
-        matches!(error, UdpError::GaveUp { tries: 10, .. }),
+        matches!(error, BusError::GaveUp { tries: 10, .. }),
         "{error}"
     );
-    assert_eq!(BusError::advice(&error), Some(BusAdvice::CheckBoard));
+    assert_eq!(error.advice(), Some(BusAdvice::CheckBoard));
     let nowhere = IpEndpoint::new(IpAddress::v4(0, 0, 0, 0), BOARD.1);
     let error = UdpBus::new(link(&cable, nowhere), UdpConfig::default())
         .err()

@@ -4,9 +4,9 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::bus::{Access, Clock, Instant, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, Instant, RegisterBus};
 use mesa_hal::ethernet::{Area, Bitfile, EthernetError, Flash, FlashStep, SpiFlash};
-use mesa_hal_sim::{BoardConfig, SimBoard, SimError, SimPciBus, machines};
+use mesa_hal_sim::{BoardConfig, SimBoard, SimPciBus, machines};
 
 /// A chip with a boot block, and with a configuration as the fallback.
 fn board() -> SimPciBus {
@@ -132,9 +132,7 @@ struct Broken {
 }
 
 impl RegisterBus for Broken {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         for access in accesses {
             self.now.set(self.now.get() + 1_000_000);
             if access.address == 0x70 {

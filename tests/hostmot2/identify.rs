@@ -3,10 +3,10 @@
 use mesa_hal::Advice;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError};
-use mesa_hal_sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{SimFpga, machines};
 use proptest::prelude::*;
 
-fn identify(fpga: &mut SimFpga) -> Result<HostMot2, IdentifyError<SimError>> {
+fn identify(fpga: &mut SimFpga) -> Result<HostMot2, IdentifyError> {
     HostMot2::identify(fpga)
 }
 

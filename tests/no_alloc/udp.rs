@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use allocation_counter::{measure, opt_out};
-use mesa_hal::bus::{Clock, Instant, RegisterBus};
+use mesa_hal::bus::{Clock, Instant, LinkError, RegisterBus};
 use mesa_hal::driver::Pace;
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 use crate::common::chance::Chance;
@@ -32,9 +32,7 @@ impl Uncounted {
 }
 
 impl PacketLink for Uncounted {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         self.uncounted(|link| link.send(packet))
     }
 
@@ -42,7 +40,7 @@ impl PacketLink for Uncounted {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         self.uncounted(|link| link.receive(buffer, deadline))
     }
 

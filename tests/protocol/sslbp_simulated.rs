@@ -8,7 +8,7 @@ use crate::common::image::Image;
 use crate::common::replay::{recording, settings_of};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::boards::REMOTES;
-use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{Discovery, DiscoveryOptions, ProblemKind, discover, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::lbp::RemoteLink;
@@ -18,7 +18,7 @@ use mesa_hal::sslbp::{
     StartFailureReason, StartMode,
 };
 use mesa_hal_sim::remote::{FixedData, SimRemote};
-use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, gtag, machines};
 use proptest::prelude::*;
 use std::time::Duration;
 
@@ -106,7 +106,7 @@ impl Between for StartsTwice {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError> {
+    ) -> Result<(), BusError> {
         let mut again = words.to_vec();
         fpga.exchange(accesses, words)?;
         let is_start = again
@@ -159,7 +159,7 @@ fn an_address_that_command_has_no_room_for_is_refused_and_not_cut_off() {
     const SCRATCH: u16 = 0x66;
     let (mut fpga, mut port) = machine();
     port.on(&mut fpga).local_write(SCRATCH, 0x5A).unwrap();
-    let refused = |error: PortError<_>, address| {
+    let refused = |error: PortError, address| {
         let text = format!("the local address is {address:#X}, expected 0xFFF at most");
         assert!(error.to_string().contains(&text), "{error}");
     };

@@ -3,7 +3,7 @@
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, RegisterBus};
 use mesa_hal_sim::remote::{FixedData, SimRemote};
-use mesa_hal_sim::{AxisWiring, DriveSource, Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::{AxisWiring, DriveSource, Motor, SimFpga, machines};
 use proptest::prelude::*;
 
 #[derive(Clone, Debug)]
@@ -131,7 +131,7 @@ proptest! {
         match fpga.exchange(&accesses, &mut words) {
             Ok(()) => prop_assert!(sound),
             Err(error) => {
-                let kind = BusError::kind(&error);
+                let kind = error.kind();
                 prop_assert!(!sound);
                 prop_assert_eq!(kind, BusErrorKind::Invalid);
                 prop_assert_eq!(words, before);
@@ -148,12 +148,18 @@ fn errors_name_the_access() {
     let error = fpga.exchange(&beyond, &mut [0; 2]).expect_err("too long");
     assert_eq!(
         error,
-        SimError::PastEnd {
-            address: 0xFFFC,
-            count: 2
+        BusError::BadAccess {
+            access: beyond[0],
+            words: 2
         }
     );
-    assert!(error.to_string().contains("0xfffc"));
+    assert!(error.to_string().contains("0xFFFC"));
     let error = fpga.read(0x0102).expect_err("misaligned");
-    assert_eq!(error, SimError::Misaligned { address: 0x0102 });
+    assert_eq!(
+        error,
+        BusError::BadAccess {
+            access: Access::read(0x0102, 0, 1),
+            words: 1
+        }
+    );
 }

@@ -17,7 +17,7 @@
 //! let mut fpga = machines::i7i92_7i77();
 //! assert_eq!(fpga.read(0x0100)?, 0x55AA_CAFE);
 //! fpga.advance_to(1_000_000);
-//! # Ok::<(), mesa_hal_sim::SimError>(())
+//! # Ok::<(), mesa_wire::bus::BusError>(())
 //! ```
 #![cfg_attr(
     not(test),
@@ -49,8 +49,8 @@ pub use board::{
 pub use faults::{FaultKind, FaultPlace};
 pub use fpga::{
     AccessCounters, AxisWiring, ChangeCause, DEFAULT_ACCESS_COST, Director, DriveSignal,
-    DriveSource, Fabric, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimError,
-    SimFirmware, SimFpga, SimModuleDescriptor, SimPinDescriptor, StepperWiring, UNDRIVEN, gtag,
+    DriveSource, Fabric, FirmwareImage, FirmwareImageError, OUTPUT_PIN, Readout, SimFirmware,
+    SimFpga, SimModuleDescriptor, SimPinDescriptor, StepperWiring, UNDRIVEN, gtag,
 };
 pub use modules::{
     Configuration, Effect, EncoderBank, Inputs, RegisterAddress, Settles, SimDpll, SimIoPorts,

@@ -171,7 +171,8 @@ fn open(place: &BoardPlace) -> Result<DynBus, LoadError> {
     match place {
         BoardPlace::Ethernet(address) => {
             let bus = UdpBus::connect(*address, UdpConfig::default());
-            let bus = bus.map_err(|error| failed(&error, error.advice()))?;
+            let bus =
+                bus.map_err(|error| failed(&error, error.advice().map(mesa_hal::Advice::Bus)))?;
             Ok(DynBus::new(bus))
         }
         // The kernel shows registers of a board, and the mappings of other programs, to root only.

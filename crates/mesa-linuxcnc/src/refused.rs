@@ -3,19 +3,19 @@
 use core::fmt;
 
 use mesa_hal::Rounded;
-use mesa_hal::bus::BusError;
+
 use mesa_hal::driver::DriverError;
 
 use crate::advice::WithAdvice;
 use crate::report::Names;
 
 /// A period that the driver does not take, and what to do.
-pub(crate) struct RefusedPeriod<'a, E: BusError> {
+pub(crate) struct RefusedPeriod<'a> {
     pub names: &'a Names,
-    pub error: &'a DriverError<E>,
+    pub error: &'a DriverError,
 }
 
-impl<E: BusError> fmt::Display for RefusedPeriod<'_, E> {
+impl fmt::Display for RefusedPeriod<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let board = self.names.board();
         if let DriverError::WatchdogTooShort {

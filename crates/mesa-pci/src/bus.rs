@@ -4,13 +4,13 @@ use core::time::Duration;
 use std::fs::File;
 
 use mesa_wire::bus::{
-    Access, AccessList, BusStatistics, Clock, Direction, Hold, HostClock, Instant, RegisterBus,
-    Reply,
+    Access, AccessList, BusError, BusStatistics, Clock, Direction, Hold, HostClock, Instant,
+    RegisterBus, Reply,
 };
 
 use crate::mapping::Mapping;
 use crate::simulated::Log;
-use crate::{COOKIE, COOKIE_ADDRESS, PciAddress, PciError};
+use crate::{COOKIE, COOKIE_ADDRESS, PciAddress};
 
 /// Number of accesses on the bus since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,7 +80,7 @@ impl PciBus {
     }
 
     /// Reads the cookie, and nothing else.
-    pub(crate) fn cookie(&mut self) -> Result<u32, PciError> {
+    pub(crate) fn cookie(&mut self) -> Result<u32, BusError> {
         self.announce(&[Access::read(COOKIE_ADDRESS, 0, 1)])?;
         Ok(self.load(COOKIE_ADDRESS))
     }
@@ -96,10 +96,10 @@ impl PciBus {
         accesses: &[Access],
         words: &mut [u32],
         is_forced: bool,
-    ) -> Result<Reply, PciError> {
-        for &access in accesses {
-            check(access, words.len())?;
-        }
+    ) -> Result<Reply, BusError> {
+        accesses
+            .iter()
+            .try_for_each(|access| access.check(words.len()))?;
         self.exchanges += 1;
         let mut scratch = core::mem::take(&mut self.scratch);
         scratch.clear();
@@ -117,7 +117,7 @@ impl PciBus {
         accesses: &[Access],
         words: &mut [u32],
         is_forced: bool,
-    ) -> Result<Reply, PciError> {
+    ) -> Result<Reply, BusError> {
         let (mut has_read, mut is_doubtful) = (false, false);
         let mut rest = accesses;
         while let Some((&access, behind)) = rest.split_first() {
@@ -146,7 +146,7 @@ impl PciBus {
         if is_doubtful {
             let (board, cookie) = (self.board, self.cookie()?);
             if cookie != COOKIE {
-                return Err(PciError::Vanished { board, cookie });
+                return Err(BusError::Vanished { board, cookie });
             }
         }
         if let Some(log) = &self.log {
@@ -156,7 +156,7 @@ impl PciBus {
     }
 
     /// Reads registers; returns true if one reads as all ones.
-    fn read_all(&mut self, reads: &[Access], words: &mut [u32]) -> Result<bool, PciError> {
+    fn read_all(&mut self, reads: &[Access], words: &mut [u32]) -> Result<bool, BusError> {
         self.announce(reads)?;
         let mut is_doubtful = false;
         for access in reads {
@@ -169,7 +169,7 @@ impl PciBus {
         Ok(is_doubtful)
     }
 
-    fn write_all_of(&mut self, access: Access, words: &[u32]) -> Result<(), PciError> {
+    fn write_all_of(&mut self, access: Access, words: &[u32]) -> Result<(), BusError> {
         let sources = words.get(access.words()).unwrap_or_default();
         for (&word, address) in sources.iter().zip((access.address..).step_by(4)) {
             self.counts.writes += 1;
@@ -177,14 +177,14 @@ impl PciBus {
             if let Some(log) = &mut self.log {
                 let board = self.board;
                 log.write(address, word)
-                    .ok_or(PciError::Unanswered { board })?;
+                    .ok_or(BusError::Unanswered { board })?;
             }
         }
         Ok(())
     }
 
     /// Has a simulator execute all writes so far, and these reads.
-    fn announce(&mut self, reads: &[Access]) -> Result<(), PciError> {
+    fn announce(&mut self, reads: &[Access]) -> Result<(), BusError> {
         let Some(log) = &mut self.log else {
             return Ok(());
         };
@@ -193,47 +193,31 @@ impl PciBus {
             addresses.take(access.count.into())
         });
         let board = self.board;
-        log.read(addresses).ok_or(PciError::Unanswered { board })
+        log.read(addresses).ok_or(BusError::Unanswered { board })
     }
-}
-
-/// Checks that an access is to registers that exist, and its words are in a buffer of `words`.
-///
-/// # Errors
-/// [`PciError::BadAccess`].
-pub fn check(access: Access, words: usize) -> Result<(), PciError> {
-    let end = u32::from(access.address) + 4 * u32::from(access.count);
-    if access.address.is_multiple_of(4) && end <= 0x1_0000 && access.words().end <= words {
-        return Ok(());
-    }
-    Err(PciError::BadAccess { access, words })
 }
 
 impl RegisterBus for PciBus {
-    type Error = PciError;
-
     /// For set-up: writes have arrived when it returns, at the cost of one more read if the list ends
     /// with a write.
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), PciError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.run_list(accesses, words, true).map(drop)
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, PciError> {
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, BusError> {
         let words = accesses.iter().map(|access| access.words().end).max();
         let words = words.unwrap_or(0);
-        for &access in accesses {
-            check(access, words)?;
-        }
+        accesses.iter().try_for_each(|access| access.check(words))?;
         // The buffer of an exchange may be longer than this list needs.
         self.scratch.reserve(2 * words + ROOM);
         Ok(AccessList::new(accesses))
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, PciError> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.run_list(list.as_ref(), words, false)
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), PciError> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.run_list(accesses, words, false).map(drop)
     }
 

@@ -1,9 +1,7 @@
-//! Errors of opening a board, and of its bus.
+//! Errors of opening a board.
 
 use std::io;
 use std::path::PathBuf;
-
-use mesa_wire::bus::{Access, BusAdvice, BusError, BusErrorKind};
 
 use crate::{COOKIE, COOKIE_ADDRESS, Holder, PciAddress, REGISTERS};
 
@@ -199,58 +197,6 @@ impl PciOpenError {
                  computer off and on"
                     .to_owned()
             }
-        }
-    }
-}
-
-/// An exchange with a board has failed. No word that it reads has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum PciError {
-    /// An access names words outside of the buffer, or registers that do not exist. Nothing was
-    /// accessed.
-    #[error(
-        "access to {:#06X}, words {:?} of a buffer of {words}: addresses are multiples of 4 up to 0xFFFC, \
-         and all words must be in the buffer",
-        access.address, access.words()
-    )]
-    BadAccess {
-        /// The access.
-        access: Access,
-        /// Size of the buffer.
-        words: usize,
-    },
-    /// The board does not answer any more: its registers read as all ones.
-    #[error(
-        "{board}: the board has vanished: its registers read as all ones, and the cookie as {cookie:08X}"
-    )]
-    Vanished {
-        /// Address of the board.
-        board: PciAddress,
-        /// What was read in the place of the cookie.
-        cookie: u32,
-    },
-    /// The simulator behind a [simulated board](crate::simulated) does not answer.
-    #[error("{board}: the simulator behind this board does not answer")]
-    Unanswered {
-        /// Address of the board.
-        board: PciAddress,
-    },
-}
-
-impl BusError for PciError {
-    fn kind(&self) -> BusErrorKind {
-        match self {
-            Self::BadAccess { .. } => BusErrorKind::Invalid,
-            Self::Vanished { .. } | Self::Unanswered { .. } => BusErrorKind::Lost,
-        }
-    }
-
-    fn advice(&self) -> Option<BusAdvice> {
-        match self {
-            Self::BadAccess { .. } => None,
-            Self::Vanished { .. } => Some(BusAdvice::CheckSlot),
-            Self::Unanswered { .. } => Some(BusAdvice::CheckBoard),
         }
     }
 }

@@ -29,12 +29,11 @@
 //!
 //! A board without power, in reset, or whose addresses were taken away reads as all ones. If a list
 //! reads such a word, [`PciBus`] reads the cookie as well. Without the cookie the whole list fails
-//! with [`PciError::Vanished`], and no word is changed: in the same cycle, and before any of it is
-//! taken for data.
+//! with [`BusError::Vanished`](mesa_wire::bus::BusError::Vanished), and no word is changed: in the
+//! same cycle, and before any of it is taken for data.
 
 pub mod simulated;
 
-mod address;
 mod boards;
 mod bus;
 mod device;
@@ -42,12 +41,12 @@ mod error;
 mod lock;
 mod mapping;
 
-pub use address::PciAddress;
 pub use boards::{BOARDS, BoardKind, MESA, PciBoard};
-pub use bus::{PciBus, PciCounts, check};
+pub use bus::{PciBus, PciCounts};
 pub use device::{PciDevice, SYSFS, search};
-pub use error::{PciError, PciOpenError};
+pub use error::PciOpenError;
 pub use lock::Holder;
+pub use mesa_wire::bus::PciAddress;
 
 /// Bytes of the registers of a board.
 pub const REGISTERS: usize = 0x1_0000;

@@ -6,7 +6,7 @@ use std::error::Error;
 use std::fmt::Display;
 
 use mesa_hal::boards::{AttachError, IdentityError};
-use mesa_hal::bus::ImageError;
+use mesa_hal::bus::{BusError, ImageError};
 use mesa_hal::discovery::Problem;
 use mesa_hal::driver::{OfflineReason, RemarkKind, StopError};
 use mesa_hal::ethernet::{BitfileError, EthernetError};
@@ -18,10 +18,8 @@ use mesa_hal::remote::{ParameterError, RemoteError};
 use mesa_hal::runner::RealtimeError;
 use mesa_hal::runner::{CommandError, ScopeError, SnapshotError};
 use mesa_hal::sslbp::{PortError, StartFailure, StartFailureReason};
-use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Advice, CycleError, DriverError, Remark};
 
-use crate::BoardBusError;
 use crate::inventory::InventoryError;
 use crate::passive::PassiveError;
 use crate::setup::update::UpdateError;
@@ -95,31 +93,22 @@ macro_rules! first_of {
     };
 }
 
-/// The advice of an error of `mesa-hal` or of this package over Ethernet; `None` for other errors.
+/// The advice of an error of `mesa-hal` or of this package; `None` for other errors.
 pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
+    if let Some(error) = error.downcast_ref::<BusError>() {
+        return error.advice().map(Advice::Bus);
+    }
     first_of!(
         error,
-        DriverError<BoardBusError>,
-        StopError<BoardBusError>,
-        CycleError<BoardBusError>,
-        EthernetError<BoardBusError>,
-        InventoryError<BoardBusError>,
-        IdentifyError<BoardBusError>,
-        PortError<BoardBusError>,
-        BoardBusError,
-        UpdateError<PortError<BoardBusError>>,
-        DriverError<UdpError>,
-        StopError<UdpError>,
-        CycleError<UdpError>,
-        EthernetError<UdpError>,
-        InventoryError<UdpError>,
-        IdentifyError<UdpError>,
-        InventoryError<PassiveError>,
+        DriverError,
+        StopError,
+        CycleError,
+        EthernetError,
+        InventoryError,
+        IdentifyError,
+        PortError,
         PassiveError,
-        EthernetError<PassiveError>,
-        PortError<UdpError>,
-        UdpError,
-        UpdateError<PortError<UdpError>>,
+        UpdateError<PortError>,
         UpdateError<SerialError>,
         SerialCabinetError,
         ParameterError<Infallible>,
@@ -151,10 +140,8 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
 pub fn told(error: &(dyn Error + 'static)) -> String {
     let advice = advice_of(error);
     let text = with_advice(error, advice);
-    let stop = error.downcast_ref::<StopError<UdpError>>();
+    let stop = error.downcast_ref::<StopError>();
     let failed = stop.and_then(|error| error.failed.as_ref()?.advice());
-    let either = error.downcast_ref::<StopError<BoardBusError>>();
-    let failed = failed.or_else(|| either.and_then(|error| error.failed.as_ref()?.advice()));
     with_advice(text, failed.filter(|failed| Some(*failed) != advice))
 }
 
@@ -235,7 +222,7 @@ mod tests {
 
     #[test]
     fn errors_have_their_advice_in_words_that_can_be_typed() {
-        let error = DriverError::<UdpError>::NotPaced { why: "too slow" };
+        let error = DriverError::NotPaced { why: "too slow" };
         assert_eq!(
             told(&error),
             "the board cannot pace the cycle: too slow; let the host pace it (`--pace host`)"

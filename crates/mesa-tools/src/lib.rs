@@ -13,12 +13,10 @@
 )]
 
 pub mod advice;
-mod board_bus;
 mod counted;
 pub mod diagnosis;
 pub mod inventory;
 pub mod passive;
 pub mod setup;
 
-pub use board_bus::BoardBusError;
 pub use counted::Counted;

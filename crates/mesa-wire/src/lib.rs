@@ -21,3 +21,7 @@ pub mod bus;
 pub mod lbp;
 pub mod lbp16;
 pub mod time;
+
+mod rounded;
+
+pub use rounded::Rounded;

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::plan::ImagePlan;
 use super::words::WriteKind;
 use super::{Phase, Words};
-use crate::bus::{Access, AccessList, RegisterBus};
+use crate::bus::{Access, AccessList, BusError, RegisterBus};
 
 /// Requested form of a cycle's read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,7 +158,7 @@ impl Exchanges {
         bus: &mut B,
         words: &Words,
         ask: ReadRequest,
-    ) -> Result<ReadRequest, B::Error> {
+    ) -> Result<ReadRequest, BusError> {
         bus.start(self.lists.of(ask), &words.content)?;
         Ok(ask)
     }
@@ -172,7 +172,7 @@ impl Exchanges {
         words: &mut Words,
         ask: ReadRequest,
         form: CycleWrites,
-    ) -> Result<Option<ReadRequest>, B::Error> {
+    ) -> Result<Option<ReadRequest>, BusError> {
         if form != CycleWrites::Settings || !words.has_news() {
             let after = Some(form);
             let with_writes = ReadRequest { after, ..ask };
@@ -188,7 +188,7 @@ impl Exchanges {
         bus: &mut B,
         words: &mut Words,
         started: ReadRequest,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let reply = bus.finish(self.lists.of(started), &mut words.content)?;
         words.add_reply(reply);
         Ok(())
@@ -200,7 +200,7 @@ impl Exchanges {
         bus: &mut B,
         words: &mut Words,
         form: CycleWrites,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let list = match form {
             CycleWrites::Settings if words.has_news() => {
                 return self.write_parts(bus, words, WriteKind::Cycle);
@@ -219,7 +219,7 @@ impl Exchanges {
         &mut self,
         bus: &mut B,
         words: &mut Words,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         words.expect_either();
         self.write_parts(bus, words, WriteKind::Guarded)
     }
@@ -229,7 +229,7 @@ impl Exchanges {
         bus: &mut B,
         words: &mut Words,
         by: WriteKind,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let accesses = self.parts.choose(words, by);
         for packet in packets(accesses) {
             bus.write_all(packet, &mut words.content)?;
@@ -243,7 +243,7 @@ impl Exchanges {
         &self,
         bus: &mut B,
         words: &mut Words,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let reply = bus.run(&self.lists.status, &mut words.content)?;
         words.add_reply(reply);
         Ok(())
@@ -254,7 +254,7 @@ impl Exchanges {
         &self,
         bus: &mut B,
         words: &mut Words,
-    ) -> Result<(), B::Error> {
+    ) -> Result<(), BusError> {
         let reply = bus.run(&self.lists.evidence, &mut words.content)?;
         words.add_reply(reply);
         Ok(())
@@ -264,7 +264,7 @@ impl Exchanges {
     /// evidence after it. A set-up that is larger than a packet is written in parts, each after the
     /// reply to the one before, and what drives pins with the last. If the evidence matches, the caller
     /// calls [`Words::all_set`].
-    pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
         run_all(bus, words, &self.lists.set_up)
     }
 
@@ -272,12 +272,12 @@ impl Exchanges {
     /// written, and outputs get their safe words, but no pin is let go of meanwhile. The select line of
     /// multiplexed encoders is one of them. The watchdog is left alone, so that the evidence, which is
     /// read behind it, still shows a bite or a reset of any moment before.
-    pub fn renew<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn renew<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
         run_all(bus, words, &self.lists.renewal)
     }
 
     /// Writes the first stage of the set-up: nothing is driven.
-    pub fn quiesce<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), B::Error> {
+    pub fn quiesce<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
         let _ = bus.run(&self.lists.quiesce, &mut words.content)?;
         Ok(())
     }
@@ -288,7 +288,7 @@ fn run_all<B: RegisterBus>(
     bus: &mut B,
     words: &mut Words,
     lists: &[AccessList],
-) -> Result<(), B::Error> {
+) -> Result<(), BusError> {
     words.expect_all();
     for list in lists {
         let reply = bus.run(list, &mut words.content)?;

@@ -21,7 +21,7 @@ fn prepare_parts<B: RegisterBus>(
     all: &[Access],
     ack: &[Access],
     end: &[Access],
-) -> Result<Vec<AccessList>, B::Error> {
+) -> Result<Vec<AccessList>, BusError> {
     match bus.prepare(&[all, end].concat(), None) {
         Ok(list) => Ok(vec![list]),
         Err(error) if error.kind() == BusErrorKind::Invalid && all.len() > 1 => {
@@ -47,7 +47,7 @@ impl ImagePlan {
         &self,
         bus: &mut B,
         held: Option<Duration>,
-    ) -> Result<(Exchanges, Words), B::Error> {
+    ) -> Result<(Exchanges, Words), BusError> {
         debug_assert!(self.check().is_ok(), "it was checked");
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);
@@ -77,7 +77,7 @@ impl ImagePlan {
         let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
         let mut both = |list: &dyn Fn(bool) -> Vec<Access>, before| {
             let hold = Option::zip(before, held).map(|(before, limit)| Hold { before, limit });
-            Ok([
+            Ok::<_, BusError>([
                 bus.prepare(&list(false), hold)?,
                 bus.prepare(&list(true), hold)?,
             ])

@@ -254,7 +254,7 @@ impl ImagePlan {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub(crate) fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+    pub(crate) fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), BusError> {
         let mut reads_back = false;
         let drives = self.settings.iter_mut().filter(|setting| setting.is_drive);
         let mut drives: Vec<_> = drives.collect();
@@ -326,7 +326,7 @@ impl ImagePlan {
     ///
     /// # Errors
     /// Errors of the bus.
-    pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+    pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), BusError> {
         let (accesses, mut words) = Access::writes(self.first_set_up());
         exchange_parts(bus, &accesses, &mut words)
     }
@@ -378,7 +378,7 @@ fn exchange_parts<B: RegisterBus>(
     bus: &mut B,
     accesses: &[Access],
     words: &mut [u32],
-) -> Result<(), B::Error> {
+) -> Result<(), BusError> {
     match bus.exchange(accesses, words) {
         Err(error) if error.kind() == BusErrorKind::Invalid && accesses.len() > 1 => {
             let (first, second) = accesses.split_at(accesses.len() / 2);

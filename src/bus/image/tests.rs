@@ -1,6 +1,5 @@
 use super::*;
-use crate::bus::{Access, AccessList, Direction, RegisterBus, Reply};
-use core::convert::Infallible;
+use crate::bus::{Access, AccessList, BusError, Direction, RegisterBus, Reply};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
@@ -19,9 +18,7 @@ fn content(address: u16) -> u32 {
 }
 
 impl RegisterBus for Memory {
-    type Error = Infallible;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Infallible> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         for access in accesses {
             for (n, word) in (0u16..).zip(words[access.words()].iter_mut()) {
                 let address = access.address + 4 * n;
@@ -41,7 +38,7 @@ impl RegisterBus for Memory {
         Ok(())
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Infallible> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.exchange(list.as_ref(), words)?;
         Ok(self.reply.unwrap_or(Reply::CERTAIN))
     }
@@ -76,7 +73,7 @@ struct Image {
 
 impl Image {
     fn frozen(plan: &ImagePlan, bus: &mut Memory, held: Option<core::time::Duration>) -> Self {
-        let Ok((exchanges, words)) = plan.freeze(bus, held);
+        let (exchanges, words) = plan.freeze(bus, held).unwrap();
         Self { exchanges, words }
     }
 }
@@ -86,15 +83,19 @@ fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image {
 }
 
 fn read(image: &mut Image, bus: &mut Memory, ask: ReadRequest) -> Vec<u16> {
-    let Ok(started) = image.exchanges.start_read(bus, &image.words, ask);
-    let Ok(()) = image.exchanges.finish(bus, &mut image.words, started);
+    let started = image.exchanges.start_read(bus, &image.words, ask).unwrap();
+    image
+        .exchanges
+        .finish(bus, &mut image.words, started)
+        .unwrap();
     bus.take_read()
 }
 
 fn written(image: &mut Image, bus: &mut Memory) -> Vec<(u16, u32)> {
-    let Ok(()) = image
+    image
         .exchanges
-        .write(bus, &mut image.words, CycleWrites::Settings);
+        .write(bus, &mut image.words, CycleWrites::Settings)
+        .unwrap();
     bus.take_written()
 }
 
@@ -146,24 +147,26 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
     let paced = image.exchanges.lists().paced.unwrap();
     assert_eq!(paced.as_ref().len(), 3, "two writes and a read");
     image.words.put(out, 7);
-    let Ok(started) =
-        image
-            .exchanges
-            .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
-    let Ok(()) = image
+    let started = image
         .exchanges
-        .finish(&mut bus, &mut image.words, started.unwrap());
+        .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings)
+        .unwrap();
+    image
+        .exchanges
+        .finish(&mut bus, &mut image.words, started.unwrap())
+        .unwrap();
     assert_eq!(bus.take_written(), [(0x4000, 7), (0x4200, 2)]);
     image.words.set(setting, 6);
-    let Ok(started) =
-        image
-            .exchanges
-            .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings);
+    let started = image
+        .exchanges
+        .start_cycle(&mut bus, &mut image.words, ask, CycleWrites::Settings)
+        .unwrap();
     let all = [(0x4000, 7), (0x4100, 6), (0x4200, 2)];
     assert_eq!(bus.take_written(), all);
-    let Ok(()) = image
+    image
         .exchanges
-        .finish(&mut bus, &mut image.words, started.unwrap());
+        .finish(&mut bus, &mut image.words, started.unwrap())
+        .unwrap();
     assert_eq!(bus.take_written(), [], "the trigger comes once");
 }
 
@@ -182,9 +185,15 @@ fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last
     assert_eq!(read(&mut image, &mut bus, USUAL), usual);
     let all = [0x7600, 0x0100, 0x3500, 0x5D00, 0x0C00, 0x1100];
     assert_eq!(read(&mut image, &mut bus, EXTRA), all);
-    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .read_evidence(&mut bus, &mut image.words)
+        .unwrap();
     assert_eq!(bus.take_read(), [0x0C00, 0x1100]);
-    let Ok(()) = image.exchanges.read_status(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .read_status(&mut bus, &mut image.words)
+        .unwrap();
     assert_eq!(bus.take_read(), [0x0100]);
 }
 
@@ -199,9 +208,10 @@ fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone
     image.words.set(setting, 9);
     assert_eq!(written(&mut image, &mut bus), usual, "it is so already");
     image.words.set(setting, 5);
-    let Ok(()) = image
+    image
         .exchanges
-        .write(&mut bus, &mut image.words, CycleWrites::Quiet);
+        .write(&mut bus, &mut image.words, CycleWrites::Quiet)
+        .unwrap();
     assert_eq!(bus.take_written(), usual, "the board is not set up");
     assert_eq!(written(&mut image, &mut bus), with);
     assert_eq!(written(&mut image, &mut bus), usual, "not heard of yet");
@@ -232,7 +242,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     plan.step(Stage::Quiesce, 0x1100, 0);
     plan.on_demand(0x7700);
     let mut bus = Memory::default();
-    let Ok(()) = plan.set_up(&mut bus);
+    plan.set_up(&mut bus).unwrap();
     let first = [
         (0x0C00, 1),
         (0x1100, 0),
@@ -241,7 +251,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
         (0x7D00, 3),
     ];
     assert_eq!(bus.take_written(), first);
-    let Ok(()) = plan.watch(&mut bus);
+    plan.watch(&mut bus).unwrap();
     let mut image = prepared(&plan, &mut bus);
     bus.take_read();
     let words = &mut image.words;
@@ -249,7 +259,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     words.set(drive, 0x30);
     words.put(output, 99);
     words.put_safe(output, 6);
-    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
+    image.exchanges.set_up(&mut bus, &mut image.words).unwrap();
     let again = [
         (0x0C00, 2),
         (0x1100, 0),
@@ -263,10 +273,10 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     assert!(image.words.evidence_matches());
     image.words.all_set();
     assert_eq!(written(&mut image, &mut bus), [(0x4000, 99)]);
-    let Ok(()) = image.exchanges.quiesce(&mut bus, &mut image.words);
+    image.exchanges.quiesce(&mut bus, &mut image.words).unwrap();
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
     image.words.put_safe(output, 5);
-    let Ok(()) = image.exchanges.renew(&mut bus, &mut image.words);
+    image.exchanges.renew(&mut bus, &mut image.words).unwrap();
     let renewed = [(0x4000, 5), (0x1100, 0x30), (0x7D00, 4)];
     assert_eq!(bus.take_written(), renewed, "no pin is let go of");
     assert_eq!(bus.take_read(), [0x1100]);
@@ -281,7 +291,7 @@ fn after_a_mistake(mistake: fn(&mut Words)) -> Vec<(u16, u32)> {
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     mistake(&mut image.words);
-    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
+    image.exchanges.set_up(&mut bus, &mut image.words).unwrap();
     bus.take_written()
 }
 
@@ -311,24 +321,36 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
     let invert = plan.setting(Stage::Route, 0x1400, 0);
     plan.write(Phase::Trigger, 0x5A00, 0);
     let mut bus = Memory::default();
-    let Ok(()) = plan.set_up(&mut bus);
-    let Ok(()) = plan.watch(&mut bus);
+    plan.set_up(&mut bus).unwrap();
+    plan.watch(&mut bus).unwrap();
     let mut image = prepared(&plan, &mut bus);
     bus.take_written();
     let words = &mut image.words;
     words.set(direction, 3);
     words.set(invert, 2);
     assert!(image.words.has_guarded_news());
-    let Ok(()) = image.exchanges.write_guarded(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .write_guarded(&mut bus, &mut image.words)
+        .unwrap();
     let guarded = [(0x1000, 0), (0x1400, 2), (0x1100, 3), (0x0E00, 0x5A)];
     assert_eq!(bus.take_written(), guarded);
     bus.registers.insert(0x1100, 1);
-    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .read_evidence(&mut bus, &mut image.words)
+        .unwrap();
     image.words.guarded_sent();
     assert!(image.words.evidence_matches(), "what was driven is driven");
     assert!(image.words.has_guarded_news(), "it has not arrived");
-    let Ok(()) = image.exchanges.write_guarded(&mut bus, &mut image.words);
-    let Ok(()) = image.exchanges.read_evidence(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .write_guarded(&mut bus, &mut image.words)
+        .unwrap();
+    image
+        .exchanges
+        .read_evidence(&mut bus, &mut image.words)
+        .unwrap();
     image.words.guarded_sent();
     assert!(!image.words.has_guarded_news());
     let usual = [(0x0E00, 0x5A), (0x1000, 0), (0x5A00, 0)];
@@ -352,7 +374,7 @@ fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
     }
     image.words.set(direction, 3);
     image.words.set(mode, 4);
-    let Ok(()) = image.exchanges.set_up(&mut bus, &mut image.words);
+    image.exchanges.set_up(&mut bus, &mut image.words).unwrap();
     image.words.all_set();
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), []);
@@ -370,7 +392,10 @@ fn every_reply_since_the_news_were_taken_counts() {
     let mut image = prepared(&plan, &mut bus);
     // An uncertain reply without details looks as if nothing had been received.
     bus.reply = Some(Reply::CERTAIN.with_certain(false));
-    let Ok(()) = image.exchanges.read_status(&mut bus, &mut image.words);
+    image
+        .exchanges
+        .read_status(&mut bus, &mut image.words)
+        .unwrap();
     bus.reply = None;
     read(&mut image, &mut bus, USUAL);
     assert!(!image.words.take_replies().certain);

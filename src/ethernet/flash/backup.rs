@@ -37,7 +37,7 @@ impl<C: FlashChip> Flash<C> {
     pub fn backup(
         &mut self,
         mut progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<u8>>, EthernetError<C::Error>> {
+    ) -> Result<Option<Vec<u8>>, EthernetError> {
         let size = self.layout.size as usize;
         let mut bytes = Vec::with_capacity(size);
         let mut part = [0; PACKET];
@@ -59,7 +59,7 @@ impl<C: FlashChip> Flash<C> {
     /// [`EthernetError::OutsideArea`] if its size is wrong, [`EthernetError::NoBootBlock`], and
     /// [`EthernetError::NoUserConfiguration`] if it has neither a user configuration nor a
     /// fallback.
-    pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError<C::Error>> {
+    pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let (address, _) = self.layout.boot_block;
         let head = self.of(Area::BootBlock, backup).get(..PAGE);
@@ -82,7 +82,7 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// # Errors
     /// [`EthernetError::NoBootBlock`] and [`EthernetError::OtherBootBlock`].
-    pub fn check_backup_boot_block(&self, backup: &[u8]) -> Result<(), EthernetError<C::Error>> {
+    pub fn check_backup_boot_block(&self, backup: &[u8]) -> Result<(), EthernetError> {
         let head = self.of(Area::BootBlock, backup).get(..BootBlock::BYTES);
         self.check_boot_head(head.unwrap_or_default())
     }
@@ -101,7 +101,7 @@ impl<C: FlashChip> Flash<C> {
         &mut self,
         backup: &[u8],
         progress: impl FnMut(usize) -> bool,
-    ) -> Result<Option<Vec<FlashDifference>>, EthernetError<C::Error>> {
+    ) -> Result<Option<Vec<FlashDifference>>, EthernetError> {
         self.check(Area::Whole, 0, backup.len(), true)?;
         let Some(found) = self.backup(progress)? else {
             return Ok(None);
@@ -151,7 +151,7 @@ impl<C: FlashChip> Flash<C> {
         &mut self,
         backup: &[u8],
         part: &FlashDifference,
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check_backup(backup)?;
         if part.area == Some(Area::BootBlock) {
             self.check_backup_boot_block(backup)?;
@@ -168,7 +168,7 @@ impl<C: FlashChip> Flash<C> {
         backup: &[u8],
         part: &FlashDifference,
         mut progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         self.check_restore(backup, part)?;
         let bytes = part.start as usize..part.end as usize;
         let expected = || alloc::format!("whole sectors up to 0x{:06X}", self.layout.size);

@@ -22,7 +22,7 @@ impl<C: FlashChip> Flash<C> {
     /// # Errors
     /// [`EthernetError::NoBootBlock`] if it is erased, [`EthernetError::OtherBootBlock`] if it
     /// differs, and errors of the bus.
-    pub fn check_boot_block(&mut self) -> Result<(), EthernetError<C::Error>> {
+    pub fn check_boot_block(&mut self) -> Result<(), EthernetError> {
         let mut head = [0; BootBlock::BYTES];
         self.read(self.layout.boot_block.0, &mut head)?;
         self.check_boot_head(&head)
@@ -37,13 +37,13 @@ impl<C: FlashChip> Flash<C> {
     pub fn write_boot_block(
         &mut self,
         progress: impl FnMut(FlashStep, usize),
-    ) -> Result<(), EthernetError<C::Error>> {
+    ) -> Result<(), EthernetError> {
         let page = self.layout.boot_page();
         self.write(Area::BootBlock, self.layout.boot_block.0, &page, progress)
     }
 
     /// Checks the first bytes of a boot block.
-    pub(super) fn check_boot_head(&self, head: &[u8]) -> Result<(), EthernetError<C::Error>> {
+    pub(super) fn check_boot_head(&self, head: &[u8]) -> Result<(), EthernetError> {
         let (address, _) = self.layout.boot_block;
         if head.iter().all(|&byte| byte == 0xFF) {
             return Err(EthernetError::NoBootBlock { address });

@@ -26,20 +26,17 @@ pub enum FlashChange<'a> {
 /// The way to a flash chip, for [`Flash`](super::Flash): an [`EthernetBoard`], or the registers of
 /// a board on the PCI bus ([`SpiFlash`](super::SpiFlash)).
 pub trait FlashChip {
-    /// Errors of the way.
-    type Error;
-
     /// The electronic signature of the chip, in the lowest byte.
     ///
     /// # Errors
     /// Errors of the way.
-    fn id(&mut self) -> Result<u32, EthernetError<Self::Error>>;
+    fn id(&mut self) -> Result<u32, EthernetError>;
 
     /// Reads bytes from any address, within the chip.
     ///
     /// # Errors
     /// Errors of the way.
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<Self::Error>>;
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError>;
 
     /// Erases or writes, and waits until it is done, for `deadline` at most.
     ///
@@ -50,13 +47,11 @@ pub trait FlashChip {
         address: u32,
         change: FlashChange<'_>,
         deadline: Duration,
-    ) -> Result<(), EthernetError<Self::Error>>;
+    ) -> Result<(), EthernetError>;
 }
 
 impl<B: Lbp16Board> FlashChip for EthernetBoard<'_, B> {
-    type Error = B::Error;
-
-    fn id(&mut self) -> Result<u32, EthernetError<B::Error>> {
+    fn id(&mut self) -> Result<u32, EthernetError> {
         let mut id = [0; 4];
         self.run(&mut id, QUICK, |request| {
             request.read(Space::Flash, flash::ID, 1)
@@ -64,7 +59,7 @@ impl<B: Lbp16Board> FlashChip for EthernetBoard<'_, B> {
         Ok(u32::from_le_bytes(id))
     }
 
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError> {
         for (part, at) in bytes.chunks_mut(PACKET).zip((address..).step_by(PACKET)) {
             // Addresses and sizes of the memory are multiples of 4; those of the request need not
             // be.
@@ -95,7 +90,7 @@ impl<B: Lbp16Board> FlashChip for EthernetBoard<'_, B> {
         address: u32,
         change: FlashChange<'_>,
         deadline: Duration,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         let mut echo = [0; 4];
         self.run(&mut echo, deadline, |request| {
             // Cleared at the end of every packet, so it is part of each packet that writes.

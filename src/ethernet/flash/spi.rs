@@ -50,7 +50,7 @@ impl<'a, B: RegisterBus + Clock> SpiFlash<'a, B> {
         address: Option<u32>,
         data: &[u8],
         reply: &mut [u8],
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         self.select(NOT_SELECTED)?;
         self.select(SELECTED)?;
         self.send(command)?;
@@ -70,12 +70,12 @@ impl<'a, B: RegisterBus + Clock> SpiFlash<'a, B> {
         self.select(NOT_SELECTED)
     }
 
-    fn select(&mut self, value: u32) -> Result<(), EthernetError<B::Error>> {
+    fn select(&mut self, value: u32) -> Result<(), EthernetError> {
         self.bus.write(CONTROL, value).map_err(EthernetError::Bus)
     }
 
     /// Sends a byte, and waits until it is complete.
-    fn send(&mut self, byte: u8) -> Result<(), EthernetError<B::Error>> {
+    fn send(&mut self, byte: u8) -> Result<(), EthernetError> {
         let list = [Access::write(DATA, 0, 1), Access::read(CONTROL, 1, 1)];
         let mut words = [u32::from(byte), 0];
         let sent = self.bus.exchange(&list, &mut words);
@@ -90,7 +90,7 @@ impl<'a, B: RegisterBus + Clock> SpiFlash<'a, B> {
         Err(EthernetError::ChipSilent { control })
     }
 
-    fn status(&mut self) -> Result<u8, EthernetError<B::Error>> {
+    fn status(&mut self) -> Result<u8, EthernetError> {
         let mut status = [0];
         self.command(READ_STATUS, None, &[], &mut status)?;
         let [status] = status;
@@ -99,16 +99,14 @@ impl<'a, B: RegisterBus + Clock> SpiFlash<'a, B> {
 }
 
 impl<B: RegisterBus + Clock> FlashChip for SpiFlash<'_, B> {
-    type Error = B::Error;
-
-    fn id(&mut self) -> Result<u32, EthernetError<B::Error>> {
+    fn id(&mut self) -> Result<u32, EthernetError> {
         let mut id = [0];
         self.command(READ_SIGNATURE, Some(0), &[], &mut id)?;
         let [id] = id;
         Ok(id.into())
     }
 
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError> {
         self.command(READ, Some(address), &[], bytes)
     }
 
@@ -117,7 +115,7 @@ impl<B: RegisterBus + Clock> FlashChip for SpiFlash<'_, B> {
         address: u32,
         change: FlashChange<'_>,
         deadline: Duration,
-    ) -> Result<(), EthernetError<B::Error>> {
+    ) -> Result<(), EthernetError> {
         self.command(ENABLE_WRITE, None, &[], &mut [])?;
         match change {
             FlashChange::EraseSector => self.command(ERASE_SECTOR, Some(address), &[], &mut [])?,

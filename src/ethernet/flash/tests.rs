@@ -2,7 +2,7 @@ mod backup;
 
 use super::super::BitfileError;
 use super::*;
-use crate::bus::{Clock, Instant};
+use crate::bus::{BusError, BusErrorKind, Clock, Instant};
 use crate::lbp16::registers::{control, flash};
 use crate::lbp16::{Operations, Space};
 use alloc::{vec, vec::Vec};
@@ -36,9 +36,7 @@ impl Chip {
 }
 
 /// The power has failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no power; switch it on")]
-struct NoPower;
+const NO_POWER: BusError = BusError::custom(BusErrorKind::Lost, "no power; switch it on");
 
 impl Clock for Chip {
     fn now(&mut self) -> Instant {
@@ -50,14 +48,12 @@ impl Clock for Chip {
 
 /// The registers of the flash memory only. Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS".
 impl Lbp16Board for Chip {
-    type Error = NoPower;
-
     fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         _: Duration,
-    ) -> Result<(), NoPower> {
+    ) -> Result<(), BusError> {
         let (mut answer, mut address, mut page) = (Vec::new(), 0, None);
         for operation in Operations::new(commands).map(Result::unwrap) {
             let register = operation.address.expect("of every command");
@@ -94,15 +90,15 @@ impl Lbp16Board for Chip {
         Ok(())
     }
 
-    fn send(&mut self, _: &[u8]) -> Result<(), NoPower> {
+    fn send(&mut self, _: &[u8]) -> Result<(), BusError> {
         unreachable!("everything is answered")
     }
 }
 
 impl Chip {
-    fn write_page(&mut self, address: usize, page: &[u8]) -> Result<(), NoPower> {
+    fn write_page(&mut self, address: usize, page: &[u8]) -> Result<(), BusError> {
         assert!(address.is_multiple_of(PAGE) && page.len() == PAGE);
-        self.pages_left = self.pages_left.checked_sub(1).ok_or(NoPower)?;
+        self.pages_left = self.pages_left.checked_sub(1).ok_or(NO_POWER)?;
         self.written.push(address as u32);
         for (at, byte) in (address..).zip(page) {
             self.bytes[at] &= byte;
@@ -114,7 +110,7 @@ impl Chip {
     }
 }
 
-fn open(chip: &mut Chip) -> Result<Flash<EthernetBoard<'_, Chip>>, EthernetError<NoPower>> {
+fn open(chip: &mut Chip) -> Result<Flash<EthernetBoard<'_, Chip>>, EthernetError> {
     Flash::open(EthernetBoard::new(chip), FlashLayout::I7I97)
 }
 
@@ -323,7 +319,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
         chip.pages_left = pages;
         assert_eq!(
             program(&mut chip, Area::User),
-            Err(EthernetError::Bus(NoPower))
+            Err(EthernetError::Bus(NO_POWER))
         );
         chip.pages_left = usize::MAX;
         assert_eq!(

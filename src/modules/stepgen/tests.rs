@@ -8,11 +8,11 @@ use core::time::Duration;
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
+use crate::bus::{Access, BusError, BusErrorKind, Clock, Direction, RegisterBus};
 use crate::driver::{BoardState, Driver, EventKind, Events, Remark, RemarkKind, Settings};
 use crate::hal::{Param, PinError};
 use crate::transport::{Fault, Faulty};
-use mesa_hal_sim::{SimError, SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
+use mesa_hal_sim::{SimFpga, SimModuleDescriptor, SimPinDescriptor, machines};
 
 mod faults;
 mod limits;
@@ -167,9 +167,7 @@ struct ModelBoard {
 }
 
 impl RegisterBus for ModelBoard {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         for access in accesses {
             for (at, word) in (access.address..)
                 .step_by(4)

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::bus::RegisterBus;
+use crate::bus::{BusError, RegisterBus};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error};
 
 /// The registers of the watchdog.
@@ -85,7 +85,7 @@ impl WatchdogRegisters {
     ///
     /// # Errors
     /// Those of the bus.
-    pub(crate) fn are_at_first<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
+    pub(crate) fn are_at_first<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, BusError> {
         let status = bus.read(self.status)?;
         Ok(bus.read(self.time)? == Self::DISABLED && status & Self::HAS_BIT == 0)
     }

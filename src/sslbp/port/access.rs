@@ -19,7 +19,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// # Errors
     /// [`PortError::Channel`] without a good reply; [`PortError::WrongState`] if the channel does
     /// not run in setup mode.
-    pub fn access(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
+    pub fn access(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64> {
         if access.written().is_some() {
             return self.access_once(channel, access);
         }
@@ -27,7 +27,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         self.read_without_doubt(what, |port| port.access_once(channel, access))
     }
 
-    fn access_once(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
+    fn access_once(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64> {
         let machine = &self.port.machine;
         let is_ready = machine.state == PortState::Started(StartMode::Setup)
             && machine.running.contains(channel);
@@ -77,7 +77,7 @@ pub struct PortLink<'a, B> {
 }
 
 impl<B: RegisterBus + Clock> RemoteLink for PortLink<'_, B> {
-    type Error = PortError<B::Error>;
+    type Error = PortError;
 
     fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
         self.port.on(self.bus).access(self.channel, access)

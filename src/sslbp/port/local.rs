@@ -30,7 +30,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     ///
     /// # Errors
     /// The address does not exist; the bus fails, or the port does not answer.
-    pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
+    pub fn local_read(&mut self, address: u16) -> PortResult<u8> {
         self.require_local(address)?;
         let what = format_args!("local address {address:#05X}");
         self.read_without_doubt(what, |port| port.local_read_once(address))
@@ -43,8 +43,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     pub(super) fn read_without_doubt<T: Copy + PartialEq>(
         &mut self,
         what: fmt::Arguments<'_>,
-        mut read: impl FnMut(&mut Self) -> PortResult<T, B>,
-    ) -> PortResult<T, B> {
+        mut read: impl FnMut(&mut Self) -> PortResult<T>,
+    ) -> PortResult<T> {
         let mut before = None;
         for _ in 0..READS {
             let doubts = self.bus.statistics().doubts;
@@ -65,12 +65,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         ))
     }
 
-    fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {
+    fn local_read_once(&mut self, address: u16) -> PortResult<u8> {
         let (_, snapshot) = self.run(PortOperation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }
 
-    fn require_local(&self, address: u16) -> PortResult<(), B> {
+    fn require_local(&self, address: u16) -> PortResult<()> {
         if address <= LAST_LOCAL {
             return Ok(());
         }
@@ -80,7 +80,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     }
 
     /// Reads consecutive bytes of the port's memory.
-    fn local_bytes<const N: usize>(&mut self, first: u16) -> PortResult<[u8; N], B> {
+    fn local_bytes<const N: usize>(&mut self, first: u16) -> PortResult<[u8; N]> {
         let mut bytes = [0; N];
         for (address, byte) in (first..).zip(&mut bytes) {
             *byte = self.local_read(address)?;
@@ -94,7 +94,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// # Errors
     /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if the byte is not kept, or
     /// the address does not exist; the bus fails, or the port does not answer.
-    pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
+    pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<()> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
         self.run(PortOperation::WriteLocal(address), &data)?;
@@ -113,7 +113,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// # Errors
     /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port
     /// does not answer.
-    pub fn identify(&mut self) -> PortResult<PortParameters, B> {
+    pub fn identify(&mut self) -> PortResult<PortParameters> {
         let parameters = self.local_bytes(0)?;
         let clock = self.local_bytes(PortParameters::CLOCK)?;
         let [
@@ -175,12 +175,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         &mut self,
         channel: Channel,
         variable: ChannelVariable,
-    ) -> PortResult<[u8; N], B> {
+    ) -> PortResult<[u8; N]> {
         let first = self.variable(channel, variable)?;
         self.local_bytes(first)
     }
 
-    fn variable(&self, channel: Channel, variable: ChannelVariable) -> PortResult<u16, B> {
+    fn variable(&self, channel: Channel, variable: ChannelVariable) -> PortResult<u16> {
         self.require_existing(channel.mask())?;
         Ok(self.known_parameters()?.variable(channel, variable))
     }
@@ -192,7 +192,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     ///
     /// # Errors
     /// As [`read_variable`](Self::read_variable) and [`local_write`](Self::local_write).
-    pub fn set_baud_rate(&mut self, channel: Channel, baud_rate: u32) -> PortResult<(), B> {
+    pub fn set_baud_rate(&mut self, channel: Channel, baud_rate: u32) -> PortResult<()> {
         let first = self.variable(channel, ChannelVariable::BaudRate)?;
         for (address, byte) in (first..).zip(baud_rate.to_le_bytes()) {
             self.local_write(address, byte)?;

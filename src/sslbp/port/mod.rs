@@ -18,7 +18,7 @@ use alloc::format;
 use alloc::string::String;
 
 /// The result of an operation on a port over the bus `B`.
-pub(crate) type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
+pub(crate) type PortResult<T> = Result<T, PortError>;
 
 /// The assumed clock of a processor whose parameters have not been read, in hertz.
 const USUAL_CLOCK: u32 = 100_000_000;
@@ -88,13 +88,13 @@ pub struct SetupPort<'a, B> {
 }
 
 impl<B: RegisterBus> SetupPort<'_, B> {
-    pub(crate) fn known_parameters(&self) -> PortResult<PortParameters, B> {
+    pub(crate) fn known_parameters(&self) -> PortResult<PortParameters> {
         let needed = "its parameters";
         let known = self.port.parameters;
         known.ok_or_else(|| self.wrong_state(needed.into(), Some(Advice::IdentifyPort)))
     }
 
-    fn require_existing(&self, mask: ChannelMask) -> PortResult<(), B> {
+    fn require_existing(&self, mask: ChannelMask) -> PortResult<()> {
         let missing = mask.difference(self.port.layout.mask());
         if missing.is_empty() {
             return Ok(());
@@ -109,7 +109,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         ))
     }
 
-    fn wrong_state(&self, needed: String, advice: Option<Advice>) -> PortError<B::Error> {
+    fn wrong_state(&self, needed: String, advice: Option<Advice>) -> PortError {
         PortError::WrongState {
             port: self.port.layout.instance,
             needed,
@@ -119,13 +119,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         }
     }
 
-    fn not_kept(
-        &self,
-        what: String,
-        read: u64,
-        written: u64,
-        advice: Advice,
-    ) -> PortError<B::Error> {
+    fn not_kept(&self, what: String, read: u64, written: u64, advice: Advice) -> PortError {
         let expected = format!("{written:#04X}, which was written");
         self.unexpected(what, format!("{read:#04X}"), expected, Some(advice))
     }
@@ -136,7 +130,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         found: String,
         expected: String,
         advice: Option<Advice>,
-    ) -> PortError<B::Error> {
+    ) -> PortError {
         PortError::Unexpected {
             port: self.port.layout.instance,
             what: what.into(),

@@ -106,7 +106,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         &mut self,
         operation: PortOperation,
         writes: &[(u16, u32)],
-    ) -> PortResult<(CompletedOperation, PortSnapshot), B> {
+    ) -> PortResult<(CompletedOperation, PortSnapshot)> {
         if !operation.interrupts() && !self.port.machine.is_idle() {
             let in_flight = self.port.machine.in_flight();
             let before = in_flight.map_or(PortOperation::Foreign, |(operation, _)| operation);
@@ -138,7 +138,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         &mut self,
         operation: PortOperation,
         writes: &[(u16, u32)],
-    ) -> PortResult<(), B> {
+    ) -> PortResult<()> {
         self.bus.wait(SETTLE);
         let command = (self.port.layout.command, self.port.machine.begin(operation));
         let (accesses, mut words) = Access::writes(writes.iter().copied().chain([command]));
@@ -154,7 +154,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         operation: PortOperation,
         waiting_for: fmt::Arguments<'_>,
         end: impl Fn(&Self, PortEvent) -> Option<T>,
-    ) -> PortResult<T, B> {
+    ) -> PortResult<T> {
         let begin = self.bus.now();
         let mut pause = FIRST_POLL;
         for _ in 0..MAX_POLLS {
@@ -190,7 +190,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         waited: Duration,
         waiting_for: fmt::Arguments<'_>,
         can_stop: bool,
-    ) -> PortResult<PortError<B::Error>, B> {
+    ) -> PortResult<PortError> {
         let mut snapshot = PortSnapshot::new(self.port, &PortOperation::StopAll);
         self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
         let (command, data) = (snapshot.command(), snapshot.data() as u8);

@@ -26,7 +26,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         &mut self,
         mode: StartMode,
         channels: &[(Channel, u8)],
-    ) -> PortResult<Vec<Result<StartedRemote, StartFailure>>, B> {
+    ) -> PortResult<Vec<Result<StartedRemote, StartFailure>>> {
         let mask = channels.iter().map(|&(channel, _)| channel).collect();
         self.require_startable(mode, mask)?;
         let mut outcomes = Vec::new();
@@ -65,7 +65,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         Ok(outcomes)
     }
 
-    fn require_startable(&self, mode: StartMode, mask: ChannelMask) -> PortResult<(), B> {
+    fn require_startable(&self, mode: StartMode, mask: ChannelMask) -> PortResult<()> {
         self.known_parameters()?;
         self.require_existing(mask)?;
         let (state, running) = (self.port.state(), self.port.running());

@@ -24,7 +24,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// respond. Afterwards, all channels are stopped and have the default baud rate.
     ///
     /// FACTS 2.5.
-    pub fn reset(&mut self) -> PortResult<PortParameters, B> {
+    pub fn reset(&mut self) -> PortResult<PortParameters> {
         self.port.parameters = None;
         self.issue(PortOperation::Reset, &[])?;
         self.bus.wait(PortOperation::Reset.times().usual);
@@ -34,7 +34,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     }
 
     /// Reads local parameter 3 until the result is valid: DATA reads AA as long as reads are lost.
-    fn await_initialised(&mut self) -> PortResult<(), B> {
+    fn await_initialised(&mut self) -> PortResult<()> {
         let begin = self.bus.now();
         for _ in 0..INITIALISE_ATTEMPTS {
             match self.local_read(PortParameters::MINOR) {
@@ -59,7 +59,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     ///
     /// The operation that kept it busy must be over: this write ends the waiting and not the
     /// transfer (FACTS 3.2), and the STOPALL that follows would get stuck again.
-    fn free(&mut self) -> PortResult<(), B> {
+    fn free(&mut self) -> PortResult<()> {
         self.run(PortOperation::Free, &[])?;
         Ok(())
     }
@@ -70,7 +70,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// 08FF, a wait, and 0800 (FACTS 3.1). Then checks that every channel is stopped.
     ///
     /// Manual: 7I77, "STOP ALL".
-    pub fn stop_all(&mut self) -> PortResult<(), B> {
+    pub fn stop_all(&mut self) -> PortResult<()> {
         // Another host may write COMMAND as well, and a network may deliver its write late.
         self.port.machine.not_observed();
         match self.stop_with(PortOperation::StopAll) {
@@ -87,7 +87,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// For recovery of single channels; does nothing if `mask` is empty.
     ///
     /// Manual: 7I77, "STOP INDIVIDUAL CHANNELS".
-    pub fn stop(&mut self, mask: ChannelMask) -> PortResult<(), B> {
+    pub fn stop(&mut self, mask: ChannelMask) -> PortResult<()> {
         self.require_existing(mask)?;
         if mask.is_empty() {
             return Ok(());
@@ -95,7 +95,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         self.stop_with(PortOperation::Stop(mask))
     }
 
-    fn stop_with(&mut self, operation: PortOperation) -> PortResult<(), B> {
+    fn stop_with(&mut self, operation: PortOperation) -> PortResult<()> {
         let (complete, snapshot) = self.run(operation, &[])?;
         let Some(channel) = complete.bad.iter().next() else {
             return Ok(());

@@ -1,6 +1,6 @@
-use super::{Memory, MemoryError};
+use super::{MEMORY_ERROR, Memory};
 use crate::bus::{Access, BusError, BusErrorKind, RegisterBus, Reply};
-use crate::transport::{Fault, Faulty, FaultyError};
+use crate::transport::{Fault, Faulty};
 use core::time::Duration;
 use proptest::prelude::*;
 
@@ -16,7 +16,7 @@ fn each_kind_is_injected_at_the_exchange_that_was_named() {
             assert_eq!(words, [7, 0]);
             let mut words = [8, 99];
             let error = bus.exchange(&accesses, &mut words).unwrap_err();
-            assert_eq!(error, FaultyError::Injected { kind, exchange: 1 });
+            assert_eq!(error, BusError::Injected { kind, exchange: 1 });
             assert_eq!(error.kind(), kind);
             assert_eq!(words, [8, 99], "a failed exchange changes no word");
             let executed = matches!(fault, Fault::Executed(_));
@@ -83,7 +83,7 @@ fn errors_of_the_bus_inside_are_passed_on() {
     let mut bus = Faulty::new(Memory::default(), 1);
     bus.inner.fail_next = true;
     let error = bus.read(0).unwrap_err();
-    assert_eq!(error, FaultyError::Inner(MemoryError));
+    assert_eq!(error, MEMORY_ERROR);
     assert_eq!(error.kind(), BusErrorKind::Device);
 }
 

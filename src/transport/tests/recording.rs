@@ -1,4 +1,4 @@
-use super::{Memory, MemoryError};
+use super::{MEMORY_ERROR, Memory};
 use crate::bus::{Access, Clock, RegisterBus};
 use crate::transport::{RecordedEntry, Recording};
 use core::time::Duration;
@@ -48,7 +48,7 @@ fn a_list_is_logged_when_its_reply_is_taken() {
 fn a_failed_exchange_is_one_line_and_passed_on() {
     let mut bus = Recording::new(Memory::default(), 10);
     bus.inner.fail_next = true;
-    assert_eq!(bus.read(0x0100), Err(MemoryError));
+    assert_eq!(bus.read(0x0100), Err(MEMORY_ERROR));
     assert!(text(&bus).ends_with("1.00 host failed 0x0100 ; Device, accesses=1\n"));
 }
 

@@ -4,11 +4,10 @@ use alloc::vec::Vec;
 use core::ops::Range;
 use core::time::Duration;
 
-use super::ListError;
 use super::ledger::{Account, Details, SLOTS, WriteEvidence, WriteNumber};
 use super::receiving::Wait;
 use crate::bus::BoardIdentity;
-use crate::bus::{Access, AccessList, Direction, Hold, ListForm};
+use crate::bus::{Access, AccessList, BusError, Direction, Hold, ListForm};
 use crate::lbp16::registers::{control, eeprom, read_only, timer};
 use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 
@@ -104,9 +103,9 @@ impl UdpList {
     /// The packet of a list.
     ///
     /// # Errors
-    /// [`ListError::OtherBus`]: a bus of another type prepared the list.
-    pub fn of(list: &AccessList) -> Result<&Self, ListError> {
-        list.form().ok_or(ListError::OtherBus)
+    /// [`BusError::OtherBus`]: a bus of another type prepared the list.
+    pub fn of(list: &AccessList) -> Result<&Self, BusError> {
+        list.form().ok_or(BusError::OtherBus)
     }
 
     /// Bytes of the packet that is sent, without the headers of lower layers.
@@ -141,7 +140,7 @@ impl UdpList {
         accesses: &[Access],
         is_acknowledged: bool,
         hold: Option<Hold>,
-    ) -> Result<Self, ListError> {
+    ) -> Result<Self, BusError> {
         let mut this = Self::default();
         this.encode(accesses, is_acknowledged, hold)?;
         Ok(this)
@@ -153,14 +152,12 @@ impl UdpList {
         accesses: &[Access],
         is_acknowledged: bool,
         hold: Option<Hold>,
-    ) -> Result<(), ListError> {
-        if let Some(&access) = accesses.iter().find(|access| !is_sound(**access)) {
-            let words = usize::from(u16::MAX);
-            return Err(ListError::BadAccess { access, words });
-        }
+    ) -> Result<(), BusError> {
+        let words = usize::from(u16::MAX);
+        accesses.iter().try_for_each(|access| access.check(words))?;
         let limit = hold.map_or(Duration::ZERO, |hold| hold.limit);
         let Ok(limit_us) = u16::try_from(limit.as_micros()) else {
-            return Err(ListError::LongHold { limit });
+            return Err(BusError::LongHold { limit });
         };
         self.held = Duration::from_micros(limit_us.into());
         let has = |direction| accesses.iter().any(|access| access.direction == direction);
@@ -189,12 +186,12 @@ impl UdpList {
     }
 
     /// The packet that only asks for the board's account.
-    pub(super) fn question() -> Result<Self, ListError> {
+    pub(super) fn question() -> Result<Self, BusError> {
         Self::answered(None, &[], 0)
     }
 
     /// The packet that asks for the identity of the [board](Self::board).
-    pub(super) fn identity() -> Result<Self, ListError> {
+    pub(super) fn identity() -> Result<Self, BusError> {
         let mut request = RequestBuilder::default();
         request.push(Command::read(Space::Eeprom, 3), eeprom::MAC, &[]);
         let name = Command::read(Space::ReadOnly, 8);
@@ -215,7 +212,7 @@ impl UdpList {
     }
 
     /// The packet that clears the numbers of all writes. Executing it more than once is harmless.
-    pub(super) fn clearing() -> Result<Self, ListError> {
+    pub(super) fn clearing() -> Result<Self, BusError> {
         const REGISTERS: usize = SLOTS + 1;
         let mut request = RequestBuilder::default();
         let clear = Command::write(Space::Timer, REGISTERS as u8);
@@ -228,7 +225,7 @@ impl UdpList {
         kind: Option<WriteEvidence>,
         commands: &[u8],
         reply_len: usize,
-    ) -> Result<Self, ListError> {
+    ) -> Result<Self, BusError> {
         let mut this = Self::default();
         this.make(true, kind, |this| {
             this.request.bytes.extend_from_slice(commands);
@@ -243,7 +240,7 @@ impl UdpList {
         is_answered: bool,
         kind: Option<WriteEvidence>,
         body: impl FnOnce(&mut Self),
-    ) -> Result<(), ListError> {
+    ) -> Result<(), BusError> {
         self.request.bytes.clear();
         self.writes.clear();
         self.reads.clear();
@@ -268,7 +265,7 @@ impl UdpList {
         for (what, bytes) in [("request", request), ("reply", reply)] {
             let limit = MAX_PACKET;
             if bytes > limit {
-                return Err(ListError::TooLong { what, bytes, limit });
+                return Err(BusError::TooLong { what, bytes, limit });
             }
         }
         Ok(())
@@ -440,15 +437,13 @@ impl UdpList {
     }
 
     /// Checks that every access has its words in a buffer of this size.
-    pub(super) fn check_words(&self, words: usize) -> Result<(), ListError> {
+    pub(super) fn check_words(&self, words: usize) -> Result<(), BusError> {
         if self.words <= words {
             return Ok(());
         }
         let mut accesses = self.accesses.iter();
         let missing = accesses.find(|access| access.words().end > words);
-        missing.map_or(Ok(()), |&access| {
-            Err(ListError::BadAccess { access, words })
-        })
+        missing.map_or(Ok(()), |&access| Err(BusError::BadAccess { access, words }))
     }
 }
 
@@ -457,10 +452,6 @@ fn goes_on(run: Access, next: Access) -> bool {
     run.direction == next.direction
         && end(run) == u32::from(next.address)
         && run.count < u16::from(MAX_COUNT)
-}
-
-fn is_sound(access: Access) -> bool {
-    access.address.is_multiple_of(4) && end(access) <= 0x1_0000 && access.words().end <= 0xFFFF
 }
 
 /// The address behind its registers.

@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use crate::bus::{BusError, Instant};
+use crate::bus::{Instant, LinkError};
 
 /// Carries datagrams to one board and back, and provides the time.
 ///
@@ -14,13 +14,9 @@ use crate::bus::{BusError, Instant};
 /// The cycle calls all methods but the two sleeps. They must not allocate, and only
 /// [`receive`](Self::receive) may wait.
 pub trait PacketLink {
-    /// Error of sending and receiving, with the kind and the advice that the bus passes on;
-    /// [`Infallible`](core::convert::Infallible) if neither can fail.
-    type Error: BusError;
-
     /// Sends one datagram to the board. Returns without waiting: the network or the stack may
     /// still lose it.
-    fn send(&mut self, packet: &[u8]) -> Result<(), Self::Error>;
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError>;
 
     /// The next datagram from the board, or `None` if none arrives until `deadline`. If the
     /// deadline has passed, it returns a datagram that has already arrived, without waiting.
@@ -28,11 +24,8 @@ pub trait PacketLink {
     /// A datagram longer than `buffer` is truncated; provide room for more than any reply.
     /// Datagrams of other senders should be left out; those that are not are counted as
     /// [foreign](crate::bus::BusStatistics::foreign), unless they look like a reply.
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, Self::Error>;
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant)
+    -> Result<Option<usize>, LinkError>;
 
     /// The time. Never goes back. The replies of a cycle are measured with it: a resolution of
     /// 10 us or better is needed.
@@ -50,13 +43,15 @@ pub trait PacketLink {
 }
 
 impl<L: PacketLink + ?Sized> PacketLink for &mut L {
-    type Error = L::Error;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), L::Error> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         (**self).send(packet)
     }
 
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> Result<Option<usize>, L::Error> {
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, LinkError> {
         (**self).receive(buffer, deadline)
     }
 

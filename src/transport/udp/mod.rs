@@ -23,12 +23,11 @@ mod receiving;
 mod socket;
 
 pub use encoding::UdpList;
-pub use error::{ListError, UdpError};
 pub use link::PacketLink;
 #[cfg(feature = "std")]
-pub(super) use socket::poll_for;
+pub use socket::UdpLink;
 #[cfg(feature = "std")]
-pub use socket::{SocketError, UdpLink};
+pub(super) use socket::poll_for;
 
 use alloc::boxed::Box;
 use core::time::Duration;
@@ -36,13 +35,14 @@ use core::time::Duration;
 use std::net::SocketAddrV4;
 
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusStatistics, Clock, Direction, Effort, Hold, Instant,
-    RegisterBus, Reply,
+    Access, AccessList, BoardIdentity, BusError, BusStatistics, Clock, Direction, Effort, Hold,
+    Instant, RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
 use crate::fraction::Fraction;
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
+use error::{is_lasting, of_tries};
 use ledger::{Ledger, WriteEvidence};
 use matching::Requests;
 use others::Others;
@@ -140,7 +140,7 @@ impl UdpBus<UdpLink> {
     /// # Errors
     /// The network does not exist, no program listens at the port, or no reply arrives within
     /// `setup_tries * setup_deadline`.
-    pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, UdpError> {
+    pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, BusError> {
         let link = UdpLink::connect(address)?;
         #[cfg(feature = "log")]
         for option in &link.refused {
@@ -159,7 +159,7 @@ impl<L: PacketLink> UdpBus<L> {
     /// written if another host drives it ([`check_alone`](Self::check_alone)). A sender that starts
     /// later is detected in the cycle: [`BusStatistics::others`]. [`UdpConfig::beside_others`]
     /// disables both checks.
-    pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError<L::Error>> {
+    pub fn new(link: L, config: UdpConfig) -> Result<Self, BusError> {
         let mut bus = Self::unasked(link, config);
         bus.check_alone()?;
         // Without this, numbers left by an earlier program would look like executed writes, or like
@@ -175,7 +175,7 @@ impl<L: PacketLink> UdpBus<L> {
     /// Fails if another host drives the board behind `link`. Writes nothing but the number of a
     /// request. With a bus of the board that has been idle for a while, call
     /// [`check_alone`](Self::check_alone) instead.
-    pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError<L::Error>> {
+    pub fn check_free(link: L, config: UdpConfig) -> Result<(), BusError> {
         Self::unasked(link, config).check_alone()
     }
 
@@ -206,12 +206,12 @@ impl<L: PacketLink> UdpBus<L> {
 
     /// Fails if another host drives the board, i.e. if the board's packet count (RXUDPCount;
     /// manual: 7I97, "MEMORY SPACE 6 LAYOUT") grows by more than our own packets within 50 ms
-    /// ([`UdpError::OtherHost`]), which is about 100 packets/s. Writes nothing but the number of a
+    /// ([`BusError::OtherHost`]), which is about 100 packets/s. Writes nothing but the number of a
     /// request. Call it after a pause, before anything is driven; [`new`](Self::new) does.
     ///
     /// # Real time
     /// Not for the cycle: it waits.
-    pub fn check_alone(&mut self) -> Result<(), UdpError<L::Error>> {
+    pub fn check_alone(&mut self) -> Result<(), BusError> {
         if self.config.beside_others {
             return Ok(());
         }
@@ -230,13 +230,13 @@ impl<L: PacketLink> UdpBus<L> {
         let others = own.saturating_add(SURPLUS_LIMIT)..RESTARTED_COUNT;
         if others.contains(&packets) {
             self.statistics.others.tally(packets.into());
-            return Err(UdpError::OtherHost { packets, within });
+            return Err(BusError::OtherHost { packets, within });
         }
         Ok(())
     }
 
     /// An exchange of set-up, repeated until it succeeds or the tries are used up.
-    fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError<L::Error>> {
+    fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), BusError> {
         self.repeated(list, words, self.config.setup_deadline)
     }
 
@@ -246,13 +246,13 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &mut [u32],
         deadline: Duration,
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         let start = self.link.now();
         let mut left = self.config.setup_tries;
         let done = self.with_retries(list, words, deadline, &mut left);
         done.map_err(|last| {
             let tries = self.config.setup_tries.saturating_sub(left);
-            last.of_tries(tries.saturating_add(1), self.link.now().since(start))
+            of_tries(last, tries.saturating_add(1), self.link.now().since(start))
         })
     }
 
@@ -264,9 +264,9 @@ impl<L: PacketLink> UdpBus<L> {
         words: &mut [u32],
         deadline: Duration,
         tries: &mut u32,
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         while let Err(error) = self.transact(list, words, deadline) {
-            if error.is_lasting() || *tries <= 1 {
+            if is_lasting(error) || *tries <= 1 {
                 return Err(error);
             }
             *tries = tries.saturating_sub(1);
@@ -292,7 +292,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &mut [u32],
         deadline: Duration,
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         match self.send(list, words, deadline)? {
             Some(wait) => self.receive(list, wait, words),
             None => Ok(()),
@@ -305,7 +305,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         words: &[u32],
         deadline: Duration,
-    ) -> Result<Option<Wait>, UdpError<L::Error>> {
+    ) -> Result<Option<Wait>, BusError> {
         let write = list.kind.map(|kind| self.ledger.open_write(kind));
         let started = self.link.now();
         let wait = list.is_answered.then(|| {
@@ -323,20 +323,18 @@ impl<L: PacketLink> UdpBus<L> {
         let packet = list.packet(self.packet.as_mut_slice(), words, wait, write);
         self.statistics.exchanges.tally(1);
         self.statistics.bytes_sent.tally(packet.len() as u64);
-        self.link.send(packet).map_err(UdpError::of_sending)?;
+        self.link.send(packet)?;
         Ok(wait)
     }
 }
 
 impl<L: PacketLink> Lbp16Board for UdpBus<L> {
-    type Error = UdpError<L::Error>;
-
     fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         let list = UdpList::answered(None, commands, reply.len())?;
         self.repeated(&list, &mut [], deadline)?;
         for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
@@ -345,9 +343,9 @@ impl<L: PacketLink> Lbp16Board for UdpBus<L> {
         Ok(())
     }
 
-    fn send(&mut self, commands: &[u8]) -> Result<(), UdpError<L::Error>> {
+    fn send(&mut self, commands: &[u8]) -> Result<(), BusError> {
         self.ledger.lose_count();
-        self.link.send(commands).map_err(UdpError::of_sending)
+        Ok(self.link.send(commands)?)
     }
 }
 
@@ -367,18 +365,12 @@ impl<L: PacketLink> Clock for UdpBus<L> {
 }
 
 impl<L: PacketLink> RegisterBus for UdpBus<L> {
-    type Error = UdpError<L::Error>;
-
     /// The board's timer holds lists back.
     fn can_hold(&self) -> bool {
         true
     }
 
-    fn exchange(
-        &mut self,
-        accesses: &[Access],
-        words: &mut [u32],
-    ) -> Result<(), UdpError<L::Error>> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let list = UdpList::new(accesses, true, None)?;
         list.check_words(words.len())?;
         self.set_up(&list, words)
@@ -386,18 +378,14 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
 
     /// The board can wait for up to 65.535 ms. Time that the board waited does not count for the
     /// deadline of the reply: its words are as new as those of other lists, however long it waited.
-    fn prepare(
-        &mut self,
-        accesses: &[Access],
-        hold: Option<Hold>,
-    ) -> Result<AccessList, UdpError<L::Error>> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
         self.prepared = self.prepared.wrapping_add(1);
         let mut list = UdpList::new(accesses, false, hold)?;
         list.number = self.prepared;
         Ok(AccessList::encoded(list))
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), UdpError<L::Error>> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
         let list = UdpList::of(list)?;
         list.check_words(words.len())?;
         self.is_cyclic = true;
@@ -408,11 +396,7 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         Ok(())
     }
 
-    fn finish(
-        &mut self,
-        list: &AccessList,
-        words: &mut [u32],
-    ) -> Result<Reply, UdpError<L::Error>> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         let list = UdpList::of(list)?;
         if !list.is_answered {
             return Ok(Reply::UNKNOWN);
@@ -420,7 +404,7 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         list.check_words(words.len())?;
         let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
         let Some((_, wait)) = self.started.take_if(is_its) else {
-            return Err(UdpError::NotStarted);
+            return Err(BusError::NotStarted);
         };
         self.receive(list, wait, words)?;
         let waited = list.waited_us(self.reply.as_slice()).map(u64::from);
@@ -428,18 +412,14 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
         Ok(replies.with_slack(waited.map(Duration::from_micros)))
     }
 
-    fn write_all(
-        &mut self,
-        accesses: &[Access],
-        words: &mut [u32],
-    ) -> Result<(), UdpError<L::Error>> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.is_cyclic = true;
         let mut once = core::mem::take(&mut self.once);
         let encoded = once.encode(accesses, false, None);
         let encoded = encoded.and_then(|()| once.check_words(words.len()));
         let sent = match encoded {
             Ok(()) => self.send(&once, words, Duration::ZERO).map(drop),
-            Err(error) => Err(error.into()),
+            Err(error) => Err(error),
         };
         self.once = once;
         sent
@@ -455,7 +435,7 @@ impl<L: PacketLink> RegisterBus for UdpBus<L> {
 
     /// MAC address and card name of the board (manual: 7I97, "ETHERNET EEPROM LAYOUT" and "SPACE 7:
     /// LBP READ ONLY AREA").
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, UdpError<L::Error>> {
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
         let list = core::mem::take(&mut self.identity);
         let result = match effort {
             Effort::Once => self.transact(&list, &mut [], self.config.cycle_deadline),

@@ -5,8 +5,8 @@ use core::time::Duration;
 use super::ledger::{Account, LedgerState};
 use super::matching::Match;
 use super::others::ReplyCounters;
-use super::{PacketLink, UdpBus, UdpError, UdpList};
-use crate::bus::{Instant, Reply};
+use super::{PacketLink, UdpBus, UdpList};
+use crate::bus::{BusError, Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
 
@@ -35,7 +35,7 @@ impl<L: PacketLink> UdpBus<L> {
         list: &UdpList,
         wait: Wait,
         words: &mut [u32],
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         let request = wait.request;
         let deadline = wait.deadline.saturating_add(list.held);
         let until = wait.started.after(deadline);
@@ -51,7 +51,7 @@ impl<L: PacketLink> UdpBus<L> {
                         return Ok(());
                     }
                     Some(got) => {
-                        instead = Some(UdpError::Stale {
+                        instead = Some(BusError::Stale {
                             request,
                             got,
                             waited,
@@ -63,7 +63,7 @@ impl<L: PacketLink> UdpBus<L> {
                 Err(error) => {
                     // If a reply arrives after all, it is late.
                     self.statistics.lost.tally(1);
-                    return Err(UdpError::Link { error, waited });
+                    return Err(BusError::Link { error, waited });
                 }
             }
             // A datagram that arrived in time may still be in the socket; the search for it is
@@ -84,7 +84,7 @@ impl<L: PacketLink> UdpBus<L> {
         length: usize,
         wait: Wait,
         waited: Duration,
-    ) -> Result<Option<u32>, UdpError<L::Error>> {
+    ) -> Result<Option<u32>, BusError> {
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends such a packet, and it is cut off: its last bytes here may be from its
@@ -124,13 +124,13 @@ impl<L: PacketLink> UdpBus<L> {
         length: usize,
         wait: Wait,
         waited: Duration,
-    ) -> Result<(), UdpError<L::Error>> {
+    ) -> Result<(), BusError> {
         let (request, expected) = (wait.request, list.reply_len(wait.detailed));
         let counted = &mut self.statistics;
         let reply = self.reply.get(..length).unwrap_or(&[]);
         if length != expected {
             counted.short.tally(1);
-            return Err(UdpError::Short {
+            return Err(BusError::Short {
                 request,
                 expected,
                 got: length,
@@ -144,7 +144,7 @@ impl<L: PacketLink> UdpBus<L> {
         let deadline = wait.deadline.saturating_add(held);
         if waited > deadline {
             counted.late.tally(1);
-            return Err(UdpError::Late {
+            return Err(BusError::Late {
                 request,
                 waited,
                 by: waited.saturating_sub(deadline),
@@ -189,11 +189,11 @@ impl<L: PacketLink> UdpBus<L> {
     }
 }
 
-fn without_reply<E>(request: u32, datagrams: u64, waited: Duration) -> UdpError<E> {
+fn without_reply(request: u32, datagrams: u64, waited: Duration) -> BusError {
     if datagrams == 0 {
-        return UdpError::Lost { request, waited };
+        return BusError::Lost { request, waited };
     }
-    UdpError::Foreign {
+    BusError::Foreign {
         request,
         datagrams,
         waited,

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 use std::{
-    io::{self, ErrorKind},
+    io,
     net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket},
 };
 
@@ -12,8 +12,8 @@ use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
 use rustix::net::{self, RecvFlags, SendFlags};
 use socket2::{Domain, Protocol, Socket, Type};
 
-use super::{PacketLink, UdpError};
-use crate::bus::{BusAdvice, BusError, BusErrorKind, Clock, HostClock, Instant, SPIN};
+use super::PacketLink;
+use crate::bus::{Clock, HostClock, Instant, LinkError, SPIN};
 
 /// A UDP socket for a single board.
 ///
@@ -36,7 +36,7 @@ impl UdpLink {
     /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
     ///
     /// Nothing is sent: a missing board shows in the first exchange.
-    pub fn connect(address: SocketAddrV4) -> Result<Self, SocketError> {
+    pub fn connect(address: SocketAddrV4) -> Result<Self, LinkError> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
         socket.bind(&any.into())?;
@@ -106,67 +106,10 @@ fn refused(options: [SocketOption; 3]) -> Vec<&'static str> {
     refused.map(|option| option.name).collect()
 }
 
-/// An error of the operating system, by its kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}", reason(*.0))]
-pub struct SocketError(pub ErrorKind);
-
-impl From<io::Error> for SocketError {
-    fn from(error: io::Error) -> Self {
-        Self(error.kind())
-    }
-}
-
-impl BusError for SocketError {
-    fn kind(&self) -> BusErrorKind {
-        match self.0 {
-            ErrorKind::ConnectionRefused => BusErrorKind::Refused,
-            ErrorKind::HostUnreachable
-            | ErrorKind::NetworkUnreachable
-            | ErrorKind::NetworkDown
-            | ErrorKind::AddrNotAvailable => BusErrorKind::Unreachable,
-            _ => BusErrorKind::Other,
-        }
-    }
-
-    fn advice(&self) -> Option<BusAdvice> {
-        match self.kind() {
-            BusErrorKind::Unreachable => Some(BusAdvice::CheckInterface),
-            // Another host answers, so that the cable is good.
-            BusErrorKind::Refused => Some(BusAdvice::CheckAddress),
-            // The firewall of this computer refuses to send.
-            _ if self.0 == ErrorKind::PermissionDenied => Some(BusAdvice::OpenFirewall),
-            _ => None,
-        }
-    }
-}
-
-impl From<SocketError> for UdpError {
-    /// The error of a socket that could not be opened.
-    fn from(error: SocketError) -> Self {
-        Self::of_sending(error)
-    }
-}
-
-fn reason(kind: ErrorKind) -> String {
-    match SocketError(kind).kind() {
-        BusErrorKind::Refused => {
-            "no program listens at this address and port (a board listens at 27181)".into()
-        }
-        BusErrorKind::Unreachable => "no way to this address".into(),
-        _ if kind == ErrorKind::PermissionDenied => {
-            "this computer lets no packets out to this address".into()
-        }
-        _ => format!("the operating system reports: {kind}"),
-    }
-}
-
 /// The cycle enters the kernel directly: send and recv of the C library are cancellation points, at
 /// which LinuxCNC's realtime environment ends a thread by unwinding through this crate's frames.
 impl PacketLink for UdpLink {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let sent = net::send(&self.socket, packet, SendFlags::NOSIGNAL);
         sent.map_err(io::Error::from)?;
         Ok(())
@@ -176,7 +119,7 @@ impl PacketLink for UdpLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         loop {
             // The time is read before the last check of the socket, so that no datagram that
             // arrived in time is missed.

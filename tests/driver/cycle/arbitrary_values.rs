@@ -5,9 +5,9 @@ use std::time::Duration;
 use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
 use crate::common::machine::{fpga, start};
-use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, Direction, RegisterBus};
 use mesa_hal::hal::{HalType, Pins, Role};
-use mesa_hal_sim::{SimError, SimFpga};
+use mesa_hal_sim::SimFpga;
 
 /// A register with arbitrary contents, extremes more often than by chance.
 fn garbage(chance: &mut Chance) -> u32 {
@@ -32,7 +32,7 @@ impl Between for Garbage {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError> {
+    ) -> Result<(), BusError> {
         fpga.exchange(accesses, words)?;
         for access in accesses.iter().filter(|a| a.direction == Direction::Read) {
             for (n, word) in words[access.words()].iter_mut().enumerate() {

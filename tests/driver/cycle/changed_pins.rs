@@ -7,10 +7,10 @@ use super::arbitrary_values::set_something;
 use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
 use mesa_hal::Settings;
-use mesa_hal::bus::{Access, Clock, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, GpioConfig};
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Pins, Rejections, Role};
-use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const CYCLES: u32 = 1_000;
 
@@ -24,7 +24,7 @@ impl Between for Log {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError> {
+    ) -> Result<(), BusError> {
         fpga.exchange(accesses, words)?;
         let exchanged = accesses
             .iter()

@@ -8,11 +8,11 @@ use mesa_hal::Clock;
 use mesa_hal::driver::{BoardState, CycleError, EventKind};
 use mesa_hal::hal::{Param, Role};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal_sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{SimFpga, machines};
 
 #[test]
 fn another_firmware_is_reported_in_one_line_without_runs_of_blanks() {
-    let error = CycleError::<SimError>::OtherFirmware.to_string();
+    let error = CycleError::OtherFirmware.to_string();
     for text in [error, EventKind::OtherFirmware.to_string()] {
         assert!(!text.contains("  ") && !text.contains('\n'), "{text}");
     }

@@ -8,10 +8,10 @@ use core::ops::RangeInclusive;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings, StopError};
 use mesa_hal::lbp::RemoteFaults;
+use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
 use mesa_hal_sim::remote::{Application, SimRemote};
 use mesa_hal_sim::wire::RemoteEnd;
-use mesa_hal_sim::{SimError, SimFpga};
 
 pub const MS: u64 = 1_000_000;
 /// The remote's own 50 ms, and the time from a fault to the reply that reports it: one period.
@@ -220,7 +220,7 @@ fn comes_back(machine: &mut Machine, channel: usize, what: &str, mut look: impl 
 }
 
 /// The channels that `stop` reports; checks that they include every one that has an output on.
-pub fn named(stopped: Result<(), StopError<SimError>>, fpga: &SimFpga, what: &str) -> Vec<usize> {
+pub fn named(stopped: Result<(), StopError>, fpga: &SimFpga, what: &str) -> Vec<usize> {
     let not_reached = stopped.map_or_else(
         |error| {
             assert_eq!(error.failed, None, "{what}: the bus does not fail");

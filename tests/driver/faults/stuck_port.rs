@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
-use mesa_hal::bus::{Access, Clock, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, Direction, Instant, RegisterBus};
 use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga, SimPciBus};
 
 const COMMAND: u16 = 0x5B00;
@@ -24,9 +24,7 @@ struct Recorded<B> {
 }
 
 impl<B: RegisterBus + Clock> RegisterBus for Recorded<B> {
-    type Error = B::Error;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         for access in accesses {
             for (address, place) in (access.address..).step_by(4).zip(access.words()) {
                 let single = Access::new(access.direction, address, place as u16, 1);

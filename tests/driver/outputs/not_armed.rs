@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, Direction, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Direction, RegisterBus};
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{PinId, Pins, Role};
 use mesa_hal::runner::SnapshotWriter;
 use mesa_hal::{Clock, Driver, I7i77Field, Settings};
-use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 use crate::common::bus::{Around, Between};
 use crate::common::machine;
@@ -92,7 +92,7 @@ impl Between for LastOutputs {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError> {
+    ) -> Result<(), BusError> {
         for access in accesses {
             if access.direction == Direction::Write && access.address == 0x5E00 {
                 self.0 = words[access.words().start];

@@ -233,9 +233,7 @@ fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
 }
 
 /// True if the error is that of a machine that cannot be paced, and its text.
-fn refusal<B: RegisterBus + Clock>(
-    started: Result<Driver<B>, DriverError<B::Error>>,
-) -> (bool, String) {
+fn refusal<B: RegisterBus + Clock>(started: Result<Driver<B>, DriverError>) -> (bool, String) {
     let error = started.err().expect("this bus cannot pace");
     let is_refused = matches!(error, DriverError::NotPaced { .. });
     let text = WithAdvice::new(&error, error.advice()).to_string();

@@ -9,7 +9,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Defaults, DriverError, Pace, SerialPort};
 use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::{Driver, Settings};
-use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const MICRO: u64 = 1_000;
 
@@ -128,7 +128,7 @@ fn what_the_application_has_set_by_pins_before_stays() {
 
 #[test]
 fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing() {
-    type Refused = Result<(), DriverError<SimError>>;
+    type Refused = Result<(), DriverError>;
     let mut driver = start(fpga(), |_| {}).expect("a 7I92");
     let names: Vec<_> = driver.pins().ids().collect();
     let values = |driver: &Driver<SimFpga>| -> Vec<_> {

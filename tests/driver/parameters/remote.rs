@@ -7,7 +7,7 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
-use mesa_hal::bus::{BusErrorKind, RegisterBus};
+use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{
     Board, BoardState, Configured, Driver, DriverError, RemoteWatchdog, Settings,
 };
@@ -56,7 +56,7 @@ fn write(
     channel: usize,
     name: &str,
     value: u32,
-) -> Result<(), DriverError<<SimFpga as RegisterBus>::Error>> {
+) -> Result<(), DriverError> {
     board.write_remote_parameter((0, channel as u8), name, value)
 }
 

@@ -6,7 +6,7 @@ use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
-use mesa_hal::bus::{Access, Direction, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Direction, RegisterBus};
 use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Driver, DriverError, Presence, Remark, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
@@ -18,7 +18,7 @@ use mesa_hal_sim::devices::{
 };
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
-use mesa_hal_sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{SimFpga, machines};
 
 use crate::common::bus::{Around, Between};
 
@@ -63,9 +63,7 @@ fn device(name: &str) -> Box<dyn RemoteEnd> {
 }
 
 /// The driver of a board with these devices in these modes.
-fn build(
-    devices: &[(&str, u8)],
-) -> Result<Driver<SimFpga>, DriverError<<SimFpga as RegisterBus>::Error>> {
+fn build(devices: &[(&str, u8)]) -> Result<Driver<SimFpga>, DriverError> {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
     let mut modes = String::new();
     for (channel, (name, mode)) in devices.iter().enumerate() {
@@ -240,7 +238,7 @@ impl Between for SizesOfNormalStart {
         fpga: &mut SimFpga,
         accesses: &[Access],
         words: &mut [u32],
-    ) -> Result<(), SimError> {
+    ) -> Result<(), BusError> {
         let at = |address, direction| {
             let mut accesses = accesses.iter();
             let access = accesses.find(|a| (a.address, a.direction) == (address, direction));

@@ -1,6 +1,6 @@
 //! Settings of LinuxCNC: its initial values, and the words of its `config=`.
 
-use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Defaults, Driver, DriverError, PwmConfig};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::hostmot2::Gtag;
@@ -8,7 +8,7 @@ use mesa_hal::modules::RegisterError;
 use mesa_hal::{Advice, Settings};
 use mesa_hal_sim::{SimFirmware, SimFpga, gtag, machines};
 
-type Started = Result<Driver<SimFpga>, DriverError<<SimFpga as RegisterBus>::Error>>;
+type Started = Result<Driver<SimFpga>, DriverError>;
 
 fn loaded(firmware: SimFirmware, config: &str) -> Started {
     let settings = Settings::from_hostmot2(config).expect("words of LinuxCNC");

@@ -6,15 +6,15 @@ use std::time::Duration;
 use crate::common::machine::{OUTPUTS, fpga, start};
 use mesa_hal::Advice;
 use mesa_hal::Settings;
-use mesa_hal::bus::Phase;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::bus::{BusError, Phase};
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
     Board, Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig, TraceSettings,
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, Registrar};
-use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, gtag, machines};
 
 #[test]
 fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
@@ -97,22 +97,19 @@ fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
 struct TooSmall(SimFpga);
 
 impl RegisterBus for &mut TooSmall {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.0.exchange(accesses, words)
     }
 
-    fn prepare(&mut self, _: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Err(SimError::OutsideBuffer {
-            address: 0,
-            first: 0,
-            count: 0,
-            len: 0,
+    fn prepare(&mut self, _: &[Access], _: Option<Hold>) -> Result<AccessList, BusError> {
+        Err(BusError::TooLong {
+            what: "request",
+            bytes: 2,
+            limit: 1,
         })
     }
 
-    fn finish(&mut self, _: &AccessList, _: &mut [u32]) -> Result<Reply, SimError> {
+    fn finish(&mut self, _: &AccessList, _: &mut [u32]) -> Result<Reply, BusError> {
         panic!("there is no list")
     }
 }

@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, Clock, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{Access, BusError, Clock, Direction, Instant, RegisterBus};
 use mesa_hal::driver::BoardState;
-use mesa_hal_sim::{SimError, SimFpga, gtag};
+use mesa_hal_sim::{SimFpga, gtag};
 
 use super::{Machine, PERIOD, board, machine_on};
 use crate::common::machine::World;
@@ -117,9 +117,7 @@ fn set(words: &mut [u32], place: usize, word: u32) {
 }
 
 impl RegisterBus for Listened {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.exchanges += 1;
         self.fpga.exchange(accesses, words)?;
         for access in accesses {

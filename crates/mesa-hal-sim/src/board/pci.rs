@@ -9,9 +9,9 @@ use core::time::Duration;
 
 use super::flash::{ERASE, PAGE_PROGRAM};
 use super::{Flash, Gateware, SimBoard};
-use crate::fpga::{SimError, SimFpga, check};
+use crate::fpga::SimFpga;
 use crate::wire::Nanos;
-use mesa_wire::bus::{Access, BusStatistics, Clock, Direction, Instant, RegisterBus};
+use mesa_wire::bus::{Access, BusError, BusStatistics, Clock, Direction, Instant, RegisterBus};
 use mesa_wire::lbp16::registers::flash::PAGE;
 
 /// Register that selects the chip, and shows that a byte is complete.
@@ -194,12 +194,10 @@ impl SimPciBus {
 }
 
 impl RegisterBus for SimPciBus {
-    type Error = SimError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
-        for &access in accesses {
-            check(access, words.len())?;
-        }
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+        accesses
+            .iter()
+            .try_for_each(|access| access.check(words.len()))?;
         self.exchanges += 1;
         for access in accesses {
             let words = words.get_mut(access.words()).unwrap_or_default();

@@ -13,8 +13,6 @@ mod reload;
 mod slots;
 mod world_side;
 
-pub use bus::SimError;
-pub(crate) use bus::check;
 pub use director::{ChangeCause, Director};
 pub use fabric::Fabric;
 pub use firmware::{OUTPUT_PIN, SimFirmware, SimModuleDescriptor, SimPinDescriptor, gtag};

@@ -218,7 +218,7 @@ fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
     });
     match error {
         Some(CycleError::Read { source, .. }) => {
-            assert_eq!(mesa_hal::bus::BusError::kind(&source), BusErrorKind::Lost);
+            assert_eq!(source.kind(), BusErrorKind::Lost);
         }
         other => panic!("{other:?}"),
     }

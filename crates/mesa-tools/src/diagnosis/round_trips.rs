@@ -48,7 +48,7 @@ impl RoundTrips {
         exchanges: u32,
         period: Duration,
         mut go_on: impl FnMut() -> bool,
-    ) -> Result<Self, B::Error> {
+    ) -> Result<Self, BusError> {
         bus.set_cycle(period, Some(LONGEST));
         let list = bus.prepare(&[Access::read(COOKIE, 0, 1)], None)?;
         let mut trips = Self::default();
@@ -72,14 +72,15 @@ impl RoundTrips {
     }
 
     /// Adds the result of a request.
-    fn add<E: BusError>(&mut self, answer: Result<(), E>, took: Duration) -> Result<(), E> {
-        match answer.map_err(|error| (error.kind(), error)) {
-            Ok(()) => self.times.push(took),
-            Err((BusErrorKind::Late, _)) => self.times.push(took.max(LONGEST)),
-            Err((BusErrorKind::Lost | BusErrorKind::Stale | BusErrorKind::Short, _)) => {
-                self.lost += 1;
-            }
-            Err((_, error)) => return Err(error),
+    fn add(&mut self, answer: Result<(), BusError>, took: Duration) -> Result<(), BusError> {
+        let Err(error) = answer else {
+            self.times.push(took);
+            return Ok(());
+        };
+        match error.kind() {
+            BusErrorKind::Late => self.times.push(took.max(LONGEST)),
+            BusErrorKind::Lost | BusErrorKind::Stale | BusErrorKind::Short => self.lost += 1,
+            _ => return Err(error),
         }
         Ok(())
     }
@@ -120,7 +121,7 @@ impl RoundTrips {
 }
 
 /// One request and its reply.
-fn ask<B: RegisterBus>(bus: &mut B, list: &AccessList) -> Result<(), B::Error> {
+fn ask<B: RegisterBus>(bus: &mut B, list: &AccessList) -> Result<(), BusError> {
     let mut words = [0];
     bus.start(list, &words)?;
     bus.finish(list, &mut words).map(drop)

@@ -8,19 +8,19 @@ use mesa_hal::sslbp::PortError;
 /// Error of an inventory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum InventoryError<E: BusError> {
+pub enum InventoryError {
     /// No board with HostMot2 answered.
     #[error(transparent)]
-    Identify(#[from] IdentifyError<E>),
+    Identify(#[from] IdentifyError),
     /// The firmware lacks a required module, or contains an unknown one.
     #[error(transparent)]
     Firmware(#[from] HostMot2Error),
     /// A serial port failed.
     #[error(transparent)]
-    Port(#[from] PortError<E>),
+    Port(#[from] PortError),
     /// The bus failed.
     #[error(transparent)]
-    Bus(E),
+    Bus(#[from] BusError),
     /// A software mode is requested for a serial port that does not exist.
     #[error("no serial port {port}, the firmware has {ports}; leave the mode out, or correct it")]
     NoSuchPort {
@@ -44,7 +44,7 @@ pub enum InventoryError<E: BusError> {
     },
 }
 
-impl<E: BusError> InventoryError<E> {
+impl InventoryError {
     /// The next step, if the library has one.
     pub fn advice(&self) -> Option<Advice> {
         match self {

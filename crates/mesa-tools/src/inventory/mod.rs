@@ -304,9 +304,7 @@ impl InventoryEthernet {
     ///
     /// # Real time
     /// Not for the cycle. Takes several exchanges.
-    pub fn read<B: Lbp16Board>(
-        board: &mut EthernetBoard<'_, B>,
-    ) -> Result<Self, EthernetError<B::Error>> {
+    pub fn read<B: Lbp16Board>(board: &mut EthernetBoard<'_, B>) -> Result<Self, EthernetError> {
         let identity = board.identity()?;
         // Before any request that the board may count as an error.
         let counters = board.counters()?;

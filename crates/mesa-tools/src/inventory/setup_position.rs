@@ -15,7 +15,7 @@ pub(super) fn take_silent<B: RegisterBus + Clock>(
     port: &mut Port,
     silent: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
-) -> Taken<Vec<(Channel, InventoryRemote)>, B> {
+) -> Taken<Vec<(Channel, InventoryRemote)>> {
     if silent.is_empty() {
         return Ok(Vec::new());
     }
@@ -32,7 +32,7 @@ fn take_at_setup_rate<B: RegisterBus + Clock>(
     port: &mut Port,
     silent: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
-) -> Taken<Vec<(Channel, InventoryRemote)>, B> {
+) -> Taken<Vec<(Channel, InventoryRemote)>> {
     set_rate(bus, port, silent, SETUP_BAUD_RATE)?;
     let outcomes = discover_port(port, bus, silent, options)?;
     let mut remotes = Vec::new();
@@ -57,7 +57,7 @@ fn set_rate<B: RegisterBus + Clock>(
     port: &mut Port,
     channels: &[(Channel, u8)],
     baud: u32,
-) -> Taken<(), B> {
+) -> Taken<()> {
     let mut port = port.on(bus);
     port.stop_all()?;
     for &(channel, _) in channels {

@@ -33,7 +33,7 @@ use mesa_hal::{Advice, RemoteId};
 /// wiring.
 const AT_MOST: Duration = Duration::from_secs(40);
 
-pub(super) type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
+pub(super) type Taken<T> = Result<T, InventoryError>;
 
 /// Takes the inventory of a board.
 ///
@@ -52,7 +52,7 @@ pub fn take<B: RegisterBus + Clock>(
     mut ethernet: Option<InventoryEthernet>,
     modes: &BTreeMap<RemoteId, u8>,
     mut goes_on: impl FnMut() -> bool,
-) -> Taken<Inventory, B> {
+) -> Taken<Inventory> {
     let firmware = HostMot2::identify(bus)?;
     if let Some(ethernet) = &mut ethernet {
         if firmware.idrom.is_7i97t() {
@@ -60,7 +60,7 @@ pub fn take<B: RegisterBus + Clock>(
         }
         ethernet.t_board = t_board(&ethernet.identity.card, &firmware.idrom);
     }
-    check_modes::<B>(&firmware, modes)?;
+    check_modes(&firmware, modes)?;
     let left = left_behind(bus, &firmware)?;
     let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
     let undriven = undriven(&firmware, &[]);
@@ -94,7 +94,7 @@ pub fn take<B: RegisterBus + Clock>(
 
 /// State left behind by a program that ended without stopping the board: read before anything is
 /// changed.
-fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option<String>, B> {
+fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option<String>> {
     let bus_failed = InventoryError::Bus;
     let watchdog = WatchdogRegisters::locate(firmware)?;
     let status = bus.read(watchdog.status).map_err(bus_failed)?;
@@ -130,10 +130,7 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
 }
 
 /// Refuses a mode for a channel that does not exist, which is a typing error.
-fn check_modes<B: RegisterBus>(
-    firmware: &HostMot2,
-    modes: &BTreeMap<RemoteId, u8>,
-) -> Taken<(), B> {
+fn check_modes(firmware: &HostMot2, modes: &BTreeMap<RemoteId, u8>) -> Taken<()> {
     let places = PortLayout::ports(firmware);
     for &RemoteId { port, channel } in modes.keys() {
         let place = places.get(usize::from(port));
@@ -211,7 +208,7 @@ struct PortOf<'a> {
 }
 
 impl PortOf<'_> {
-    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
+    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken> {
         let bus_failed = InventoryError::Bus;
         let mut io_ports = IoPorts::locate(self.firmware)?;
         let inputs = io_ports.clone();
@@ -238,7 +235,7 @@ impl PortOf<'_> {
         Ok(port)
     }
 
-    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
+    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken> {
         let mut port = Port::new(self.place.layout);
         let taken = take_remotes(bus, &mut port, self.modes);
         // Stopped after a failure as well, so that nothing is left running.
@@ -253,7 +250,7 @@ fn take_remotes<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     modes: &BTreeMap<RemoteId, u8>,
-) -> Taken<PortTaken, B> {
+) -> Taken<PortTaken> {
     let (number, channels) = (port.layout().instance, port.layout().channels);
     let parameters = port.on(bus).reset()?;
     let lines = (0..channels).filter_map(Line::new);
@@ -426,7 +423,7 @@ fn parameter<B: RegisterBus + Clock>(
     memory: &mut PortLink<'_, B>,
 ) -> InventoryParameter {
     let read = record.read_parameter(memory);
-    let advice = |error: &ParameterError<PortError<B::Error>>| match error {
+    let advice = |error: &ParameterError<PortError>| match error {
         ParameterError::Memory(error) => error.advice(),
         error => error.advice(),
     };

@@ -4,8 +4,9 @@ use core::ops::Range;
 use core::time::Duration;
 use std::collections::VecDeque;
 
+use mesa_hal::Advice;
 use mesa_hal::bus::{
-    Access, BusAdvice, BusError, BusErrorKind, Clock, Direction, Instant, RegisterBus,
+    Access, BusError, BusErrorKind, Clock, CustomError, Direction, Instant, RegisterBus,
 };
 use mesa_hal::ethernet::Lbp16Board;
 use mesa_hal::hostmot2::{HostMot2, IdentifyError};
@@ -13,8 +14,9 @@ use mesa_hal::lbp16::registers::read_only;
 use mesa_hal::lbp16::{
     Command, InfoArea, Lbp16Error, Operation, Operations, RequestBuilder, Space, elements,
 };
-use mesa_hal::transport::udp::{PacketLink, SocketError};
-use mesa_hal::{Advice, Rounded};
+use mesa_hal::transport::udp::{PacketLink, UdpLink};
+
+use crate::inventory::InventoryError;
 
 use super::registers::{Refusal, RegisterMap, check_space};
 
@@ -95,12 +97,12 @@ impl Read {
     }
 }
 
-/// Error of a [`PassiveBus`]. `E` is the error of its link.
+/// Error of a [`PassiveBus`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum PassiveError<E: BusError = SocketError> {
+pub enum PassiveError {
     /// A write. Nothing was sent.
-    #[error("a look at a running machine writes nothing")]
+    #[error("{WRITE}")]
     Write,
     /// A read that may change something. Nothing was sent.
     #[error("0x{address:04X} of space {space} is not read beside a running program: {refusal}")]
@@ -121,42 +123,47 @@ pub enum PassiveError<E: BusError = SocketError> {
         /// Bytes of the request or of its reply, whichever is longer.
         bytes: usize,
     },
-    /// No reply in any of the tries.
-    #[error("no reply in {tries} tries within {}", Rounded(.within))]
-    Lost {
-        /// Number of tries.
-        tries: u32,
-        /// Time from the first try to the end of the last.
-        within: Duration,
-    },
-    /// The packet could not be sent or received.
+    /// The board did not answer, or the packet could not be sent or received.
     #[error(transparent)]
-    Link(E),
+    Bus(#[from] BusError),
 }
 
-impl<E: BusError> PassiveError<E> {
+const WRITE: &str = "a look at a running machine writes nothing";
+
+impl PassiveError {
     /// The next step, if the library has one.
     pub fn advice(&self) -> Option<Advice> {
-        BusError::advice(self).map(Advice::Bus)
+        match self {
+            Self::Bus(error) => error.advice().map(Advice::Bus),
+            _ => None,
+        }
     }
 }
 
-impl<E: BusError> BusError for PassiveError<E> {
-    fn kind(&self) -> BusErrorKind {
-        match self {
-            Self::Write | Self::Refused { .. } | Self::Commands(_) | Self::TooLarge { .. } => {
-                BusErrorKind::Invalid
-            }
-            Self::Lost { .. } => BusErrorKind::Lost,
-            Self::Link(error) => error.kind(),
-        }
+impl From<PassiveError> for InventoryError {
+    fn from(error: PassiveError) -> Self {
+        Self::Bus(error.into())
     }
+}
 
-    fn advice(&self) -> Option<BusAdvice> {
-        match self {
-            Self::Write | Self::Refused { .. } | Self::Commands(_) | Self::TooLarge { .. } => None,
-            Self::Lost { .. } => Some(BusAdvice::CheckBoard),
-            Self::Link(error) => error.advice(),
+/// The error of an exchange by [`RegisterBus`] or [`Lbp16Board`]. That of a refused read has its
+/// address as code.
+impl From<PassiveError> for BusError {
+    fn from(error: PassiveError) -> Self {
+        let of = |text| CustomError::new(BusErrorKind::Invalid, text);
+        match error {
+            PassiveError::Bus(error) => error,
+            PassiveError::Write => of(WRITE).into(),
+            PassiveError::Refused { address, .. } => {
+                let text = "a register that is not read beside a running program";
+                of(text).with_code(address.into()).into()
+            }
+            PassiveError::Commands(_) => of("the packet is no sequence of LBP16 commands").into(),
+            PassiveError::TooLarge { bytes } => Self::TooLong {
+                what: "packet",
+                bytes,
+                limit: PassiveBus::<UdpLink>::MAX_DATA,
+            },
         }
     }
 }
@@ -190,7 +197,7 @@ impl<L: PacketLink> PassiveBus<L> {
     ///
     /// # Errors
     /// As [`HostMot2::identify`].
-    pub fn identify(&mut self) -> Result<HostMot2, IdentifyError<PassiveError<L::Error>>> {
+    pub fn identify(&mut self) -> Result<HostMot2, IdentifyError> {
         let firmware = HostMot2::identify(self)?;
         self.map = Some(RegisterMap::of(&firmware));
         Ok(firmware)
@@ -215,7 +222,7 @@ impl<L: PacketLink> PassiveBus<L> {
     ///
     /// # Errors
     /// [`PassiveError::Refused`] before anything is sent, and errors of the packets.
-    pub fn read_all(&mut self, reads: &[Read]) -> Result<Vec<u32>, PassiveError<L::Error>> {
+    pub fn read_all(&mut self, reads: &[Read]) -> Result<Vec<u32>, PassiveError> {
         reads.iter().try_for_each(|read| self.check(*read))?;
         let mut words = Vec::new();
         let mut packet = Packet::default();
@@ -231,7 +238,7 @@ impl<L: PacketLink> PassiveBus<L> {
         Ok(words)
     }
 
-    fn run(&mut self, packet: &Packet) -> Result<Vec<u32>, PassiveError<L::Error>> {
+    fn run(&mut self, packet: &Packet) -> Result<Vec<u32>, PassiveError> {
         let RequestBuilder { bytes, reply_len } = &packet.request;
         let mut reply = self.ask(bytes, *reply_len)?;
         let mut words = Vec::new();
@@ -244,7 +251,7 @@ impl<L: PacketLink> PassiveBus<L> {
     }
 
     /// Checks that a read has no effect.
-    fn check(&self, read: Read) -> Result<(), PassiveError<L::Error>> {
+    fn check(&self, read: Read) -> Result<(), PassiveError> {
         let refused = |address, refusal| PassiveError::Refused {
             space: read.space,
             address,
@@ -269,7 +276,7 @@ impl<L: PacketLink> PassiveBus<L> {
     }
 
     /// Sends commands, and returns the beginning of the reply. Repeated if it is lost.
-    fn ask(&mut self, commands: &[u8], len: usize) -> Result<&[u8], PassiveError<L::Error>> {
+    fn ask(&mut self, commands: &[u8], len: usize) -> Result<&[u8], PassiveError> {
         let mut begun = None;
         for _ in 0..TRIES {
             self.keep_interval();
@@ -281,10 +288,13 @@ impl<L: PacketLink> PassiveBus<L> {
             }
             self.statistics.lost += 1;
         }
-        Err(PassiveError::Lost {
+        let lost = BusError::GaveUp {
+            request: self.statistics.packets as u32,
             tries: TRIES,
             within: self.link.now().since(begun.unwrap_or_default()),
-        })
+            last: BusErrorKind::Lost,
+        };
+        Err(lost.into())
     }
 
     /// Waits until the next packet may be sent.
@@ -300,7 +310,7 @@ impl<L: PacketLink> PassiveBus<L> {
 
     /// Sends commands whose reply has `len` bytes; returns the length of the reply with the words
     /// that distinguish it.
-    fn send(&mut self, commands: &[u8], len: usize) -> Result<usize, PassiveError<L::Error>> {
+    fn send(&mut self, commands: &[u8], len: usize) -> Result<usize, PassiveError> {
         let lengths = (0..=REMEMBERED).map(|words| (words, len + 2 * words));
         let mut free = lengths.filter(|(_, length)| !self.lengths.contains(length));
         let (words, length) = free.next().unwrap_or((0, len));
@@ -317,16 +327,16 @@ impl<L: PacketLink> PassiveBus<L> {
         self.lengths.push_back(length);
         self.next = self.link.now().after(Self::INTERVAL);
         self.statistics.packets += 1;
-        self.link.send(&request).map_err(PassiveError::Link)?;
+        self.link.send(&request).map_err(BusError::from)?;
         Ok(length)
     }
 
     /// Receives until a reply of this length arrives; `false` if none does.
-    fn receive(&mut self, len: usize, until: Instant) -> Result<bool, PassiveError<L::Error>> {
+    fn receive(&mut self, len: usize, until: Instant) -> Result<bool, PassiveError> {
         while let Some(found) = self
             .link
             .receive(&mut self.buffer, until)
-            .map_err(PassiveError::Link)?
+            .map_err(BusError::from)?
         {
             if found == len {
                 return Ok(true);
@@ -343,7 +353,7 @@ impl<L: PacketLink> PassiveBus<L> {
     fn check_command(
         &self,
         command: Result<Operation<'_>, Lbp16Error>,
-    ) -> Result<usize, PassiveError<L::Error>> {
+    ) -> Result<usize, PassiveError> {
         let Operation {
             command, address, ..
         } = command.map_err(PassiveError::Commands)?;
@@ -420,13 +430,11 @@ impl<L: PacketLink> Clock for PassiveBus<L> {
 }
 
 impl<L: PacketLink> RegisterBus for PassiveBus<L> {
-    type Error = PassiveError<L::Error>;
-
     /// Refuses writes, and reads that may change something, before anything is sent.
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let is_write = |access: &Access| access.direction == Direction::Write;
         if accesses.iter().any(is_write) {
-            return Err(PassiveError::Write);
+            return Err(PassiveError::Write.into());
         }
         let reads = accesses.iter();
         let reads: Vec<_> = reads
@@ -452,21 +460,19 @@ impl<L: PacketLink> RegisterBus for PassiveBus<L> {
 
 /// Refuses packets that write, and reads that may change something, before anything is sent.
 impl<L: PacketLink> Lbp16Board for PassiveBus<L> {
-    type Error = PassiveError<L::Error>;
-
     fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         _deadline: Duration,
-    ) -> Result<(), Self::Error> {
+    ) -> Result<(), BusError> {
         let mut len = 0;
         for command in Operations::new(commands) {
             len += self.check_command(command)?;
         }
         let bytes = commands.len().max(len);
         if bytes > Self::MAX_DATA {
-            return Err(PassiveError::TooLarge { bytes });
+            return Err(PassiveError::TooLarge { bytes }.into());
         }
         let found = self.ask(commands, len)?;
         for (to, from) in reply.iter_mut().zip(found) {
@@ -475,7 +481,7 @@ impl<L: PacketLink> Lbp16Board for PassiveBus<L> {
         Ok(())
     }
 
-    fn send(&mut self, _: &[u8]) -> Result<(), Self::Error> {
-        Err(PassiveError::Write)
+    fn send(&mut self, _: &[u8]) -> Result<(), BusError> {
+        Err(PassiveError::Write.into())
     }
 }

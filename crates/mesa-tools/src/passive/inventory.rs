@@ -72,8 +72,8 @@ impl PassiveInventory {
     pub fn take<L: PacketLink>(
         bus: &mut PassiveBus<L>,
         mut ethernet: InventoryEthernet,
-    ) -> Result<Self, InventoryError<PassiveError<L::Error>>> {
-        let before = Received::read(bus).map_err(InventoryError::Bus)?;
+    ) -> Result<Self, InventoryError> {
+        let before = Received::read(bus)?;
         let firmware = bus.identify()?;
         if firmware.idrom.is_7i97t() {
             ethernet.identity.is_of_7i97t();
@@ -85,12 +85,12 @@ impl PassiveInventory {
         findings.extend(bite(bus, &firmware)?);
         let mut serial_ports = Vec::new();
         for PortPlace { layout, .. } in PortLayout::ports(&firmware) {
-            serial_ports.push(port(bus, layout).map_err(InventoryError::Bus)?);
+            serial_ports.push(port(bus, layout)?);
         }
         findings.extend(serial_ports.iter().flat_map(faults));
         let left = COUNTED.saturating_sub(bus.now().since(before.at));
         bus.sleep(left);
-        let after = Received::read(bus).map_err(InventoryError::Bus)?;
+        let after = Received::read(bus)?;
         Ok(Self {
             findings,
             unknown: unknown(!serial_ports.is_empty()),
@@ -132,7 +132,7 @@ impl Received {
         count: 1,
     };
 
-    pub fn read<L: PacketLink>(bus: &mut PassiveBus<L>) -> Result<Self, PassiveError<L::Error>> {
+    pub fn read<L: PacketLink>(bus: &mut PassiveBus<L>) -> Result<Self, PassiveError> {
         let words = bus.read_all(&[Self::REGISTER])?;
         Ok(Self::of(bus, words.first().copied().unwrap_or_default()))
     }
@@ -164,11 +164,11 @@ impl Received {
 fn bite<L: PacketLink>(
     bus: &mut PassiveBus<L>,
     firmware: &HostMot2,
-) -> Result<Option<String>, InventoryError<PassiveError<L::Error>>> {
+) -> Result<Option<String>, InventoryError> {
     let Ok(watchdog) = WatchdogRegisters::locate(firmware) else {
         return Ok(None);
     };
-    let status = bus.read(watchdog.status).map_err(InventoryError::Bus)?;
+    let status = bus.read(watchdog.status)?;
     let has_bitten = status & WatchdogRegisters::HAS_BIT != 0;
     let text = "the watchdog has bitten: the board's own outputs are off";
     Ok(has_bitten.then(|| text.to_owned()))
@@ -188,7 +188,7 @@ fn faults(port: &PassivePort) -> impl Iterator<Item = String> + '_ {
 fn port<L: PacketLink>(
     bus: &mut PassiveBus<L>,
     layout: PortLayout,
-) -> Result<PassivePort, PassiveError<L::Error>> {
+) -> Result<PassivePort, PassiveError> {
     let mut reads = Vec::new();
     for channel in layout.mask().iter() {
         let registers = layout.cs(channel).into_iter();

@@ -127,7 +127,7 @@ impl Sampler {
     pub fn sample<L: PacketLink>(
         &mut self,
         bus: &mut PassiveBus<L>,
-    ) -> Result<Sample, PassiveError<L::Error>> {
+    ) -> Result<Sample, PassiveError> {
         let all = bus.read_all(&self.reads)?;
         let (received, words) = all.split_first().unwrap_or((&0, &[]));
         // Read in the first packet, and counted with it.

@@ -85,7 +85,7 @@ impl serde::Serialize for RemotePlace {
 }
 
 impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
-    type Error = DriverError<B::Error>;
+    type Error = DriverError;
 
     fn remotes(&self) -> Vec<CabinetRemote> {
         let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent());
@@ -114,7 +114,7 @@ impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
     }
 }
 
-fn on_board<E: mesa_hal::bus::BusError>(place: RemotePlace) -> Result<RemoteId, DriverError<E>> {
+fn on_board(place: RemotePlace) -> Result<RemoteId, DriverError> {
     match place {
         RemotePlace::Channel(id) => Ok(id),
         RemotePlace::Serial => Err(DriverError::Attach(AttachError::NoRemote {

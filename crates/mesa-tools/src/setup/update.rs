@@ -16,7 +16,7 @@ use core::error::Error;
 
 use super::{FirmwareFile, SerialError};
 use mesa_hal::Advice;
-use mesa_hal::bus::BusError;
+
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
@@ -120,7 +120,7 @@ pub enum UpdateError<E: Error + 'static> {
     },
 }
 
-impl<E: BusError> UpdateError<PortError<E>> {
+impl UpdateError<PortError> {
     /// The next step, if the library has one; the other texts contain their own.
     pub fn advice(&self) -> Option<Advice> {
         match self {

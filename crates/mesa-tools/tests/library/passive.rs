@@ -8,11 +8,13 @@ use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE};
 use crate::common::machine::start;
-use mesa_hal::bus::{Access, BusError, BusErrorKind, Clock, Instant, RegisterBus};
+use mesa_hal::bus::{
+    Access, BusError, BusErrorKind, Clock, CustomError, Instant, LinkError, RegisterBus,
+};
 use mesa_hal::driver::{Driver, EventMask, Pace};
 use mesa_hal::ethernet::{EthernetBoard, Lbp16Board};
 use mesa_hal::lbp16::{Operations, Space};
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::{Motor, machines};
 use mesa_tools::inventory::InventoryEthernet;
 use mesa_tools::passive::{PassiveBus, PassiveError, PassiveInventory, Read, Refusal, Sampler};
@@ -87,9 +89,7 @@ impl Beside {
 }
 
 impl PacketLink for Beside {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let mut machine = self.machine.borrow_mut();
         let now = machine.now();
         let board = &mut machine.driver.bus_mut().link().board;
@@ -104,7 +104,7 @@ impl PacketLink for Beside {
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], until: Instant) -> Result<Option<usize>, SocketError> {
+    fn receive(&mut self, buffer: &mut [u8], until: Instant) -> Result<Option<usize>, LinkError> {
         loop {
             let now = self.time();
             let next = self.replies.iter().position(|(arrives, _)| *arrives <= now);
@@ -281,33 +281,37 @@ fn refusal(error: PassiveError) -> Refusal {
     }
 }
 
+/// The error of an exchange that would read the register at this address.
+fn not_read(address: u16) -> BusError {
+    let text = "a register that is not read beside a running program";
+    let error = CustomError::new(BusErrorKind::Invalid, text);
+    error.with_code(address.into()).into()
+}
+
 #[test]
 fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() {
     let machine = machine();
     let mut bus = look(&machine);
-    let early = bus.read(COUNT).expect_err("not identified yet");
+    let early = bus.read_all(&[Read::hostmot2(COUNT, 1)]);
+    let early = early.expect_err("not identified yet");
     assert_eq!(refusal(early), Refusal::NoRegister);
+    assert_eq!(bus.read(COUNT), Err(not_read(COUNT)));
     bus.identify().expect("a 7I97");
     let sent = bus.link().sent.len();
-    assert_eq!(bus.write(0x0D00, 0), Err(PassiveError::Write));
+    let write = BusError::from(PassiveError::Write);
+    assert_eq!(bus.write(0x0D00, 0), Err(write));
     let both = [Access::read(0x0D00, 0, 1), Access::write(0x0D00, 1, 1)];
-    assert_eq!(bus.exchange(&both, &mut [0; 2]), Err(PassiveError::Write));
+    assert_eq!(bus.exchange(&both, &mut [0; 2]), Err(write));
     // A scratch register, in which a driver numbers its requests, then a read of it; a reset.
     let number = [0x82, 0xD1, 0x1C, 0x00, 1, 0, 0, 0, 0x42, 0x51, 0x1C, 0x00];
     let mut reply = [0; 4];
-    assert_eq!(
-        bus.run_commands(&number, &mut reply, DEADLINE),
-        Err(PassiveError::Write)
-    );
-    assert_eq!(
-        Lbp16Board::send(&mut bus, &number),
-        Err(PassiveError::Write)
-    );
+    assert_eq!(bus.run_commands(&number, &mut reply, DEADLINE), Err(write));
+    assert_eq!(Lbp16Board::send(&mut bus, &number), Err(write));
     assert_eq!(
         EthernetBoard::new(&mut bus)
             .clear_errors()
             .map_err(|e| e.to_string()),
-        { Err(PassiveError::<SocketError>::Write.to_string()) }
+        Err(PassiveError::Write.to_string())
     );
     check_refused_registers(&mut bus);
     // One register of many is enough; and a command without an address reads anywhere.
@@ -315,7 +319,7 @@ fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() 
     assert!(bus.read_all(&both).is_err());
     let standing = [0x01, 0x02];
     let refused = bus.run_commands(&standing, &mut reply, DEADLINE);
-    assert_eq!(refused.map_err(refusal), Err(Refusal::NoRegister));
+    assert_eq!(refused, Err(not_read(0)));
     assert_eq!(bus.link().sent.len(), sent, "nothing was sent");
     check_readable_registers(&mut bus);
 }
@@ -440,7 +444,10 @@ fn no_answer_is_an_error_with_advice_after_three_tries() {
     bus.link().fates = [None; 3].into();
     let error = bus.read(0x0100).expect_err("no answer");
     assert_eq!(error.kind(), BusErrorKind::Lost);
-    assert!(error.to_string().contains("no reply in 3 tries"), "{error}");
+    assert!(
+        error.to_string().contains("no reply in time in 3 tries"),
+        "{error}"
+    );
     assert!(error.advice().is_some());
     assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
 }

@@ -15,14 +15,16 @@ mod fault;
 #[cfg(feature = "std")]
 mod host_clock;
 mod list;
+mod pci_address;
 
 pub use advice::BusAdvice;
-pub use erased::{DynBus, DynBusError};
-pub use error::{BusError, BusErrorKind};
+pub use erased::DynBus;
+pub use error::{BusError, BusErrorKind, CustomError, LinkError};
 pub use fault::Fault;
 #[cfg(feature = "std")]
 pub use host_clock::{HostClock, SPIN};
 pub use list::{AccessList, ListForm};
+pub use pci_address::{PciAddress, PciAddressError};
 
 pub use crate::time::Instant;
 
@@ -78,6 +80,27 @@ impl Access {
             first,
             count,
         }
+    }
+
+    /// Checks that the registers exist, and that the words are in a buffer of `words` words. A bus
+    /// checks all accesses of a list before it runs any.
+    ///
+    /// # Errors
+    /// [`BusError::BadAccess`].
+    pub const fn check(self, words: usize) -> Result<(), BusError> {
+        if self.is_sound() && self.words().end <= words {
+            return Ok(());
+        }
+        Err(BusError::BadAccess {
+            access: self,
+            words,
+        })
+    }
+
+    /// True if all registers exist.
+    const fn is_sound(self) -> bool {
+        let end = (self.address as u32).saturating_add((self.count as u32).saturating_mul(4));
+        self.address.is_multiple_of(4) && end <= 0x1_0000
     }
 
     /// The indices of the words in the buffer.
@@ -369,15 +392,14 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// A bus without packets implements [`exchange`](Self::exchange) alone:
 ///
 /// ```
-/// use mesa_wire::bus::{Access, Direction, RegisterBus};
+/// use mesa_wire::bus::{Access, BusError, Direction, RegisterBus};
 ///
 /// #[derive(Debug)]
-/// struct Memory([u32; 16]);
+/// struct Memory([u32; 0x4000]);
 ///
 /// impl RegisterBus for Memory {
-///     type Error = core::convert::Infallible;
-///
-///     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+///     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+///         accesses.iter().try_for_each(|access| access.check(words.len()))?;
 ///         for access in accesses {
 ///             for (n, word) in words[access.words()].iter_mut().enumerate() {
 ///                 let register = &mut self.0[usize::from(access.address / 4) + n];
@@ -391,13 +413,13 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 ///     }
 /// }
 ///
-/// let mut bus = Memory([7; 16]);
+/// let mut bus = Memory([7; 0x4000]);
 /// bus.write(0x0C, 9)?;
 /// let list = bus.prepare(&[Access::read(0x08, 0, 2)], None)?;
 /// let mut words = [0; 2];
 /// assert!(bus.run(&list, &mut words)?.certain);
 /// assert_eq!(words, [7, 9]);
-/// # Ok::<(), core::convert::Infallible>(())
+/// # Ok::<(), BusError>(())
 /// ```
 ///
 /// A driver also needs the bus to be a [`Clock`]. A `&mut B` is a bus as well.
@@ -407,9 +429,6 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// cycle uses them. The other methods belong to set-up: they are bounded, but may allocate and
 /// retry.
 pub trait RegisterBus {
-    /// Error of an exchange.
-    type Error: BusError;
-
     /// True if the board can hold a part of a list back until its next period ([`Hold`]).
     fn can_hold(&self) -> bool {
         false
@@ -419,7 +438,7 @@ pub trait RegisterBus {
     ///
     /// On Ethernet this is one packet out and one packet back, repeated if it is lost. On failure,
     /// no word of the buffer that a read names has changed.
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError>;
 
     /// Checks a list against the limits of the bus and encodes it. The provided method does neither.
     ///
@@ -428,7 +447,7 @@ pub trait RegisterBus {
         &mut self,
         accesses: &[Access],
         _hold: Option<Hold>,
-    ) -> Result<AccessList, Self::Error> {
+    ) -> Result<AccessList, BusError> {
         Ok(AccessList::new(accesses))
     }
 
@@ -437,7 +456,7 @@ pub trait RegisterBus {
     ///
     /// A bus on which nothing can be in flight leaves all work to `finish`, as the provided method
     /// does.
-    fn start(&mut self, _list: &AccessList, _words: &[u32]) -> Result<(), Self::Error> {
+    fn start(&mut self, _list: &AccessList, _words: &[u32]) -> Result<(), BusError> {
         Ok(())
     }
 
@@ -446,13 +465,13 @@ pub trait RegisterBus {
     /// A list without reads may have no reply: the fate of its writes is then unknown until a later
     /// reply ([`Reply::UNKNOWN`]). The provided method makes an [`exchange`](Self::exchange), after
     /// which all writes are certain.
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.exchange(list.as_ref(), words)?;
         Ok(Reply::CERTAIN)
     }
 
     /// Runs a list: [`start`](Self::start), then [`finish`](Self::finish).
-    fn run(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+    fn run(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         self.start(list, words)?;
         self.finish(list, words)
     }
@@ -462,7 +481,7 @@ pub trait RegisterBus {
     ///
     /// A bus whose exchanges are packets sends one packet, without waiting for a reply and without
     /// allocation. The provided method makes an [`exchange`](Self::exchange).
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.exchange(accesses, words)
     }
 
@@ -477,7 +496,7 @@ pub trait RegisterBus {
     ///
     /// # Errors
     /// Errors of an exchange.
-    fn board(&mut self, _effort: Effort) -> Result<BoardIdentity, Self::Error> {
+    fn board(&mut self, _effort: Effort) -> Result<BoardIdentity, BusError> {
         Ok(BoardIdentity::default())
     }
 
@@ -487,7 +506,7 @@ pub trait RegisterBus {
     }
 
     /// Reads one register.
-    fn read(&mut self, address: u16) -> Result<u32, Self::Error> {
+    fn read(&mut self, address: u16) -> Result<u32, BusError> {
         let mut word = [0];
         self.exchange(&[Access::read(address, 0, 1)], &mut word)?;
         let [word] = word;
@@ -495,35 +514,33 @@ pub trait RegisterBus {
     }
 
     /// Writes one register.
-    fn write(&mut self, address: u16, value: u32) -> Result<(), Self::Error> {
+    fn write(&mut self, address: u16, value: u32) -> Result<(), BusError> {
         self.exchange(&[Access::write(address, 0, 1)], &mut [value])
     }
 }
 
 impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
-    type Error = B::Error;
-
     fn can_hold(&self) -> bool {
         (**self).can_hold()
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         (**self).exchange(accesses, words)
     }
 
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, B::Error> {
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
         (**self).prepare(accesses, hold)
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), B::Error> {
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
         (**self).start(list, words)
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, B::Error> {
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
         (**self).finish(list, words)
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         (**self).write_all(accesses, words)
     }
 
@@ -531,7 +548,7 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
         (**self).set_cycle(period, deadline);
     }
 
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
         (**self).board(effort)
     }
 

@@ -149,7 +149,7 @@ fn a_restore_that_is_cut_off_leaves_no_beginning_and_can_be_done_again() {
     let mut flash = open(&mut chip).unwrap();
     let found = flash.differences(&backup, |_| true).unwrap().expect("all");
     let cut_off = flash.restore(&backup, &found[0], |_, _| {});
-    assert_eq!(cut_off, Err(EthernetError::Bus(NoPower)));
+    assert_eq!(cut_off, Err(EthernetError::Bus(NO_POWER)));
     assert!(!Bitfile::has_sync(&chip.bytes[USER..USER + PAGE]));
     chip.pages_left = usize::MAX;
     let mut flash = open(&mut chip).unwrap();

@@ -1,7 +1,7 @@
 //! A simulated network and board, on virtual time.
 
 use super::*;
-use std::io::ErrorKind;
+use crate::bus::LinkError;
 
 /// The fate of one packet on its way.
 #[derive(Clone, Copy, Debug)]
@@ -242,9 +242,7 @@ impl Fate {
 }
 
 impl PacketLink for Network {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let numbers = numbers(packet);
         let before = self.newest.write;
         self.newest.write = numbers.write.or(before);
@@ -253,7 +251,7 @@ impl PacketLink for Network {
             self.asked.insert(request, self.newest.write);
         }
         if self.refuses || self.refusals.pop().unwrap_or(false) {
-            return Err(SocketError(ErrorKind::ConnectionRefused));
+            return Err(LinkError::Refused);
         }
         let fate = self.requests.pop().unwrap_or(GOOD);
         self.carry(|n| &mut n.to_board, fate, 0, packet);
@@ -264,7 +262,7 @@ impl PacketLink for Network {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         if let Some(length) = self.flooded {
             self.now += 1_000;
             buffer[..length].fill(0xEE);

@@ -1,6 +1,7 @@
 //! Another host that starts after the bus was opened.
 
 use super::*;
+use crate::bus::BusError;
 
 /// No packets of others reported.
 const NOBODY: [u32; 0] = [];
@@ -76,7 +77,7 @@ fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
         let counted = bus.statistics().others;
         assert_eq!(counted, told.iter().copied().map(u64::from).sum::<u64>());
         let error = bus.check_alone().unwrap_err();
-        assert!(matches!(error, UdpError::OtherHost { .. }), "{error}");
+        assert!(matches!(error, BusError::OtherHost { .. }), "{error}");
         assert!(bus.statistics().others > counted);
         (bus.link().other_host, bus.link().of_others) = (None, 0);
         bus.check_alone().unwrap();
@@ -114,7 +115,7 @@ fn a_look_at_a_board_changes_nothing_there_but_the_number_of_a_request() {
     assert_eq!(changed, [0x1C, 0x1E]);
     network.other_host = Some(500_000);
     let error = UdpBus::check_free(&mut network, UdpConfig::default()).unwrap_err();
-    assert!(matches!(error, UdpError::OtherHost { .. }), "{error}");
+    assert!(matches!(error, BusError::OtherHost { .. }), "{error}");
 }
 
 proptest! {

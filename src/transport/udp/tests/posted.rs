@@ -1,6 +1,7 @@
 //! Requests in flight, and requests that wait in the board.
 
 use super::*;
+use crate::bus::BusError;
 
 const READ: Access = Access::read(0x1000, 0, 2);
 
@@ -71,7 +72,7 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
     bus.link().held = 100_000;
     bus.link().replies = vec![Fate::Arrives(900_000)];
     let error = bus.run(&list, &mut words).unwrap_err();
-    let late = UdpError::Late {
+    let late = BusError::Late {
         request: bus.link().newest.request.unwrap(),
         waited: MS + MS / 100 * 3,
         by: MS / 100 * 13,
@@ -91,7 +92,7 @@ fn the_board_is_not_asked_to_wait_longer_than_it_can() {
     assert!(bus.prepare(&[READ], Some(hold(longest))).is_ok());
     let longer = longest + MS / 1000;
     let error = bus.prepare(&[READ], Some(hold(longer))).unwrap_err();
-    assert!(matches!(error, UdpError::List(ListError::LongHold { limit }) if limit == longer));
+    assert!(matches!(error, BusError::LongHold { limit } if limit == longer));
 }
 
 #[test]
@@ -117,13 +118,13 @@ fn a_reply_is_taken_only_by_the_list_that_was_started() {
     let cycle = Cycle::new(&mut bus);
     let other = bus.prepare(&[READ], None).unwrap();
     let mut words = [0; 3];
-    assert_eq!(bus.finish(&other, &mut words), Err(UdpError::NotStarted));
+    assert_eq!(bus.finish(&other, &mut words), Err(BusError::NotStarted));
     bus.start(&cycle.read, &words).unwrap();
-    assert_eq!(bus.finish(&other, &mut words), Err(UdpError::NotStarted));
+    assert_eq!(bus.finish(&other, &mut words), Err(BusError::NotStarted));
     bus.finish(&cycle.read, &mut words).unwrap();
     assert_eq!(words, [1, 2, 0]);
     assert_eq!(
         bus.finish(&cycle.read, &mut words),
-        Err(UdpError::NotStarted)
+        Err(BusError::NotStarted)
     );
 }

@@ -1,6 +1,7 @@
 //! Arbitrary calls in any order, on any network, beside any other client.
 
 use super::*;
+use crate::bus::BusError;
 
 #[derive(Clone, Copy, Debug)]
 enum Step {
@@ -156,7 +157,7 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
             Step::Read | Step::PacedRead | Step::Write | Step::Start(_)
         );
         if let Err(error) = result {
-            if error == UdpError::NotStarted {
+            if error == BusError::NotStarted {
                 continue;
             }
             prop_assert_eq!(&words[..2], &[0, 0], "{:?}", step);

@@ -3,13 +3,12 @@
 use std::time::Duration;
 
 use mesa_hal::bus::{
-    Access, AccessList, BoardIdentity, BusStatistics, Clock, Effort, Hold, Instant, RegisterBus,
-    Reply,
+    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Effort, Hold,
+    Instant, RegisterBus, Reply,
 };
 use mesa_hal::ethernet::Lbp16Board;
 use mesa_hal::transport::udp::UdpBus;
 use mesa_pci::PciBus;
-use mesa_tools::BoardBusError;
 
 use crate::link::BoardLink;
 use crate::simulated::EmbeddedPci;
@@ -36,16 +35,11 @@ macro_rules! with {
     };
 }
 
-/// The same, with the error of any bus.
-macro_rules! of_any {
-    ($this:expr, $bus:ident => $call:expr) => {
-        match $this {
-            Bus::Ethernet($bus) => $call.map_err(BoardBusError::from),
-            Bus::Pci($bus) => $call.map_err(BoardBusError::from),
-            Bus::Embedded($bus) => $call.map_err(BoardBusError::from),
-        }
-    };
-}
+/// A request for the Ethernet side of a board that has none.
+const NO_ETHERNET: BusError = BusError::custom(
+    BusErrorKind::Invalid,
+    "a board on the PCI bus has no Ethernet side: no IP address, no packets, no EEPROM of its own",
+);
 
 impl Bus {
     /// True for a board that has a network side.
@@ -54,9 +48,9 @@ impl Bus {
     }
 
     /// Fails if another host drives the board. On the PCI bus the lock of the board is the evidence.
-    pub fn check_alone(&mut self) -> Result<(), BoardBusError> {
+    pub fn check_alone(&mut self) -> Result<(), BusError> {
         match self {
-            Self::Ethernet(bus) => Ok(bus.check_alone()?),
+            Self::Ethernet(bus) => bus.check_alone(),
             Self::Pci(_) | Self::Embedded(_) => Ok(()),
         }
     }
@@ -71,42 +65,36 @@ impl Bus {
 }
 
 impl RegisterBus for Bus {
-    type Error = BoardBusError;
-
     fn can_hold(&self) -> bool {
         with!(self, bus => bus.can_hold())
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BoardBusError> {
-        of_any!(self, bus => bus.exchange(accesses, words))
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+        with!(self, bus => bus.exchange(accesses, words))
     }
 
-    fn prepare(
-        &mut self,
-        accesses: &[Access],
-        hold: Option<Hold>,
-    ) -> Result<AccessList, BoardBusError> {
-        of_any!(self, bus => bus.prepare(accesses, hold))
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
+        with!(self, bus => bus.prepare(accesses, hold))
     }
 
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BoardBusError> {
-        of_any!(self, bus => bus.start(list, words))
+    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
+        with!(self, bus => bus.start(list, words))
     }
 
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BoardBusError> {
-        of_any!(self, bus => bus.finish(list, words))
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
+        with!(self, bus => bus.finish(list, words))
     }
 
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BoardBusError> {
-        of_any!(self, bus => bus.write_all(accesses, words))
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+        with!(self, bus => bus.write_all(accesses, words))
     }
 
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
         with!(self, bus => bus.set_cycle(period, deadline));
     }
 
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BoardBusError> {
-        of_any!(self, bus => bus.board(effort))
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
+        with!(self, bus => bus.board(effort))
     }
 
     fn statistics(&self) -> BusStatistics {
@@ -128,26 +116,24 @@ impl Clock for Bus {
     }
 }
 
-/// The Ethernet side; [`BoardBusError::NoEthernet`] on a board that has none.
+/// The Ethernet side; an error on a board that has none.
 impl Lbp16Board for Bus {
-    type Error = BoardBusError;
-
     fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
-    ) -> Result<(), BoardBusError> {
+    ) -> Result<(), BusError> {
         match self {
-            Self::Ethernet(bus) => Ok(bus.run_commands(commands, reply, deadline)?),
-            Self::Pci(_) | Self::Embedded(_) => Err(BoardBusError::NoEthernet),
+            Self::Ethernet(bus) => bus.run_commands(commands, reply, deadline),
+            Self::Pci(_) | Self::Embedded(_) => Err(NO_ETHERNET),
         }
     }
 
-    fn send(&mut self, commands: &[u8]) -> Result<(), BoardBusError> {
+    fn send(&mut self, commands: &[u8]) -> Result<(), BusError> {
         match self {
-            Self::Ethernet(bus) => Ok(bus.send(commands)?),
-            Self::Pci(_) | Self::Embedded(_) => Err(BoardBusError::NoEthernet),
+            Self::Ethernet(bus) => bus.send(commands),
+            Self::Pci(_) | Self::Embedded(_) => Err(NO_ETHERNET),
         }
     }
 }

@@ -10,7 +10,6 @@ use mesa_hal::driver::StopError;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use mesa_tools::BoardBusError;
 use mesa_tools::advice::{advice_of, in_command_words, with_advice};
 use mesa_tools::setup::RestoreError;
 
@@ -118,7 +117,7 @@ impl Failure {
     pub fn of(error: &(dyn Error + 'static), message: impl Display) -> Self {
         Self {
             advice: advice_on(error),
-            is_of_exchange: error.downcast_ref::<StopError<BoardBusError>>().is_none(),
+            is_of_exchange: error.downcast_ref::<StopError>().is_none(),
             ..Self::refused(message)
         }
     }

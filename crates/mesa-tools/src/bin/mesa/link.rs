@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use mesa_hal::bus::Instant;
-use mesa_hal::transport::udp::{PacketLink, SocketError, UdpLink};
+use mesa_hal::bus::{Instant, LinkError};
+use mesa_hal::transport::udp::{PacketLink, UdpLink};
 
 use crate::hurry::{Hurry, Patience};
 use crate::simulated::SimulatedLink;
@@ -39,7 +39,7 @@ impl SocketLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         loop {
             let begun = self.socket.now();
             let until = self.patience.until(begun, deadline);
@@ -67,9 +67,7 @@ impl BoardLink {
 }
 
 impl PacketLink for BoardLink {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         match self {
             Self::Socket(link) => link.socket.send(packet),
             Self::Simulated(link) => link.send(packet),
@@ -80,7 +78,7 @@ impl PacketLink for BoardLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         match self {
             Self::Socket(link) => link.receive(buffer, deadline),
             Self::Simulated(link) => link.receive(buffer, deadline),

@@ -8,9 +8,9 @@ use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, Pace, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
+use mesa_tools::Counted;
 use mesa_tools::advice::with_advice;
 use mesa_tools::diagnosis::{PacketMark, Packets};
-use mesa_tools::{BoardBusError, Counted};
 
 use crate::bus::Bus;
 use crate::context::{Failure, told};
@@ -125,7 +125,7 @@ impl Keeper {
 }
 
 /// Remotes with an output that may still be on after the stop; fails if the stop failed otherwise.
-pub fn not_reached(stopped: Result<(), StopError<BoardBusError>>) -> Result<Vec<String>, Failure> {
+pub fn not_reached(stopped: Result<(), StopError>) -> Result<Vec<String>, Failure> {
     match stopped {
         Ok(()) => Ok(Vec::new()),
         Err(error) if error.failed.is_some() => Err(error.into()),

@@ -4,11 +4,12 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, BusStatistics, Clock, Direction, HostClock, Instant, RegisterBus};
-use mesa_hal::transport::udp::{PacketLink, SocketError};
+use mesa_hal::bus::{
+    Access, BusError, BusStatistics, Clock, Direction, HostClock, Instant, LinkError, RegisterBus,
+};
+use mesa_hal::transport::udp::PacketLink;
 use mesa_hal_sim::wire::Nanos;
 use mesa_hal_sim::{DEFAULT_ACCESS_COST, SimBoard, SimFpga};
-use mesa_pci::PciError;
 
 /// Time of a packet on the wire, in each direction.
 const WIRE: Nanos = 20_000;
@@ -158,9 +159,7 @@ pub struct SimulatedLink {
 }
 
 impl PacketLink for SimulatedLink {
-    type Error = SocketError;
-
-    fn send(&mut self, packet: &[u8]) -> Result<(), SocketError> {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         let mut world = lock(&self.world);
         let arrives = world.now() - world.paused + WIRE;
         let mut reply = Vec::new();
@@ -175,7 +174,7 @@ impl PacketLink for SimulatedLink {
         &mut self,
         buffer: &mut [u8],
         deadline: Instant,
-    ) -> Result<Option<usize>, SocketError> {
+    ) -> Result<Option<usize>, LinkError> {
         let mut world = lock(&self.world);
         let deadline = deadline.as_nanos();
         let next = self.replies.front();
@@ -213,12 +212,10 @@ pub struct EmbeddedPci {
 }
 
 impl RegisterBus for EmbeddedPci {
-    type Error = PciError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), PciError> {
-        for &access in accesses {
-            mesa_pci::check(access, words.len())?;
-        }
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+        accesses
+            .iter()
+            .try_for_each(|access| access.check(words.len()))?;
         self.exchanges += 1;
         let mut world = lock(&self.world);
         for access in accesses {

@@ -5,12 +5,12 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::bus::{BusError, BusErrorKind};
+use mesa_hal::bus::{BusError, BusErrorKind, LinkError};
 use mesa_hal::ethernet::{EthernetBoard, EthernetError, Identity};
 use mesa_hal::lbp16::{self, Space, registers::eeprom};
 use mesa_hal::transport::search::{self, AddressResult};
-use mesa_hal::transport::udp::{SocketError, UdpBus, UdpConfig, UdpError, UdpLink};
-use mesa_hal::{Rounded, Settings};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpLink};
+use mesa_hal::{Advice, Rounded, Settings};
 
 use crate::address::{BoardAddress, PciPlace};
 use crate::bus::Bus;
@@ -227,7 +227,7 @@ impl Found {
         Ok(self.link_to(address)?)
     }
 
-    fn link_to(&self, address: SocketAddrV4) -> Result<BoardLink, SocketError> {
+    fn link_to(&self, address: SocketAddrV4) -> Result<BoardLink, LinkError> {
         if let Some(simulated) = &self.simulated {
             return Ok(BoardLink::Simulated(simulated.link()));
         }
@@ -293,7 +293,7 @@ impl Found {
         address: SocketAddrV4,
         config: UdpConfig,
     ) -> Result<UdpBus<BoardLink>, Failure> {
-        let link = self.link_to(address).map_err(UdpError::from);
+        let link = self.link_to(address).map_err(BusError::from);
         let bus = link.and_then(|link| UdpBus::new(link, config));
         bus.map_err(|error| self.refuses(config.setup_tries, error))
     }
@@ -356,7 +356,7 @@ impl Found {
             return Ok(());
         };
         let config = self.patient(UdpConfig::default());
-        let link = self.link_to(address).map_err(UdpError::from);
+        let link = self.link_to(address).map_err(BusError::from);
         let free = link.and_then(|link| UdpBus::check_free(link, config));
         free.map_err(|error| self.refuses(config.setup_tries, error))?;
         if self.who.get().is_none() || self.simulated.is_some() {
@@ -374,16 +374,16 @@ impl Found {
         )))
     }
 
-    fn refuses(&self, tries: u32, error: UdpError) -> Failure {
+    fn refuses(&self, tries: u32, error: BusError) -> Failure {
         let (said, tries) = (told(&error), Counted::of(tries as usize, "time"));
         let why = match error.kind() {
-            _ if matches!(error, UdpError::Foreign { .. }) => {
+            _ if matches!(error, BusError::Foreign { .. }) => {
                 format!("no board answers, asked {tries}, but another host does: {said}")
             }
-            BusErrorKind::Lost if let UdpError::GaveUp { tries, within, .. } = &error => {
+            BusErrorKind::Lost if let BusError::GaveUp { tries, within, .. } = &error => {
                 let tries = Counted::of(*tries as usize, "time");
                 let facts = format!("no board answers, asked {tries} within {}", Rounded(within));
-                with_advice(facts, error.advice())
+                with_advice(facts, error.advice().map(Advice::Bus))
             }
             BusErrorKind::Lost => format!("no board answers, asked {tries}: {said}"),
             _ => said,
@@ -393,9 +393,7 @@ impl Found {
 }
 
 /// True if the board has the mark of a simulated one. A board that refuses the access has not.
-fn says_simulated(
-    board: &mut EthernetBoard<'_, UdpBus<BoardLink>>,
-) -> Result<bool, EthernetError<UdpError>> {
+fn says_simulated(board: &mut EthernetBoard<'_, UdpBus<BoardLink>>) -> Result<bool, EthernetError> {
     let mark = eeprom::SIMULATED_MARK.map(u32::from);
     let count = mark.len() as u16;
     match board.peek(Space::Eeprom, eeprom::SIMULATED, count) {

@@ -7,9 +7,8 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::Clock;
 use mesa_hal::boards::FlashLayout;
-use mesa_hal::bus::Instant;
+use mesa_hal::bus::{BusError, Instant};
 use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetError, Identity};
-use mesa_tools::BoardBusError;
 use serde::Serialize;
 
 use super::flash::layout_of_board;
@@ -232,7 +231,7 @@ fn next_address(identity: &Identity) -> Option<Ipv4Addr> {
 }
 
 /// Error of the bus while a restarted board does not answer yet; `None` once it does.
-fn not_back(bus: &mut Bus, before: &Counters) -> Result<Option<BoardBusError>, Failure> {
+fn not_back(bus: &mut Bus, before: &Counters) -> Result<Option<BusError>, Failure> {
     match EthernetBoard::new(bus).restarted(before) {
         Ok(_) => Ok(None),
         Err(EthernetError::Bus(error)) => Ok(Some(error)),

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use mesa_hal::ethernet::{EthernetBoard, EthernetError, FlashChange, FlashChip, SpiFlash};
-use mesa_tools::BoardBusError;
 
 use crate::bus::Bus;
 
@@ -28,16 +27,14 @@ impl<'a> BoardChip<'a> {
 }
 
 impl FlashChip for BoardChip<'_> {
-    type Error = BoardBusError;
-
-    fn id(&mut self) -> Result<u32, EthernetError<BoardBusError>> {
+    fn id(&mut self) -> Result<u32, EthernetError> {
         match self {
             Self::Ethernet(chip) => chip.id(),
             Self::Pci(chip) => chip.id(),
         }
     }
 
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<BoardBusError>> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError> {
         match self {
             Self::Ethernet(chip) => chip.read(address, bytes),
             Self::Pci(chip) => chip.read(address, bytes),
@@ -49,7 +46,7 @@ impl FlashChip for BoardChip<'_> {
         address: u32,
         change: FlashChange<'_>,
         deadline: Duration,
-    ) -> Result<(), EthernetError<BoardBusError>> {
+    ) -> Result<(), EthernetError> {
         match self {
             Self::Ethernet(chip) => chip.change(address, change, deadline),
             Self::Pci(chip) => chip.change(address, change, deadline),

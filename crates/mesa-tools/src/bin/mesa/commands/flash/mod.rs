@@ -13,7 +13,6 @@ use clap::{Args, Subcommand};
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::ethernet::{Area, Bitfile, BitfileError, EthernetError, Flash as Chip};
 use mesa_hal::lbp16::registers::flash::{PAGE, SECTOR};
-use mesa_tools::BoardBusError;
 
 use crate::bus::Bus;
 use crate::consent::Asks;
@@ -198,7 +197,7 @@ impl Verify {
         &self,
         flash: &mut Chip<BoardChip<'_>>,
         (area, bitfile): (Area, &Bitfile<'_>),
-        error: EthernetError<BoardBusError>,
+        error: EthernetError,
     ) -> Failure {
         let data = bitfile.configuration;
         let mut bytes = vec![0; data.len()];

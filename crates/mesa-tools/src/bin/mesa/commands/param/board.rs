@@ -7,7 +7,7 @@ use mesa_hal::lbp::{RemoteAccess, RemoteLink};
 use mesa_hal::remote::ParameterError;
 use mesa_hal::sslbp::{DEFAULT_BAUD_RATE, MAX_INTERFACE_REGISTERS, PortError, PortLink};
 use mesa_hal::{Board, Configured, DriverError, RemoteId, Settings};
-use mesa_tools::BoardBusError;
+
 use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
 
 use crate::bus::Bus;
@@ -15,7 +15,7 @@ use crate::context::{Failure, told};
 use crate::output::complain;
 use crate::target::Found;
 
-type BoardError = DriverError<BoardBusError>;
+type BoardError = DriverError;
 
 /// The remotes of a board in setup mode.
 pub struct BoardCabinet {
@@ -151,7 +151,7 @@ impl BoardCabinet {
         work: impl FnOnce(
             &mesa_hal::discovery::DataRecord,
             &mut PortLink<'_, Bus>,
-        ) -> Result<T, ParameterError<PortError<BoardBusError>>>,
+        ) -> Result<T, ParameterError<PortError>>,
     ) -> Result<Option<T>, BoardError> {
         let Some((baud, descriptor)) = self.other(id) else {
             return Ok(None);

@@ -6,7 +6,7 @@ use clap::Args;
 use mesa_hal::DriverError;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::RemoteAccess;
-use mesa_tools::BoardBusError;
+
 use mesa_tools::setup::{
     Cabinet, CabinetRemote, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError,
     SerialHost,
@@ -91,7 +91,7 @@ pub enum OpenCabinet {
 #[derive(Debug, thiserror::Error)]
 pub enum CabinetError {
     #[error(transparent)]
-    Board(#[from] DriverError<BoardBusError>),
+    Board(#[from] DriverError),
     #[error(transparent)]
     Serial(#[from] SerialCabinetError),
 }

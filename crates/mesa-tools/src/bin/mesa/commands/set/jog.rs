@@ -4,12 +4,10 @@ use std::ops::{ControlFlow, RangeBounds};
 use std::time::Duration;
 
 use mesa_hal::Driver;
-use mesa_hal::bus::Instant;
+use mesa_hal::bus::{BusError, Instant};
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
-use mesa_hal::transport::udp::UdpError;
-use mesa_tools::BoardBusError;
 
 use super::announcer::Announcer;
 use super::report::{Change, Inputs, Outcome, Report};
@@ -181,8 +179,7 @@ impl Jog {
         ));
         // The failure may have been caused by another program that drives the board.
         if self.failure.is_some()
-            && let Err(error @ BoardBusError::Ethernet(UdpError::OtherHost { .. })) =
-                ended.driver.into_bus().check_alone()
+            && let Err(error @ BusError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
             self.failure = Some(Reason::new(told(&error)));
         }

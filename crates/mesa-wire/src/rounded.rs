@@ -7,7 +7,7 @@ use core::time::Duration;
 ///
 /// ```
 /// use core::time::Duration;
-/// use mesa_hal::Rounded;
+/// use mesa_wire::Rounded;
 ///
 /// assert_eq!(Rounded(&Duration::from_nanos(50_224_296)).to_string(), "50.22 ms");
 /// assert_eq!(Rounded(&Duration::from_millis(8)).to_string(), "8 ms");
@@ -46,7 +46,7 @@ impl fmt::Display for Rounded<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::string::ToString;
+    use alloc::string::ToString;
 
     use super::*;
 

@@ -1,5 +1,8 @@
 //! The address of a device on the PCI bus.
 
+use alloc::borrow::ToOwned;
+use alloc::string::String;
+use alloc::vec::Vec;
 use core::fmt;
 use core::str::FromStr;
 
@@ -22,7 +25,7 @@ pub struct PciAddress {
 #[error(
     "`{0}` is no address of a PCI device: expected 0000:03:00.0 or 03:00.0, as `lspci -D` prints it"
 )]
-pub struct AddressError(String);
+pub struct PciAddressError(String);
 
 impl fmt::Display for PciAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -37,10 +40,10 @@ impl fmt::Display for PciAddress {
 }
 
 impl FromStr for PciAddress {
-    type Err = AddressError;
+    type Err = PciAddressError;
 
-    fn from_str(text: &str) -> Result<Self, AddressError> {
-        parse(text).ok_or_else(|| AddressError(text.to_owned()))
+    fn from_str(text: &str) -> Result<Self, PciAddressError> {
+        parse(text).ok_or_else(|| PciAddressError(text.to_owned()))
     }
 }
 
@@ -69,6 +72,8 @@ fn parse(text: &str) -> Option<PciAddress> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alloc::format;
+    use alloc::string::ToString;
 
     #[test]
     fn an_address_is_read_with_and_without_its_domain() {
