@@ -6,7 +6,6 @@ use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::identity::require;
 use super::{BoardTable, CardTable, IdentityError};
 use crate::advice::Advice;
 use crate::discovery::{RemoteDescriptor, RemoteTable};
@@ -264,7 +263,7 @@ impl<'a> Finder<'a> {
 }
 
 /// The remote on a channel: its description and the prefix of its pins.
-type FoundDescription<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
+pub(super) type FoundDescription<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
 
 /// The parts of one card.
 pub struct CardFinder<'a> {
@@ -330,23 +329,6 @@ impl CardTable {
                 })?
                 .collect(),
         })
-    }
-}
-
-impl RemoteTable {
-    /// Finds the handles of a remote of exactly this kind, by its description and the prefix of its
-    /// pins.
-    pub(crate) fn attach<T: RemoteHandles>(
-        pins: &Pins,
-        found: FoundDescription<'_>,
-        remote: RemoteId,
-    ) -> Result<T, AttachError> {
-        let (descriptor, prefix) = found.ok_or(AttachError::NoRemote {
-            remote,
-            expected: T::TABLE.title,
-        })?;
-        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity { remote, source })?;
-        T::find(&Finder::new(pins, prefix, T::TABLE.title))
     }
 }
 

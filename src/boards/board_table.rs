@@ -1,11 +1,8 @@
 //! Tables of the supported boards.
 
-use super::{BoardTable, FlashLayout, ModuleTerminals, PwmTable, i7i76, i7i77, i7i97};
+use super::{BoardTable, DB25, FlashLayout, ModuleTerminals, PwmTable, i7i76, i7i77, i7i97};
 use crate::hal::Terminals;
 use crate::hostmot2::{Gtag, HostMot2, TickRate};
-
-/// The pins of a DB25 connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).
-pub const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl BoardTable {
     /// A board with connectors for cards and no further known functions.

@@ -7,6 +7,7 @@
 
 mod attach;
 mod board_table;
+mod connectors;
 mod flash;
 pub mod i7i64;
 pub mod i7i72;
@@ -14,15 +15,17 @@ pub mod i7i76;
 pub mod i7i77;
 pub mod i7i97;
 mod identity;
+mod remotes;
 
 pub use crate::hostmot2::board_table::{
     BoardTable, CardTable, FlashLayout, ModuleTerminals, PwmTable,
 };
-pub use board_table::DB25;
+pub use connectors::DB25;
 
 pub use attach::{AttachError, BoardHandles, CardFinder, CardHandles, Finder, RemoteHandles};
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77, I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
-pub(crate) use identity::check_identity;
-pub use identity::{IdentityError, REMOTES};
+pub use identity::IdentityError;
+pub use remotes::REMOTES;
+pub(crate) use remotes::check_identity;

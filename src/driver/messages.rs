@@ -1,6 +1,6 @@
-//! Log messages of a driver that has been built, or is dropped. None in the cycle.
+//! Log messages of a driver that has been built. None in the cycle.
 
-use super::{Driver, StopError};
+use super::Driver;
 use crate::advice::WithAdvice;
 use crate::bus::{Clock, RegisterBus};
 
@@ -26,10 +26,4 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
         let remark = WithAdvice::new(remark, remark.advice());
         log::warn!(target: "mesa_hal", "{}: {remark}", driver.name());
     }
-}
-
-/// Logs the parts of a dropped driver that could not be stopped.
-pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError) {
-    let error = WithAdvice::new(error, error.advice());
-    log::error!(target: "mesa_hal", "{}: was dropped: {error}", driver.name());
 }

@@ -8,6 +8,8 @@ use core::time::Duration;
 use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::advice::Advice;
+#[cfg(feature = "log")]
+use crate::advice::WithAdvice;
 use crate::bus::{Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
@@ -302,7 +304,8 @@ impl<B: RegisterBus + Clock> Drop for Driver<B> {
         let result = self.stop_all();
         #[cfg(feature = "log")]
         if let Err(error) = &result {
-            super::messages::dropped(self, error);
+            let error = WithAdvice::new(error, error.advice());
+            log::error!(target: "mesa_hal", "{}: was dropped: {error}", self.name());
         }
         #[cfg(not(feature = "log"))]
         let _ = result;

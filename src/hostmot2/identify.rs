@@ -1,7 +1,7 @@
 //! Reading of the firmware's description of itself.
 
+use super::idrom::MODULE_WORDS;
 use super::idrom::{IDROM_WORDS, name};
-use super::module::MODULE_WORDS;
 use super::pin::list_of;
 use super::{
     Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor, TrailingEntry,

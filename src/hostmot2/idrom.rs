@@ -1,9 +1,11 @@
 //! The IDROM: identification of board and firmware.
 
 use super::HostMot2Error;
-use super::module::MODULE_WORDS;
 use alloc::format;
 use alloc::string::{String, ToString};
+
+/// The words of one module descriptor.
+pub(super) const MODULE_WORDS: usize = 3;
 
 /// The eight characters in two words: not terminated, with arbitrary padding. Characters that are
 /// not printable are escaped.

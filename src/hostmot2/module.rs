@@ -4,6 +4,7 @@ use alloc::format;
 use alloc::string::String;
 use core::ops::RangeInclusive;
 
+use super::idrom::MODULE_WORDS;
 use super::{Gtag, HostMot2Error, Idrom};
 
 /// Description of one kind of module: addresses of its registers and number of its instances.
@@ -32,9 +33,6 @@ pub struct ModuleDescriptor {
     /// The registers that exist once for each instance: bit r is register r.
     pub multiple_registers: u32,
 }
-
-/// The words of one module descriptor.
-pub(super) const MODULE_WORDS: usize = 3;
 
 /// The last 32-bit register of the 16-bit address space.
 const LAST_REGISTER: u16 = 0xFFFC;

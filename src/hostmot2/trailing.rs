@@ -1,7 +1,7 @@
 //! Entries behind the end of the module descriptors.
 
 use super::Gtag;
-use super::module::MODULE_WORDS;
+use super::idrom::MODULE_WORDS;
 use core::fmt;
 
 /// An entry behind the end of the module descriptors, which LinuxCNC and mesaflash ignore: the

@@ -1,7 +1,8 @@
 //! A pin and its bits.
 
+use super::Scaling;
+use super::field::Field;
 use super::scaling::{real, real_bits};
-use super::{Field, Scaling};
 use crate::hal::{Input, Output, Param, PinStore};
 
 /// The two halves of a pin: one is published, the other fetched. A unidirectional pin has a default

@@ -2,7 +2,7 @@
 
 use core::cmp::Ordering;
 
-use super::Field;
+use super::field::Field;
 use super::scaling::{mask, sign_extend};
 use crate::hal::{Counter, PinStore};
 

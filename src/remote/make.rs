@@ -1,21 +1,93 @@
 //! Construction of the pins of a remote's process data.
 
 use alloc::format;
-use alloc::string::String;
+use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 
 use super::binding::{Binding, BitInputs, Codec, Pin};
 use super::counter::CounterPins;
+use super::field::Field;
 use super::scaling::narrow_limits;
-use super::{Field, RemotePins, Scaling};
-use crate::discovery::{DataDirection, DataRecord, DataType, Element, ElementTable};
+use super::{RemoteError, RemoteParameter, RemotePins, Scaling};
+use crate::discovery::{
+    DataDirection, DataRecord, DataType, Element, ElementTable, PackingPlan, RemoteDescriptor,
+    RemoteTable, hal_card_name, hal_name,
+};
 use crate::hal::{
     Counter, FullScale, Input, Invert, Output, Param, PinError, PinMaker, PinStore, Place, Spec,
     Value,
 };
+use crate::hostmot2::RemoteId;
+
+impl RemotePins {
+    pub(super) fn make(
+        pins: &mut PinStore,
+        board: &str,
+        id: RemoteId,
+        descriptor: &RemoteDescriptor,
+        plan: &PackingPlan,
+        table: Option<&RemoteTable>,
+    ) -> Result<Self, RemoteError> {
+        let card = hal_card_name(&descriptor.name.to_string());
+        let mut remote = Self {
+            prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
+            group: pins.add_group(),
+            parameters: Vec::new(),
+            inputs: Vec::new(),
+            bit_inputs: Vec::new(),
+            counters: Vec::new(),
+            outputs: Vec::new(),
+        };
+        for &element in &plan.elements {
+            let Some(record) = descriptor.process_data.get(element.record) else {
+                debug_assert!(false, "the plan is of this descriptor");
+                continue;
+            };
+            let mut maker = Maker {
+                stem: format!("{}.{}", remote.prefix, hal_name(&record.name)),
+                pins,
+                remote: &mut remote,
+                element,
+                record,
+                known: table.and_then(|table| table.element(&record.name, record.direction)),
+            };
+            let made = maker.make();
+            let name = maker.stem;
+            made.map_err(|source| RemoteError {
+                name,
+                source: source.into(),
+            })?;
+        }
+        remote.link_enables(pins, table);
+        for record in &descriptor.parameters {
+            let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
+            let made = RemoteParameter::new(pins, remote.group, &name, record);
+            let made = made.map_err(|source| RemoteError {
+                name,
+                source: source.into(),
+            })?;
+            remote.parameters.extend(made);
+        }
+        Ok(remote)
+    }
+
+    /// Links the outputs of the table to their enables.
+    fn link_enables(&self, pins: &mut PinStore, table: Option<&RemoteTable>) {
+        // Looking up a missing name compares it with all names, to build the error. This is
+        // therefore done only for elements for which the table names an enable.
+        let known = table.iter().flat_map(|table| table.elements);
+        for known in known.filter(|known| !known.enabled_by.is_empty()) {
+            let id = |name| pins.id(&format!("{}.{}", self.prefix, hal_name(name)));
+            // If a mode lacks one of the two, the other one needs no link.
+            if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
+                pins.enabled_by(output, enable);
+            }
+        }
+    }
+}
 
 /// Maker of the pins of one element.
-pub(super) struct Maker<'a> {
+struct Maker<'a> {
     pub pins: &'a mut PinStore,
     pub remote: &'a mut RemotePins,
     /// Common start of the names: board, card, port, channel and element.

@@ -7,14 +7,9 @@
 //! in clock cycles (one instruction each), fitted to recordings of the gateware: `t06`, `t07`,
 //! `t08`, `t15`, `t25`, `r` (FACTS 5.1, 11.11).
 
+use super::line::{DEFAULT_BAUD_RATE, USUAL_REMOTE_LATENCY};
 use super::{Channel, MAX_CHANNELS, ProcessDataSizes};
 use core::time::Duration;
-
-/// Baud rate of every channel unless it is changed.
-pub const DEFAULT_BAUD_RATE: u32 = 2_500_000;
-
-/// Time that a remote takes to answer, as recorded with well-behaved remotes.
-pub const USUAL_REMOTE_LATENCY: Duration = Duration::from_micros(10);
 
 /// Longest latency taken into account: the timeout of an exchange is shorter.
 const LONGEST_LATENCY: Duration = Duration::from_secs(1);

@@ -6,6 +6,7 @@ mod channels;
 mod doit_time;
 mod error;
 mod layout;
+mod line;
 mod machine;
 mod operation;
 mod parameters;
@@ -15,9 +16,10 @@ mod status;
 
 pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteFaults};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
-pub use doit_time::{ChannelExchange, DEFAULT_BAUD_RATE, DoitTime};
+pub use doit_time::{ChannelExchange, DoitTime};
 pub use error::PortError;
 pub use layout::{MAX_INTERFACE_REGISTERS, PortLayout, PortPlace};
+pub use line::DEFAULT_BAUD_RATE;
 pub use machine::{
     ChannelLink, CompletedOperation, Failure, FailureCounts, PortEvent, PortImage, PortMachine,
     PortState, TransferResult,
@@ -33,6 +35,3 @@ pub use status::{ComState, CsStatus, LocalFaults};
 
 pub(crate) use layout::{ChannelRegisters, MAX_PORTS};
 pub(crate) use port::PortResult;
-
-use doit_time::USUAL_REMOTE_LATENCY;
-use operation::OperationTimes;

@@ -1,6 +1,7 @@
 //! The operations of a port: their register words and durations.
 
-use super::{Channel, ChannelMask, DEFAULT_BAUD_RATE, RemoteAccess, USUAL_REMOTE_LATENCY};
+use super::line::{DEFAULT_BAUD_RATE, USUAL_REMOTE_LATENCY};
+use super::{Channel, ChannelMask, RemoteAccess};
 use core::{fmt, time::Duration};
 
 const WRITE: u32 = 1 << 15;

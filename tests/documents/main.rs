@@ -1,6 +1,7 @@
 //! The documents agree with the code and with each other.
 
 mod architecture;
+mod circles;
 mod citations;
 #[path = "../common/mod.rs"]
 mod common;

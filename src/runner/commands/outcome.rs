@@ -4,9 +4,7 @@ use alloc::boxed::Box;
 use core::fmt;
 use core::sync::atomic::{AtomicU64, Ordering};
 
-use super::CommandSender;
-
-/// Outcome of a command: [`CommandSender::outcome`]. `Display` is the rest of a sentence about it.
+/// Outcome of a command: [`CommandSender::outcome`](super::CommandSender::outcome). `Display` is the rest of a sentence about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -96,7 +94,7 @@ impl Outcomes {
         }
     }
 
-    fn load(&self, number: u64) -> Option<CommandOutcome> {
+    pub fn load(&self, number: u64) -> Option<CommandOutcome> {
         let word = self.slot(number)?.load(Ordering::Acquire);
         let is_own = word >> BITS == number.wrapping_add(1);
         let code = word & ((1 << BITS) - 1);
@@ -109,47 +107,5 @@ impl Outcomes {
     fn slot(&self, number: u64) -> Option<&AtomicU64> {
         let index = number.checked_rem(self.0.len() as u64)?;
         self.0.get(index as usize)
-    }
-}
-
-impl CommandSender {
-    /// The outcome of a command, by the number that was returned when it was sent. Known until as
-    /// many commands as the queue holds have been taken after it.
-    ///
-    /// ```
-    /// use mesa_hal::runner::{CommandOutcome, CommandQueue};
-    /// # use mesa_hal::{Driver, Settings};
-    /// # use mesa_hal_sim::machines;
-    /// # let board = machines::six_axes_7i92(Default::default());
-    /// # let mut driver = Driver::start(board, Settings::default())?;
-    /// let lamp = driver.pins().output::<bool>("hm2_7i92.0.7i77.0.0.output-00")?;
-    /// let mut queue = CommandQueue::new(&driver, 64);
-    /// let sender = queue.sender();
-    /// driver.restart((0, 0)); // its outputs are safe until they are re-armed
-    /// let number = sender.set(lamp, true)?;
-    /// assert_eq!(sender.outcome(number), CommandOutcome::Waiting);
-    /// queue.take(&mut driver);
-    /// assert_eq!(sender.outcome(number), CommandOutcome::NotArmed);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    pub fn outcome(&self, number: u64) -> CommandOutcome {
-        let shared = &*self.shared;
-        // Loaded in this order, so that a command that has been taken since is not taken for one
-        // that never will be.
-        let has_ended = shared.has_ended.load(Ordering::Acquire);
-        let taken = shared.taken.load(Ordering::Acquire);
-        if number >= shared.sent.load(Ordering::Acquire) {
-            return CommandOutcome::Unknown;
-        }
-        if let Some(outcome) = shared.outcomes.load(number) {
-            return outcome;
-        }
-        let oldest = taken.saturating_sub(shared.slots.len() as u64);
-        match number {
-            _ if number >= taken && has_ended => CommandOutcome::Ended,
-            // Taken, and about to be executed.
-            _ if number >= oldest => CommandOutcome::Waiting,
-            _ => CommandOutcome::Unknown,
-        }
     }
 }

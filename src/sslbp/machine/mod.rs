@@ -16,9 +16,10 @@ mod link;
 pub use failure::{Failure, FailureCounts};
 pub use link::{ChannelLink, TransferResult};
 
+use super::operation::OperationTimes;
 use super::{
-    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, OperationTimes, PerChannel, PortOperation,
-    StartMode, StartedRemote,
+    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, PerChannel, PortOperation, StartMode,
+    StartedRemote,
 };
 use crate::bus::Instant;
 use core::time::Duration;
