@@ -3,10 +3,7 @@
 use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusStatistics, Clock, Effort, Hold, RegisterBus,
-    Reply,
-};
+use mesa_hal::bus::{Access, AccessList, BusError, BusLayer, ClockedBus, Reply};
 
 #[derive(Debug)]
 pub struct Timed<B> {
@@ -49,17 +46,19 @@ impl<B> DerefMut for Timed<B> {
     }
 }
 
-impl<B: RegisterBus> RegisterBus for Timed<B> {
-    fn can_hold(&self) -> bool {
-        self.bus.can_hold()
+impl<B: ClockedBus> BusLayer for Timed<B> {
+    type Inner = B;
+
+    fn inner(&self) -> &B {
+        &self.bus
+    }
+
+    fn inner_mut(&mut self) -> &mut B {
+        &mut self.bus
     }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.measured(|bus| bus.exchange(accesses, words))
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        self.bus.prepare(accesses, hold)
     }
 
     fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
@@ -72,24 +71,6 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
 
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.measured(|bus| bus.write_all(accesses, words))
-    }
-
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        self.bus.set_cycle(period, deadline);
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        self.bus.board(effort)
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        self.bus.statistics()
-    }
-}
-
-impl<B: Clock> Clock for Timed<B> {
-    fn now(&mut self) -> mesa_hal::bus::Instant {
-        self.bus.now()
     }
 
     fn wait(&mut self, duration: Duration) {

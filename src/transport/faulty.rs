@@ -1,11 +1,10 @@
 //! A bus wrapper that injects faults.
 
 use alloc::vec::Vec;
-use core::time::Duration;
 
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
-    Effort, Fault, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BusError, BusErrorKind, BusLayer, BusStatistics, ClockedBus, Direction,
+    Fault, Reply,
 };
 use crate::tally::Tally;
 
@@ -104,7 +103,7 @@ impl<B> Faulty<B> {
     }
 }
 
-impl<B: RegisterBus> Faulty<B> {
+impl<B: ClockedBus> Faulty<B> {
     /// Runs an exchange on the inner bus with the fault that was drawn for it. `unheard` is the
     /// result of an exchange that was dropped silently.
     fn execute<T>(
@@ -161,9 +160,15 @@ impl<B: RegisterBus> Faulty<B> {
     }
 }
 
-impl<B: RegisterBus> RegisterBus for Faulty<B> {
-    fn can_hold(&self) -> bool {
-        self.inner.can_hold()
+impl<B: ClockedBus> BusLayer for Faulty<B> {
+    type Inner = B;
+
+    fn inner(&self) -> &B {
+        &self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut B {
+        &mut self.inner
     }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
@@ -175,10 +180,6 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
             self.count_lost();
         }
         Ok(())
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        self.inner.prepare(accesses, hold)
     }
 
     fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
@@ -210,14 +211,6 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        self.inner.set_cycle(period, deadline);
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        self.inner.board(effort)
-    }
-
     /// The statistics of the inner bus, with the injected faults added.
     fn statistics(&self) -> BusStatistics {
         let (mut all, counted) = (self.inner.statistics(), &self.counted);
@@ -229,20 +222,6 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         all.lost_writes.tally(counted.lost_writes);
         all.doubts.tally(counted.doubts);
         all
-    }
-}
-
-impl<B: Clock> Clock for Faulty<B> {
-    fn now(&mut self) -> Instant {
-        self.inner.now()
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.inner.wait(duration);
-    }
-
-    fn sleep(&mut self, duration: Duration) {
-        self.inner.sleep(duration);
     }
 }
 

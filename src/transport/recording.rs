@@ -2,11 +2,9 @@
 
 use alloc::collections::VecDeque;
 use core::fmt;
-use core::time::Duration;
 
 use crate::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction,
-    Effort, Hold, Instant, RegisterBus, Reply,
+    Access, AccessList, BusError, BusErrorKind, BusLayer, ClockedBus, Direction, Instant, Reply,
 };
 use crate::tally::Tally;
 
@@ -117,7 +115,7 @@ impl<B> Recording<B> {
     }
 }
 
-impl<B: RegisterBus + Clock> Recording<B> {
+impl<B: ClockedBus> Recording<B> {
     /// Logs an exchange that has the given `result`, and returns that result.
     fn record<T>(
         &mut self,
@@ -150,18 +148,20 @@ impl<B: RegisterBus + Clock> Recording<B> {
 }
 
 /// The inner bus's clock provides the time stamps of the log.
-impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
-    fn can_hold(&self) -> bool {
-        self.inner.can_hold()
+impl<B: ClockedBus> BusLayer for Recording<B> {
+    type Inner = B;
+
+    fn inner(&self) -> &B {
+        &self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut B {
+        &mut self.inner
     }
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let result = self.inner.exchange(accesses, words);
         self.record(accesses, words, result)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        self.inner.prepare(accesses, hold)
     }
 
     fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
@@ -177,31 +177,5 @@ impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         let result = self.inner.write_all(accesses, words);
         self.record(accesses, words, result)
-    }
-
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        self.inner.set_cycle(period, deadline);
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        self.inner.board(effort)
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        self.inner.statistics()
-    }
-}
-
-impl<B: Clock> Clock for Recording<B> {
-    fn now(&mut self) -> Instant {
-        self.inner.now()
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.inner.wait(duration);
-    }
-
-    fn sleep(&mut self, duration: Duration) {
-        self.inner.sleep(duration);
     }
 }

@@ -1,12 +1,8 @@
 //! A bus whose type is chosen at run time.
 
-use super::{
-    Access, AccessList, BoardIdentity, BusError, BusStatistics, Clock, Effort, Hold, Instant,
-    RegisterBus, Reply,
-};
+use super::{BusLayer, ClockedBus};
 use alloc::boxed::Box;
 use core::fmt;
-use core::time::Duration;
 
 /// A bus of any type, chosen at run time: for programs that take a board or a simulated one.
 ///
@@ -39,11 +35,11 @@ use core::time::Duration;
 ///
 /// # Real time
 /// As the bus inside, with one indirect call for each call.
-pub struct DynBus(Box<dyn ErasedBus>);
+pub struct DynBus(Box<dyn ClockedBus + Send>);
 
 impl DynBus {
     /// Hides the type of a bus.
-    pub fn new<B: RegisterBus + Clock + Send + 'static>(bus: B) -> Self {
+    pub fn new<B: ClockedBus + Send + 'static>(bus: B) -> Self {
         Self(Box::new(bus))
     }
 }
@@ -54,65 +50,24 @@ impl fmt::Debug for DynBus {
     }
 }
 
-trait ErasedBus: RegisterBus + Clock + Send {}
+impl BusLayer for DynBus {
+    type Inner = dyn ClockedBus + Send;
 
-impl<B: RegisterBus + Clock + Send> ErasedBus for B {}
-
-impl RegisterBus for DynBus {
-    fn can_hold(&self) -> bool {
-        self.0.can_hold()
+    fn inner(&self) -> &Self::Inner {
+        &*self.0
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        self.0.exchange(accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        self.0.prepare(accesses, hold)
-    }
-
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
-        self.0.start(list, words)
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
-        self.0.finish(list, words)
-    }
-
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        self.0.write_all(accesses, words)
-    }
-
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        self.0.set_cycle(period, deadline);
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        self.0.board(effort)
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        self.0.statistics()
-    }
-}
-
-impl Clock for DynBus {
-    fn now(&mut self) -> Instant {
-        self.0.now()
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.0.wait(duration);
-    }
-
-    fn sleep(&mut self, duration: Duration) {
-        self.0.sleep(duration);
+    fn inner_mut(&mut self) -> &mut Self::Inner {
+        &mut *self.0
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::DynBus;
+    use crate::bus::{Access, BusError, Clock, RegisterBus, Reply};
+    use crate::time::Instant;
+    use core::time::Duration;
 
     const FAILURE: BusError = BusError::NotStarted;
 

@@ -14,6 +14,7 @@ mod fault;
 
 #[cfg(feature = "std")]
 mod host_clock;
+mod layer;
 mod list;
 mod pci_address;
 
@@ -23,6 +24,7 @@ pub use error::{BusError, BusErrorKind, CustomError, LinkError};
 pub use fault::Fault;
 #[cfg(feature = "std")]
 pub use host_clock::{HostClock, SPIN};
+pub use layer::{BusLayer, ClockedBus};
 pub use list::{AccessList, ListForm};
 pub use pci_address::{PciAddress, PciAddressError};
 
@@ -373,20 +375,6 @@ pub trait Clock {
     }
 }
 
-impl<C: Clock + ?Sized> Clock for &mut C {
-    fn now(&mut self) -> Instant {
-        (**self).now()
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        (**self).wait(duration);
-    }
-
-    fn sleep(&mut self, duration: Duration) {
-        (**self).sleep(duration);
-    }
-}
-
 /// A bus of 32-bit registers at 16-bit byte addresses.
 ///
 /// A bus without packets implements [`exchange`](Self::exchange) alone:
@@ -422,7 +410,8 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// # Ok::<(), BusError>(())
 /// ```
 ///
-/// A driver also needs the bus to be a [`Clock`]. A `&mut B` is a bus as well.
+/// A driver also needs the bus to be a [`Clock`]. A `&mut B` of such a bus is one as well. What
+/// changes a part of another bus is a [`BusLayer`].
 ///
 /// # Real time
 /// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: the
@@ -492,7 +481,7 @@ pub trait RegisterBus {
 
     /// Identifies the board that answers. A driver compares it with the board of its start before
     /// it writes the set-up again. A bus behind which the board can be exchanged implements this
-    /// method, and a wrapper around another bus passes the call on.
+    /// method, and a [`BusLayer`] passes the call on.
     ///
     /// # Errors
     /// Errors of an exchange.
@@ -516,43 +505,5 @@ pub trait RegisterBus {
     /// Writes one register.
     fn write(&mut self, address: u16, value: u32) -> Result<(), BusError> {
         self.exchange(&[Access::write(address, 0, 1)], &mut [value])
-    }
-}
-
-impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
-    fn can_hold(&self) -> bool {
-        (**self).can_hold()
-    }
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        (**self).exchange(accesses, words)
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        (**self).prepare(accesses, hold)
-    }
-
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
-        (**self).start(list, words)
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
-        (**self).finish(list, words)
-    }
-
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        (**self).write_all(accesses, words)
-    }
-
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        (**self).set_cycle(period, deadline);
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        (**self).board(effort)
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        (**self).statistics()
     }
 }

@@ -2,10 +2,7 @@
 
 use std::time::Duration;
 
-use mesa_hal::bus::{
-    Access, AccessList, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Effort, Hold,
-    Instant, RegisterBus, Reply,
-};
+use mesa_hal::bus::{BusError, BusErrorKind, BusLayer, ClockedBus};
 use mesa_hal::ethernet::Lbp16Board;
 use mesa_hal::transport::udp::UdpBus;
 use mesa_pci::PciBus;
@@ -22,17 +19,6 @@ pub enum Bus {
     Pci(Box<PciBus>),
     /// A simulated board on the PCI bus, in this program.
     Embedded(EmbeddedPci),
-}
-
-/// Calls a function of the bus inside.
-macro_rules! with {
-    ($this:expr, $bus:ident => $call:expr) => {
-        match $this {
-            Bus::Ethernet($bus) => $call,
-            Bus::Pci($bus) => $call,
-            Bus::Embedded($bus) => $call,
-        }
-    };
 }
 
 /// A request for the Ethernet side of a board that has none.
@@ -64,55 +50,23 @@ impl Bus {
     }
 }
 
-impl RegisterBus for Bus {
-    fn can_hold(&self) -> bool {
-        with!(self, bus => bus.can_hold())
+impl BusLayer for Bus {
+    type Inner = dyn ClockedBus;
+
+    fn inner(&self) -> &Self::Inner {
+        match self {
+            Self::Ethernet(bus) => &**bus,
+            Self::Pci(bus) => &**bus,
+            Self::Embedded(bus) => bus,
+        }
     }
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        with!(self, bus => bus.exchange(accesses, words))
-    }
-
-    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<AccessList, BusError> {
-        with!(self, bus => bus.prepare(accesses, hold))
-    }
-
-    fn start(&mut self, list: &AccessList, words: &[u32]) -> Result<(), BusError> {
-        with!(self, bus => bus.start(list, words))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, BusError> {
-        with!(self, bus => bus.finish(list, words))
-    }
-
-    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
-        with!(self, bus => bus.write_all(accesses, words))
-    }
-
-    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
-        with!(self, bus => bus.set_cycle(period, deadline));
-    }
-
-    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, BusError> {
-        with!(self, bus => bus.board(effort))
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        with!(self, bus => bus.statistics())
-    }
-}
-
-impl Clock for Bus {
-    fn now(&mut self) -> Instant {
-        with!(self, bus => bus.now())
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        with!(self, bus => bus.wait(duration));
-    }
-
-    fn sleep(&mut self, duration: Duration) {
-        with!(self, bus => bus.sleep(duration));
+    fn inner_mut(&mut self) -> &mut Self::Inner {
+        match self {
+            Self::Ethernet(bus) => &mut **bus,
+            Self::Pci(bus) => &mut **bus,
+            Self::Embedded(bus) => bus,
+        }
     }
 }
 
