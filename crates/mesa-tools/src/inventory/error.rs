@@ -5,6 +5,9 @@ use mesa_hal::bus::BusError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::sslbp::PortError;
 
+/// Result of a step of an inventory.
+pub(super) type Taken<T> = Result<T, InventoryError>;
+
 /// Error of an inventory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

@@ -4,6 +4,7 @@
 //! With the feature `serde` all types here implement `Serialize`; `mesa info --json` prints them.
 
 mod error;
+mod remote;
 mod setup_position;
 mod take;
 pub(crate) mod terminals;

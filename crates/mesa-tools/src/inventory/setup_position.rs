@@ -5,7 +5,8 @@ use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, Port};
 
 use super::InventoryRemote;
-use super::take::{Taken, take_remote};
+use super::error::Taken;
+use super::remote::take_remote;
 use crate::setup::SETUP_BAUD_RATE;
 
 /// Asks silent channels at the baud rate of the setup position, and takes the remotes that answer

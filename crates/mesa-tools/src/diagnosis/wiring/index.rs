@@ -3,9 +3,8 @@
 
 use core::time::Duration;
 
-use super::{
-    InputRequest, PointKind, Track, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict,
-};
+use super::request::InputRequest;
+use super::{PointKind, Track, WiringCheck, WiringJudgement, WiringMessage, WiringVerdict};
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, PinId};
 
@@ -13,15 +12,6 @@ use mesa_hal::hal::{AnyValue, PinId};
 const AGAIN: Duration = Duration::from_millis(500);
 /// Counts that make a movement: an encoder that stands on an edge shows one count to and fro.
 const STANDS: f64 = 2.0;
-
-/// State of a requested index.
-#[derive(Debug, Default)]
-pub(super) struct IndexLatch {
-    /// Time of the last arming request.
-    requested: Option<Instant>,
-    /// Position of the encoder when the latch was armed.
-    from: Option<AnyValue>,
-}
 
 impl WiringCheck {
     /// Returns the next `index-enable` to set, and its value: on to arm the latch of an index, and

@@ -32,6 +32,7 @@
 mod index;
 mod movement;
 mod points;
+mod request;
 #[cfg(test)]
 mod tests;
 mod track;
@@ -39,7 +40,7 @@ mod track;
 use core::time::Duration;
 use std::collections::{BTreeSet, VecDeque};
 
-use self::index::IndexLatch;
+use self::request::{IndexLatch, InputRequest};
 use self::track::Track;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, PinId};
@@ -140,22 +141,6 @@ pub struct WiringCheck {
     news: VecDeque<WiringMessage>,
     /// Pending `index-enable` settings: pin and value.
     requests: VecDeque<(PinId, bool)>,
-}
-
-#[derive(Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
-struct InputRequest {
-    point: usize,
-    /// Time since when the input can be actuated.
-    ready: Option<Instant>,
-    /// True once the invalid value has been reported.
-    is_invalid: bool,
-    /// True once the held level has been reported.
-    is_held: bool,
-    has_changed: bool,
-    dithers: bool,
-    others: Vec<usize>,
-    latch: IndexLatch,
 }
 
 impl WiringCheck {
