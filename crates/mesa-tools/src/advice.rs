@@ -23,7 +23,7 @@ use mesa_hal::{Advice, CycleError, DriverError, Remark};
 use crate::inventory::InventoryError;
 use crate::passive::PassiveError;
 use crate::setup::update::UpdateError;
-use crate::setup::{SerialCabinetError, SerialError};
+use crate::setup::{CabinetError, RestoreError, SerialCabinetError, SerialError};
 
 /// The text for a user of the command line; `None` if there is nothing to do there.
 ///
@@ -98,6 +98,10 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
     if let Some(error) = error.downcast_ref::<BusError>() {
         return error.advice().map(Advice::Bus);
     }
+    // An error with the text of the one inside, whose advice it has too.
+    if let Some(RestoreError::Cabinet(error)) = error.downcast_ref::<RestoreError<CabinetError>>() {
+        return error.advice();
+    }
     first_of!(
         error,
         DriverError,
@@ -111,6 +115,8 @@ pub fn advice_of(error: &(dyn Error + 'static)) -> Option<Advice> {
         UpdateError<PortError>,
         UpdateError<SerialError>,
         SerialCabinetError,
+        CabinetError,
+        RestoreError<CabinetError>,
         ParameterError<Infallible>,
         PinError,
         RegisterError,

@@ -10,6 +10,7 @@
 //! Nothing here is for the cycle. All operations are bounded.
 
 mod cabinet;
+mod cabinet_error;
 mod firmware;
 mod serial;
 mod serial_error;
@@ -21,6 +22,7 @@ pub use cabinet::{
     SavedCabinet, SavedOrigin, SavedRemote, SavedValue, SerialCabinet, SerialCabinetError,
     parse_value,
 };
+pub use cabinet_error::CabinetError;
 pub use firmware::{FirmwareError, FirmwareFile};
 pub use mesa_hal::lbp::RemoteLink;
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};

@@ -2,30 +2,10 @@
 //!
 //! The work is done by libraries; this binary has the arguments, texts and screens.
 
-mod address;
-mod bus;
+mod board;
 mod commands;
-mod completion;
-mod computer;
-mod consent;
-mod context;
-mod date;
-mod files;
-mod full_screen;
-mod hurry;
-mod link;
-mod look;
-mod modes;
-mod number;
-mod output;
-mod pattern;
-mod picture;
-mod place;
-mod reason;
-mod running;
-mod sim;
-mod simulated;
-mod target;
+mod machine;
+mod ui;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -34,10 +14,11 @@ use clap::builder::styling::Styles;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
-use commands::{Command, GROUPS, Group};
-use context::{Context, Ending, Failure};
-use hurry::Hurry;
+use commands::{Command, GROUPS, Group, completion};
 use mesa_hal::runner::Stop;
+use ui::context::{Context, Ending, Failure};
+use ui::hurry::Hurry;
+use ui::output;
 
 /// Find, inspect, test, set up and simulate Mesa Electronics' motion I/O boards
 #[derive(Debug, Parser)]
@@ -166,7 +147,7 @@ fn ended(ending: Ending, is_json: bool) -> ExitCode {
 }
 
 fn main() -> ExitCode {
-    completion::answer();
+    completion::answer(command_line);
     let cli = command_line().try_get_matches();
     let cli = match cli.and_then(|mut found| Cli::from_arg_matches_mut(&mut found)) {
         Ok(cli) => cli,

@@ -8,10 +8,11 @@ use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use mesa_hal::transport::network::{Network, NetworkPath};
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::consent::Plan;
-use crate::context::{Context, Ending, Failure, told};
-use crate::target::ChangedTarget;
+use crate::board::bus::Bus;
+use crate::board::changed::ChangedTarget;
+use crate::board::consent::Plan;
+use crate::ui::context::{Context, Ending, Failure};
+use mesa_tools::advice::told;
 
 const AFTER_HELP: &str = "\
 Without IP and --netmask, prints the addresses and changes nothing. The board uses the address of

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 use mesa_hal::ethernet::{EthernetBoard, LedMode, LedTime};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
-use crate::target::ChangedTarget;
+use crate::board::changed::ChangedTarget;
+use crate::ui::context::{Context, Ending, Failure};
 
 const AFTER_HELP: &str = "\
 Without MODE, prints the current modes and changes nothing.

@@ -7,9 +7,9 @@ use clap::Args;
 use clap_complete::Shell;
 
 use crate::command_line;
-use crate::completion;
-use crate::context::{Context, Ending, Failure};
-use crate::output::say;
+use crate::commands::completion;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output::say;
 
 /// Print the completions of a shell
 ///

@@ -1,5 +1,6 @@
 //! The commands, each in its own file or folder: arguments, action and output.
 
+pub mod completion;
 mod doctor;
 mod flash;
 mod hal;
@@ -9,7 +10,6 @@ mod latency;
 mod led;
 mod list;
 mod manual;
-mod named;
 pub mod param;
 mod pins;
 mod raw;
@@ -18,15 +18,14 @@ mod report;
 mod restart;
 mod scope;
 pub mod set;
-mod slow_watchdog;
+mod sim;
 mod update;
 mod watch;
 mod wiring;
 
 use clap::Subcommand;
 
-use crate::context::{Context, Ending, Failure};
-use crate::sim;
+use crate::ui::context::{Context, Ending, Failure};
 
 #[derive(Debug, Subcommand)]
 pub enum Command {

@@ -12,14 +12,14 @@ use mesa_hal::transport::udp::UdpConfig;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::context::{Context, Ending, Failure};
-use crate::modes::Modes;
-use crate::number;
-use crate::output::complain;
-use crate::pattern::Pattern;
-use crate::place;
-use crate::running;
-use crate::target::Target;
+use crate::board::modes::Modes;
+use crate::board::pattern::Pattern;
+use crate::board::place;
+use crate::board::running;
+use crate::board::target::Target;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::number;
+use crate::ui::output::complain;
 
 /// Period of the cycle.
 const PERIOD: Duration = Duration::from_millis(4);

@@ -9,10 +9,10 @@ use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
 use mesa_hal::transport::udp::PacketLink;
 use serde::Serialize;
 
-use crate::consent::{Asks, Plan};
-use crate::context::{Context, Ending, Failure};
-use crate::link::BoardLink;
-use crate::target::{Found, Target};
+use crate::board::consent::{Asks, Plan};
+use crate::board::link::BoardLink;
+use crate::board::target::{Found, Target};
+use crate::ui::context::{Context, Ending, Failure};
 use mesa_tools::Counted;
 
 const AFTER_HELP: &str = "\

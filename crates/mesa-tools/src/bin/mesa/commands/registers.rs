@@ -12,13 +12,15 @@ use mesa_hal::lbp16::{ElementSize, Space};
 use mesa_tools::passive::{PassiveError, Read, RegisterMap};
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::context::{Context, Ending, Failure, told};
-use crate::look;
-use crate::output;
-use crate::simulated::Passage;
-use crate::target::{ChangedTarget, Found, Target};
+use crate::board::bus::Bus;
+use crate::board::changed::ChangedTarget;
+use crate::board::look;
+use crate::board::target::{Found, Target};
+use crate::machine::embedded::Passage;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output;
 use mesa_hal::hostmot2::HostMot2;
+use mesa_tools::advice::told;
 
 const PLACES: &str = "\
 SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash registers, 32 bits),

@@ -12,11 +12,13 @@ use mesa_hal::ethernet::{AddressSource, Area, Counters, EthernetBoard, EthernetE
 use serde::Serialize;
 
 use super::flash::layout_of_board;
-use crate::address::BoardAddress;
-use crate::bus::Bus;
-use crate::context::{Context, Ending, Failure, told};
-use crate::output::complain;
-use crate::target::{ChangedTarget, Found};
+use crate::board::address::BoardAddress;
+use crate::board::bus::Bus;
+use crate::board::changed::ChangedTarget;
+use crate::board::target::Found;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Restart the network side of a board
 ///

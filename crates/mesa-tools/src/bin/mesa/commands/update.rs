@@ -16,11 +16,12 @@ use mesa_tools::setup::{FirmwareFile, RemoteLink, RemotePlace, SETUP_BAUD_RATE};
 use serde::Serialize;
 
 use super::param::cabinet::CabinetTarget;
-use crate::consent::{Asks, Plan};
-use crate::context::{Context, Ending, Failure, told};
-use crate::files;
-use crate::output::complain;
-use crate::target::Found;
+use crate::board::consent::{Asks, Plan};
+use crate::board::target::Found;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Limit for the size of a firmware file: more than any has.
 const MAX_BYTES: u64 = 4 << 20;

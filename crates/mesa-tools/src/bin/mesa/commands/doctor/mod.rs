@@ -24,14 +24,16 @@ use mesa_tools::diagnosis::{
 };
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::consent::{Asks, Plan};
-use crate::context::{Context, Ending, Failure, told};
-use crate::files;
-use crate::modes::Modes;
-use crate::output::{Tone, complain};
-use crate::running;
-use crate::target::{Found, Target};
+use crate::board::bus::Bus;
+use crate::board::consent::{Asks, Plan};
+use crate::board::modes::Modes;
+use crate::board::running;
+use crate::board::target::{Found, Target};
+use crate::ui::colours::Tone;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 const AFTER_HELP: &str = "\
 Reads files of this computer and registers of the board. Then starts the machine with all outputs

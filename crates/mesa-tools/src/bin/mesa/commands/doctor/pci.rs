@@ -13,8 +13,9 @@ use mesa_tools::diagnosis::{FigureVerdict, Finding};
 use serde::Serialize;
 
 use super::bite;
-use crate::bus::Bus;
-use crate::context::{Failure, told};
+use crate::board::bus::Bus;
+use crate::ui::context::Failure;
+use mesa_tools::advice::told;
 
 /// Time of a read from which on a bridge or power management is suspected.
 const SLOW: Duration = Duration::from_micros(5);

@@ -13,8 +13,8 @@ use mesa_tools::inventory::{self, ChannelContent, Inventory, InventoryData};
 use serde::Serialize;
 
 use super::pci::PciFacts;
-use crate::bus::Bus;
-use crate::context::Failure;
+use crate::board::bus::Bus;
+use crate::ui::context::Failure;
 
 /// All data of the report.
 #[derive(Debug, Serialize)]

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mesa_hal::ethernet::{EthernetBoard, EthernetError, FlashChange, FlashChip, SpiFlash};
 
-use crate::bus::Bus;
+use crate::board::bus::Bus;
 
 /// The flash chip of a board.
 #[derive(Debug)]

@@ -6,8 +6,8 @@ use mesa_hal::hostmot2::HostMot2;
 
 use mesa_tools::diagnosis::board::has_name;
 
-use crate::bus::Bus;
-use crate::context::told;
+use crate::board::bus::Bus;
+use mesa_tools::advice::told;
 
 /// Size of an Efinix T20 in an IDROM, in kgates. The boards with a known layout have an XC6SLX9: 9.
 const EFINIX_T20: u32 = 20;

@@ -1,5 +1,6 @@
 //! `mesa flash`: flash memory with the FPGA's configurations.
 
+mod access;
 mod chip;
 mod layout;
 mod progress;
@@ -7,22 +8,21 @@ mod report;
 mod restore;
 mod write;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use mesa_hal::boards::FlashLayout;
-use mesa_hal::ethernet::{Area, Bitfile, BitfileError, EthernetError, Flash as Chip};
-use mesa_hal::lbp16::registers::flash::{PAGE, SECTOR};
+use mesa_hal::ethernet::{Area, Bitfile, EthernetError, Flash as Chip};
+use mesa_hal::lbp16::registers::flash::PAGE;
 
-use crate::bus::Bus;
-use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure, told};
-use crate::files;
-use crate::output::complain;
-use crate::target::{ChangedTarget, Found, Target};
+use crate::board::consent::Asks;
+use crate::board::target::Target;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use access::{LONGEST, area, open, parse, written};
 use chip::BoardChip;
 use progress::Bar;
-use report::{About, Name, Report, Written};
+use report::{About, Report, Written};
 use restore::Restore;
 use write::Write;
 
@@ -41,9 +41,6 @@ Example:
 /// fewer is damaged.
 const DAMAGED: usize = 4;
 
-/// Limit for the size of a file: more than any bitfile or backup has.
-const LONGEST: u64 = 32 << 20;
-
 /// Back up, write, verify and restore the FPGA's configurations in flash memory
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
@@ -58,17 +55,6 @@ enum Command {
     Write(Write),
     Verify(Verify),
     Restore(Restore),
-}
-
-/// Target board of a command that writes to its flash memory.
-#[derive(Debug, Args)]
-struct Change {
-    #[command(flatten)]
-    target: ChangedTarget,
-    /// Allow the user area to be written without a fallback. If that is cut off, only a JTAG
-    /// programmer helps
-    #[arg(long)]
-    without_fallback: bool,
 }
 
 /// Read the whole memory into a file
@@ -221,74 +207,5 @@ impl Verify {
             return error.into();
         };
         Failure::refused(what)
-    }
-}
-
-impl Change {
-    fn open<'a>(&self, bus: &'a mut Bus, found: &Found) -> Result<Chip<BoardChip<'a>>, Failure> {
-        let mut flash = open(bus, found)?;
-        if self.without_fallback {
-            flash.without_fallback();
-        }
-        Ok(flash)
-    }
-}
-
-/// True if the user area is to be erased, and there is nothing else to start from.
-fn is_alone(flash: &mut Chip<BoardChip<'_>>, areas: &[Written]) -> Result<bool, Failure> {
-    let is_user = areas.iter().any(|part| part.area == Some(Name::User));
-    Ok(is_user && !flash.begins(Area::Fallback)?)
-}
-
-/// Warning if there is nothing else to start from.
-fn risk(is_alone: bool) -> &'static str {
-    if is_alone {
-        ". There is no fallback: if this is cut off, only a JTAG programmer helps"
-    } else {
-        ""
-    }
-}
-
-/// Opens the flash memory of a board; fails if its layout is not known.
-fn open<'a>(bus: &'a mut Bus, found: &Found) -> Result<Chip<BoardChip<'a>>, Failure> {
-    let layout = layout::of_board(bus).map_err(|why| {
-        Failure::refused(format_args!(
-            "{}: {why}; nothing is read or written",
-            found.address
-        ))
-    })?;
-    Ok(Chip::open(BoardChip::of(bus), *layout)?)
-}
-
-/// Parses a bitfile. A backup of a whole memory is named as such.
-fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Bitfile<'a>, Failure> {
-    Bitfile::parse(bytes).map_err(|error| {
-        let (path, len) = (path.display(), bytes.len());
-        let is_image = matches!(
-            error,
-            BitfileError::NoMark | BitfileError::Multiboot { .. }
-        );
-        if is_image && layout::is_whole(len) {
-            return Failure::refused(format_args!(
-                "{path}: not a bitfile: its {len} bytes are a backup of a whole memory; `mesa flash \
-                 restore` writes it back, `mesa flash verify` without --fallback compares it"
-            ));
-        }
-        Failure::refused(format_args!("{path}: {}", told(&error)))
-    })
-}
-
-fn area(fallback: bool) -> Area {
-    if fallback { Area::Fallback } else { Area::User }
-}
-
-/// Part of an area that a bitfile takes, in whole sectors.
-fn written(layout: &FlashLayout, area: Area, bitfile: &Bitfile<'_>) -> Written {
-    let start = layout.addresses(area).start;
-    let sectors = bitfile.configuration.len().div_ceil(SECTOR) * SECTOR;
-    Written {
-        area: Some(area.into()),
-        start,
-        end: start + sectors as u32,
     }
 }

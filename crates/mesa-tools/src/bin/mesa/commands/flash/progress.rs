@@ -7,8 +7,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::ethernet::FlashStep;
 
 use super::report::{Name, Written};
-use crate::context::{Context, Failure, told};
-use crate::output::complain;
+use crate::ui::context::{Context, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Progress bar on standard error; hidden if that is not a terminal.
 pub struct Bar(ProgressBar);

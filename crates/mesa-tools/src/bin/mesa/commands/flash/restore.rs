@@ -4,14 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::access::{Change, LONGEST, is_alone, risk};
 use super::progress::{Bar, Progress};
 use super::report::{Name, Report, Written};
-use super::{Change, LONGEST, is_alone, risk};
-use crate::consent::Plan;
-use crate::context::{Context, Ending, Failure, told};
-use crate::files;
-use crate::output::complain;
-use crate::target::Found;
+use crate::board::consent::Plan;
+use crate::board::target::Found;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Write a backup of the whole memory back, where it differs
 ///

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use mesa_hal::ethernet::{Area, EthernetError, Flash as Chip};
 
+use super::access::{Change, LONGEST, area, is_alone, parse, risk, written};
 use super::chip::BoardChip;
 use super::progress::Progress;
 use super::report::{About, Name, Report, Written};
-use super::{Change, LONGEST, area, is_alone, parse, risk, written};
-use crate::consent::Plan;
-use crate::context::{Context, Ending, Failure};
-use crate::files;
+use crate::board::consent::Plan;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
 
 /// Write a configuration and verify it
 ///

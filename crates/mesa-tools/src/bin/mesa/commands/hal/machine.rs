@@ -11,13 +11,13 @@ use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sslbp::{MAX_CHANNELS, PortLayout};
 use mesa_tools::advice::with_advice;
 
-use super::super::named;
-use super::super::set::{Hazard, hazard};
-use crate::address::BoardAddress;
-use crate::bus::Bus;
-use crate::context::Failure;
-use crate::pattern::Pattern;
-use crate::place;
+use crate::board::address::BoardAddress;
+use crate::board::bus::Bus;
+use crate::board::hazard::{Hazard, hazard};
+use crate::board::named;
+use crate::board::pattern::Pattern;
+use crate::board::place;
+use crate::ui::context::Failure;
 use mesa_pci::PciAddress;
 
 /// Pins of the board's own modules that a controller connects to, without the board's name.

@@ -12,13 +12,14 @@ use clap::{Args, ValueEnum};
 use mesa_hal::{Board, Settings};
 use serde::Serialize;
 
-use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure, told};
-use crate::files;
-use crate::modes::Modes;
-use crate::output::complain;
-use crate::target::Target;
+use crate::board::consent::Asks;
+use crate::board::modes::Modes;
+use crate::board::target::Target;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
 use machine::{Axes, Machine};
+use mesa_tools::advice::told;
 
 const AFTER_HELP: &str = "\
 The files: machine.ini, with the first steps and the values to set (marked TODO); board.hal, the

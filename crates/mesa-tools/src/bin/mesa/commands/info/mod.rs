@@ -14,10 +14,11 @@ use mesa_hal::ethernet::EthernetBoard;
 use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure, told};
-use crate::modes::Modes;
-use crate::output::complain;
-use crate::target::{self, Target};
+use crate::board::modes::Modes;
+use crate::board::target::{self, Target};
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 const AFTER_HELP: &str = "\
 Stops the serial ports and turns all pins into inputs: on a running machine use --passive. A board

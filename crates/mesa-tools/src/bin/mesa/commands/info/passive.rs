@@ -8,9 +8,9 @@ use mesa_tools::passive::{PassiveInventory, PassivePort};
 use serde::Serialize;
 
 use super::text::{print_ethernet, print_firmware, print_verdict};
-use crate::context::{Context, Ending, Failure};
-use crate::look;
-use crate::target::Found;
+use crate::board::look;
+use crate::board::target::Found;
+use crate::ui::context::{Context, Ending, Failure};
 
 /// Inventory of a board that another program drives: `info_passive` in the schema.
 #[derive(Debug, Serialize)]

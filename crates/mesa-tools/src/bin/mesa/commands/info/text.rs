@@ -12,7 +12,7 @@ use mesa_tools::inventory::{
 };
 
 use super::Found;
-use crate::output::Tone;
+use crate::ui::colours::Tone;
 use mesa_tools::Counted;
 
 impl Display for Found {

@@ -5,33 +5,12 @@ use std::time::Duration;
 use mesa_hal::driver::Pace;
 use mesa_hal::runner::{Latency as Recorder, RateVerdict};
 use mesa_tools::Counted;
-use mesa_tools::diagnosis::{Host, Packets, ThreadSettings};
+use mesa_tools::diagnosis::Packets;
 
 use super::measure::Measured;
-
-/// Settings of the thread of the cycle, and of this computer, that decide how late cycles are.
-#[derive(Clone, Debug, Default)]
-pub struct Setting {
-    /// `None` if it cannot be read.
-    pub thread: Option<ThreadSettings>,
-    /// CPUs of the computer.
-    pub cpus: usize,
-    pub isolated: Vec<usize>,
-    pub has_realtime_kernel: bool,
-}
+use super::setting::Setting;
 
 impl Setting {
-    /// Settings of the calling thread.
-    pub fn now() -> Self {
-        let host = Host::here();
-        Self {
-            thread: host.thread(),
-            cpus: host.cpus().map_or(0, |cpus| cpus.len()),
-            isolated: host.isolated().unwrap_or_default(),
-            has_realtime_kernel: host.is_realtime() != Some(false),
-        }
-    }
-
     /// The options that the thread has not: neither given, nor from the program that started it.
     fn missing(&self) -> Vec<&'static str> {
         let Some(thread) = &self.thread else {
@@ -150,6 +129,8 @@ fn failed(count: u64, packets: &Packets) -> String {
 
 #[cfg(test)]
 mod tests {
+    use mesa_tools::diagnosis::ThreadSettings;
+
     use super::*;
 
     fn setting(priority: Option<u32>, cpus: &[usize], has_locked_memory: bool) -> Setting {

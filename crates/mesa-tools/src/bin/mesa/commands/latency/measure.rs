@@ -5,19 +5,35 @@ use std::time::Duration;
 
 use mesa_hal::bus::{BusStatistics, RegisterBus};
 use mesa_hal::driver::{DriverStatistics, Pace, RemoteState};
-use mesa_hal::runner::{Cycle, Latency as Recorder, RunStatistics, Runner};
+use mesa_hal::runner::{Cycle, Latency as Recorder, Realtime, RunStatistics, Runner};
 use mesa_hal::{Driver, Settings};
 use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
-use super::advice::Setting;
-use super::{Latency, without};
-use crate::bus::Bus;
-use crate::context::{Context, Failure, told};
-use crate::running;
+use super::setting::Setting;
+use crate::board::bus::Bus;
+use crate::board::modes::Modes;
+use crate::board::running;
+use crate::ui::context::{Context, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Cycles at the start that are not counted, while caches fill and the board's DPLL locks.
 const WARM_UP: u64 = 100;
+
+/// Cycles to measure, with all outputs off.
+pub struct Measurement {
+    /// Paces to measure, one after the other.
+    pub paces: &'static [Pace],
+    /// Cycles per second.
+    pub rate: u32,
+    /// Number of cycles to count at each pace.
+    pub cycles: u64,
+    pub modes: Modes,
+    pub realtime: Realtime,
+    /// True if the clock is polled before a cycle instead of sleeping.
+    pub is_spinning: bool,
+}
 
 /// Measurement at one pace.
 pub struct Measured {
@@ -102,11 +118,11 @@ impl Mark {
 }
 
 /// Measures at each pace, one after the other, in the calling thread.
-pub fn each(asked: &Latency, bus: Bus, context: &Context) -> Result<Vec<Measured>, Failure> {
-    asked.realtime().apply()?;
+pub fn each(asked: &Measurement, bus: Bus, context: &Context) -> Result<Vec<Measured>, Failure> {
+    asked.realtime.apply()?;
     let mut all: Vec<Measured> = Vec::new();
     let mut bus = Some(bus);
-    for &pace in asked.pace.each() {
+    for &pace in asked.paces {
         let Some(own) = bus.take().filter(|_| context.stop.signal().is_none()) else {
             break;
         };
@@ -123,7 +139,7 @@ pub fn each(asked: &Latency, bus: Bus, context: &Context) -> Result<Vec<Measured
 }
 
 fn one(
-    asked: &Latency,
+    asked: &Measurement,
     pace: Pace,
     bus: Bus,
     context: &Context,
@@ -133,12 +149,12 @@ fn one(
     let board = driver.name().to_owned();
     let mut recorder = Recorder::of(&driver);
     let mut runner = Runner::new(driver);
-    if !asked.spin {
+    if !asked.is_spinning {
         runner = runner.sleeping();
     }
     let (mut begin, mut end) = (Mark::default(), Mark::default());
     let mut offline = Vec::new();
-    let last = WARM_UP + asked.cycles();
+    let last = WARM_UP + asked.cycles;
     let ended = runner.run(|cycle| {
         if cycle.number >= WARM_UP {
             recorder.record(cycle);
@@ -173,7 +189,7 @@ fn one(
     Ok((measured, bus))
 }
 
-fn settings(asked: &Latency, pace: Pace) -> Settings {
+fn settings(asked: &Measurement, pace: Pace) -> Settings {
     let mut settings = Settings {
         period: Duration::from_secs(1) / asked.rate,
         pace,
@@ -189,4 +205,17 @@ fn cpu_time() -> Duration {
     let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanos = statistics.split(' ').next().and_then(|n| n.parse().ok());
     Duration::from_nanos(nanos.unwrap_or(0))
+}
+
+/// Reports a pace that could not be measured; the measurement at another pace is kept.
+fn without(pace: Pace, why: &Failure) {
+    complain(format_args!("mesa: paced by the {}: {why}", name(pace)));
+}
+
+/// Name of a pace on the command line.
+pub const fn name(pace: Pace) -> &'static str {
+    match pace {
+        Pace::Host => "host",
+        Pace::Board => "board",
+    }
 }

@@ -5,6 +5,7 @@ mod advice;
 mod measure;
 mod plot;
 mod report;
+mod setting;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,14 +15,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::driver::Pace;
 use mesa_hal::runner::Realtime;
 
-use crate::bus::Bus;
-use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
-use crate::modes::Modes;
-use crate::output::complain;
-use crate::simulated::Passage;
-use crate::target::Target;
-use measure::Measured;
+use crate::board::bus::Bus;
+use crate::board::consent::Asks;
+use crate::board::modes::Modes;
+use crate::board::target::Target;
+use crate::machine::embedded::Passage;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output::complain;
+use measure::{Measured, Measurement};
 use report::Report;
 
 const AFTER_HELP: &str = "\
@@ -107,7 +108,7 @@ impl Latency {
         }
         let found = self.target.find(context)?.pass_time(Passage::Host);
         let bus = found.open()?;
-        let measured = self.watched(|| measure::each(self, bus, context))?;
+        let measured = self.watched(|| measure::each(&self.measurement(), bus, context))?;
         let report = Report::of(self.rate, &measured);
         context.print(&report)?;
         let drawn = self
@@ -160,16 +161,19 @@ impl Latency {
         bar
     }
 
-    fn realtime(&self) -> Realtime {
-        Realtime {
-            priority: self.realtime,
-            lock_memory: self.lock_memory,
-            cpus: self.cpu.clone(),
+    fn measurement(&self) -> Measurement {
+        Measurement {
+            paces: self.pace.each(),
+            rate: self.rate,
+            cycles: (self.seconds * f64::from(self.rate)).round() as u64,
+            modes: self.modes.clone(),
+            realtime: Realtime {
+                priority: self.realtime,
+                lock_memory: self.lock_memory,
+                cpus: self.cpu.clone(),
+            },
+            is_spinning: self.spin,
         }
-    }
-
-    fn cycles(&self) -> u64 {
-        (self.seconds * f64::from(self.rate)).round() as u64
     }
 }
 
@@ -209,7 +213,7 @@ pub fn picture(
         spin: false,
         asks: Asks { yes: false },
     };
-    let measured = plain.watched(|| measure::each(&plain, bus, context))?;
+    let measured = plain.watched(|| measure::each(&plain.measurement(), bus, context))?;
     let report = Report::of(plain.rate, &measured);
     let svg = plot::svg(&report, &measured)?;
     let text = report.to_string();
@@ -217,17 +221,4 @@ pub fn picture(
         run.stopped.map_err(Failure::refused)?;
     }
     Ok(Picture { svg, text })
-}
-
-/// Reports a pace that could not be measured; the measurement at another pace is kept.
-fn without(pace: Pace, why: &Failure) {
-    complain(format_args!("mesa: paced by the {}: {why}", name(pace)));
-}
-
-/// Name of a pace on the command line.
-const fn name(pace: Pace) -> &'static str {
-    match pace {
-        Pace::Host => "host",
-        Pace::Board => "board",
-    }
 }

@@ -8,12 +8,12 @@ use mesa_hal::runner::{Histogram, RateJudgement};
 use mesa_tools::Counted;
 use plotters::prelude::*;
 
-use super::measure::Measured;
-use super::name;
+use super::measure::{Measured, name};
 use super::report::Report;
-use crate::context::Failure;
-use crate::picture::{self, Area, GREEN, GREY, RED, SMALL, TRACES, YELLOW, failed, text, tick};
-use crate::{computer, date, files};
+use crate::ui::context::Failure;
+use crate::ui::files;
+use crate::ui::picture::{self, Area, GREEN, GREY, RED, SMALL, TRACES, YELLOW, failed, text, tick};
+use crate::ui::stamp;
 
 /// Sizes, in pixels.
 const WIDTH: u32 = 1000;
@@ -54,8 +54,8 @@ pub fn svg(report: &Report, all: &[Measured]) -> Result<String, Failure> {
         picture::write(&header, &title, (14, 10), text(20, BLACK))?;
         let made = format!(
             "{}, {}",
-            computer::computer(),
-            date::on_paper(SystemTime::now())
+            stamp::computer(),
+            stamp::on_paper(SystemTime::now())
         );
         picture::write(&header, &made, (14, 38), text(SMALL, GREY))?;
         chart(&area, report.rate_hz, all)?;

@@ -8,8 +8,8 @@ use mesa_hal::runner::{Distribution, Histogram, RateJudgement};
 use mesa_tools::diagnosis::Packets;
 use serde::Serialize;
 
-use super::measure::{Mark, Measured, Offline};
-use super::{advice, name};
+use super::advice;
+use super::measure::{Mark, Measured, Offline, name};
 
 /// Rates to judge, in Hz.
 const RATES: [u32; 3] = [1000, 2000, 4000];

@@ -16,8 +16,8 @@ use mesa_hal::transport::network::Network;
 use mesa_hal::transport::search::{self, AddressResult};
 use serde::Serialize;
 
-use crate::context::{Context, Ending, Failure};
-use crate::output::complain;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::output::complain;
 use range::{MAX_ADDRESSES, Range};
 use why::Why;
 

@@ -6,8 +6,8 @@ use std::path::Path;
 use mesa_pci::PciDevice;
 use serde::Serialize;
 
-use crate::address::BoardAddress;
-use crate::context::{Context, Ending, Failure};
+use crate::board::address::BoardAddress;
+use crate::ui::context::{Context, Ending, Failure};
 
 /// The boards below a root: `list_pci` in the schema.
 #[derive(Debug, Serialize)]

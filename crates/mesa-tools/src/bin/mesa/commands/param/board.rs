@@ -10,10 +10,11 @@ use mesa_hal::{Board, Configured, DriverError, RemoteId, Settings};
 
 use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
 
-use crate::bus::Bus;
-use crate::context::{Failure, told};
-use crate::output::complain;
-use crate::target::Found;
+use crate::board::bus::Bus;
+use crate::board::target::Found;
+use crate::ui::context::Failure;
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 type BoardError = DriverError;
 

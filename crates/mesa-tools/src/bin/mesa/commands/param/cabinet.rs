@@ -3,20 +3,19 @@
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::DriverError;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::RemoteAccess;
 
 use mesa_tools::setup::{
-    Cabinet, CabinetRemote, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError,
-    SerialHost,
+    Cabinet, CabinetError, CabinetRemote, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialHost,
 };
 use serialport::SerialPort;
 
 use super::board::BoardCabinet;
-use crate::context::{Context, Failure, told};
-use crate::output::complain;
-use crate::target::{Found, Target};
+use crate::board::target::{Found, Target};
+use crate::ui::context::{Context, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Timeout of one read from a serial port.
 const READ: Duration = Duration::from_millis(10);
@@ -85,15 +84,6 @@ pub enum OpenCabinet {
     Board(Box<BoardCabinet>),
     /// The remote on a serial port.
     Serial(Box<SerialCabinet<Box<dyn SerialPort>>>),
-}
-
-/// Error of reading or writing a parameter.
-#[derive(Debug, thiserror::Error)]
-pub enum CabinetError {
-    #[error(transparent)]
-    Board(#[from] DriverError),
-    #[error(transparent)]
-    Serial(#[from] SerialCabinetError),
 }
 
 impl CabinetTarget {

@@ -15,11 +15,13 @@ use serde::Serialize;
 
 use super::cabinet::OpenCabinet;
 use super::{Where, warning};
-use crate::consent::{Asks, Plan};
-use crate::context::{Context, Ending, Failure, told};
-use crate::output::complain;
-use crate::target::Found;
-use crate::{date, files};
+use crate::board::consent::{Asks, Plan};
+use crate::board::target::Found;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use crate::ui::stamp;
+use mesa_tools::advice::told;
 
 /// Limit for the size of a file: more than any cabinet needs.
 const MAX_BYTES: u64 = 4 << 20;
@@ -108,7 +110,7 @@ impl Save {
             }
         };
         SavedOrigin {
-            date: date::utc(SystemTime::now()),
+            date: stamp::utc(SystemTime::now()),
             board,
             firmware,
             unit_numbers: saved.unit_numbers(),

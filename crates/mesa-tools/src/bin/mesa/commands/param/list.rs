@@ -10,7 +10,7 @@ use mesa_tools::setup::{Cabinet, CabinetRemote, ManualWord, SavedValue};
 use serde::Serialize;
 
 use super::{Where, go_on};
-use crate::context::{Context, Ending, Failure};
+use crate::ui::context::{Context, Ending, Failure};
 
 /// List all parameters of all remotes
 #[derive(Debug, Args)]

@@ -19,7 +19,7 @@ use mesa_tools::setup::{
     Cabinet, CabinetRemote, ManualWord, RemotePlace, SETUP_BAUD_RATE, parameter_named,
 };
 
-use crate::context::{Context, Ending, Failure};
+use crate::ui::context::{Context, Ending, Failure};
 use cabinet::{CabinetTarget, OpenCabinet};
 
 const AFTER_HELP: &str = "\

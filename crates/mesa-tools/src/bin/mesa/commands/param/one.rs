@@ -11,8 +11,9 @@ use serde::Serialize;
 use super::cabinet::OpenCabinet;
 use super::list::Shown;
 use super::{Named, NamedValue, Where, go_on, named, warning};
-use crate::consent::{Asks, Plan};
-use crate::context::{Context, Ending, Failure, told};
+use crate::board::consent::{Asks, Plan};
+use crate::ui::context::{Context, Ending, Failure};
+use mesa_tools::advice::told;
 
 /// Read one parameter
 #[derive(Debug, Args)]

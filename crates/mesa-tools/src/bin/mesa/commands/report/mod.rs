@@ -1,11 +1,11 @@
 //! `mesa report`: a page about a machine, for its file.
 
+mod attachment;
 mod html;
 mod page;
 mod wiring;
 
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -16,12 +16,13 @@ use serde::Serialize;
 
 use super::info;
 use super::latency::{self, Picture};
-use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure};
-use crate::modes::Modes;
-use crate::simulated::Passage;
-use crate::target::{Found, Target};
-use crate::{computer, date, files};
+use crate::board::consent::Asks;
+use crate::board::modes::Modes;
+use crate::board::target::{Found, Target};
+use crate::machine::embedded::Passage;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::stamp;
 use mesa_tools::Counted;
 use page::Page;
 use wiring::WiringReport;
@@ -39,9 +40,6 @@ at 1 kHz for that time, with all outputs off.
 Examples:
   mesa report cabinet.html --sim 7i92-7i77
   mesa report cabinet.html --wiring cabinet.json --seconds 10 --addr 10.10.10.10";
-
-/// Longest file that becomes a part of the page, in bytes.
-const LONGEST: u64 = 4 << 20;
 
 /// Write a page about a machine for its file: inventory, terminals, parameters, checks
 #[derive(Debug, Args)]
@@ -103,9 +101,9 @@ impl Report {
             return Err(Failure::stopped(signal, what));
         }
         let page = Page {
-            date: date::on_paper(SystemTime::now()),
+            date: stamp::on_paper(SystemTime::now()),
             address: address.to_string(),
-            host: &computer::computer(),
+            host: &stamp::computer(),
             inventory: &inventory,
             terminals: page::terminals(&pins),
             wiring: wiring.as_ref(),
@@ -133,7 +131,7 @@ impl Report {
 
 /// Reads a picture that becomes a part of the page.
 fn read_picture(path: &Path) -> Result<Picture, Failure> {
-    let svg = String::from_utf8(files::read(path, LONGEST)?).ok();
+    let svg = attachment::read(path)?;
     let svg = svg.filter(|svg| svg.trim_start().starts_with("<svg"));
     let svg = svg.ok_or_else(|| {
         let advice = "give the file of `mesa latency --plot`";
@@ -142,15 +140,8 @@ fn read_picture(path: &Path) -> Result<Picture, Failure> {
     })?;
     Ok(Picture {
         svg,
-        text: written_at(path),
+        text: attachment::written_at(path),
     })
-}
-
-/// Name of a file, and when it was written.
-fn written_at(path: &Path) -> String {
-    let modified = fs::metadata(path).and_then(|found| found.modified()).ok();
-    let modified = modified.map(|time| format!(", written {}", date::on_paper(time)));
-    format!("{}{}", path.display(), modified.unwrap_or_default())
 }
 
 impl Display for Written {

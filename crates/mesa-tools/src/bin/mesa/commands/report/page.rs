@@ -8,10 +8,10 @@ use mesa_tools::inventory::{
 
 use super::html::{Html, code, place as at, text};
 use super::wiring::WiringReport;
+use crate::board::place;
 use crate::commands::info;
 use crate::commands::latency::Picture;
-use crate::number;
-use crate::place;
+use crate::ui::number;
 use mesa_tools::Counted;
 
 const STYLE: &str = include_str!("style.css");

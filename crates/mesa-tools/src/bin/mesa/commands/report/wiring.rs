@@ -4,10 +4,9 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::attachment::{self, written_at};
 use super::html::{Html, code, text};
-use super::{LONGEST, written_at};
-use crate::context::Failure;
-use crate::files;
+use crate::ui::context::Failure;
 
 /// A report of a wiring check.
 #[derive(Debug)]
@@ -34,7 +33,7 @@ struct Judged {
 impl WiringReport {
     /// Reads a report: JSON, or text as it is.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let text = String::from_utf8(files::read(path, LONGEST)?).ok();
+        let text = attachment::read(path)?;
         let content = text.and_then(|text| match serde_json::from_str::<Value>(&text) {
             Ok(report) => Judged::of(&report).map(Content::Json),
             Err(_) => Some(Content::Text(text)).filter(|_| !is_json(path)),

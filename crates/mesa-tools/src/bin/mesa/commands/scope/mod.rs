@@ -22,14 +22,17 @@ use mesa_tools::Counted;
 use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
-use super::named;
-use crate::bus::Bus;
-use crate::consent::Asks;
-use crate::context::{Context, Ending, Failure, told};
-use crate::modes::Modes;
-use crate::output::complain;
-use crate::target::Target;
-use crate::{date, files, running};
+use crate::board::bus::Bus;
+use crate::board::consent::Asks;
+use crate::board::modes::Modes;
+use crate::board::named;
+use crate::board::running;
+use crate::board::target::Target;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::files;
+use crate::ui::output::complain;
+use crate::ui::stamp;
+use mesa_tools::advice::told;
 
 /// Timeout of a reply: a late cycle is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);
@@ -247,7 +250,7 @@ impl Scope {
             pin,
             level: self.level,
             edge: self.edge,
-            at: date::utc(SystemTime::now() - ago),
+            at: stamp::utc(SystemTime::now() - ago),
             cycle: trigger.map_or(0, |row| row.cycle),
         }
     }

@@ -7,8 +7,8 @@ use plotters::prelude::*;
 
 use super::table::times;
 use super::{Recording, TriggerMark};
-use crate::context::Failure;
-use crate::picture::{self, Area, GREY, RED, SMALL, TRACES, failed, text, tick};
+use crate::ui::context::Failure;
+use crate::ui::picture::{self, Area, GREY, RED, SMALL, TRACES, failed, text, tick};
 
 /// Sizes, in pixels.
 const WIDTH: u32 = 1000;

@@ -7,9 +7,9 @@ use std::time::Duration;
 use mesa_hal::Rounded;
 use mesa_hal::hal::PinInfo;
 
-use super::jog::{JogPlan, Progress};
-use crate::commands::named;
-use crate::output::{complain, status};
+use super::plan::{JogPlan, Progress};
+use crate::board::named;
+use crate::ui::output::{complain, status};
 
 /// Announcements that wait to be printed; those that find no room are left out.
 const ROOM: usize = 16;

@@ -5,17 +5,19 @@ use std::time::Duration;
 
 use mesa_hal::Driver;
 use mesa_hal::bus::{BusError, Instant};
-use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
+use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins, Role};
 use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
 
 use super::announcer::Announcer;
+use super::plan::{JogPlan, Progress, Step};
 use super::report::{Change, Inputs, Outcome, Report};
-use crate::bus::Bus;
-use crate::context::{Context, Failure, told};
-use crate::output::complain;
-use crate::reason::{self, Reason};
-use crate::running;
+use crate::board::bus::Bus;
+use crate::board::reason::{self, Reason};
+use crate::board::running;
+use crate::ui::context::{Context, Failure};
+use crate::ui::output::complain;
+use mesa_tools::advice::told;
 
 /// Time within which a machine that was just started must run.
 pub const PATIENCE: Duration = Duration::from_secs(5);
@@ -45,38 +47,6 @@ pub struct Jog {
     /// True once the output was confirmed to have its safe value again.
     is_safe: bool,
     failure: Option<Reason>,
-}
-
-/// Progress of a jog, as far as it is confirmed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Progress {
-    /// The output does not have its value yet.
-    Waiting,
-    /// The output has its value, for the time that is left.
-    Set { left: Duration },
-    /// The output has its safe value again.
-    Safe,
-}
-
-/// A jog to do.
-#[derive(Clone, Copy, Debug)]
-pub struct JogPlan {
-    /// The output, its value, and its safe value.
-    pub output: Step,
-    /// Time for which the output has its value.
-    pub time: Duration,
-    /// Time within which it must be possible to set the output; else it is not set at all.
-    pub patience: Duration,
-}
-
-/// A pin that is set for the time.
-#[derive(Clone, Copy, Debug)]
-pub struct Step {
-    pub pin: PinId,
-    /// Value during the time.
-    pub value: AnyValue,
-    /// Value before and after it.
-    pub safe: AnyValue,
 }
 
 /// Input that shows the level of the output at its terminal.
@@ -123,7 +93,7 @@ impl Jog {
         let groups = steps
             .iter()
             .filter_map(|s| Some(pins.info_of(s.pin)?.group));
-        let told = super::told(pins).into_iter().map(|pin| Told {
+        let told = reported_inputs(pins).into_iter().map(|pin| Told {
             pin,
             before: None,
             during: None,
@@ -442,4 +412,26 @@ fn level(driver: &Driver<Bus>, output: &Step) -> Option<Level> {
         expected: AnyValue::from(is_on != is_set(found.invert_output)),
         contradictions: 0,
     })
+}
+
+/// True for pins that show the effect of an output: inputs at terminals, and read-back of I/O pins.
+fn is_reported(info: &PinInfo) -> bool {
+    // Ends of names of pins that duplicate others.
+    let more = [
+        "-not",
+        "_not",
+        ".rawcounts",
+        ".velocity-rpm",
+        ".count-unsure",
+    ];
+    info.role == Role::Input
+        && !info.place.terminal.is_empty()
+        && !more.iter().any(|end| info.name.ends_with(end))
+}
+
+/// Inputs to report, in their order.
+fn reported_inputs(pins: &Pins) -> Vec<PinId> {
+    let ids = pins.ids();
+    let inputs = ids.filter(|&pin| pins.info_of(pin).is_some_and(is_reported));
+    inputs.collect()
 }

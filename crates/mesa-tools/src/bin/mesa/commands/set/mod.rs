@@ -2,28 +2,32 @@
 
 mod announcer;
 pub mod jog;
+pub mod plan;
 mod report;
 
 use std::fmt::Display;
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::hal::{HalType, PinId, PinInfo, Pins, Role};
+use mesa_hal::hal::PinInfo;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Board, Rounded, Settings};
 
-use super::named::{self, with_place};
-use super::slow_watchdog::SlowWatchdog;
-use crate::consent::{Asks, Plan};
-use crate::context::{self, Context, Ending, Failure};
-use crate::modes::Modes;
-use crate::number;
-use crate::output::complain;
-use crate::running;
-use crate::simulated::Passage;
-use crate::target::Target;
+use crate::board::consent::{Asks, Plan};
+use crate::board::hazard::{Hazard, hazard};
+use crate::board::modes::Modes;
+use crate::board::named::{self, with_place};
+use crate::board::running;
+use crate::board::slow_watchdog::SlowWatchdog;
+use crate::board::target::Target;
+use crate::machine::embedded::Passage;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::number;
+use crate::ui::output::complain;
 use announcer::Announcer;
-use jog::{Jog, JogPlan, Step};
+use jog::Jog;
+use mesa_tools::advice::told;
+use plan::{JogPlan, Step};
 
 /// Long, because nothing here is fast and the thread has no priority. Short enough to feed remotes,
 /// whose watchdogs have 50 ms.
@@ -102,7 +106,7 @@ impl Set {
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
         let value = named::value(&info, &self.value)?;
         info.check_settable(value)
-            .map_err(|error| Failure::usage(context::told(&error)))?;
+            .map_err(|error| Failure::usage(told(&error)))?;
         let enables = pins.enables(pin).filter_map(|pin| pins.info_of(pin));
         let infos: Vec<_> = enables.collect();
         self.allow(&info, &infos)?;
@@ -251,72 +255,6 @@ pub fn settings() -> Settings {
         watchdog: Some(WATCHDOG),
         ..Settings::default()
     }
-}
-
-/// Possible effect of a pin on a machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hazard {
-    /// Ordinary output.
-    None,
-    Analog,
-    DriveEnable,
-    Watchdog,
-    /// Not an output: changes how outputs or inputs work.
-    Making,
-}
-
-/// Classifies a pin by its name, because unknown remotes have enables as well; in doubt, as more
-/// hazardous.
-pub fn hazard(info: &PinInfo) -> Hazard {
-    let last = info.name.rsplit('.').next().unwrap_or_default();
-    let harmless = [
-        "index-enable",
-        "probe-enable",
-        "quad-error-enable",
-        "latch-enable",
-    ];
-    let is_enable = last.contains("ena") && !harmless.contains(&last);
-    let inverts = last.starts_with("invert") || last.ends_with("-invert");
-    let is_number = info.hal_type != HalType::Bit && info.role != Role::Input;
-    if info.name.contains(".watchdog.") {
-        Hazard::Watchdog
-    } else if info.role.is_param() || inverts || is_number && is_rate(&info.name) {
-        Hazard::Making
-    } else if is_enable {
-        Hazard::DriveEnable
-    } else if is_number || last.starts_with("analogout") {
-        Hazard::Analog
-    } else {
-        Hazard::None
-    }
-}
-
-/// True if a number sets the rate of a module of the board, not the value of an output.
-fn is_rate(name: &str) -> bool {
-    let modules = [".dpll.", ".encoder.", ".ssr.", ".inmux.", ".packet-"];
-    modules.iter().any(|module| name.contains(module))
-}
-
-/// True for pins that show the effect of an output: inputs at terminals, and read-back of I/O pins.
-fn is_told(info: &PinInfo) -> bool {
-    // Ends of names of pins that duplicate others.
-    let more = [
-        "-not",
-        "_not",
-        ".rawcounts",
-        ".velocity-rpm",
-        ".count-unsure",
-    ];
-    info.role == Role::Input
-        && !info.place.terminal.is_empty()
-        && !more.iter().any(|end| info.name.ends_with(end))
-}
-
-/// Pins to report, in their order.
-fn told(pins: &Pins) -> Vec<PinId> {
-    let ids = pins.ids();
-    let inputs = ids.filter(|&pin| pins.info_of(pin).is_some_and(is_told));
-    inputs.collect()
 }
 
 fn parse_time(text: &str) -> Result<Duration, String> {

@@ -7,8 +7,8 @@ use mesa_hal::hal::{AnyValue, PinInfo};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::commands::named;
-use crate::reason::Reason;
+use crate::board::named;
+use crate::board::reason::Reason;
 use mesa_tools::Counted;
 
 /// Outcome of a jog.

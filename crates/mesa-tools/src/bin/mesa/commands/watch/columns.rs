@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::view::shortened;
-use crate::full_screen::{SAMPLES, Trend, wrapped_text};
+use crate::ui::full_screen::{SAMPLES, Trend, wrapped_text};
 
 /// Columns in front of a pin, whose heading has none.
 const INDENT: usize = 1;

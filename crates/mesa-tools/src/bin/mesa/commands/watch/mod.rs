@@ -16,15 +16,15 @@ use mesa_hal::runner::{Runner, SnapshotReader};
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyEvent;
 
-use crate::bus::Bus;
-use crate::context::{Context, Ending, Failure};
-use crate::full_screen::{self, Screen, Wish};
-use crate::look;
-use crate::modes::Modes;
-use crate::output::complain;
-use crate::running::{self, Keeper};
-use crate::simulated::Passage;
-use crate::target::Target;
+use crate::board::bus::Bus;
+use crate::board::look;
+use crate::board::modes::Modes;
+use crate::board::running::{self, Keeper};
+use crate::board::target::Target;
+use crate::machine::embedded::Passage;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::full_screen::{self, Screen, Wish};
+use crate::ui::output::complain;
 use screen::Pins;
 
 const AFTER_HELP: &str = "\

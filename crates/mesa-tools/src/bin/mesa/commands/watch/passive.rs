@@ -11,12 +11,13 @@ use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
-use crate::context::{Context, Ending, Failure};
-use crate::full_screen::{self, Palette, Screen, Scroll, Wish, wrapped};
-use crate::look::{self, LookBus};
-use crate::output;
-use crate::pattern::Pattern;
-use crate::target::Found;
+use crate::board::look::{self, LookBus};
+use crate::board::pattern::Pattern;
+use crate::board::target::Found;
+use crate::ui::colours::Palette;
+use crate::ui::context::{Context, Ending, Failure};
+use crate::ui::full_screen::{self, Screen, Scroll, Wish, wrapped};
+use crate::ui::output;
 
 /// Columns of the indented parts of long lines.
 const INDENT: usize = 10;

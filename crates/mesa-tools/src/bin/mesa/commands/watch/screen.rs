@@ -14,8 +14,9 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line as TextLine, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph};
 
-use crate::full_screen::{Palette, Scroll, Trend, Wish, fitting, short_time, wrapped};
-use crate::place;
+use crate::board::place;
+use crate::ui::colours::Palette;
+use crate::ui::full_screen::{Scroll, Trend, Wish, fitting, short_time, wrapped};
 use mesa_tools::Counted;
 
 use super::columns::{Cells, Columns};

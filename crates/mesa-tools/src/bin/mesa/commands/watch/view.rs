@@ -4,10 +4,10 @@ use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
 use mesa_hal::runner::{RemoteSnapshot, Snapshot};
 
-use crate::context::told;
-use crate::full_screen::short_time;
-use crate::pattern::Pattern;
+use crate::board::pattern::Pattern;
+use crate::ui::full_screen::short_time;
 use mesa_tools::Counted;
+use mesa_tools::advice::told;
 
 /// A line of the list of pins.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,8 +7,8 @@ use mesa_hal::Driver;
 use mesa_hal::ethernet::Identity;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::date;
+use crate::board::bus::Bus;
+use crate::ui::stamp;
 
 /// Date of a check, and what identifies the machine.
 #[derive(Clone, Debug, Serialize)]
@@ -51,7 +51,7 @@ impl Head {
         });
         let name = driver.firmware().idrom.board().to_uppercase();
         Self {
-            date: date::utc(SystemTime::now()),
+            date: stamp::utc(SystemTime::now()),
             address: address.to_string(),
             board: identity.map_or_else(|| name.clone(), |identity| identity.card.clone()),
             mac: identity.map(|identity| identity.mac.to_string()),

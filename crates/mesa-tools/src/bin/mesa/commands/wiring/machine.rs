@@ -13,11 +13,12 @@ use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 
-use crate::bus::Bus;
-use crate::commands::set::jog::{Jog, JogPlan, Step};
-use crate::context::{Context, Failure};
-use crate::reason::{self, Reason};
-use crate::running::{self, Keeper};
+use crate::board::bus::Bus;
+use crate::board::reason::{self, Reason};
+use crate::board::running::{self, Keeper};
+use crate::commands::set::jog::Jog;
+use crate::commands::set::plan::{JogPlan, Step};
+use crate::ui::context::{Context, Failure};
 
 /// Time within which an output must become ready to be driven. Short, because the person who agreed
 /// to it is at the wires; long enough for a failed transfer and a late host.

@@ -9,11 +9,12 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::head::Head;
-use crate::commands::named;
+use crate::board::named;
+use crate::board::place;
+use crate::board::reason::{Reason, with_reason};
 use crate::commands::watch::view;
-use crate::context::Failure;
-use crate::reason::{Reason, with_reason};
-use crate::{files, place};
+use crate::ui::context::Failure;
+use crate::ui::files;
 use mesa_tools::Counted;
 
 /// A terminal to check.

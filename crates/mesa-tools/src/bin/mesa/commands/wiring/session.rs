@@ -12,10 +12,10 @@ use mesa_tools::diagnosis::wiring::{
 
 use super::machine::{self, Driven, Machine};
 use super::report::{Input, Item, Mark, Names, Not, Outcome, What, text};
-use crate::context::Context;
-use crate::output::complain;
-use crate::reason::Reason;
-use crate::sim::console;
+use crate::board::reason::Reason;
+use crate::ui::context::Context;
+use crate::ui::input;
+use crate::ui::output::complain;
 use mesa_tools::Counted;
 
 /// Interval of the checks of inputs, keys and signals.
@@ -34,7 +34,7 @@ pub struct Lines {
 impl Lines {
     pub fn of_standard_input(is_terminal: bool) -> Self {
         let (sender, lines) = sync_channel(1);
-        console::read_lines(move |line| sender.send(line.trim().to_owned()).is_ok());
+        input::read_lines(move |line| sender.send(line.trim().to_owned()).is_ok());
         Self { lines, is_terminal }
     }
 }

@@ -10,7 +10,7 @@ use mesa_hal::hal::{HalType, PinInfo, Role};
 
 use super::super::machine::{Joint, Machine, is_enable, remark};
 use super::signal;
-use crate::pattern::Pattern;
+use crate::board::pattern::Pattern;
 
 const HEAD: &str = "
 # Prepared lines. Each works where it stands without the `# ` in front of it. Inputs and outputs are examples:

@@ -4,8 +4,8 @@
 use std::time::Duration;
 
 use super::picture;
+use crate::board::running::Keeper;
 use crate::commands::watch::screen::Pins;
-use crate::running::Keeper;
 use mesa_hal::bus::{BusErrorKind, Fault};
 use mesa_hal::runner::SnapshotWriter;
 use mesa_hal::transport::Faulty;
@@ -106,7 +106,7 @@ impl Stage {
         let fpga = machines::six_axes_7i92(Motor::default());
         let mut settings = Settings {
             period: PERIOD,
-            watchdog: Some(crate::running::WATCHDOG),
+            watchdog: Some(crate::board::running::WATCHDOG),
             ..Settings::default()
         };
         settings.fault_policy.longest_backoff = Duration::from_millis(200);
