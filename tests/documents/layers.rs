@@ -73,6 +73,18 @@ fn a_layer_knows_only_those_below_it() {
     }
 }
 
+/// The folders of the command `mesa`, from the lowest up.
+const COMMAND: [&str; 4] = ["ui", "machine", "board", "commands"];
+
+#[test]
+fn a_folder_of_the_command_knows_only_those_below_it() {
+    let command = crate::root().join("crates/mesa-tools/src/bin/mesa");
+    for (number, folder) in COMMAND.into_iter().enumerate() {
+        let may_know = COMMAND.into_iter().take(number + 1).collect();
+        names_only(&command.join(folder), &may_know);
+    }
+}
+
 /// Checks that the sources of a layer name no other parts of their package than these layers.
 fn names_only(layer: &Path, may_know: &BTreeSet<&str>) {
     let mut files = Vec::new();

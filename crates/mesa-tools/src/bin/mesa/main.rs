@@ -161,6 +161,7 @@ fn main() -> ExitCode {
         }
     };
     let context = Context {
+        command_line,
         json: cli.json,
         hurry: Hurry::new(stop.clone()),
         stop,

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use clap::Args;
 use clap_complete::Shell;
 
-use crate::command_line;
 use crate::commands::completion;
 use crate::ui::context::{Context, Ending, Failure};
 use crate::ui::output::say;
@@ -50,7 +49,8 @@ pub struct Man {
 impl Man {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let made = fs::create_dir_all(&self.directory);
-        let written = made.and_then(|()| clap_mangen::generate_to(command_line(), &self.directory));
+        let command_line = (context.command_line)();
+        let written = made.and_then(|()| clap_mangen::generate_to(command_line, &self.directory));
         written.map_err(|error| {
             let (directory, advice) = (self.directory.display(), "name another directory");
             Failure::refused(format_args!("{directory}: {error}; {advice}")).advising(advice)

@@ -17,6 +17,8 @@ use crate::ui::output;
 /// Context of every command.
 #[derive(Debug)]
 pub struct Context {
+    /// Makes the command line, with the help of each command.
+    pub command_line: fn() -> clap::Command,
     /// True if results are printed as JSON, for programs.
     pub json: bool,
     /// Set by a signal that asks for the end.
