@@ -12,7 +12,7 @@ use crate::tally::Tally;
 ///
 /// The effect of a fault follows from its kind, see [`Fault`]: either the exchange is not executed
 /// at all, or it is executed and its reply is discarded. In both cases no word of the caller's
-/// buffer changes, as [`RegisterBus::exchange`] promises.
+/// buffer changes, as [`RegisterBus::exchange`](crate::bus::RegisterBus::exchange) promises.
 ///
 /// Exchanges are numbered from 0 on, prepared or not.
 ///

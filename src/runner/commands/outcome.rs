@@ -4,7 +4,8 @@ use alloc::boxed::Box;
 use core::fmt;
 use core::sync::atomic::{AtomicU64, Ordering};
 
-/// Outcome of a command: [`CommandSender::outcome`](super::CommandSender::outcome). `Display` is the rest of a sentence about it.
+/// Outcome of a command: [`CommandSender::outcome`](super::CommandSender::outcome). `Display` is the
+/// rest of a sentence about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -13,7 +14,7 @@ pub enum CommandOutcome {
     /// The cycle has not executed it yet.
     Waiting,
     /// It was executed. A group that was to be armed [as soon as it
-    /// runs](CommandSender::rearm_when_running) may still be awaited.
+    /// runs](super::CommandSender::rearm_when_running) may still be awaited.
     Done,
     /// Refused: the group of the output is not armed, so that the output has its safe value.
     NotArmed,
