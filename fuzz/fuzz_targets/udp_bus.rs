@@ -1,5 +1,6 @@
-//! Any calls of a bus over UDP, on a network that loses, repeats, delays, cuts and forges replies: the calls
-//! end, and unless a reply was forged, a word that is read is the board's answer to that request.
+//! Any calls of a bus over UDP, on a network that loses, repeats, delays, cuts and forges replies:
+//! the calls end, and unless a reply was forged, a word that is read is the board's answer to that
+//! request.
 
 #![no_main]
 

@@ -170,9 +170,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(())
     }
 
-    /// Reads a board that waits to be re-armed, without a write, so that its positions are followed and
-    /// stay exact: see [`faults`](crate::guides::faults), "Positions". For an application that neither
-    /// reads nor writes meanwhile, like the component for LinuxCNC. Returns true if the board was read.
+    /// Reads a board that waits to be re-armed, without a write, so that its positions are
+    /// followed and stay exact: see [`faults`](crate::guides::faults), "Positions". For an
+    /// application that neither reads nor writes meanwhile, like the component for LinuxCNC.
+    /// Returns true if the board was read.
     ///
     /// Inputs keep their values, which are not valid. A read that fails is neither counted nor reported,
     /// because the fault before it was; a reset that it finds is.

@@ -109,8 +109,8 @@ impl Settings {
         }
     }
 
-    /// Refuses to use more instances than a firmware has, and words for modules that it has and this
-    /// crate does not drive.
+    /// Refuses to use more instances than a firmware has, and words for modules that it has and
+    /// this crate does not drive.
     pub(super) fn check_firmware(&self, firmware: &HostMot2) -> Result<(), RegisterError> {
         self.check_words(firmware)?;
         for (&gtag, &count) in &self.instances {

@@ -5,91 +5,8 @@ use super::handle::Key;
 use super::pins::RestatedOutput;
 use super::rule::is_scale;
 use super::{
-    AnyValue, GroupId, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value,
+    AnyValue, GroupId, HalType, PinError, PinId, PinInfo, Pins, Reading, Role, ShortName, Value,
 };
-
-/// A pin or parameter of any kind and type. The default belongs to no store.
-///
-/// ```
-/// use mesa_hal::hal::{AnyValue, PinError, PinMaker, PinStore};
-/// # fn main() -> Result<(), PinError> {
-/// let mut store = PinStore::default();
-/// let group = store.add_group();
-/// let mut make = PinMaker::new(&mut store, group, "card.");
-/// make.output::<bool>("lamp", false)?;
-/// let lamp = store.id("card.lamp")?;
-/// store.set_any(lamp, AnyValue::from(true))?;
-/// assert_eq!(store.read_any(lamp).value.to_string(), "true");
-/// # Ok(())
-/// # }
-/// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct PinId(Key);
-
-impl PinId {
-    pub(super) const fn new(key: Key) -> Self {
-        Self(key)
-    }
-
-    pub(super) const fn key(self) -> Key {
-        self.0
-    }
-
-    /// Index of the pin or parameter in [`Pins::infos`].
-    pub const fn index(self) -> usize {
-        self.0.index as usize
-    }
-
-    /// The store and the index in one word, for a queue.
-    #[cfg(feature = "std")]
-    pub(crate) const fn to_word(self) -> u64 {
-        (self.0.store as u64) << 32 | self.0.index as u64
-    }
-
-    /// The pin or parameter from a word that [`to_word`](Self::to_word) returned.
-    #[cfg(feature = "std")]
-    pub(crate) const fn from_word(word: u64) -> Self {
-        Self(Key {
-            store: (word >> 32) as u32,
-            index: word as u32,
-        })
-    }
-
-    /// True if both belong to the same store.
-    #[cfg(feature = "std")]
-    pub(crate) const fn is_beside(self, other: Self) -> bool {
-        self.0.store == other.0.store
-    }
-
-    /// The pin or parameter with the given index in the same store.
-    #[cfg(feature = "std")]
-    pub(crate) const fn beside(self, index: u32) -> Self {
-        Self(Key {
-            store: self.0.store,
-            index,
-        })
-    }
-}
-
-#[cfg(feature = "std")]
-impl GroupId {
-    /// The store and the index in one word, for a queue.
-    pub(crate) const fn to_word(self) -> u64 {
-        PinId(self.0).to_word()
-    }
-
-    /// The group from a word that [`to_word`](Self::to_word) returned.
-    pub(crate) const fn from_word(word: u64) -> Self {
-        Self(PinId::from_word(word).0)
-    }
-}
-
-/// The pin or parameter of a handle, without its kind and type.
-impl<K, T> From<Handle<K, T>> for PinId {
-    fn from(handle: Handle<K, T>) -> Self {
-        Self(handle.key)
-    }
-}
 
 /// Pins whose type is known at run time only.
 impl Pins {
@@ -111,7 +28,7 @@ impl Pins {
     /// Searches in the sorted names; no allocation.
     pub fn find(&self, name: &str) -> Option<PinId> {
         let (index, _) = self.named(name)?;
-        Some(PinId(self.key(index)))
+        Some(PinId::new(self.key(index)))
     }
 
     /// True if a pin or parameter has the given name, as [`find`](Self::find).
@@ -127,12 +44,12 @@ impl Pins {
 
     /// All pins and parameters, in the order of [`infos`](Self::infos).
     pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
-        (0..self.infos.len() as u32).map(|index| PinId(self.key(index)))
+        (0..self.infos.len() as u32).map(|index| PinId::new(self.key(index)))
     }
 
     /// Description of a pin or parameter; `None` if it belongs to another store.
     pub fn info_of(&self, pin: PinId) -> Option<&PinInfo> {
-        self.infos.get(self.index(pin.0)?)
+        self.infos.get(self.index(pin.key())?)
     }
 
     /// The chain of enables that must be on for the value of an output to reach its terminal, step
@@ -170,11 +87,11 @@ impl Pins {
     /// Constant time, no allocation.
     pub fn read_any(&self, pin: PinId) -> Reading<AnyValue> {
         // The handle type serves only for the check: all values are kept as the same 64 bits.
-        let reading: Reading<u64> = self.read(super::Input::new(pin.0));
+        let reading: Reading<u64> = self.read(super::Input::new(pin.key()));
         let info = self.info_of(pin);
         let is_param = info.is_some_and(|info| info.role.is_param());
         let slot = self
-            .index(pin.0)
+            .index(pin.key())
             .and_then(|n| Some((n, self.slots.get(n)?)));
         let value = AnyValue {
             hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
@@ -237,7 +154,7 @@ impl Pins {
     /// [`read_any`](Self::read_any) needs.
     #[inline]
     pub fn bits_of(&self, pin: PinId) -> u64 {
-        let index = self.index(pin.0);
+        let index = self.index(pin.key());
         let slot = index.and_then(|index| Some(self.shown(index, self.slots.get(index)?)));
         slot.unwrap_or_else(|| {
             self.count_foreign();
@@ -251,7 +168,7 @@ impl Pins {
     /// As [`bits_of`](Self::bits_of).
     #[inline]
     pub fn valid_bits_of(&self, input: PinId) -> Option<u64> {
-        let (slot, group) = self.slot(input.0)?;
+        let (slot, group) = self.slot(input.key())?;
         (!slot.bad && self.is_valid(group)).then_some(slot.bits)
     }
 
@@ -271,7 +188,10 @@ impl Pins {
         let mut group = u32::MAX;
         let mut is_valid = false;
         for (input, target) in inputs {
-            let Some(slot) = self.index(input.0).and_then(|index| self.slots.get(index)) else {
+            let Some(slot) = self
+                .index(input.key())
+                .and_then(|index| self.slots.get(index))
+            else {
                 self.count_foreign();
                 continue;
             };
@@ -305,13 +225,13 @@ impl Pins {
     /// Constant time, no allocation; the description of an output is not needed.
     #[inline]
     pub fn set_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
-        let slot = self.index(pin.0);
+        let slot = self.index(pin.key());
         let slot = slot.and_then(|index| self.slots.get_mut(index));
         if let Some(slot) = slot
             && let Role::Output | Role::InOut = slot.role
         {
             if core::mem::replace(&mut slot.bits, bits) != bits {
-                self.changed(pin.0);
+                self.changed(pin.key());
             }
             return Ok(());
         }
@@ -342,7 +262,7 @@ impl Pins {
     /// that.
     #[cold]
     fn is_outdated(&mut self, pin: PinId, bits: u64) -> bool {
-        let Some(restated) = self.restated_mut(pin.0) else {
+        let Some(restated) = self.restated_mut(pin.key()) else {
             return false;
         };
         match restated.outdated {
@@ -369,7 +289,7 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn follows(&self, output: PinId) -> bool {
-        self.slot(output.0)
+        self.slot(output.key())
             .is_some_and(|(slot, group)| group.is_armed() || slot.exempt)
     }
 
@@ -395,7 +315,7 @@ impl Pins {
     #[cfg(feature = "std")]
     pub(crate) fn faults_against(&self, pin: PinId, value: AnyValue) -> Option<u64> {
         let info = self.info_of(pin)?;
-        let (slot, group) = self.slot(pin.0)?;
+        let (slot, group) = self.slot(pin.key())?;
         let is_output = matches!(info.role, Role::Output | Role::InOut);
         let bits = self.rules.get(slot.rule as usize)?.safe;
         // Compared as numbers: 0.0 and -0.0 are the same output.
@@ -412,9 +332,9 @@ impl Pins {
     ) -> Result<(), PinError> {
         let value = T::from_bits(value.bits);
         if role.is_param() {
-            return self.set_param(super::Param::new(pin.0), value);
+            return self.set_param(super::Param::new(pin.key()), value);
         }
-        self.set(super::Output::new(pin.0), value);
+        self.set(super::Output::new(pin.key()), value);
         Ok(())
     }
 }

@@ -218,7 +218,7 @@ impl<'a> PinMaker<'a> {
 
 /// Numbers of pins, rules, groups and parts at some moment.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PinMark {
+struct PinMark {
     pins: usize,
     rules: usize,
     groups: usize,
@@ -284,8 +284,26 @@ impl PinStore {
         same.map_or_else(|| Arc::new(place), Arc::clone)
     }
 
+    /// Makes pins, groups and parts as a whole: if `make` fails, the store has none of them.
+    pub(crate) fn as_a_whole<T, E>(
+        &mut self,
+        make: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let mark = PinMark {
+            pins: self.infos.len(),
+            rules: self.rules.len(),
+            groups: self.groups.len(),
+            parts: self.parts.len(),
+        };
+        let made = make(self);
+        if made.is_err() {
+            self.undo(mark);
+        }
+        made
+    }
+
     /// Removes all pins, groups and parts that were made since `mark`.
-    pub(crate) fn undo(&mut self, mark: PinMark) {
+    fn undo(&mut self, mark: PinMark) {
         let pins = &mut **self;
         let first = mark.pins as u32;
         pins.infos.truncate(mark.pins);
@@ -297,17 +315,6 @@ impl PinStore {
         pins.aliases.retain(|&(_, index)| index < first);
         for group in &mut pins.groups {
             group.outputs.retain(|&index| index < first);
-        }
-    }
-
-    /// Marks the pins, groups and parts so far, so that a set of pins is made as a whole or
-    /// [not at all](Self::undo).
-    pub(crate) fn mark(&self) -> PinMark {
-        PinMark {
-            pins: self.infos.len(),
-            rules: self.rules.len(),
-            groups: self.groups.len(),
-            parts: self.parts.len(),
         }
     }
 

@@ -9,8 +9,8 @@ use super::Gtag;
 pub struct CountedKind {
     /// LinuxCNC's name, as in the names of pins.
     pub name: &'static str,
-    /// LinuxCNC's word in `config=` for the number of instances; `None` for serial ports, which have
-    /// a word of another form.
+    /// LinuxCNC's word in `config=` for the number of instances; `None` for serial ports, which
+    /// have a word of another form.
     pub word: Option<&'static str>,
     /// The modules of this kind, whose instances are counted together; the first is the key in
     /// [`Settings::instances`](crate::Settings::instances).

@@ -17,8 +17,8 @@ pub(crate) struct BuiltIn {
     gtags: &'static [Gtag],
     /// Checks version and layout of a module.
     check: Check,
-    /// Registers all modules of the kind; `None` for those that the driver itself needs, and registers
-    /// at their place.
+    /// Registers all modules of the kind; `None` for those that the driver itself needs, and
+    /// registers at their place.
     pub register: Option<Register>,
     /// A board has a single module of the kind.
     is_single: bool,

@@ -43,7 +43,8 @@ pub trait Module: Any + fmt::Debug + Send {
     }
 
     /// Called before the first write when the application has changed the period of the cycle from
-    /// that of [`Registrar::settings`](super::Registrar::settings): [`Driver::set_period`](crate::Driver::set_period).
+    /// that of [`Registrar::settings`](super::Registrar::settings):
+    /// [`Driver::set_period`](crate::Driver::set_period).
     ///
     /// # Errors
     /// The module cannot work with this period; it is then called again with the period of before.
@@ -79,21 +80,21 @@ pub struct Outage {
     /// The board was reset or lost its power, or seems to have been: its registers may contain any
     /// value.
     pub was_reset: bool,
-    /// The watchdog has bitten, the board was reset, or a set-up has failed: for some time its pins were
-    /// inputs. A reset before a late packet can look like a bite.
+    /// The watchdog has bitten, the board was reset, or a set-up has failed: for some time its
+    /// pins were inputs. A reset before a late packet can look like a bite.
     pub has_released: bool,
     /// Another board, or another firmware, has answered meanwhile.
     pub was_replaced: bool,
     /// The last write before the bite, as far as it is known.
     pub(crate) last_feed: Option<LastFeed>,
-    /// The last read has shown a bite: a board that was reset, and then got a late packet of a set-up,
-    /// does not show one.
+    /// The last read has shown a bite: a board that was reset, and then got a late packet of a
+    /// set-up, does not show one.
     pub(crate) shows_bite: bool,
 }
 
 impl Outage {
-    /// True if the board has kept its set-up: only the bus was down. The set-up is then written again
-    /// without letting go of a pin.
+    /// True if the board has kept its set-up: only the bus was down. The set-up is then written
+    /// again without letting go of a pin.
     pub const fn has_kept_set_up(&self) -> bool {
         !self.was_reset && !self.has_released && !self.was_replaced
     }
@@ -121,8 +122,8 @@ pub struct ReadCycle<'a> {
     pub words: &'a Words,
     /// The store that takes the inputs.
     pub pins: &'a mut PinStore,
-    /// Time of the request: the registers were not read before. A host that is suspended between the
-    /// read and [`now`](Self::now) has old values.
+    /// Time of the request: the registers were not read before. A host that is suspended between
+    /// the read and [`now`](Self::now) has old values.
     pub asked: Instant,
     /// Time at which the registers were read: the arrival of the reply.
     pub now: Instant,

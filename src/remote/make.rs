@@ -20,7 +20,15 @@ use crate::hal::{
 use crate::hostmot2::RemoteId;
 
 impl RemotePins {
-    pub(super) fn make(
+    /// Makes the pins and parameters of the remote on a port and channel of `board`, in a separate
+    /// group. `plan` is that of the descriptor.
+    ///
+    /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
+    ///
+    /// # Errors
+    /// [`RemoteError`] with the element or parameter at fault; the store has none of the remote's
+    /// pins then.
+    pub fn new(
         pins: &mut PinStore,
         board: &str,
         id: RemoteId,
@@ -28,47 +36,49 @@ impl RemotePins {
         plan: &PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
-        let card = hal_card_name(&descriptor.name.to_string());
-        let mut remote = Self {
-            prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
-            group: pins.add_group(),
-            parameters: Vec::new(),
-            inputs: Vec::new(),
-            bit_inputs: Vec::new(),
-            counters: Vec::new(),
-            outputs: Vec::new(),
-        };
-        for &element in &plan.elements {
-            let Some(record) = descriptor.process_data.get(element.record) else {
-                debug_assert!(false, "the plan is of this descriptor");
-                continue;
+        pins.as_a_whole(|pins| {
+            let card = hal_card_name(&descriptor.name.to_string());
+            let mut remote = Self {
+                prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
+                group: pins.add_group(),
+                parameters: Vec::new(),
+                inputs: Vec::new(),
+                bit_inputs: Vec::new(),
+                counters: Vec::new(),
+                outputs: Vec::new(),
             };
-            let mut maker = Maker {
-                stem: format!("{}.{}", remote.prefix, hal_name(&record.name)),
-                pins,
-                remote: &mut remote,
-                element,
-                record,
-                known: table.and_then(|table| table.element(&record.name, record.direction)),
-            };
-            let made = maker.make();
-            let name = maker.stem;
-            made.map_err(|source| RemoteError {
-                name,
-                source: source.into(),
-            })?;
-        }
-        remote.link_enables(pins, table);
-        for record in &descriptor.parameters {
-            let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
-            let made = RemoteParameter::new(pins, remote.group, &name, record);
-            let made = made.map_err(|source| RemoteError {
-                name,
-                source: source.into(),
-            })?;
-            remote.parameters.extend(made);
-        }
-        Ok(remote)
+            for &element in &plan.elements {
+                let Some(record) = descriptor.process_data.get(element.record) else {
+                    debug_assert!(false, "the plan is of this descriptor");
+                    continue;
+                };
+                let mut maker = Maker {
+                    stem: format!("{}.{}", remote.prefix, hal_name(&record.name)),
+                    pins,
+                    remote: &mut remote,
+                    element,
+                    record,
+                    known: table.and_then(|table| table.element(&record.name, record.direction)),
+                };
+                let made = maker.make();
+                let name = maker.stem;
+                made.map_err(|source| RemoteError {
+                    name,
+                    source: source.into(),
+                })?;
+            }
+            remote.link_enables(pins, table);
+            for record in &descriptor.parameters {
+                let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
+                let made = RemoteParameter::new(pins, remote.group, &name, record);
+                let made = made.map_err(|source| RemoteError {
+                    name,
+                    source: source.into(),
+                })?;
+                remote.parameters.extend(made);
+            }
+            Ok(remote)
+        })
     }
 
     /// Links the outputs of the table to their enables.

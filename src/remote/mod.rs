@@ -1,7 +1,7 @@
 //! Remotes: conversion of a descriptor and process data to engineering values and pins.
 //!
-//! [`RemotePins`] makes the pins of any remote from its descriptor and its [`PackingPlan`];
-//! [`Scaling`] converts between the bits of an element and a value. Parameters are read and written
+//! [`RemotePins`] makes the pins of any remote from its descriptor and its
+//! [`PackingPlan`](crate::discovery::PackingPlan); [`Scaling`] converts between the bits of an element and a value. Parameters are read and written
 //! by their record: [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
 // Runs in the cycle.
@@ -16,7 +16,6 @@ mod parameter;
 mod scaling;
 
 use crate::advice::Advice;
-use crate::hostmot2::RemoteId;
 use crate::sslbp::Channel;
 pub use baud_rate::{BAUD_RATE_PARAMETER, operate_baud_rate};
 pub(crate) use parameter::ParameterWrite;
@@ -29,13 +28,12 @@ use alloc::vec::Vec;
 
 use self::binding::{Binding, BitInputs};
 use self::counter::CounterPins;
-use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable};
 use crate::hal::{GroupId, PinError, PinStore};
 
 /// The pins of a remote, and the transfer of their values from and to the interface registers.
 ///
 /// The pins are made from the remote's own descriptor and therefore fit any remote; a
-/// [`RemoteTable`] adds terminals and safe values, which a descriptor does not contain.
+/// [`RemoteTable`](crate::discovery::RemoteTable) adds terminals and safe values, which a descriptor does not contain.
 ///
 /// A driver calls [`take_inputs`](Self::take_inputs) and [`PinStore::group_good_since`] after a
 /// successful transfer,
@@ -74,30 +72,6 @@ impl RemoteError {
 }
 
 impl RemotePins {
-    /// Makes the pins and parameters of the remote on a port and channel of `board`, in a separate
-    /// group. `plan` is that of the descriptor.
-    ///
-    /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
-    ///
-    /// # Errors
-    /// [`RemoteError`] with the element or parameter at fault; the store has none of the remote's
-    /// pins then.
-    pub fn new(
-        pins: &mut PinStore,
-        board: &str,
-        id: RemoteId,
-        descriptor: &RemoteDescriptor,
-        plan: &PackingPlan,
-        table: Option<&RemoteTable>,
-    ) -> Result<Self, RemoteError> {
-        let before = pins.mark();
-        let made = Self::make(pins, board, id, descriptor, plan, table);
-        if made.is_err() {
-            pins.undo(before);
-        }
-        made
-    }
-
     /// The parameter with that name, as spelled by the remote or, in lower case, by LinuxCNC.
     pub fn parameter(&self, name: &str) -> Option<&RemoteParameter> {
         let mut parameters = self.parameters.iter();
@@ -126,8 +100,8 @@ impl RemotePins {
         }
     }
 
-    /// Publishes the inputs of a good transfer: `words` are the interface registers, from 0 on. They
-    /// are valid when the caller declares the group good: [`PinStore::group_good_since`].
+    /// Publishes the inputs of a good transfer: `words` are the interface registers, from 0 on.
+    /// They are valid when the caller declares the group good: [`PinStore::group_good_since`].
     ///
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: pass at

@@ -237,11 +237,11 @@ pub enum Defaults {
 pub struct PwmConfig {
     /// The parameter [`output-type`](crate::modules::pwm::PwmPins::output_type).
     pub output_type: Option<i32>,
-    /// The parameter [`offset-mode`](crate::modules::pwm::PwmPins::offset_mode): with it the pin is high
-    /// half of the time while the value is 0 and while the generator is not enabled.
+    /// The parameter [`offset-mode`](crate::modules::pwm::PwmPins::offset_mode): with it the pin
+    /// is high half of the time while the value is 0 and while the generator is not enabled.
     pub offset_mode: Option<bool>,
-    /// The parameter [`scale`](crate::modules::pwm::PwmPins::scale): the value at full scale. Its magnitude
-    /// is also the limit of the value.
+    /// The parameter [`scale`](crate::modules::pwm::PwmPins::scale): the value at full scale. Its
+    /// magnitude is also the limit of the value.
     pub scale: Option<f64>,
 }
 

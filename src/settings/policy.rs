@@ -6,13 +6,14 @@ use core::time::Duration;
 ///
 /// # What is promised
 /// - A remote that reports any fault goes offline with the reply that reports it. It gets no frame
-///   of any kind from then on, so that its own [watchdog](crate::driver::RemoteWatchdog) bites and switches
-///   *all* its outputs off: 50 ms after that reply for a remote as delivered, within 60 ms at most;
-///   for a remote with another watchdog time within that time and a fifth more. The outputs stay
-///   off until the application re-arms the remote: even if the cause of the fault goes away, during
-///   attempts to start it, and during [`Driver::shutdown`](crate::driver::Driver::shutdown). A
-///   remote whose watchdog is switched off is started again at once instead, which switches its
-///   outputs off unless START cannot clear the fault.
+///   of any kind from then on, so that its own [watchdog](crate::driver::RemoteWatchdog) bites and
+///   switches *all* its outputs off: 50 ms after that reply for a remote as delivered, within 60
+///   ms at most; for a remote with another watchdog time within that time and a fifth more. The
+///   outputs stay off until the application re-arms the remote: even if the cause of the fault
+///   goes away, during attempts to start it, and during
+///   [`Driver::shutdown`](crate::driver::Driver::shutdown). A remote whose watchdog is switched
+///   off is started again at once instead, which switches its outputs off unless START cannot
+///   clear the fault.
 /// - A remote whose transfers fail goes offline when its `fault-count` reaches `fault_lim`, with
 ///   the same silence and the same result.
 /// - A START follows at the earliest when the silence is over, and sends safe values only. If it

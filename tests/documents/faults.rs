@@ -1,4 +1,5 @@
-//! The fault contract has a row for each fault that can be simulated, and each row names tests that exist.
+//! The fault contract has a row for each fault that can be simulated, and each row names tests
+//! that exist.
 
 use std::collections::BTreeSet;
 use std::fs;

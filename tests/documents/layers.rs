@@ -39,8 +39,9 @@ const LAYERS: [(&str, &[&str]); 13] = [
     ("transport", &["bus", "lbp16", "ethernet"]),
 ];
 
-/// Modules outside of the layers: points of time, the serialized forms of settings and events, values as words,
-/// rounded numbers, counters, fractions of a time, the error of parsing, and the advice of errors.
+/// Modules outside of the layers: points of time, the serialized forms of settings and events,
+/// values as words, rounded numbers, counters, fractions of a time, the error of parsing, and the
+/// advice of errors.
 const FORMS: [&str; 8] = [
     "time",
     "advice",

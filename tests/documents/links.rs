@@ -47,6 +47,33 @@ fn each_link_of_a_page_leads_to_a_file_and_a_heading() {
     assert!(followed > 50, "{followed} links");
 }
 
+/// Folders that a path of a page may begin with.
+const FOLDERS: [&str; 8] = [
+    "src/",
+    "crates/",
+    "tests/",
+    "examples/",
+    "benches/",
+    "docs/",
+    "fuzz/",
+    ".ci/",
+];
+
+#[test]
+fn each_path_that_a_page_for_developers_names_is_there() {
+    let mut named = 0;
+    for page in ["ARCHITECTURE.md", "CONTRIBUTING.md", "docs/README.md"] {
+        let text = read(&crate::root().join(page));
+        let quoted = text.split('`').skip(1).step_by(2);
+        let paths = quoted.filter(|path| FOLDERS.iter().any(|folder| path.starts_with(folder)));
+        for path in paths.filter(|path| !path.contains(['*', '<', ' '])) {
+            assert!(crate::root().join(path).exists(), "{page}: {path}");
+            named += 1;
+        }
+    }
+    assert!(named > 50, "{named} paths");
+}
+
 fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }

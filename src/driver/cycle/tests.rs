@@ -164,6 +164,34 @@ fn a_set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
 }
 
 #[test]
+fn flag_that_is_set_again_withdraws_the_set_up() {
+    let mut bench = Bench::new();
+    bench.show(WATCHDOG_STATUS, 1);
+    bench.show(WATCHDOG_TIME, u32::MAX);
+    let _ = bench.read(Reply::CERTAIN).expect("a board");
+    let pins = &bench.cycle().pins;
+    let flag = pins
+        .inout::<bool>("hm2_7i92.0.watchdog.has_bit")
+        .expect("a pin");
+    // The call clears the flag, as an application does by itself.
+    let now = bench.now();
+    let _ = bench.cycle().rearm_when_running(now);
+    assert!(!bench.cycle().pins.read(flag).value);
+    assert!(
+        is_write(&bench.write(), CycleWrites::Inputs),
+        "late packets"
+    );
+    bench.cycle().pins.set(flag, true);
+    for _ in 0..10 {
+        let _ = bench.read(Reply::CERTAIN).expect("a board");
+        let orders = bench.write();
+        assert!(is_write(&orders, CycleWrites::Inputs), "{orders:?}");
+    }
+    bench.cycle().pins.set(flag, false);
+    assert_eq!(bench.write()[0], Order::SetUp);
+}
+
+#[test]
 fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_the_write() {
     let mut bench = Bench::new();
     let pins = bench.driver.pins();

@@ -64,13 +64,13 @@ impl BoardCycle {
     }
 
     /// Takes whether the application has cleared the flag of the fault that made everything safe, and
-    /// thereby asks for the set-up.
+    /// thereby asks for the set-up; setting the flag again withdraws that.
     fn fetch_flags(&mut self) {
         // A flag that does not show the present fault yet was not cleared.
         if self.is_running() || self.shown != Some(self.state) {
             return;
         }
-        self.is_set_up_wanted |= if self.has_error() {
+        self.is_set_up_wanted = if self.has_error() {
             self.parts.connection.is_cleared(&self.pins)
         } else {
             self.parts.watchdog.is_cleared(&self.pins)

@@ -1,6 +1,6 @@
 //! Failed transfers of one remote: LinuxCNC's `fault-count`, and the row of their events.
 
-use super::life::At;
+use super::life::ChangeContext;
 use crate::bus::Instant;
 use crate::events::{EventKind, EventRow, Repeating};
 use crate::hostmot2::RemoteId;
@@ -32,10 +32,16 @@ impl Failures {
         self.rest_until > now
     }
 
-    /// Counts a failed transfer: adds `fault_inc` to the count for each cycle without data, and lets the
-    /// line rest. After another failure, the idle interval between the two counts as a cycle as well. The failure is
-    /// reported as an event if it is the remote's `own`. Returns the count.
-    pub fn count_failed(&mut self, at: At<'_>, remote: RemoteId, own: Option<Failure>) -> u32 {
+    /// Counts a failed transfer: adds `fault_inc` to the count for each cycle without data, and
+    /// lets the line rest. After another failure, the idle interval between the two counts as a
+    /// cycle as well. The failure is reported as an event if it is the remote's `own`. Returns the
+    /// count.
+    pub fn count_failed(
+        &mut self,
+        at: ChangeContext<'_>,
+        remote: RemoteId,
+        own: Option<Failure>,
+    ) -> u32 {
         if let Some(failure) = own {
             let kind = EventKind::TransferFailed { remote, failure };
             self.row.add(at.events, at.now, 1, kind);
@@ -49,7 +55,7 @@ impl Failures {
     }
 
     /// Counts a good transfer.
-    pub fn count_good(&mut self, at: At<'_>, remote: RemoteId) {
+    pub fn count_good(&mut self, at: ChangeContext<'_>, remote: RemoteId) {
         self.has_just_failed = false;
         self.count = self.count.saturating_sub(at.policy.fault_dec);
         let what = Repeating::FailedTransfers { remote };
@@ -58,7 +64,7 @@ impl Failures {
 
     /// Ends the row of failed transfers, and reports the number of those without an event of their
     /// own.
-    pub fn end_row(&mut self, at: At<'_>, remote: RemoteId) {
+    pub fn end_row(&mut self, at: ChangeContext<'_>, remote: RemoteId) {
         let what = Repeating::FailedTransfers { remote };
         self.row.end(at.events, at.now, what);
     }

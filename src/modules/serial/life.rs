@@ -48,7 +48,7 @@ pub enum RemoteState {
 
 /// What a change of a remote needs besides the remote.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct At<'a> {
+pub(super) struct ChangeContext<'a> {
     pub now: Instant,
     pub policy: &'a FaultPolicy,
     /// The sink of the remote's events.
@@ -75,8 +75,8 @@ pub(super) enum LifeEvent {
 #[must_use]
 pub(super) struct LifeChange {
     pub event: Option<LifeEvent>,
-    /// An attempt has found another device, a fault that was not reported before, or the first fault
-    /// of a remote that was stopped or restarted on request.
+    /// An attempt has found another device, a fault that was not reported before, or the first
+    /// fault of a remote that was stopped or restarted on request.
     pub has_new_fault: bool,
 }
 
@@ -257,7 +257,7 @@ impl Life {
     /// attempt. `good`: transfers since it was started.
     pub fn go_offline(
         &mut self,
-        At { now, policy, .. }: At<'_>,
+        ChangeContext { now, policy, .. }: ChangeContext<'_>,
         reason: OfflineReason,
         good: u64,
         watchdog: RemoteWatchdog,
@@ -281,7 +281,7 @@ impl Life {
         self.pause = self.pause.saturating_mul(2).min(policy.longest_backoff);
         let next_attempt =
             (policy.automatic || is_asked_for).then(|| now.after(wait).max(silent_until));
-        let change = self.be_offline(now, reason, next_attempt);
+        let change = self.set_offline(now, reason, next_attempt);
         if let Some(absence) = self.absence_mut() {
             (absence.silent_until, absence.is_asked_for) = (silent_until, is_asked_for);
         }
@@ -290,14 +290,17 @@ impl Life {
 
     /// Requests a restart: at once for a remote that runs without a fault, for any other one as
     /// soon as its outputs must be off.
-    pub fn ask_for_restart(&mut self, At { now, policy, .. }: At<'_>) -> LifeChange {
+    pub fn ask_for_restart(
+        &mut self,
+        ChangeContext { now, policy, .. }: ChangeContext<'_>,
+    ) -> LifeChange {
         self.pause = policy.first_backoff;
         let mut change = LifeChange::default();
         if !self.is_restarting() {
             let silent_until = self.absence().map_or(now, |absence| absence.silent_until);
-            change = self.be_offline(now, OfflineReason::Requested, Some(now.max(silent_until)));
+            change = self.set_offline(now, OfflineReason::Requested, Some(now.max(silent_until)));
         }
-        self.ask();
+        self.request_attempt();
         change
     }
 
@@ -305,19 +308,19 @@ impl Life {
     /// the port is on.
     pub fn stop(&mut self, now: Instant) -> LifeChange {
         let silent_until = self.absence().map_or(now, |absence| absence.silent_until);
-        let change = self.be_offline(now, OfflineReason::Stopped, Some(silent_until));
-        self.ask();
+        let change = self.set_offline(now, OfflineReason::Stopped, Some(silent_until));
+        self.request_attempt();
         change
     }
 
     /// Marks the next attempt as asked for.
-    fn ask(&mut self) {
+    fn request_attempt(&mut self) {
         if let Some(absence) = self.absence_mut() {
             absence.is_asked_for = true;
         }
     }
 
-    fn be_offline(
+    fn set_offline(
         &mut self,
         now: Instant,
         reason: OfflineReason,
@@ -387,7 +390,7 @@ impl Life {
     }
 
     /// Marks a remote that was never started.
-    pub fn was_not_started(&mut self) {
+    pub fn mark_not_started(&mut self) {
         self.has_run = false;
         self.attempt_failed();
     }

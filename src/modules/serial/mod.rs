@@ -1,9 +1,9 @@
 //! Smart-serial ports in the cycle: their registers, their pins, and the recovery of their remotes.
 //!
 //! [`PortMachine`](crate::sslbp::PortMachine) implements the commands of a port and their replies.
-//! The layers above it are the `life` of each remote (whether it runs, why not, and when it is tried
-//! again), the `remotes` of a port, and its `schedule`, which decides on the next operation. A
-//! [`SerialPort`] does one step of all of them for each read and each write.
+//! The layers above it are the `life` of each remote (whether it runs, why not, and when it is
+//! tried again), the `remotes` of a port, and its `schedule`, which decides on the next operation.
+//! A [`SerialPort`] does one step of all of them for each read and each write.
 
 mod cost;
 mod failures;

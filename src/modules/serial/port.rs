@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::mem;
 use core::time::Duration;
 
-use super::life::{At, LifeChange};
+use super::life::{ChangeContext, LifeChange};
 use super::parameter_writer::WrittenParameter;
 use super::part::RemotePart;
 use super::pins::PortPins;
@@ -67,7 +67,7 @@ fn register_remote(
     if let Some(reason) = offline {
         let (now, events) = (at, r.events);
         let change = remote.not_started(
-            At {
+            ChangeContext {
                 now,
                 policy,
                 events,
@@ -344,7 +344,7 @@ impl SerialPort {
     pub(crate) fn end_rows(&mut self, now: Instant) {
         let all = self.remotes.configured();
         self.remotes.change(all, now, |remote, at| {
-            remote.failures.end_row(at, remote.id);
+            remote.failures.end_row(at, remote.id());
             LifeChange::default()
         });
     }
@@ -388,7 +388,7 @@ impl SerialPort {
     pub(crate) fn restart(&mut self, mask: ChannelMask, pins: &mut PinStore, now: Instant) {
         for (_, slot) in self.remotes.slots() {
             if mask.contains(slot.channel) {
-                slot.lose(pins);
+                slot.make_safe(pins);
             }
         }
         self.remotes.change(mask, now, Remote::ask_for_restart);

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::failures::Failures;
-use super::life::{At, Life, LifeChange, silent_until};
+use super::life::{ChangeContext, Life, LifeChange, silent_until};
 use super::slot::RemoteSlot;
 use super::watchdog::OutputsState;
 use super::{RemoteStatus, RemoteWatchdog};
@@ -17,7 +17,6 @@ use crate::sslbp::{Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteNam
 /// A remote of a port.
 #[derive(Debug)]
 pub(super) struct Remote {
-    pub id: RemoteId,
     /// The identity that START reported. For a remote that has never run, the known part of its
     /// kind: 0 for an unknown unit number or unknown tables, and the class of the unit number in
     /// the top byte.
@@ -37,7 +36,6 @@ impl Remote {
         policy: &FaultPolicy,
     ) -> Self {
         Self {
-            id: slot.id,
             started,
             watchdog,
             life: Life::running(policy),
@@ -46,22 +44,31 @@ impl Remote {
         }
     }
 
+    pub const fn id(&self) -> RemoteId {
+        self.slot.id
+    }
+
     pub const fn channel(&self) -> Channel {
         self.started.channel
     }
 
     /// Marks a remote that does not run at the start: offline, and never started.
-    pub fn not_started(&mut self, at: At<'_>, reason: OfflineReason) -> LifeChange {
+    pub fn not_started(&mut self, at: ChangeContext<'_>, reason: OfflineReason) -> LifeChange {
         let change = self.go_offline(at, reason, 0);
         if let OfflineReason::FieldPower(faults) | OfflineReason::Reported(faults) = reason {
             self.life.reported(faults, true);
         }
-        self.life.was_not_started();
+        self.life.mark_not_started();
         change
     }
 
     /// Takes the remote offline because of a fault that it reported with a transfer.
-    pub fn is_faulty(&mut self, at: At<'_>, faults: RemoteFaults, good: u64) -> LifeChange {
+    pub fn take_faults(
+        &mut self,
+        at: ChangeContext<'_>,
+        faults: RemoteFaults,
+        good: u64,
+    ) -> LifeChange {
         let was_running = self.life.is_running();
         let reason = OfflineReason::of_faults(faults);
         let change = self.go_offline(at, reason, good);
@@ -71,34 +78,39 @@ impl Remote {
 
     /// Takes the remote offline, or adds a reason to one that is offline, and plans the next
     /// attempt. `good`: transfers since it was started.
-    pub fn go_offline(&mut self, at: At<'_>, reason: OfflineReason, good: u64) -> LifeChange {
+    pub fn go_offline(
+        &mut self,
+        at: ChangeContext<'_>,
+        reason: OfflineReason,
+        good: u64,
+    ) -> LifeChange {
         let bitten = silent_until(at.now, reason, self.watchdog);
-        self.get_silent(at, reason, bitten);
+        self.go_silent(at, reason, bitten);
         self.life.go_offline(at, reason, good, self.watchdog)
     }
 
     /// Requests a restart: at once for a remote that runs without a fault, for any other one as
     /// soon as its outputs must be off.
-    pub fn ask_for_restart(&mut self, at: At<'_>) -> LifeChange {
+    pub fn ask_for_restart(&mut self, at: ChangeContext<'_>) -> LifeChange {
         if self.life.is_running() {
-            self.failures.end_row(at, self.id);
+            self.failures.end_row(at, self.id());
         }
         self.life.ask_for_restart(at)
     }
 
     /// Stops the remote because the application has switched its port off.
-    pub fn stop(&mut self, at: At<'_>) -> LifeChange {
+    pub fn stop(&mut self, at: ChangeContext<'_>) -> LifeChange {
         let bitten = at.now.after(self.watchdog.silence());
-        self.get_silent(at, OfflineReason::Stopped, bitten);
+        self.go_silent(at, OfflineReason::Stopped, bitten);
         self.life.stop(at.now)
     }
 
     /// Handles that nothing more is sent to the remote.
-    fn get_silent(&mut self, at: At<'_>, reason: OfflineReason, bitten: Instant) {
+    fn go_silent(&mut self, at: ChangeContext<'_>, reason: OfflineReason, bitten: Instant) {
         let outputs = &mut self.slot.outputs_state;
         outputs.silent(reason, self.watchdog, bitten);
         if self.life.is_running() {
-            self.failures.end_row(at, self.id);
+            self.failures.end_row(at, self.id());
         }
     }
 
@@ -143,8 +155,8 @@ impl Remote {
         self.life.restarted()
     }
 
-    /// Judges the watchdog of a remote that got no frame for `silence`, and was queried then: one that
-    /// was heard and did not report its bite counts as off. False if nothing is known of it.
+    /// Judges the watchdog of a remote that got no frame for `silence`, and was queried then: one
+    /// that was heard and did not report its bite counts as off. False if nothing is known of it.
     pub fn judge_watchdog(&mut self, silence: Duration, is_heard: bool) -> bool {
         // Another fault may be the reason for going offline; the bite is reported beside it.
         let is_reported = self.life.faults().contains(RemoteFaults::WATCHDOG);
@@ -165,7 +177,7 @@ impl Remote {
     /// The current state, for the application.
     pub fn status<'a>(&'a self, link: &'a ChannelLink) -> RemoteStatus<'a> {
         RemoteStatus {
-            id: self.id,
+            id: self.id(),
             started: &self.started,
             descriptor: &self.slot.descriptor,
             pins: &self.slot.pins,

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::RemoteWatchdog;
-use super::life::{At, Life, LifeChange};
+use super::life::{ChangeContext, Life, LifeChange};
 use super::remote::Remote;
 use super::slot::RemoteSlot;
 use crate::bus::Instant;
@@ -50,10 +50,10 @@ impl Remotes {
         &mut self,
         channels: ChannelMask,
         now: Instant,
-        mut change: impl FnMut(&mut Remote, At<'_>) -> LifeChange,
+        mut change: impl FnMut(&mut Remote, ChangeContext<'_>) -> LifeChange,
     ) -> ChannelMask {
         let (events, policy) = (&self.events, &self.policy);
-        let at = At {
+        let at = ChangeContext {
             now,
             policy,
             events,
@@ -69,7 +69,7 @@ impl Remotes {
                 has_new_fault,
             } = change(remote, at);
             if let Some(event) = event {
-                events.tell(now, event.of(remote.id));
+                events.tell(now, event.of(remote.id()));
             }
             if has_new_fault {
                 new_faults = new_faults.union(channel.mask());

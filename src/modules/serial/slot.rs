@@ -6,11 +6,10 @@ use super::fault_pins::RemoteFaultPins;
 use super::life::Life;
 use super::outcome::ReadOutcome;
 use super::part::RemotePart;
-
 use super::watchdog::OutputsState;
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
-use crate::events::EventKind;
+use crate::events::{EventKind, EventSink};
 use crate::hal::{ArmingCondition, GroupId, PinError, PinStore};
 use crate::hostmot2::RemoteId;
 use crate::modules::{ReadCycle, WriteCycle};
@@ -40,10 +39,10 @@ pub(super) struct RemoteSlot {
     data: [Option<Setting>; 2],
     /// The last read delivered a good transfer of the outputs in the image.
     pub is_confirmed: bool,
-    /// An earlier frame whose reply may still come, and then counts as the reply to the present one,
-    /// since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was due,
-    /// and its time. The last transfer, if it failed; or, before the first transfer after a START,
-    /// the chatter frames that the gateware exchanges by itself (FACTS 4.8).
+    /// An earlier frame whose reply may still come, and then counts as the reply to the present
+    /// one, since replies carry no number on the wire (FACTS 5.4): the cycle in which its data was
+    /// due, and its time. The last transfer, if it failed; or, before the first transfer after a
+    /// START, the chatter frames that the gateware exchanges by itself (FACTS 4.8).
     unanswered: Option<(u64, Instant)>,
     in_image: OutputsInImage,
     /// What is known of the outputs of the remote itself.
@@ -128,7 +127,7 @@ impl RemoteSlot {
     }
 
     /// Makes the remote safe, whose counters may contain any value when it comes back.
-    pub fn lose(&mut self, pins: &mut PinStore) {
+    pub fn make_safe(&mut self, pins: &mut PinStore) {
         pins.fault(self.pins.group);
         self.unanswered = None;
         self.pins.restarted();
@@ -158,8 +157,8 @@ impl RemoteSlot {
         }
     }
 
-    /// Handles a running remote that went offline: it will not be armed when it runs again, unless it
-    /// comes up because of the board.
+    /// Handles a running remote that went offline: it will not be armed when it runs again, unless
+    /// it comes up because of the board.
     fn went_offline(&mut self, life: &Life, cycle: &mut ReadCycle<'_>) {
         let group = self.pins.group;
         let arming = cycle.pins.arming(group);
@@ -170,12 +169,12 @@ impl RemoteSlot {
         {
             cycle.pins.count_loss();
         }
-        self.lose(cycle.pins);
+        self.make_safe(cycle.pins);
         match arming.awaits_transfer() {
             Some(condition) if self.comes_with_board && life.is_of_board() => {
                 cycle.pins.request_arming(group, condition);
             }
-            Some(_) => self.report_cancelled(cycle),
+            Some(_) => self.report_cancelled(cycle.events, cycle.now),
             None => {}
         }
     }
@@ -194,28 +193,26 @@ impl RemoteSlot {
         }
         if is_awaited && (comes_alone || has_new_fault) {
             cycle.pins.cancel_arming(group);
-            self.report_cancelled(cycle);
+            self.report_cancelled(cycle.events, cycle.now);
         }
     }
 
-    /// Reports that the remote will not be armed when it runs, because of a fault.
-    fn report_cancelled(&self, cycle: &ReadCycle<'_>) {
-        let kind = EventKind::RemoteRearmCancelled { remote: self.id };
-        cycle.events.tell(cycle.now, kind);
+    /// Reports that the remote will not be armed when it runs.
+    fn report_cancelled(&self, events: &EventSink, now: Instant) {
+        events.tell(now, EventKind::RemoteRearmCancelled { remote: self.id });
     }
 
     /// Keeps a remote of a port that is switched off safe: it is not armed when it runs again.
     pub fn keep_safe(&self, cycle: &mut WriteCycle<'_>) {
         let group = self.pins.group;
         if cycle.pins.cancel_arming(group) {
-            let kind = EventKind::RemoteRearmCancelled { remote: self.id };
-            cycle.events.tell(cycle.now, kind);
+            self.report_cancelled(cycle.events, cycle.now);
         }
         cycle.pins.fault(group);
     }
 
-    /// Arms the remote with its first good transfer, if it comes up because the board has its set-up
-    /// again. True if that is new.
+    /// Arms the remote with its first good transfer, if it comes up because the board has its
+    /// set-up again. True if that is new.
     pub fn arm_with_board(&self, pins: &mut PinStore) -> bool {
         self.comes_with_board && pins.request_arming(self.pins.group, ArmingCondition::WithBoard)
     }
@@ -254,8 +251,8 @@ impl RemoteSlot {
         self.is_confirmed && self.in_image.are_safe
     }
 
-    /// Sets the words of an access, which are written with its DOIT. Outputs are put anew before the
-    /// next transfer.
+    /// Sets the words of an access, which are written with its DOIT. Outputs are put anew before
+    /// the next transfer.
     pub fn put_access(&mut self, cycle: &mut WriteCycle<'_>, access: RemoteAccess) {
         let data = access.data_words();
         for (n, word) in data.into_iter().flatten().enumerate() {

@@ -4,8 +4,8 @@ use alloc::boxed::Box;
 use core::fmt;
 use core::sync::atomic::{AtomicU64, Ordering};
 
-/// Outcome of a command: [`CommandSender::outcome`](super::CommandSender::outcome). `Display` is the
-/// rest of a sentence about it.
+/// Outcome of a command: [`CommandSender::outcome`](super::CommandSender::outcome). `Display` is
+/// the rest of a sentence about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]

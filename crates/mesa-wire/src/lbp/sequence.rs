@@ -78,8 +78,8 @@ impl ParameterSequence {
     pub const LONGEST_WAIT: Duration =
         FIRST_PAUSE.saturating_add(PAUSE.saturating_mul(READINGS as u32 - 1));
 
-    /// The sequence of an access to this memory; `None` for the working memory. Of what is read only
-    /// the bits in `mask` count.
+    /// The sequence of an access to this memory; `None` for the working memory. Of what is read
+    /// only the bits in `mask` count.
     pub const fn new(memory: Option<NonvolatileMemory>, access: RemoteAccess, mask: u64) -> Self {
         let state = match (memory, access.written()) {
             (Some(_), _) => State::Select,

@@ -1,5 +1,5 @@
-//! The next operation of a port: transfers, restarts of remotes, and what a port that is switched off
-//! gets. A layer on [`PortMachine`], independent of the bus.
+//! The next operation of a port: transfers, restarts of remotes, and what a port that is switched
+//! off gets. A layer on [`PortMachine`], independent of the bus.
 
 mod configure;
 mod restart;
@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 use core::time::Duration;
 
 use super::cost::Cost;
-use super::life::{At, LifeChange};
+use super::life::{ChangeContext, LifeChange};
 use super::outcome::ReadOutcome;
 use super::parameter_writer::{ParameterWriter, WrittenParameter};
 use super::remote::Remote;
@@ -287,7 +287,7 @@ impl Schedule {
         let new_faults = remotes.change(all, now, |remote, at| {
             let (channel, mask) = (remote.channel(), remote.channel().mask());
             if complete.good.contains(channel) {
-                remote.failures.count_good(at, remote.id);
+                remote.failures.count_good(at, remote.id());
             }
             if !complete.bad.contains(channel) {
                 return LifeChange::default();
@@ -296,7 +296,7 @@ impl Schedule {
             let reason = match link.verdict {
                 TransferResult::Faulty(faults) => {
                     offline = offline.union(mask);
-                    return remote.is_faulty(at, faults, link.good);
+                    return remote.take_faults(at, faults, link.good);
                 }
                 TransferResult::Failed(Failure::NotRunning) => {
                     Some(OfflineReason::NotRunning(link.cs))
@@ -319,12 +319,12 @@ impl Schedule {
         new_faults
     }
 
-    /// Counts a failed transfer of a remote; returns the reason to take it offline if there have been
-    /// too many.
+    /// Counts a failed transfer of a remote; returns the reason to take it offline if there have
+    /// been too many.
     fn transfer_failed(
         &self,
         remote: &mut Remote,
-        at: At<'_>,
+        at: ChangeContext<'_>,
         failure: Failure,
     ) -> Option<OfflineReason> {
         let (own, reason) = if self.is_board_running {
@@ -332,7 +332,7 @@ impl Schedule {
         } else {
             (None, OfflineReason::BoardDown)
         };
-        let count = remote.failures.count_failed(at, remote.id, own);
+        let count = remote.failures.count_failed(at, remote.id(), own);
         (count >= at.policy.fault_lim).then_some(reason)
     }
 

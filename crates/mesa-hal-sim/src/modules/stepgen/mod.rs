@@ -282,7 +282,8 @@ impl SimStepgen {
         output.filter(|&timer| timer <= TIMERS).unwrap_or(0)
     }
 
-    /// Samples all accumulators, up to date, at a rise of the timer. The samples show one tick later.
+    /// Samples all accumulators, up to date, at a rise of the timer. The samples show one tick
+    /// later.
     fn sample(&mut self) {
         let Samples { words, older, edge } = &mut self.samples;
         core::mem::swap(words, older);

@@ -117,7 +117,8 @@ fn every_command_says_what_its_exit_codes_mean() {
     assert!(AFTER_HELP.contains("Exits with 0"));
 }
 
-/// Commands that ask have `--yes` as their own argument, from [`Asks`](crate::board::consent::Asks).
+/// Commands that ask have `--yes` as their own argument, from
+/// [`Asks`](crate::board::consent::Asks).
 #[test]
 fn help_names_yes_where_something_is_asked_and_it_may_stand_anywhere() {
     let asks: Vec<String> = commands()

@@ -14,7 +14,7 @@ impl Rig {
             ..started(TWO)
         };
         let mut absent = remote(kind);
-        let at = At {
+        let at = ChangeContext {
             now: Instant::default(),
             policy: &FaultPolicy::default(),
             events: &EventSink::new("", 1),

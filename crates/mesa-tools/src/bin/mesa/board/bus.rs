@@ -33,7 +33,8 @@ impl Bus {
         matches!(self, Self::Ethernet(_))
     }
 
-    /// Fails if another host drives the board. On the PCI bus the lock of the board is the evidence.
+    /// Fails if another host drives the board. On the PCI bus the lock of the board is the
+    /// evidence.
     pub fn check_alone(&mut self) -> Result<(), BusError> {
         match self {
             Self::Ethernet(bus) => bus.check_alone(),

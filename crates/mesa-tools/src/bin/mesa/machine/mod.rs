@@ -1,5 +1,5 @@
-//! Simulated machines: one [description](description::Description), which the words of an option and
-//! a TOML file both make, and the [machine](built::Machine) that is built from it.
+//! Simulated machines: one [description](description::Description), which the words of an option
+//! and a TOML file both make, and the [machine](built::Machine) that is built from it.
 
 mod argument;
 pub mod boards;
