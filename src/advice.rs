@@ -77,7 +77,6 @@ kinds! {
     SetPwm: "change `Settings::pwm`",
     SetPwmFrequency: "change `Settings::pwm_hz`",
     SetInstances: "change `Settings::instances`, or load a firmware that has more",
-    LeaveWordOut: "leave the word out: the pins of these modules are plain I/O then",
     SetEncoderRate: "change `Settings::encoder_rate`",
     LeaveDpll: "choose another thread period, or go on without the DPLL (0 of `Gtag::HM2DPLL` in `Settings::instances`)",
     ChooseHostPace: "let the host pace it (`Pace::Host`)",

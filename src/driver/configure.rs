@@ -12,8 +12,8 @@ use super::period::check_range;
 use super::remotes::PortStage;
 use super::safe_bus::SafeBus;
 use super::{
-    Defaults, Driver, DriverError, FaultPolicy, ModulePart, NotedWord, Pace, Parts, Remark,
-    RemarkKind, Settings, Trace,
+    Defaults, Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind,
+    Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{Access, BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};
@@ -102,16 +102,6 @@ impl Plan {
         if let Some(version) = versions.min().filter(|version| stepgen::is_old(*version)) {
             let kind = RemarkKind::OldStepgen { version };
             self.remarks.push(Remark::of_board(kind));
-        }
-    }
-
-    /// Remarks on words of LinuxCNC's `config=` that ask for what the driver does not do.
-    fn remark_words(&mut self) {
-        for word in &self.settings.words {
-            if let NotedWord::Firmware(word) = word {
-                let kind = RemarkKind::FirmwareWord { word: word.clone() };
-                self.remarks.push(Remark::of_board(kind));
-            }
         }
     }
 
@@ -331,7 +321,6 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
         let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
         self.plan.remarks.extend(remarks.map(Remark::of_board));
-        self.plan.remark_words();
         if self.plan.settings.instances.get(&Gtag::STEPGEN) != Some(&0) {
             self.plan.remark_old_stepgens();
         }

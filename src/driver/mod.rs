@@ -75,8 +75,8 @@ pub use crate::modules::serial::{
     SerialPort, TimeHistogram,
 };
 pub use crate::settings::{
-    Defaults, FaultPolicy, NotedWord, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig,
-    Settings, TraceSettings,
+    Defaults, FaultPolicy, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,
+    TraceSettings,
 };
 pub use configure::{Board, Configured, Plan};
 pub use error::{CycleError, DriverError};

@@ -2,7 +2,6 @@
 //! not driven.
 
 use alloc::boxed::Box;
-use alloc::string::String;
 use alloc::vec::Vec;
 
 use crate::advice::Advice;
@@ -142,12 +141,6 @@ pub enum RemarkKind {
         /// Version of the module.
         version: u8,
     },
-    /// LinuxCNC's word `firmware=` names a firmware, and the driver loads none: the board has its own.
-    #[error("firmware={word} is not loaded: the board goes on with the firmware that it has")]
-    FirmwareWord {
-        /// The value of the word.
-        word: String,
-    },
     /// A remote with the name of a card whose parts differ in the unit number, and with a unit
     /// number of no known part: it has no terminals and no safe values of its own.
     #[error(
@@ -178,9 +171,7 @@ impl RemarkKind {
             Self::PartSilent { .. } => Some(Advice::CheckCardPower),
             Self::SlowWatchdog { .. } => Some(Advice::SetRemoteWatchdog),
             Self::OldSslbp { .. } | Self::OldStepgen { .. } => Some(Advice::LoadNewerFirmware),
-            Self::NoSuchChannel { .. } | Self::UnknownPart { .. } | Self::FirmwareWord { .. } => {
-                None
-            }
+            Self::NoSuchChannel { .. } | Self::UnknownPart { .. } => None,
         }
     }
 }

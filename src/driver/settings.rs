@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::String;
 use core::time::Duration;
 
-use super::{Defaults, NotedWord, Settings, TraceSettings};
+use super::{Defaults, Settings, TraceSettings};
 use crate::advice::Advice;
 use crate::hal::is_scale;
 use crate::hostmot2::{CountedKind, Gtag, HostMot2};
@@ -109,10 +109,8 @@ impl Settings {
         }
     }
 
-    /// Refuses to use more instances than a firmware has, and words for modules that it has and
-    /// this crate does not drive.
+    /// Refuses to use more instances than a firmware has.
     pub(super) fn check_firmware(&self, firmware: &HostMot2) -> Result<(), RegisterError> {
-        self.check_words(firmware)?;
         for (&gtag, &count) in &self.instances {
             let Some(kind) = CountedKind::of(gtag) else {
                 continue;
@@ -125,31 +123,6 @@ impl Settings {
                     "instances of a module in use",
                     format!("{} {count}", kind.name),
                     &format!("at most {available}, which this firmware has"),
-                );
-            }
-        }
-        Ok(())
-    }
-
-    fn check_words(&self, firmware: &HostMot2) -> Result<(), RegisterError> {
-        for noted in &self.words {
-            let NotedWord::OfModules { word, what, gtags } = noted else {
-                continue;
-            };
-            let modules = firmware
-                .modules
-                .iter()
-                .filter(|module| module.instances > 0);
-            let mut asked = modules.filter(|module| gtags.contains(&module.gtag));
-            if let Some(module) = asked.next() {
-                let gtag = module.gtag;
-                return refused(
-                    Advice::LeaveWordOut,
-                    "hostmot2 configuration word",
-                    format!("'{word}'"),
-                    &format!(
-                        "none for {what}, because this crate does not drive those of the firmware ({gtag})"
-                    ),
                 );
             }
         }

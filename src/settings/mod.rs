@@ -1,6 +1,5 @@
 //! The settings of an application, given before a board is configured.
 
-mod hostmot2;
 mod policy;
 
 use alloc::collections::BTreeMap;
@@ -16,7 +15,6 @@ use crate::hostmot2::board_table::BoardTable;
 use crate::hostmot2::{CountedKind, GpioConfig, Gtag, TickRate};
 use crate::sslbp::MAX_CHANNELS;
 
-pub use hostmot2::NotedWord;
 pub use policy::FaultPolicy;
 
 /// Settings of a driver.
@@ -26,7 +24,7 @@ pub use policy::FaultPolicy;
 /// included.
 ///
 /// All fields have defaults that fit a board on the bench: all ports with all their channels in
-/// mode 0, all encoders, 1 ms. [`Settings::from_hostmot2`] makes those of a LinuxCNC configuration.
+/// mode 0, all encoders, 1 ms.
 /// A later version may add fields; with `..Settings::default()` at its end a program compiles
 /// nevertheless.
 ///
@@ -128,9 +126,6 @@ pub struct Settings {
     /// Keeps the words of the last cycles, to find the cause of a fault afterwards. `None`, the
     /// default: nothing is kept, at no cost.
     pub trace: Option<TraceSettings>,
-    /// Words of [`from_hostmot2`](Self::from_hostmot2) that set nothing.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub words: Vec<NotedWord>,
     /// Kinds of boards that this crate does not know. They take precedence over the built-in ones.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub boards: Vec<&'static BoardTable>,
@@ -159,7 +154,6 @@ impl Default for Settings {
             bus_error_limit: 5,
             event_room: 255,
             trace: None,
-            words: Vec::new(),
             boards: Vec::new(),
             remotes: Vec::new(),
         }

@@ -322,21 +322,6 @@ const STAY: &[(&[&str], &str)] = &[
         "a simulated module works on the fabric, which contains the modules",
     ),
     (
-        &[
-            "crates/mesa-linuxcnc/src/component.rs",
-            "crates/mesa-linuxcnc/src/cycle.rs",
-            "crates/mesa-linuxcnc/src/dpll.rs",
-            "crates/mesa-linuxcnc/src/ffi.rs",
-            "crates/mesa-linuxcnc/src/interface.rs",
-            "crates/mesa-linuxcnc/src/memory.rs",
-            "crates/mesa-linuxcnc/src/parameters.rs",
-            "crates/mesa-linuxcnc/src/refused.rs",
-            "crates/mesa-linuxcnc/src/report.rs",
-            "crates/mesa-linuxcnc/src/say.rs",
-        ],
-        "the functions that LinuxCNC calls are in the lowest file",
-    ),
-    (
         &["src/bus/image/exchange.rs", "src/bus/image/words.rs"],
         "words and the exchanges that carry them",
     ),

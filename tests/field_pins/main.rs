@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 use cards::Choice;
 use list::{Entry, List};
-use mesa_hal::Settings;
+use mesa_eth::Config;
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo};
 use mesa_hal_sim::{FirmwareImage, SimFpga};
@@ -88,8 +88,8 @@ fn made_with(text: &str, cards: &[Choice]) -> Result<BTreeMap<String, Entry>, St
         format!("sserial_port_{port}={modes}")
     });
     let words: Vec<String> = words.collect();
-    let settings = Settings::from_hostmot2(&words.join(" ")).map_err(|error| error.to_string())?;
-    let driver = Driver::start(fpga, settings).map_err(|error| error.to_string())?;
+    let config = Config::parse(&words.join(" ")).map_err(|error| error.to_string())?;
+    let driver = Driver::start(fpga, config.settings).map_err(|error| error.to_string())?;
     let pins = driver.pins();
     let prefix = format!("{}.", driver.name());
     let own = |name: &str| name.strip_prefix(&prefix).unwrap_or(name).to_owned();

@@ -38,10 +38,6 @@ impl Words {
             Advice::ListPins => "`halcmd show` lists the names",
             Advice::SetPwmFrequency => "set pwmgen.pwm_frequency",
             Advice::SetInstances => "change the word num_ of config=",
-            Advice::LeaveWordOut => {
-                "without the word the board is loaded and their pins are plain I/O; LinuxCNC's own driver (hm2_eth, \
-                 hm2_pci) drives them"
-            }
             Advice::WriteRemoteParameter => "set it, then set sserial.port-N.run to FALSE and TRUE",
             Advice::ListParameters => "`halcmd show param` lists them",
             Advice::LeaveDpll => {

@@ -10,14 +10,15 @@ use mesa_hal::hal::{AnyValue, GroupId, GroupState, HalType, PinId, Pins, Role, V
 use mesa_hal::{Clock, Driver, RegisterBus, RemoteId};
 
 use crate::dpll::Dpll;
+use crate::ffi::Level;
 use crate::gpio::Gpio;
 use crate::interface::Interface;
+use crate::log::Log;
 use crate::loss::Losses;
 use crate::outputs::Outputs;
-use crate::rearm::{BOARD, Rearming, RemoteMask, Seen, Wishes};
+use crate::rearm::{ArmRequest, BOARD, Inputs, Rearming, RemoteMask};
 use crate::refused::RefusedPeriod;
 use crate::report::Names;
-use crate::say::{Level, Say};
 use crate::table::{Change, Memory, Table};
 
 /// The largest number of remotes: four ports of eight channels.
@@ -112,7 +113,7 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     table: Table,
     gpio: Gpio,
     events: Events,
-    say: Say,
+    log: Log,
     names: Names,
     losses: Losses,
     outputs: Outputs,
@@ -153,7 +154,7 @@ impl<B: RegisterBus + Clock, M: Memory> fmt::Debug for Cycle<B, M> {
 
 impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The cycle of a driver whose pins, as [`wanted`] lists them, are in `memory`.
-    pub fn new(driver: Driver<B>, mut memory: M, say: Say) -> Self {
+    pub fn new(driver: Driver<B>, mut memory: M, log: Log) -> Self {
         let pins = driver.pins();
         let mut table = Table::new(pins, &mut memory);
         let id = |name: &str| pins.find(&format!("{}.{name}", driver.name()));
@@ -194,7 +195,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             dpll,
             gpio,
             events,
-            say,
+            log,
             names: Names::new(&driver, Interface::own()),
             losses: Losses::default(),
             outputs: Outputs::new(&driver),
@@ -309,11 +310,11 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let is_silent = self.is_silent();
         self.take_changes(Table::before_write);
         self.request_parameters();
-        // Wishes while `io_error` is set are lost: all of them come with its end.
+        // ArmRequest while `io_error` is set are lost: all of them come with its end.
         let wishes = if self.has_begun {
             self.wishes()
         } else {
-            Wishes::default()
+            ArmRequest::default()
         };
         if is_silent {
             return self.show_own();
@@ -367,8 +368,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let (stopped, result) = self.driver.shutdown();
         drop(stopped);
         if let Err(error) = result {
-            self.say
-                .say(now, Level::Error, format_args!("at the end, {error}"));
+            self.log
+                .print(now, Level::Error, format_args!("at the end, {error}"));
         }
     }
 
@@ -390,7 +391,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         if let Err(error) = self.driver.set_period(period) {
             let (names, error) = (&self.names, &error);
             let text = RefusedPeriod { names, error };
-            self.say.report(now, Level::Error, format_args!("{text}"));
+            self.log.report(now, Level::Error, format_args!("{text}"));
             self.refused = Some(now);
             if let Some(number) = self.io_error {
                 self.memory.store(number, true.to_bits());
@@ -417,7 +418,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             driver,
             memory,
             table,
-            say,
+            log,
             acknowledged,
             is_cleared,
             requests,
@@ -436,7 +437,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                     requests.retain(|(other, _)| *other != id);
                     requests.push((id, value));
                 }
-                Change::Refused(error) => say.refuse(now, format_args!("{error}")),
+                Change::Refused(error) => log.refuse(now, format_args!("{error}")),
             },
         );
     }
@@ -454,7 +455,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 self.table
                     .give_back(id, self.driver.pins(), &mut self.memory);
                 let now = since_start(self.driver.bus_mut().now());
-                self.say.refuse(now, format_args!("{error}"));
+                self.log.refuse(now, format_args!("{error}"));
             }
         }
     }
@@ -466,12 +467,12 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     }
 
     /// The outputs that should follow. Says which ones stay off although the machine is switched on.
-    fn wishes(&mut self) -> Wishes {
+    fn wishes(&mut self) -> ArmRequest {
         let rearm = self.entries();
         let rearm = rearm.filter(|(_, entry)| self.memory.load(entry.rearm) != 0);
         let rearm = mask_of(rearm.map(|(number, _)| number));
         let [armed, waiting] = self.armed_and_waiting();
-        let seen = Seen {
+        let seen = Inputs {
             is_cleared: core::mem::take(&mut self.is_cleared),
             run: run_of(&self.run, &self.memory),
             rearm,
@@ -487,7 +488,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     }
 
     /// Lets these outputs follow.
-    fn rearm(&mut self, wishes: Wishes) {
+    fn rearm(&mut self, wishes: ArmRequest) {
         if !wishes.all && wishes.remotes == 0 {
             return;
         }
@@ -499,7 +500,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
                 && let Err(error) = self.driver.rearm_group_when_running(self.group(number))
             {
                 let now = since_start(self.driver.bus_mut().now());
-                self.say.refuse(now, format_args!("{error}"));
+                self.log.refuse(now, format_args!("{error}"));
             }
         }
         // Arming forgets what was set before.

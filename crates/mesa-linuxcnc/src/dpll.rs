@@ -6,7 +6,7 @@ use core::time::Duration;
 use mesa_hal::Rounded;
 use mesa_hal::hal::{PinId, Pins, Value};
 
-use crate::say::Level;
+use crate::ffi::Level;
 use crate::table::Memory;
 
 /// The DPLL of a board, and the pins that let it latch positions.

@@ -1,24 +1,16 @@
-//! The functions of HAL and RTAPI that the component calls, and the symbols that `rtapi_app` looks
-//! up in it.
+//! The functions of HAL, RTAPI and the C library that the component calls.
 //!
 //! The declarations are those of the interface of LinuxCNC 2.9, `hal.h` and `rtapi.h`, written
-//! anew. `rtapi_app` looks up `rtapi_app_main`, `rtapi_app_exit`, and for a word `NAME=VALUE` of the
-//! `loadrt` line the pointers `rtapi_info_address_NAME`, to the place of the value, and
-//! `rtapi_info_type_NAME`, to its type: `i` for an integer, `s` for a text. With the number
-//! `rtapi_info_size_NAME` there is room for so many values, separated by commas.
+//! anew.
 
 #![expect(
     unsafe_code,
-    reason = "symbols of an interface in C; each block has its reason"
+    reason = "functions of an interface in C; each block has its reason"
 )]
 
 use core::ffi::{CStr, c_char, c_int, c_long, c_uint, c_void};
 use core::ptr::NonNull;
-use core::sync::atomic::{AtomicI32, AtomicPtr, Ordering};
-
-use crate::MAX_BOARDS;
-use crate::component::{self, Step};
-use crate::say::Level;
+use core::sync::atomic::{AtomicPtr, Ordering};
 
 unsafe extern "C" {
     fn hal_init(name: *const c_char) -> c_int;
@@ -27,7 +19,7 @@ unsafe extern "C" {
     safe fn hal_malloc(size: c_long) -> *mut c_void;
     fn hal_export_funct(
         name: *const c_char,
-        function: extern "C" fn(*mut c_void, c_long),
+        function: Function,
         argument: *mut c_void,
         uses_float: c_int,
         is_reentrant: c_int,
@@ -61,6 +53,20 @@ struct Symbol {
     base: *mut c_void,
     name: *const c_char,
     address: *mut c_void,
+}
+
+/// A function that a thread of HAL calls with the argument of its export and the thread's period in ns.
+pub(crate) type Function = extern "C" fn(*mut c_void, c_long);
+
+/// Level of a message. LinuxCNC's realtime process prints these two, and no other: a message at
+/// another level is never seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// Printed, and not on the operator's screen.
+    Note = 0,
+    /// Printed, and on the operator's screen: what the user asked for and does not get, and what the
+    /// driver switched off.
+    Error = 1,
 }
 
 /// A function of HAL has failed: its negative error number.
@@ -104,15 +110,8 @@ impl ComponentId {
         let _ = hal_exit(self.0);
     }
 
-    /// Makes a function for threads, which does a step of the board with this number.
-    pub fn export(self, name: &CStr, step: Step, board: usize) -> Result<(), HalError> {
-        let function = match step {
-            Step::Read => read,
-            Step::Write => write,
-            Step::RequestRead => request_read,
-            Step::ReadGpio => read_gpio,
-            Step::WriteGpio => write_gpio,
-        };
+    /// Makes a function for threads, which is called with the number of a board.
+    pub fn export(self, name: &CStr, function: Function, board: usize) -> Result<(), HalError> {
         let board = core::ptr::without_provenance_mut(board);
         // SAFETY: the name ends with NUL, and HAL copies it. The function has the type that HAL
         // calls, accepts any argument, and exists until the component is unloaded, before which
@@ -177,140 +176,26 @@ impl Drop for RootRights {
     }
 }
 
-extern "C" fn read(board: *mut c_void, period: c_long) {
-    component::run(board.addr(), Step::Read, period);
-}
+/// The value of a module parameter, as `rtapi_app` stores it: a pointer to a text.
+#[repr(transparent)]
+#[derive(Debug)]
+pub(crate) struct Text(AtomicPtr<c_char>);
 
-extern "C" fn write(board: *mut c_void, period: c_long) {
-    component::run(board.addr(), Step::Write, period);
-}
-
-extern "C" fn request_read(board: *mut c_void, period: c_long) {
-    component::run(board.addr(), Step::RequestRead, period);
-}
-
-extern "C" fn read_gpio(board: *mut c_void, period: c_long) {
-    component::run(board.addr(), Step::ReadGpio, period);
-}
-
-extern "C" fn write_gpio(board: *mut c_void, period: c_long) {
-    component::run(board.addr(), Step::WriteGpio, period);
-}
-
-/// Called by `loadrt`, after it has set the parameters. A negative result ends it.
-#[unsafe(no_mangle)]
-pub extern "C" fn rtapi_app_main() -> c_int {
-    component::load()
-}
-
-/// Called by `unloadrt`, and at LinuxCNC's end.
-#[unsafe(no_mangle)]
-pub extern "C" fn rtapi_app_exit() {
-    component::unload();
-}
-
-/// The words of a module parameter, as `rtapi_app` stores them: pointers to texts.
-type Texts = [AtomicPtr<c_char>; MAX_BOARDS];
-
-static BOARD_IP: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
-static CONFIG: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
-static SYSFS: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
-static BOARD_RTNET: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
-static FIREWALL: Texts = [const { AtomicPtr::new(core::ptr::null_mut()) }; MAX_BOARDS];
-static DEBUG: AtomicI32 = AtomicI32::new(0);
-
-/// Place of the words of `board_ip=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_board_ip: &Texts = &BOARD_IP;
-/// Type of `board_ip=`: texts.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_board_ip: &[u8; 2] = b"s\0";
-/// Largest number of words of `board_ip=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_size_board_ip: c_int = MAX_BOARDS as c_int;
-
-/// Place of the words of `config=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_config: &Texts = &CONFIG;
-/// Type of `config=`: texts.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_config: &[u8; 2] = b"s\0";
-/// Largest number of words of `config=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_size_config: c_int = MAX_BOARDS as c_int;
-
-/// Place of the word of `sysfs=`: a folder of `mesa sim --pci` in place of /sys.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_sysfs: &Texts = &SYSFS;
-/// Type of `sysfs=`: a text.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_sysfs: &[u8; 2] = b"s\0";
-/// Largest number of words of `sysfs=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_size_sysfs: c_int = 1;
-
-/// Place of the words of `board_rtnet=`, which hm2_eth has.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_board_rtnet: &Texts = &BOARD_RTNET;
-/// Type of `board_rtnet=`: texts.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_board_rtnet: &[u8; 2] = b"s\0";
-/// Largest number of words of `board_rtnet=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_size_board_rtnet: c_int = MAX_BOARDS as c_int;
-
-/// Place of the word of `firewall=`, which hm2_eth has.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_firewall: &Texts = &FIREWALL;
-/// Type of `firewall=`: a text.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_firewall: &[u8; 2] = b"s\0";
-/// Largest number of words of `firewall=`.
-#[unsafe(no_mangle)]
-pub static rtapi_info_size_firewall: c_int = 1;
-
-/// Place of `debug=`, which hm2_eth has: accepted, and without effect.
-#[unsafe(no_mangle)]
-pub static rtapi_info_address_debug: &AtomicI32 = &DEBUG;
-/// Type of `debug=`: an integer.
-#[unsafe(no_mangle)]
-pub static rtapi_info_type_debug: &[u8; 2] = b"i\0";
-
-/// For tests, hence in no release: a module parameter with which a later call of a function panics.
-#[cfg(debug_assertions)]
-mod panics {
-    use super::{AtomicI32, Ordering};
-
-    static PANIC_IN: AtomicI32 = AtomicI32::new(0);
-
-    /// Place of `panic_in=`: the number of calls up to the panic.
-    #[unsafe(no_mangle)]
-    pub static rtapi_info_address_panic_in: &AtomicI32 = &PANIC_IN;
-    /// Type of `panic_in=`: an integer.
-    #[unsafe(no_mangle)]
-    pub static rtapi_info_type_panic_in: &[u8; 2] = b"i\0";
-
-    /// Counts a call; true if it should panic.
-    pub fn is_due() -> bool {
-        PANIC_IN.load(Ordering::Relaxed) > 0 && PANIC_IN.fetch_sub(1, Ordering::Relaxed) == 1
+impl Text {
+    pub const fn new() -> Self {
+        Self(AtomicPtr::new(core::ptr::null_mut()))
     }
-}
-#[cfg(debug_assertions)]
-pub(crate) use panics::is_due as panic_is_due;
 
-/// The words of `board_ip=`, of `config=`, of `sysfs=`, of `board_rtnet=` and of `firewall=`, taken: a later
-/// load begins without them, even if the component stays in memory. Text that is not UTF-8 is replaced by the sign for that.
-pub(crate) fn take_parameters() -> [Vec<String>; 5] {
-    [&BOARD_IP, &CONFIG, &SYSFS, &BOARD_RTNET, &FIREWALL].map(|texts| {
-        let taken = texts
-            .iter()
-            .map(|text| text.swap(core::ptr::null_mut(), Ordering::Relaxed));
-        let taken = taken.take_while(|text| !text.is_null());
+    /// Takes the text: a later load begins without it, even if the component stays in memory. Bytes
+    /// that are not UTF-8 are replaced.
+    pub fn take(&self) -> Option<String> {
+        let text = self.0.swap(core::ptr::null_mut(), Ordering::Relaxed);
+        if text.is_null() {
+            return None;
+        }
         // SAFETY: a pointer that is not null was stored by `rtapi_app`, from `strdup`: the text ends
         // with NUL, and is never freed.
-        let texts = taken.map(|text| unsafe { CStr::from_ptr(text) });
-        texts
-            .map(|text| text.to_string_lossy().into_owned())
-            .collect()
-    })
+        let text = unsafe { CStr::from_ptr(text) };
+        Some(text.to_string_lossy().into_owned())
+    }
 }

@@ -15,11 +15,11 @@
 //!
 //! | module | contains |
 //! |---|---|
-//! | `ffi` | the functions of HAL and RTAPI, and the symbols that `rtapi_app` looks up; unsafe |
-//! | `memory` | pins and parameters in HAL's shared memory; unsafe |
-//! | `interface` | `mesa_eth` or `mesa_pci`, by the name of the file |
+//! | `exports` | the symbols that `rtapi_app` looks up |
+//! | `load` | loading the boards of a `loadrt` line |
+//! | `component` | the functions of the cycle, the end, and panics |
 //! | `parameters` | the words of the `loadrt` line |
-//! | `component` | loading, the functions of the cycle, the end, and panics |
+//! | `config` | the words of `config=` |
 //! | `cycle` | a board's cycle: HAL to the driver and back |
 //! | `gpio` | the I/O pins alone, for a faster thread |
 //! | `table` | the copy between HAL's values and the driver's pins |
@@ -28,7 +28,10 @@
 //! | `report` | events in the words of LinuxCNC's users |
 //! | `loss` | the share of lost packets |
 //! | `advice` | next steps, in the words of LinuxCNC's users |
-//! | `say` | messages, limited in number by time |
+//! | `log` | messages, limited in number by time |
+//! | `memory` | pins and parameters in HAL's shared memory; unsafe |
+//! | `interface` | `mesa_eth` or `mesa_pci`, by the name of the file |
+//! | `ffi` | the functions of HAL, RTAPI and the C library; unsafe |
 //!
 //! # Real time
 //! The functions of the cycle do not allocate, lock memory, or change the scheduling, which are
@@ -41,11 +44,15 @@
 
 mod advice;
 mod component;
+mod config;
 mod cycle;
 mod dpll;
+mod exports;
 mod ffi;
 mod gpio;
 mod interface;
+mod load;
+mod log;
 mod loss;
 mod memory;
 mod outputs;
@@ -53,8 +60,9 @@ mod parameters;
 mod rearm;
 mod refused;
 mod report;
-mod say;
 mod table;
+
+pub use config::{Config, ConfigError};
 
 /// The largest number of boards in a `loadrt` line, as in hm2_eth.
 pub const MAX_BOARDS: usize = 4;

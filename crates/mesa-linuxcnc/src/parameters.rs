@@ -2,10 +2,10 @@
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
-use crate::ffi;
+use crate::config::{Config, ConfigError};
 use crate::interface::Interface;
 use core::fmt;
-use mesa_hal::{ParseError, Settings};
+use mesa_hal::ParseError;
 use mesa_pci::{PciDevice, SYSFS};
 use std::path::Path;
 
@@ -40,9 +40,9 @@ pub(crate) struct BoardParameters {
     /// Its place.
     pub place: BoardPlace,
     /// Its word of `config=`.
-    pub config: String,
-    /// The same, as settings.
-    pub settings: Settings,
+    pub words: String,
+    /// The same, parsed.
+    pub config: Config,
 }
 
 /// Error in the words of the `loadrt` line.
@@ -121,23 +121,47 @@ pub(crate) enum WordError {
         /// The address of the board.
         board: String,
         /// The error, with the word.
-        error: ParseError,
+        error: ConfigError,
     },
 }
 
-/// Takes the words of the `loadrt` line.
-pub(crate) fn take(interface: Interface) -> Result<Vec<BoardParameters>, WordError> {
-    let [boards, configs, sysfs, networks, firewalls] = ffi::take_parameters();
-    check_network(&networks, &firewalls)?;
+/// The words of the `loadrt` line, each with its values.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Words {
+    /// `board_ip=`.
+    pub boards: Vec<String>,
+    /// `config=`.
+    pub configs: Vec<String>,
+    /// `sysfs=`.
+    pub sysfs: Vec<String>,
+    /// `board_rtnet=`.
+    pub networks: Vec<String>,
+    /// `firewall=`.
+    pub firewalls: Vec<String>,
+}
+
+/// Parses the words of the `loadrt` line.
+pub(crate) fn parse(
+    interface: Interface,
+    words: &Words,
+) -> Result<Vec<BoardParameters>, WordError> {
+    let Words {
+        boards,
+        configs,
+        sysfs,
+        networks,
+        firewalls,
+    } = words;
+    check_network(networks, firewalls)?;
     match interface {
-        Interface::Ethernet => parse(&boards, &configs),
+        Interface::Ethernet => on_network(boards, configs),
         Interface::Pci => {
-            if let Some(word) = boards.into_iter().find(|word| !word.is_empty()) {
-                return Err(WordError::NotOnPci { word });
+            if let Some(word) = boards.iter().find(|word| !word.is_empty()) {
+                return Err(WordError::NotOnPci { word: word.clone() });
             }
             match sysfs.first() {
-                None => find(SYSFS, BoardPlace::Pci, &configs),
-                Some(folder) => find(folder, BoardPlace::InFolder, &configs),
+                None => on_pci(SYSFS, BoardPlace::Pci, configs),
+                Some(folder) => on_pci(folder, BoardPlace::InFolder, configs),
             }
         }
     }
@@ -166,7 +190,7 @@ fn check_network(networks: &[String], firewalls: &[String]) -> Result<(), WordEr
 }
 
 /// The boards on the PCI bus, each with its configuration.
-fn find(
+fn on_pci(
     root: &str,
     place: fn(PciDevice) -> BoardPlace,
     configs: &[String],
@@ -193,20 +217,20 @@ fn find(
 impl BoardParameters {
     /// The board with a number, and its word of `config=`.
     fn new(place: BoardPlace, configs: &[String], number: usize) -> Result<Self, WordError> {
-        let config = configs.get(number).map_or("", String::as_str);
-        let settings = Settings::from_hostmot2(config).map_err(|error| WordError::Config {
+        let words = configs.get(number).map_or("", String::as_str);
+        let config = Config::parse(words).map_err(|error| WordError::Config {
             board: place.to_string(),
             error,
         })?;
         Ok(Self {
             place,
-            config: config.into(),
-            settings,
+            words: words.into(),
+            config,
         })
     }
 }
 
-fn parse(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, WordError> {
+fn on_network(boards: &[String], configs: &[String]) -> Result<Vec<BoardParameters>, WordError> {
     if boards.iter().all(String::is_empty) {
         return Err(WordError::NoBoard);
     }
@@ -243,7 +267,7 @@ mod tests {
     }
 
     fn error(boards: &[&str], configs: &[&str]) -> String {
-        let parsed = parse(&words(boards), &words(configs));
+        let parsed = on_network(&words(boards), &words(configs));
         parsed.expect_err("an error").to_string()
     }
 
@@ -254,16 +278,16 @@ mod tests {
             "num_encoders=3 sserial_port_0=00xxxxxx",
             "sserial_port_0=xx",
         ]);
-        let parsed = parse(&boards, &configs).expect("words");
+        let parsed = on_network(&boards, &configs).expect("words");
         let places: Vec<_> = parsed.iter().map(|board| board.place.to_string()).collect();
         let expected = ["10.10.10.10:27181", "127.0.0.1:1234", "10.10.10.12:27181"];
         assert_eq!(
             places,
             expected.map(|address| format!("board_ip={address}"))
         );
-        assert_eq!(parsed[0].settings.instances[&Gtag::ENCODER], 3);
-        assert_eq!(parsed[1].settings.instances[&Gtag::SSERIAL], 0);
-        assert!(parsed[2].settings.serial_ports.is_empty());
+        assert_eq!(parsed[0].config.settings.instances[&Gtag::ENCODER], 3);
+        assert_eq!(parsed[1].config.settings.instances[&Gtag::SSERIAL], 0);
+        assert!(parsed[2].config.settings.serial_ports.is_empty());
     }
 
     #[test]
@@ -311,7 +335,7 @@ mod tests {
     proptest! {
         #[test]
         fn arbitrary_words_never_panic(boards: Vec<String>, configs: Vec<String>) {
-            let _ = parse(&boards, &configs);
+            let _ = on_network(&boards, &configs);
         }
     }
 }

@@ -8,7 +8,7 @@ pub(crate) const BOARD: usize = 63;
 
 /// The values of HAL that matter, in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Seen {
+pub(crate) struct Inputs {
     /// The user has cleared `watchdog.has_bit` or `io_error` since the last cycle.
     pub is_cleared: bool,
     /// The pins `sserial.port-N.run` that are on, as bits.
@@ -25,7 +25,7 @@ pub(crate) struct Seen {
 
 /// The outputs that should follow, at once or as soon as they can.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Wishes {
+pub(crate) struct ArmRequest {
     /// Everything.
     pub all: bool,
     /// These remotes.
@@ -80,7 +80,7 @@ impl Rearming {
     }
 
     /// What is asked for in this cycle.
-    pub fn step(&mut self, seen: Seen) -> Wishes {
+    pub fn step(&mut self, seen: Inputs) -> ArmRequest {
         let switched_on = seen.run & !self.run;
         let mut remotes = seen.rearm & !self.rearm;
         // Nothing is armed in a port that is switched off.
@@ -105,7 +105,7 @@ impl Rearming {
         } else {
             0
         };
-        Wishes {
+        ArmRequest {
             all,
             remotes,
             is_switched_on,
@@ -142,7 +142,7 @@ mod tests {
             for (number, &(is_cleared, run, rearm, waiting, in_use, is_machine_on)) in
                 history.iter().enumerate()
             {
-                let wishes = rearming.step(Seen {
+                let wishes = rearming.step(Inputs {
                     is_cleared, run, rearm, waiting, in_use, is_machine_on,
                 });
                 prop_assert_eq!(wishes.all, number == 0 || is_cleared);

@@ -8,9 +8,9 @@ use mesa_hal::driver::{EventKind, OfflineReason, Repeating};
 use mesa_hal::hal::{Age, Role};
 use mesa_hal::{Advice, Driver, RemoteId};
 
+use crate::ffi::Level;
 use crate::interface::Interface;
 use crate::rearm::BOARD;
-use crate::say::Level;
 
 /// The names of a board and its cards in HAL.
 #[derive(Clone, Debug)]

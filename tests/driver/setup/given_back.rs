@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use mesa_eth::Config;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Driver, RemoteState, SerialPort};
@@ -51,7 +52,9 @@ fn runs(driver: &Driver<SimFpga>) -> bool {
 
 #[test]
 fn pins_of_channels_without_an_answer_are_plain_io() {
-    let settings = Settings::from_hostmot2("sserial_port_0=00000000").expect("a word");
+    let settings = Config::parse("sserial_port_0=00000000")
+        .expect("a word")
+        .settings;
     let mut driver = with_a_7i72(settings);
     let aliases: Vec<_> = driver.pins().aliases().collect();
     let has_alias = |alias: &str| aliases.iter().any(|(name, _)| name.contains(alias));
@@ -81,7 +84,7 @@ fn pins_of_channels_without_an_answer_are_plain_io() {
 
 #[test]
 fn pins_that_were_given_back_stay_so_after_a_reset() {
-    let mut driver = with_a_7i72(Settings::from_hostmot2("").expect("no word"));
+    let mut driver = with_a_7i72(Config::parse("").expect("no word").settings);
     let tx = pins_of(0)[1];
     cycles(&mut driver, 20);
     set(&mut driver, tx, true);

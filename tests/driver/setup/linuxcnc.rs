@@ -1,5 +1,6 @@
 //! Settings of LinuxCNC: its initial values, and the words of its `config=`.
 
+use mesa_eth::Config;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Defaults, Driver, DriverError, PwmConfig};
 use mesa_hal::hal::AnyValue;
@@ -11,14 +12,14 @@ use mesa_hal_sim::{SimFirmware, SimFpga, gtag, machines};
 type Started = Result<Driver<SimFpga>, DriverError>;
 
 fn loaded(firmware: SimFirmware, config: &str) -> Started {
-    let settings = Settings::from_hostmot2(config).expect("words of LinuxCNC");
+    let settings = Config::parse(config).expect("words of LinuxCNC").settings;
     Driver::start(SimFpga::new(firmware), settings)
 }
 
 /// A 7I97 with a card on its only channel.
 /// A 7I97 with a card on its only channel.
 fn i7i97(config: &str) -> Driver<SimFpga> {
-    let settings = Settings::from_hostmot2(config).expect("words of LinuxCNC");
+    let settings = Config::parse(config).expect("words of LinuxCNC").settings;
     let mut fpga = machines::i7i97(1);
     machines::plug_7i72(&mut fpga, 0, 0);
     Driver::start(fpga, settings).unwrap_or_else(|error| panic!("{config}: {error}"))
@@ -154,7 +155,9 @@ fn serial_ports_behind_the_last_named_one_are_not_used() {
     assert_eq!(ports("sserial_port_1=00xxxxxx"), 2);
     assert_eq!(ports("sserial_port_0=xxxxxxxx sserial_port_1=00"), 2);
     assert_eq!(ports("sserial_port_0=xxxxxxxx"), 0);
-    let settings = Settings::from_hostmot2("sserial_port_0=0xxxxxxx").expect("a word");
+    let settings = Config::parse("sserial_port_0=0xxxxxxx")
+        .expect("a word")
+        .settings;
     let mut fpga = SimFpga::new(firmware());
     machines::plug_7i72(&mut fpga, 0, 0);
     let driver = Driver::start(fpga, settings).expect("one port");

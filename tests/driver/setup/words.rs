@@ -1,9 +1,9 @@
 //! Words of LinuxCNC's `config=` for modules that this crate does not drive: without effect where the
 //! firmware has none of them, as in hm2_eth, and refused with a sentence where it has.
 
-use mesa_hal::driver::{Driver, DriverError, RemarkKind};
-use mesa_hal::modules::RegisterError;
-use mesa_hal::{Advice, Settings};
+use mesa_eth::Config;
+use mesa_hal::Board;
+use mesa_hal::driver::{Driver, RemarkKind};
 use mesa_hal_sim::{FirmwareImage, SimFpga};
 
 macro_rules! firmware {
@@ -33,14 +33,11 @@ const PLAIN: &str = firmware!("7I96S-7I96S_G540D");
 fn started(firmware: &str, config: &str) -> Result<Driver<SimFpga>, String> {
     let image = FirmwareImage::parse(firmware).expect("an image");
     let fpga = SimFpga::from_image(&image).expect("a firmware");
-    let settings = Settings::from_hostmot2(config).map_err(|error| error.to_string())?;
-    Driver::start(fpga, settings).map_err(|error| match error {
-        DriverError::Register(RegisterError::Setting { advice, .. }) => {
-            assert_eq!(advice, Advice::LeaveWordOut, "{config}");
-            error.to_string()
-        }
-        other => panic!("{config}: {other}"),
-    })
+    let config = Config::parse(config).map_err(|error| error.to_string())?;
+    let board = Board::identify(fpga, config.settings.clone()).expect("a board");
+    let checked = config.check(board.firmware());
+    checked.map_err(|error| error.to_string())?;
+    Ok(board.start().expect("a complete board"))
 }
 
 fn names(driver: &Driver<SimFpga>) -> Vec<String> {
@@ -86,13 +83,4 @@ fn words_of_modules_that_cannot_be_driven_are_refused_by_name() {
             }
         }
     }
-}
-
-#[test]
-fn a_firmware_that_is_named_is_not_loaded_and_the_remark_says_so() {
-    let config = "firmware=hm2/7i96/7i96s.bit num_stepgens=5";
-    let driver = started(PLAIN, config).expect("it loads");
-    let remarks: Vec<_> = driver.remarks().iter().map(ToString::to_string).collect();
-    let expected = "firmware=hm2/7i96/7i96s.bit is not loaded: the board goes on with the firmware that it has";
-    assert_eq!(remarks, [expected]);
 }

@@ -7,9 +7,9 @@ use mesa_hal::driver::{BoardState, EventKind};
 use mesa_hal::hal::{Age, PinId};
 
 use super::{Cycle, since_start};
+use crate::ffi::Level;
 use crate::rearm::{BOARD, RemoteMask};
 use crate::report::{Flags, OutputState, Report};
-use crate::say::Level;
 use crate::table::Memory;
 
 /// Longer than the start of a remote takes, after a fault of the board too.
@@ -62,7 +62,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             };
             if let Some(level) = report.level() {
                 let at = since_start(event.at);
-                self.say.report(at, level, format_args!("{report}"));
+                self.log.report(at, level, format_args!("{report}"));
             }
         }
     }
@@ -73,13 +73,13 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         let flags = self.flags();
         if flags.any() {
             let text = self.names.all_off(flags);
-            return self.say.report(now, Level::Error, format_args!("{text}"));
+            return self.log.report(now, Level::Error, format_args!("{text}"));
         }
         for number in (0..self.remotes.len()).chain([BOARD]) {
             let waits = remotes >> number & 1 != 0;
             let text = self.names.left_off(number, self.is_offline(number), waits);
             if let Some(text) = text {
-                self.say.report(now, Level::Error, format_args!("{text}"));
+                self.log.report(now, Level::Error, format_args!("{text}"));
             }
         }
     }
@@ -94,7 +94,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     pub(super) fn say_dpll(&mut self) {
         if let Some((level, text)) = self.dpll.news(&self.memory) {
             let now = since_start(self.driver.bus_mut().now());
-            self.say.say(now, level, format_args!("{text}"));
+            self.log.print(now, level, format_args!("{text}"));
         }
     }
 
@@ -107,7 +107,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         if let Some(report) = self.losses.cycle(total) {
             let now = self.now();
             let board = self.driver.name();
-            self.say.say(
+            self.log.print(
                 now,
                 Level::Error,
                 format_args!(

@@ -19,6 +19,7 @@ use mesa_hal_sim::devices::{SignalValue, find, find_cable, find_mut};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 use super::*;
+use crate::config::Config;
 use crate::table::tests::FakeMemory;
 use page_faults::PageFaults;
 
@@ -37,6 +38,11 @@ struct Bench {
 }
 
 /// The cycle of a driver, the numbers of its pins in HAL, and its messages.
+/// The settings of a word of `config=`.
+fn settings(config: &str) -> Settings {
+    Config::parse(config).expect(config).settings
+}
+
 fn cycle_of<B: RegisterBus + Clock>(
     driver: Driver<B>,
 ) -> (Cycle<B, FakeMemory>, HashMap<String, usize>, Heard) {
@@ -44,7 +50,7 @@ fn cycle_of<B: RegisterBus + Clock>(
     let numbers = wanted.iter().map(|pin| pin.name.clone()).zip(0..);
     let heard = Heard::default();
     let copy = heard.clone();
-    let say = Say::new(
+    let log = Log::new(
         "board",
         Box::new(move |level, text| {
             let text = text.to_str().expect("UTF-8").to_owned();
@@ -52,7 +58,7 @@ fn cycle_of<B: RegisterBus + Clock>(
         }),
     );
     let memory = FakeMemory(vec![0; wanted.len()]);
-    let mut cycle = Cycle::new(driver, memory, say);
+    let mut cycle = Cycle::new(driver, memory, log);
     cycle.look();
     (cycle, numbers.collect(), heard)
 }
@@ -264,8 +270,8 @@ fn an_impossible_value_is_corrected_in_hal_with_a_message() {
 #[test]
 fn a_position_that_hal_repeats_is_no_new_command_after_a_reset() {
     let board = machines::i7i92_7i76();
-    let settings = Settings::from_hostmot2("num_stepgens=1 sserial_port_0=xxxxxxxx");
-    let driver = Driver::start(Faulty::new(board, 1), settings.expect("words"));
+    let settings = settings("num_stepgens=1 sserial_port_0=xxxxxxxx");
+    let driver = Driver::start(Faulty::new(board, 1), settings);
     let (cycle, numbers, heard) = cycle_of(driver.expect("the machine is complete"));
     let mut bench = Bench {
         cycle,
@@ -350,7 +356,7 @@ fn a_cycle_neither_allocates_nor_faults_with_a_card_pulled_and_put_back() {
     let mut bench = Bench::running();
     bench.switch_on();
     // Messages of the test allocate, those of LinuxCNC do not.
-    bench.cycle.say = Say::new("board", Box::new(|_, _| {}));
+    bench.cycle.log = Log::new("board", Box::new(|_, _| {}));
     let faults = PageFaults::of_this_thread();
     for round in 0..2 {
         let (mut allocations, mut page_faults) = (0, 0);

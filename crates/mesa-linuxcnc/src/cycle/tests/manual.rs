@@ -22,7 +22,7 @@ const OWN: [(&str, [bool; 2]); 11] = [
 
 /// The names of a board with the words of LinuxCNC.
 fn names(fpga: SimFpga) -> Vec<String> {
-    let settings = Settings::from_hostmot2("").expect("no words");
+    let settings = settings("");
     let driver = Driver::start(Faulty::new(fpga, 1), settings).expect("the machine is complete");
     wanted(&driver).into_iter().map(|pin| pin.name).collect()
 }
@@ -45,7 +45,7 @@ fn the_pages_name_each_pin_of_its_own() {
 
 #[test]
 fn the_pages_name_each_word_and_function() {
-    let source = include_str!("../../ffi.rs");
+    let source = include_str!("../../exports.rs");
     let words = source.split("pub static rtapi_info_address_").skip(1);
     let words: Vec<_> = words.filter_map(|rest| rest.split(':').next()).collect();
     assert!(words.len() >= 6, "{words:?}");

@@ -48,7 +48,7 @@ impl Bench {
 }
 
 fn hostmot2() -> Settings {
-    Settings::from_hostmot2("num_encoders=6 sserial_port_0=000xxxxx").expect("words")
+    settings("num_encoders=6 sserial_port_0=000xxxxx")
 }
 
 #[test]
@@ -209,8 +209,8 @@ fn a_refused_period_is_tried_again_when_io_error_is_cleared() {
 fn periods_of_50_us_to_50_ms_are_accepted() {
     for micros in [50, 200, 2_700, 3_000, 12_000, 30_000, 50_000] {
         let machine = machines::six_axes_7i97(Motor::default());
-        let settings = Settings::from_hostmot2("num_encoders=6 sserial_port_0=xxxxxxxx");
-        let driver = Driver::start(Faulty::new(machine, 1), settings.expect("words"));
+        let settings = settings("num_encoders=6 sserial_port_0=xxxxxxxx");
+        let driver = Driver::start(Faulty::new(machine, 1), settings);
         let (cycle, numbers, heard) = cycle_of(driver.expect("the machine is complete"));
         let period = Duration::from_micros(micros);
         let mut bench = Bench {
@@ -248,7 +248,7 @@ fn a_dpll_that_cannot_follow_is_an_error_where_a_timer_is_set() {
         (12, -1, 1, &[&note], &[&error]),
         (10, 1, 1, none, none),
     ] {
-        let settings = Settings::from_hostmot2(words).expect("words");
+        let settings = settings(words);
         let mut bench = Bench::with(settings);
         bench.period = Duration::from_millis(millis);
         for timer in [before, after] {
@@ -266,7 +266,7 @@ fn a_dpll_that_cannot_follow_is_an_error_where_a_timer_is_set() {
         assert_eq!(about(Level::Error), errors, "{told}");
     }
     // By the user: nobody expects that it follows.
-    let settings = Settings::from_hostmot2(words).expect("words");
+    let settings = settings(words);
     let mut bench = Bench::with(settings);
     bench.period = Duration::from_millis(12);
     bench.set("dpll.base-freq-khz", 2.0);

@@ -15,8 +15,8 @@ impl Axis {
             encoder: 0,
             motor: Motor::new(MotorConfig::default()).expect("a motor"),
         });
-        let settings = Settings::from_hostmot2("num_stepgens=1 sserial_port_0=0xxxxxxx");
-        let driver = Driver::start(Faulty::new(fpga, 1), settings.expect("words"));
+        let settings = settings("num_stepgens=1 sserial_port_0=0xxxxxxx");
+        let driver = Driver::start(Faulty::new(fpga, 1), settings);
         let (cycle, numbers, heard) = cycle_of(driver.expect("the machine is complete"));
         // Of the board, under the name that the bench has for all boards.
         let numbers = numbers.into_iter().map(|(name, number)| {

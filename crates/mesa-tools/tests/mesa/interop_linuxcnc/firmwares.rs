@@ -1,7 +1,7 @@
 //! LinuxCNC's names and those of `mesa-hal` agree for public firmwares of six different boards,
 //! which the simulated board runs.
 
-use mesa_hal::Settings;
+use mesa_eth::Config;
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::{FirmwareImage, SimFpga, machines};
 
@@ -48,7 +48,7 @@ fn six_public_firmwares_have_the_names_that_linuxcnc_gives_them() {
         let image = FirmwareImage::parse(&text).expect("an image");
         let mut fpga = SimFpga::from_image(&image).expect("a firmware");
         machines::plug_7i72(&mut fpga, 0, 0);
-        let settings = Settings::from_hostmot2(CONFIG).expect("words of LinuxCNC");
+        let settings = Config::parse(CONFIG).expect("words of LinuxCNC").settings;
         let driver = Driver::start(fpga, settings).expect("it starts");
         let (pins, params) = (machine.list("pin"), machine.list("param"));
         names::compare(prefix, [&pins, &params], driver.pins(), 150);

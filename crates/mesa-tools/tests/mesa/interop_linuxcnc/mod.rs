@@ -22,7 +22,7 @@ use crate::interop::tools::LINUXCNC_NICE;
 use crate::interop::{realtime, wait_until};
 use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
-use mesa_hal::Settings;
+use mesa_eth::Config;
 use mesa_hal::driver::Driver;
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
@@ -225,7 +225,9 @@ fn cycles(before: &Values, after: &Values) -> f64 {
 /// `mesa-hal`'s driver for the same machine, with the words of LinuxCNC's configuration, has the same
 /// pins and parameters, with the same values.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
-    let settings = Settings::from_hostmot2(linuxcnc::CONFIG).expect("words of LinuxCNC");
+    let settings = Config::parse(linuxcnc::CONFIG)
+        .expect("words of LinuxCNC")
+        .settings;
     let driver = Driver::start(ours, settings).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
     names::compare(prefix, [&pins, &params], driver.pins(), 400);

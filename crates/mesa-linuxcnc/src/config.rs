@@ -1,16 +1,15 @@
-//! Settings from the words of LinuxCNC's `config=`.
+//! The words of LinuxCNC's `config=`.
 //!
 //! Source: manual page hostmot2(9), "config modparam"; LinuxCNC's driver (2.9 and later) for what the
 //! page leaves open.
 
-use alloc::string::String;
+use mesa_hal::driver::Defaults;
+use mesa_hal::hostmot2::{CountedKind, Gtag, HostMot2};
+use mesa_hal::sslbp::MAX_CHANNELS;
+use mesa_hal::{ParseError, SerialConfig, Settings};
+use thiserror::Error;
 
-use super::{Defaults, SerialConfig, Settings};
-use crate::ParseError;
-use crate::hostmot2::{CountedKind, Gtag};
-use crate::sslbp::{MAX_CHANNELS, MAX_PORTS};
-
-/// A kind of modules that this crate does not drive: the beginning of its words, what it is called,
+/// A kind of modules that this driver does not have: the beginning of its words, what it is called,
 /// and the tags of its modules.
 #[derive(Debug)]
 struct NotDriven {
@@ -51,35 +50,58 @@ const ABSOLUTE: [NotDriven; 3] = [
     not_driven("fanuc_chan_", "absolute encoders (Fanuc)", &[Gtag::FABS]),
 ];
 
-/// A word of LinuxCNC's `config=` that sets nothing.
+/// A word that asks for modules that the driver does not have.
 #[derive(Clone, Debug, PartialEq, Eq)]
+struct UndrivenWord {
+    word: String,
+    /// The name of the modules, in the plural.
+    what: &'static str,
+    gtags: &'static [Gtag],
+}
+
+/// Error in the words of `config=`.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum NotedWord {
-    /// `firmware=F`, with its value. The driver loads no firmware, and has a
-    /// [remark](crate::driver::RemarkKind::FirmwareWord) on it.
-    Firmware(String),
-    /// A word that asks for modules that this crate does not drive: refused when the board is
-    /// identified and its firmware has one of them, and else without effect, as in LinuxCNC.
-    OfModules {
+pub enum ConfigError {
+    /// A word is unknown, or cannot have its meaning here.
+    #[error("hostmot2 configuration word '{}': expected {expected}", ParseError::shortened(.word))]
+    Word {
         /// The word.
         word: String,
-        /// What the modules are called, in the plural.
+        /// The valid words or values.
+        expected: &'static str,
+    },
+    /// The modes of a serial port.
+    #[error(transparent)]
+    Modes(#[from] ParseError),
+    /// A word asks for modules of the firmware that the driver does not have.
+    #[error(
+        "hostmot2 configuration word '{word}': the firmware has {what} ({gtag}), which this driver does not drive; without the word the \
+         board is loaded and their pins are plain I/O; LinuxCNC's own driver (hm2_eth, hm2_pci) drives them"
+    )]
+    Undriven {
+        /// The word.
+        word: String,
+        /// The name of the modules, in the plural.
         what: &'static str,
-        /// The tags of the modules.
-        gtags: &'static [Gtag],
+        /// The tag of the first module of the firmware that the word asks for.
+        gtag: Gtag,
     },
 }
 
 /// All words, for an unknown one.
 const KNOWN: &str = "one of num_encoders, num_pwmgens, num_stepgens, num_dplls, num_inmuxs, num_inms, \
      num_ssrs, num_outms, num_leds, sserial_port_0 to sserial_port_3, stepgen_width, firmware, and for modules \
-     that this crate does not drive num_resolvers, num_3pwmgens, num_rcpwmgens, num_bspis, num_uarts, \
+     that this driver does not have num_resolvers, num_3pwmgens, num_rcpwmgens, num_bspis, num_uarts, \
      num_pktuarts, num_xy2mods, num_oneshots, num_periodms, ssi_chan_N, biss_chan_N and fanuc_chan_N, each \
      with = and a value";
 
 /// The value of `sserial_port_N`.
 const MODES: &str =
     "a character for each channel: its software mode (0 to 9), or x if it is not used";
+
+/// Ports that words can name.
+const PORTS: usize = 4;
 
 /// Outputs of a step generator at most.
 const MAX_WIDTH: u8 = 8;
@@ -89,20 +111,30 @@ const MODE_0: u8 = b'0';
 /// The mode of a channel that is not used.
 const UNUSED: u8 = b'x';
 
-impl Settings {
+/// The value of `config=` for one board.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The settings of the driver.
+    pub settings: Settings,
+    /// The value of `firmware=`.
+    firmware: Option<String>,
+    undriven: Vec<UndrivenWord>,
+}
+
+impl Config {
     /// Parses the value of `config=` of LinuxCNC's `loadrt hm2_eth` for one board, so that the same
     /// words have the same meaning: the words are separated by spaces, upper and lower case differ,
     /// and the last of several equal words counts.
     ///
     /// | word | meaning |
     /// |---|---|
-    /// | `num_encoders=N`, `num_pwmgens=N`, `num_stepgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Self::instances) in use; -1 for all |
+    /// | `num_encoders=N`, `num_pwmgens=N`, `num_stepgens=N`, `num_inmuxs=N`, `num_inms=N`, `num_ssrs=N`, `num_outms=N`, `num_leds=N` | number of [instances](Settings::instances) in use; -1 for all |
     /// | `num_dplls=0` | the phase-locked loop is left alone |
     /// | `sserial_port_N=MODES` | as [`SerialConfig`]; characters after the eighth have no channel; ports behind the last one with a mode are not used |
-    /// | `num_resolvers=N` and others of modules that this crate does not drive | [refused](NotedWord::OfModules) if the firmware has such modules, unless N is 0 or -1; else nothing |
+    /// | `num_resolvers=N` and others of modules that this driver does not have | [refused](Self::check) if the firmware has such modules, unless N is 0 or -1; else nothing |
     /// | `ssi_chan_N=`, `biss_chan_N=`, `fanuc_chan_N=` | the same: absolute encoders are not driven |
-    /// | `stepgen_width=N` | [number of outputs](Self::stepgen_width) of a step generator |
-    /// | `firmware=F` | nothing, with a [remark](NotedWord::Firmware): the board has its firmware |
+    /// | `stepgen_width=N` | [number of outputs](Settings::stepgen_width) of a step generator |
+    /// | `firmware=F` | nothing, with a line at the load: the board has its firmware |
     /// | `enable_raw` | refused: there are no pins `raw.*`, which read and write any register |
     ///
     /// The values of pins and parameters are [those of LinuxCNC](Defaults::LinuxCnc), without any
@@ -110,36 +142,51 @@ impl Settings {
     /// except, as in LinuxCNC, for a module that the firmware does not have, LEDs, and the
     /// phase-locked loop.
     ///
-    /// ```
-    /// use mesa_hal::Settings;
-    /// use mesa_hal::driver::Defaults;
-    /// use mesa_hal::hostmot2::Gtag;
-    ///
-    /// let settings = Settings::from_hostmot2("num_encoders=4 num_resolvers=0 sserial_port_0=20xxxxxx")?;
-    /// assert_eq!(settings.instances[&Gtag::ENCODER], 4);
-    /// assert_eq!(settings.serial_ports[&0].channels[&0].mode, 2);
-    /// assert_eq!(settings.defaults, Defaults::LinuxCnc);
-    /// let error = Settings::from_hostmot2("num_encoder=4").expect_err("no such word");
-    /// assert!(error.to_string().starts_with("hostmot2 configuration word 'num_encoder=4': expected"));
-    /// # Ok::<(), mesa_hal::ParseError>(())
-    /// ```
-    ///
     /// # Errors
-    /// [`ParseError`] with the word that is unknown, or that cannot have its meaning here.
-    pub fn from_hostmot2(config: &str) -> Result<Self, ParseError> {
-        let mut settings = Self {
-            defaults: Defaults::LinuxCnc,
-            ..Self::default()
+    /// [`ConfigError::Word`] with the word that is unknown, or that cannot have its meaning here.
+    pub fn parse(config: &str) -> Result<Self, ConfigError> {
+        let mut parsed = Self {
+            settings: Settings {
+                defaults: Defaults::LinuxCnc,
+                ..Settings::default()
+            },
+            firmware: None,
+            undriven: Vec::new(),
         };
         let mut ports = PortModes::default();
         for word in config.split_ascii_whitespace() {
-            settings.take_word(word, &mut ports)?;
+            parsed.take_word(word, &mut ports)?;
         }
-        ports.put(&mut settings)?;
-        Ok(settings)
+        ports.put(&mut parsed.settings)?;
+        Ok(parsed)
     }
 
-    fn take_word(&mut self, word: &str, ports: &mut PortModes) -> Result<(), ParseError> {
+    /// The value of `firmware=`. The driver does not load it.
+    pub fn firmware(&self) -> Option<&str> {
+        self.firmware.as_deref()
+    }
+
+    /// Refuses words for modules that the firmware has and the driver does not drive. Where the
+    /// firmware has none, the words have no effect, as in LinuxCNC.
+    ///
+    /// # Errors
+    /// [`ConfigError::Undriven`] with the first such word.
+    pub fn check(&self, firmware: &HostMot2) -> Result<(), ConfigError> {
+        for UndrivenWord { word, what, gtags } in &self.undriven {
+            let modules = firmware.modules.iter();
+            let mut present = modules.filter(|module| module.instances > 0);
+            if let Some(module) = present.find(|module| gtags.contains(&module.gtag)) {
+                return Err(ConfigError::Undriven {
+                    word: word.clone(),
+                    what,
+                    gtag: module.gtag,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn take_word(&mut self, word: &str, ports: &mut PortModes) -> Result<(), ConfigError> {
         let refuse = |expected| Err(refused(word, expected));
         if let Some(kind) = ABSOLUTE.iter().find(|kind| word.starts_with(kind.word)) {
             self.note(word, kind);
@@ -158,7 +205,7 @@ impl Settings {
             return ports.take(word, port, value);
         }
         if name == "firmware" {
-            self.words.push(NotedWord::Firmware(value.into()));
+            self.firmware = Some(value.into());
             return Ok(());
         }
         let number = number(value);
@@ -167,7 +214,7 @@ impl Settings {
             let Some(width) = width.filter(|width| *width <= MAX_WIDTH) else {
                 return refuse("a number from 0 to 8, the outputs that a step generator can have");
             };
-            self.stepgen_width = width;
+            self.settings.stepgen_width = width;
             return Ok(());
         }
         if let Some(kind) = NOT_DRIVEN.iter().find(|kind| kind.word == name) {
@@ -181,17 +228,18 @@ impl Settings {
         let Some(kind) = CountedKind::counted_by(name) else {
             return refuse(KNOWN);
         };
+        let instances = &mut self.settings.instances;
         match (number, number.map(u8::try_from)) {
-            (Some(-1), _) => drop(self.instances.remove(&kind.key())),
-            (_, Some(Ok(count))) => drop(self.instances.insert(kind.key(), count)),
+            (Some(-1), _) => drop(instances.remove(&kind.key())),
+            (_, Some(Ok(count))) => drop(instances.insert(kind.key(), count)),
             _ => return refuse("a number from 0 to 255, or -1 for all"),
         }
         Ok(())
     }
 
-    /// Notes a word for modules that this crate does not drive.
+    /// Notes a word for modules that this driver does not have.
     fn note(&mut self, word: &str, kind: &NotDriven) {
-        self.words.push(NotedWord::OfModules {
+        self.undriven.push(UndrivenWord {
             word: word.into(),
             what: kind.what,
             gtags: kind.gtags,
@@ -204,14 +252,14 @@ impl Settings {
 #[derive(Debug, Default)]
 struct PortModes {
     /// By port; `None` if it is not named.
-    modes: [Option<[u8; MAX_CHANNELS as usize]>; MAX_PORTS as usize],
+    modes: [Option<[u8; MAX_CHANNELS as usize]>; PORTS],
     /// Number of ports in use: up to the last one of which a word had a mode. `None` without a
     /// word, for all ports.
     used: Option<u8>,
 }
 
 impl PortModes {
-    fn take(&mut self, word: &str, port: &str, value: &str) -> Result<(), ParseError> {
+    fn take(&mut self, word: &str, port: &str, value: &str) -> Result<(), ConfigError> {
         let number = port.parse::<u8>().ok().filter(|_| port.len() == 1);
         let modes = number.and_then(|port| Some((port, self.modes.get_mut(usize::from(port))?)));
         let Some((port, modes)) = modes else {
@@ -237,7 +285,7 @@ impl PortModes {
     }
 
     /// Sets the ports up, and leaves those behind the last one with a mode unused.
-    fn put(self, settings: &mut Settings) -> Result<(), ParseError> {
+    fn put(self, settings: &mut Settings) -> Result<(), ConfigError> {
         let Some(used) = self.used else {
             return Ok(());
         };
@@ -277,25 +325,27 @@ fn number(text: &str) -> Option<i64> {
     digits.chars().all(is_digit).then_some(number)
 }
 
-fn refused(word: &str, expected: &'static str) -> ParseError {
-    ParseError {
-        what: "hostmot2 configuration word",
-        found: word.into(),
-        expected,
-    }
+fn refused(word: &str, expected: &'static str) -> ConfigError {
+    let word = word.into();
+    ConfigError::Word { word, expected }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alloc::format;
-    use alloc::string::ToString;
-    use alloc::vec;
-    use alloc::vec::Vec;
     use proptest::prelude::*;
 
     fn parsed(config: &str) -> Settings {
-        Settings::from_hostmot2(config).unwrap_or_else(|error| panic!("{error}"))
+        let parsed = Config::parse(config).unwrap_or_else(|error| panic!("{error}"));
+        parsed.settings
+    }
+
+    /// The word that an error names.
+    fn named(error: &ConfigError) -> Option<&str> {
+        match error {
+            ConfigError::Word { word, .. } => Some(word),
+            _ => None,
+        }
     }
 
     fn modes(settings: &Settings, port: u8) -> String {
@@ -354,7 +404,6 @@ mod tests {
         let settings = parsed("sserial_port_1=20x sserial_port_0=1 sserial_port_1=x");
         assert_eq!(modes(&settings, 0), "10000000");
         assert_eq!(modes(&settings, 1), "x0x00000");
-        assert!(settings.check().is_ok());
     }
 
     #[test]
@@ -375,24 +424,26 @@ mod tests {
     }
 
     #[test]
-    fn words_of_modules_that_are_not_driven_are_noted() {
-        let word = |word: &NotedWord| match word {
-            NotedWord::OfModules { word, .. } => word.clone(),
-            NotedWord::Firmware(file) => format!("file {file}"),
+    fn words_of_undriven_modules_are_noted() {
+        let words = |config: &str| -> Vec<String> {
+            let parsed = Config::parse(config).expect(config);
+            parsed
+                .undriven
+                .into_iter()
+                .map(|noted| noted.word)
+                .collect()
         };
         for kind in NOT_DRIVEN.iter().map(|kind| kind.word) {
             for (value, noted) in [("0", 0), ("-1", 0), ("1", 1), ("0x12", 1)] {
                 let config = format!("{kind}={value}");
-                let settings = parsed(&config);
-                let words: Vec<_> = settings.words.iter().map(word).collect();
-                assert_eq!(words, vec![config; noted]);
+                assert_eq!(words(&config), vec![config; noted]);
             }
         }
         for config in ["ssi_chan_0=p%2b", "biss_chan_1=x", "fanuc_chan_00=a%3u"] {
-            assert_eq!(word(&parsed(config).words[0]), config);
+            assert_eq!(words(config), [config]);
         }
-        let firmware = parsed("firmware=hm2/5i25/7i77_7i76.bit");
-        assert_eq!(word(&firmware.words[0]), "file hm2/5i25/7i77_7i76.bit");
+        let config = Config::parse("firmware=hm2/5i25/7i77_7i76.bit").expect("a firmware");
+        assert_eq!(config.firmware(), Some("hm2/5i25/7i77_7i76.bit"));
     }
 
     #[test]
@@ -424,8 +475,8 @@ mod tests {
             ("stepgen_width=99", "stepgen_width=99", "0 to 8"),
             ("enable_raw", "enable_raw", "leave the word out"),
         ] {
-            let error = Settings::from_hostmot2(config).expect_err(config);
-            assert_eq!(error.found, word);
+            let error = Config::parse(config).expect_err(config);
+            assert_eq!(named(&error), Some(word));
             assert!(error.to_string().contains(said), "{config}: {error}");
         }
     }
@@ -433,24 +484,24 @@ mod tests {
     #[test]
     fn a_long_word_is_shortened_in_the_message() {
         let word = "num_encoders=4".repeat(400);
-        let error = Settings::from_hostmot2(&word).expect_err("no such word");
+        let error = Config::parse(&word).expect_err("no such word");
         let text = error.to_string();
         assert!(text.contains("... (5600 characters)'"), "{text}");
         assert!(text.len() < 700, "{text}");
-        assert_eq!(error.found, word, "whole in the error itself");
+        assert_eq!(named(&error), Some(&*word), "whole in the error itself");
     }
 
     proptest! {
         #[test]
         fn any_text_is_parsed_or_refused(text in ".{0,80}") {
-            let _ = Settings::from_hostmot2(&text);
+            let _ = Config::parse(&text);
         }
 
         #[test]
         fn anything_that_looks_like_words_is_parsed_or_refused(
             words in proptest::collection::vec("(num_[a-z0-9]{3,8}|sserial_port_[0-9-]|ssi_chan_[0-9]|enable_raw|stepgen_width)=?[-+0-9a-fxX]{0,10}", 0..6)
         ) {
-            let _ = Settings::from_hostmot2(&words.join(" "));
+            let _ = Config::parse(&words.join(" "));
         }
 
         #[test]

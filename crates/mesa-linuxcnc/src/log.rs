@@ -4,18 +4,8 @@ use core::ffi::CStr;
 use core::fmt::{self, Write};
 use core::time::Duration;
 
+use crate::ffi::{self, Level};
 use crate::interface::Interface;
-
-/// Level of a message. LinuxCNC's realtime process prints these two, and no other: a message at
-/// another level is never seen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Level {
-    /// Printed, and not on the operator's screen.
-    Note = 0,
-    /// Printed, and on the operator's screen: what the user asked for and does not get, and what the
-    /// driver switched off.
-    Error = 1,
-}
 
 /// Receives the messages that are not left out.
 pub(crate) type Listener = Box<dyn FnMut(Level, &CStr) + Send>;
@@ -24,7 +14,7 @@ pub(crate) type Listener = Box<dyn FnMut(Level, &CStr) + Send>;
 ///
 /// # Real time
 /// Bounded by the length of a message. No allocation.
-pub(crate) struct Say {
+pub(crate) struct Log {
     board: String,
     listener: Listener,
     /// By [`Kind`].
@@ -48,13 +38,13 @@ impl Kind {
     }
 }
 
-impl fmt::Debug for Say {
+impl fmt::Debug for Log {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Say({}, {:?})", self.board, self.budgets)
+        write!(f, "Log({}, {:?})", self.board, self.budgets)
     }
 }
 
-impl Say {
+impl Log {
     /// Messages of the board with this name.
     pub fn new(board: &str, listener: Listener) -> Self {
         Self {
@@ -66,28 +56,28 @@ impl Say {
 
     /// Prints a message after the name of the board, unless too many were printed shortly before.
     /// `now` is the time since any fixed moment.
-    pub fn say(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
+    pub fn print(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
         let mut line = Line::of(&self.board);
         let _ = line.write_fmt(text);
-        self.print(now, Kind::of(level), level, line);
+        self.put(now, Kind::of(level), level, line);
     }
 
-    /// As [`say`](Self::say), for a message that names its board or card itself.
+    /// As [`print`](Self::print), for a message that names its board or card itself.
     pub fn report(&mut self, now: Duration, level: Level, text: fmt::Arguments<'_>) {
         let mut line = Line::default();
         let _ = line.write_fmt(text);
-        self.print(now, Kind::of(level), level, line);
+        self.put(now, Kind::of(level), level, line);
     }
 
-    /// As [`say`](Self::say), that something is not done that LinuxCNC's user has asked for. Faults
+    /// As [`print`](Self::print), that something is not done that LinuxCNC's user has asked for. Faults
     /// of the board do not use up the number of these messages.
     pub fn refuse(&mut self, now: Duration, text: fmt::Arguments<'_>) {
         let mut line = Line::of(&self.board);
         let _ = line.write_fmt(text);
-        self.print(now, Kind::Refusal, Level::Error, line);
+        self.put(now, Kind::Refusal, Level::Error, line);
     }
 
-    fn print(&mut self, now: Duration, kind: Kind, level: Level, mut line: Line) {
+    fn put(&mut self, now: Duration, kind: Kind, level: Level, mut line: Line) {
         let Some(left_out) = self.budgets[kind as usize].spend(now) else {
             return;
         };
@@ -195,7 +185,7 @@ impl Write for Line {
 pub(crate) fn at_set_up(level: Level, text: &fmt::Arguments<'_>) {
     let mut line = Line::of(&Interface::own().name().to_string_lossy());
     let _ = line.write_fmt(*text);
-    crate::ffi::print(level, line.text());
+    ffi::print(level, line.text());
 }
 
 #[cfg(test)]
@@ -206,24 +196,24 @@ mod tests {
 
     type Heard = Arc<Mutex<Vec<(Level, String)>>>;
 
-    fn say() -> (Say, Heard) {
+    fn log() -> (Log, Heard) {
         let heard = Heard::default();
         let copy = heard.clone();
         let listener = move |level, text: &CStr| {
             let text = text.to_str().expect("UTF-8").to_owned();
             copy.lock().expect("no panic").push((level, text));
         };
-        (Say::new("hm2_7i97.0", Box::new(listener)), heard)
+        (Log::new("hm2_7i97.0", Box::new(listener)), heard)
     }
 
     #[test]
     fn a_bad_hour_is_a_page_and_errors_are_counted_apart() {
-        let (mut say, heard) = say();
+        let (mut log, heard) = log();
         for cycle in 0..3_600_000_u64 {
             let now = Duration::from_millis(cycle);
-            say.say(now, Level::Note, format_args!("cycle {cycle}"));
+            log.print(now, Level::Note, format_args!("cycle {cycle}"));
         }
-        say.say(
+        log.print(
             Duration::from_secs(3_600),
             Level::Error,
             format_args!("bitten"),
@@ -239,12 +229,12 @@ mod tests {
 
     #[test]
     fn a_refusal_is_printed_after_any_number_of_errors() {
-        let (mut say, heard) = say();
+        let (mut log, heard) = log();
         for cycle in 0..100 {
             let now = Duration::from_millis(cycle);
-            say.say(now, Level::Error, format_args!("bitten"));
+            log.print(now, Level::Error, format_args!("bitten"));
         }
-        say.refuse(Duration::from_millis(100), format_args!("scale is 0"));
+        log.refuse(Duration::from_millis(100), format_args!("scale is 0"));
         let heard = heard.lock().expect("no panic");
         assert_eq!(heard.len(), 20 + 1);
         let last = heard.last().expect("a refusal");
@@ -254,8 +244,8 @@ mod tests {
     proptest! {
         #[test]
         fn a_long_message_is_cut_between_characters(text in "\\PC{0,600}") {
-            let (mut say, heard) = say();
-            say.say(Duration::ZERO, Level::Note, format_args!("{text}{text}"));
+            let (mut log, heard) = log();
+            log.print(Duration::ZERO, Level::Note, format_args!("{text}{text}"));
             let heard = heard.lock().expect("no panic");
             let whole = format!("hm2_7i97.0: {text}{text}");
             prop_assert!(whole.starts_with(&heard[0].1));
