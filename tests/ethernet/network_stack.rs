@@ -15,11 +15,11 @@ use super::common::machine::{ANALOG, FIELD, fpga, start};
 use cable::{BOARD, Cable, Fate, Port};
 use link::{Own, SmoltcpLink};
 
-#[path = "../../examples/microcontroller/cable.rs"]
+#[path = "../../examples/network/microcontroller/cable.rs"]
 mod cable;
-#[path = "../../examples/microcontroller/drive.rs"]
+#[path = "../../examples/network/microcontroller/drive.rs"]
 mod drive;
-#[path = "../../examples/microcontroller/link.rs"]
+#[path = "../../examples/network/microcontroller/link.rs"]
 mod link;
 
 type Bus = UdpBus<SmoltcpLink<Port, Cable>>;
@@ -115,7 +115,7 @@ impl Controller {
 #[test]
 fn the_program_of_the_page_is_the_one_that_moves_an_axis_here() {
     let page = include_str!("../../docs/microcontroller.md");
-    let program = include_str!("../../examples/microcontroller/drive.rs");
+    let program = include_str!("../../examples/network/microcontroller/drive.rs");
     let (_, program) = program.split_once("\n\n").expect("its description");
     assert!(page.contains(&format!("```rust,ignore\n{program}```\n")));
     let fpga = machines::six_axes_7i97(Motor::default());

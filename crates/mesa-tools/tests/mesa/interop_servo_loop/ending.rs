@@ -121,7 +121,7 @@ fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary
         let address = Ipv4Addr::new(127, 94, 0, n);
         let mut board = Board::start(address, arguments);
         for (name, code) in ends {
-            let mut child = start("servo_loop", Some(address), &LONG);
+            let mut child = start("servo_bench", Some(address), &LONG);
             wait_until_on(&mut board, wanted);
             child.signal(name);
             let output = child.output();
@@ -141,7 +141,7 @@ fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary
 
 #[test]
 fn a_signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
-    let mut child = start("servo_loop", None, &["--seconds", "600", "--realtime"]);
+    let mut child = start("servo_bench", None, &["--seconds", "600", "--realtime"]);
     std::thread::sleep(Duration::from_millis(1500));
     child.signal("INT");
     let output = child.output();
@@ -189,14 +189,14 @@ fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
     let _board = Board::start(address, &I7I97);
     let on_board: [(&str, &[&str]); 2] = [
         (
-            "servo_loop",
+            "servo_bench",
             &["--seconds", "0.5", "--rate", "200", "--watchdog", "1000"],
         ),
         ("mesa info", &[]),
     ];
     let alone: [(&str, &[&str]); 6] = [
-        ("servo_loop", &["--seconds", "0.5", "--pins"]),
-        ("servo_loop", &["--help"]),
+        ("servo_bench", &["--seconds", "0.5", "--pins"]),
+        ("servo_bench", &["--help"]),
         ("mesa latency", &["--help"]),
         ("mesa info", &["--sim", "7i92-7i77"]),
         ("mesa info", &["--help"]),
@@ -240,7 +240,7 @@ fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
         } else {
             "plug 0"
         });
-        let child = start("servo_loop", Some(address), &run);
+        let child = start("servo_bench", Some(address), &run);
         if !is_away_at_start {
             wait_until_on(&mut board, &["remote.0.output"]);
             board.console.run("unplug 0");
@@ -264,7 +264,7 @@ fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
 fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_cycles() {
     let address = Ipv4Addr::new(127, 94, 0, 14);
     let mut board = Board::start(address, &I7I97);
-    let child = start("servo_loop", Some(address), &LONG);
+    let child = start("servo_bench", Some(address), &LONG);
     wait_until_on(&mut board, &["board.enable0"]);
     drop(board);
     let output = child.output();
@@ -275,7 +275,7 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
         bad > 0 && bad <= all && all < 600_000,
         "{bad} bad of {all}: {out}"
     );
-    assert!(err.contains("servo_loop: "), "{err}");
+    assert!(err.contains("servo_bench: "), "{err}");
 }
 
 /// `tests/ethernet/bad_network.rs` verifies on virtual time that the driving program is not
@@ -284,10 +284,10 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
 fn a_board_that_somebody_drives_is_left_to_him() {
     let address = Ipv4Addr::new(127, 94, 0, 15);
     let mut board = Board::start(address, &I7I97);
-    let mut first = start("servo_loop", Some(address), &LONG);
+    let mut first = start("servo_bench", Some(address), &LONG);
     wait_until_on(&mut board, &["board.enable0", "remote.0.output"]);
     let others = [
-        ("servo_loop", &LONG[..]),
+        ("servo_bench", &LONG[..]),
         ("mesa info", &[]),
         ("mesa latency", &[]),
     ];

@@ -24,7 +24,7 @@ const I7I97: [&str; 2] = ["--board", "7i97"];
 
 /// Runs the loops with `arguments` on the board that `board` describes, until they hold.
 fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
-    let program = example("servo_loop");
+    let program = example("servo_bench");
     let mut printed = String::new();
     for [rate, watchdog] in TRIES {
         let board = Board::start(address, board);
@@ -33,7 +33,7 @@ fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
             .args(["--seconds", "3", "--rate", rate, "--watchdog", watchdog])
             .args(arguments)
             .output()
-            .expect("servo_loop starts");
+            .expect("servo_bench starts");
         drop(board);
         printed = String::from_utf8_lossy(&output.stdout).into_owned();
         if output.status.success() {

@@ -19,9 +19,8 @@
 //! The board is the embedded simulated one; each of its cycles takes a period of real time.
 
 mod client;
+mod print;
 mod service;
-#[path = "../support/mod.rs"]
-mod support;
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -30,11 +29,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use mesa_hal::runner::{Ended, Runner};
+use mesa_hal::runner::{Ended, Runner, Stop};
 use mesa_hal::{Board, I7i77Field, Input, Settings};
 use mesa_hal_sim::{Motor, SimFpga, machines};
+use print::{print, print_error};
 use service::Service;
-use support::{Stop, complain, say};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
@@ -48,7 +47,7 @@ fn main() -> ExitCode {
         None => false,
         Some("--demo") => true,
         Some(other) => {
-            complain(format_args!(
+            print_error(format_args!(
                 "tokio_service: {other} is no option; there is --demo"
             ));
             return ExitCode::from(2);
@@ -57,7 +56,7 @@ fn main() -> ExitCode {
     match run(is_demo) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            complain(format_args!("tokio_service: {error}"));
+            print_error(format_args!("tokio_service: {error}"));
             ExitCode::FAILURE
         }
     }
@@ -69,7 +68,7 @@ fn run(is_demo: bool) -> Result<(), Failure> {
     // A value of the application, which clients see as the board's pins.
     let uptime: Input<f64> = board.own_pins("demo")?.input("uptime")?;
     let driver = board.start()?;
-    say(format_args!("{driver}\n"));
+    print(format_args!("{driver}\n"));
     let field: I7i77Field = driver.attach((0, 0))?;
     let names = service::names(driver.pins());
     let mut runner = Runner::new(driver).stop_on(Stop::on_signals()?);
@@ -107,7 +106,7 @@ fn run(is_demo: bool) -> Result<(), Failure> {
         .join()
         .map_err(|_| "the thread of the cycle has panicked")?;
     ended.stopped?;
-    say(format_args!(
+    print(format_args!(
         "{} cycles, all outputs off\n",
         ended.statistics.cycles
     ));
@@ -122,7 +121,7 @@ async fn serve(
 ) -> Result<(), Failure> {
     let listener = TcpListener::bind(("127.0.0.1", 0)).await?;
     let address = listener.local_addr()?;
-    say(format_args!("listening on {address}\n"));
+    print(format_args!("listening on {address}\n"));
     let demo = is_demo.then(|| tokio::spawn(client::session(address)));
     let clients = async {
         loop {

@@ -4,19 +4,17 @@
 //! follows a path of its own, with speed and acceleration as real machines have them, and the motors,
 //! which lose steps when they are asked for too much, are compared with what the driver reports.
 
-#[path = "../support/mod.rs"]
-mod support;
-
+use std::error::Error;
 use std::fmt::Write;
+use std::io::{self, Write as _};
 use std::ops::ControlFlow::{Break, Continue};
 use std::process::ExitCode;
 
 use mesa_hal::driver::{Driver, Settings};
 use mesa_hal::hal::Pins;
 use mesa_hal::modules::stepgen::{StepgenPins, Stepgens};
-use mesa_hal::runner::Runner;
+use mesa_hal::runner::{Runner, Stop};
 use mesa_hal_sim::{SimFpga, Stepper, StepperConfig, StepperWiring, machines};
-use support::{Stop, complain, say};
 
 const AXES: usize = 5;
 /// Steps for a millimetre: 200 steps and 8 microsteps each for a turn, and a pitch of 5 mm.
@@ -28,16 +26,13 @@ const ACCELERATION: f64 = 600.0;
 const MOVING: u64 = 10_000;
 const RESTING: u64 = 200;
 
-type Failure = Box<dyn std::error::Error>;
+type Failure = Box<dyn Error>;
 
 fn main() -> ExitCode {
-    match Stop::on_signals().map_err(Failure::from).and_then(run) {
-        Ok(code) => code,
-        Err(error) => {
-            complain(format_args!("step_loop: {error}"));
-            ExitCode::FAILURE
-        }
-    }
+    run().unwrap_or_else(|error| {
+        eprintln!("step_loop: {error}");
+        ExitCode::FAILURE
+    })
 }
 
 /// A 7I92 with a 7I76 and five motors.
@@ -72,7 +67,7 @@ fn set_up(pins: &mut Pins, axis: &StepgenPins) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The place of an axis in mm: to and fro, each axis at its own pace, from rest to rest.
+/// The position of an axis in mm: to and fro, each axis at its own pace, from rest to rest.
 fn path(axis: usize, cycle: u64) -> f64 {
     let part = cycle.min(MOVING) as f64 / MOVING as f64;
     let turns = (axis + 2) as f64;
@@ -82,7 +77,7 @@ fn path(axis: usize, cycle: u64) -> f64 {
     reach * (1.0 - (std::f64::consts::TAU * turns * smooth).cos())
 }
 
-fn run(stop: Stop) -> Result<ExitCode, Failure> {
+fn run() -> Result<ExitCode, Failure> {
     let mut driver = Driver::start(machine()?, Settings::default())?; // 1 ms
     let module = driver.modules::<Stepgens>().next();
     let axes: Vec<StepgenPins> = module.map_or_else(Vec::new, |module| module.pins().collect());
@@ -91,23 +86,25 @@ fn run(stop: Stop) -> Result<ExitCode, Failure> {
     }
     let mut worst = [0.0_f64; AXES];
     let mut motors = [Stepper::default(); AXES];
-    let ended = Runner::new(driver).stop_on(stop).run(|cycle| {
-        let number = cycle.number;
-        let pins = cycle.pins_mut();
-        for (n, axis) in axes.iter().enumerate() {
-            // The feedback follows the command of the period before.
-            let lag = pins.read(axis.position_lag).value;
-            worst[n] = worst[n].max(lag.abs());
-            pins.set(axis.enable, true);
-            pins.set(axis.position_cmd, path(n, number));
-        }
-        let is_over = number >= MOVING + RESTING;
-        for (n, motor) in motors.iter_mut().enumerate() {
-            let present = cycle.driver.bus_mut().stepper(n);
-            *motor = present.copied().unwrap_or_default();
-        }
-        if is_over { Break(()) } else { Continue(()) }
-    });
+    let ended = Runner::new(driver)
+        .stop_on(Stop::on_signals()?)
+        .run(|cycle| {
+            let number = cycle.number;
+            let pins = cycle.pins_mut();
+            for (n, axis) in axes.iter().enumerate() {
+                // The feedback follows the command of the period before.
+                let lag = pins.read(axis.position_lag).value;
+                worst[n] = worst[n].max(lag.abs());
+                pins.set(axis.enable, true);
+                pins.set(axis.position_cmd, path(n, number));
+            }
+            let is_over = number >= MOVING + RESTING;
+            for (n, motor) in motors.iter_mut().enumerate() {
+                let present = cycle.driver.bus_mut().stepper(n);
+                *motor = present.copied().unwrap_or_default();
+            }
+            if is_over { Break(()) } else { Continue(()) }
+        });
     if let Some(signal) = ended.signal {
         ended.stopped?;
         return Ok(signal.exit_code());
@@ -128,7 +125,7 @@ fn run(stop: Stop) -> Result<ExitCode, Failure> {
             if holds { "" } else { ": NOT HELD" }
         )?;
     }
-    say(&text);
+    let _ = io::stdout().write_all(text.as_bytes()); // perhaps nobody reads
     ended.stopped?; // rates 0, outputs off
     Ok(ExitCode::from(u8::from(!all_held)))
 }

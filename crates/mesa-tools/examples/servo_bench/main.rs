@@ -1,4 +1,6 @@
-//! Six servo axes on a 7I77, with a 7I72 on its expansion port: the main purpose of the crate.
+//! Six servo axes on a 7I77, with a 7I72 on its expansion port, and a summary of everything that was
+//! counted. `tests/mesa/interop_servo_loop` runs it on simulated boards, with real sockets and clocks;
+//! it measures a real board as well.
 //!
 //! Without `--addr` the board is a simulated 7I92 with motors on virtual time; with it, a real (or
 //! simulated) Ethernet board: one with the same remotes, or a 7I97, which has analog outputs of its
@@ -10,21 +12,19 @@ mod drives;
 mod found;
 mod machine;
 mod result;
-#[path = "../support/mod.rs"]
-mod support;
 mod timed;
 
 use std::fmt::Display;
+use std::io::{self, Write};
 use std::net::SocketAddrV4;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use args::{Args, Parsed};
 use mesa_hal::driver::{Driver, Settings};
-use mesa_hal::runner::Runner;
+use mesa_hal::runner::{Runner, Stop};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{Advice, WithAdvice};
-use support::{Stop, complain, say};
 
 /// Limit of the wait for a transfer. The wait only measures the transfer: a cycle itself need not
 /// wait.
@@ -36,11 +36,11 @@ fn main() -> ExitCode {
     let args = match Args::parse() {
         Ok(Parsed::Run(args)) => args,
         Ok(Parsed::Help) => {
-            say(format_args!("{}\n", args::HELP));
+            print(format_args!("{}\n", args::HELP));
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            complain(format_args!("servo_loop: {error}\nTry --help."));
+            print_error(format_args!("servo_bench: {error}\nTry --help."));
             return ExitCode::from(2);
         }
     };
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     {
         Ok(code) => code,
         Err(error) => {
-            complain(format_args!("servo_loop: {error}"));
+            print_error(format_args!("servo_bench: {error}"));
             ExitCode::FAILURE
         }
     }
@@ -83,7 +83,7 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
     };
     let driver = Driver::start(timed::Timed::new(bus), settings);
     let mut driver = driver.map_err(|error| advised(&error, error.advice()))?;
-    say(found::list(&driver, args.pins));
+    print(found::list(&driver, args.pins));
     let mut control = control::Control::new(&mut driver, args)?;
     let ended = Runner::new(driver)
         .stop_on(stop.clone())
@@ -91,16 +91,26 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
         .run(|cycle| control.cycle(cycle, args));
     // The outputs are off by now, whatever ended the run; the summary follows.
     let summary = result::Summary::of(&control, &ended, args);
-    say(&summary.text);
+    print(&summary.text);
     let stopped = ended.stopped;
     let stopped = stopped.map_err(|error| advised(&error, error.advice()));
     let result = control.failure.map_or(Ok(()), Err).and(stopped);
     if let Some(signal) = ended.signal {
         if let Err(error) = result {
-            complain(format_args!("servo_loop: {error}"));
+            print_error(format_args!("servo_bench: {error}"));
         }
         return Ok(signal.exit_code());
     }
     result?;
     Ok(ExitCode::from(u8::from(!summary.all_held)))
+}
+
+/// Prints text, if somebody reads it: the board is driven on without an output.
+fn print(text: impl Display) {
+    let mut out = io::stdout().lock();
+    let _ = write!(out, "{text}").and_then(|()| out.flush());
+}
+
+fn print_error(text: impl Display) {
+    let _ = writeln!(io::stderr(), "{text}");
 }

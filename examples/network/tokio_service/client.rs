@@ -5,8 +5,8 @@ use std::net::SocketAddr;
 use tokio::net::TcpStream;
 
 use super::Failure;
+use super::print::print;
 use super::service::{line_of, write_line};
-use super::support::say;
 
 const LAMP: &str = "hm2_7i92.0.7i77.0.0.output-03";
 
@@ -26,7 +26,7 @@ pub async fn session(address: SocketAddr) -> Result<(), Failure> {
     ] {
         write_line(&stream, line).await?;
         let answer = line_of(&stream, &mut rest).await?;
-        say(format_args!("> {line}\n{answer}\n"));
+        print(format_args!("> {line}\n{answer}\n"));
         if !answer.contains(expected) {
             return Err(format!("{line}: {answer}, expected: {expected}").into());
         }

@@ -9,7 +9,7 @@ use mesa_hal::driver::Pace;
 pub const HELP: &str = "\
 Closes six position loops on a 7I77 (with a 7I72 on its expansion port), or on a 7I97.
 
-Usage: servo_loop [OPTIONS]
+Usage: servo_bench [OPTIONS]
 
   --seconds N   how long to run, 0.5 to 3600 (5)
   --rate HZ     cycles per second, 100 to 5000 (1000)
