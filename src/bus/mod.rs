@@ -9,4 +9,6 @@ pub use mesa_wire::bus::*;
 pub use image::{
     CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
 };
-pub(crate) use image::{CycleRegister, CycleWrites, Exchanges, ReadRequest, WordDirection};
+pub(crate) use image::{
+    CycleRegister, CycleWrites, Exchanges, HORIZON, ReadRequest, WordDirection,
+};

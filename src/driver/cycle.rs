@@ -405,7 +405,7 @@ impl BoardCycle {
 
     /// True if the evidence is that of a fresh set-up.
     pub fn shows_set_up(&mut self) -> bool {
-        self.parts.watchdog.is_set_up(&self.words)
+        self.parts.watchdog.set_up_restored(&self.words)
     }
 
     /// Continues with a board that has its set-up back, which was begun at `now`.

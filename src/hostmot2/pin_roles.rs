@@ -10,7 +10,7 @@ use alloc::string::{String, ToString};
 type Names = &'static [(u8, &'static str)];
 
 /// Ranges of numbered pins: first and last, and the name before the number.
-type Numbered = &'static [(u8, u8, &'static str)];
+type PinRanges = &'static [(u8, u8, &'static str)];
 
 /// The name of secondary pin `pin` of a module of this kind: `TX0`, `A`, `/Enable`. `None` if no
 /// name is known. Numbers count from 0, decimal; `/` marks an output that is active low.
@@ -55,7 +55,7 @@ const STEPGEN: Names = &[
 
 const SPI: Names = &[(0x81, "Frame"), (0x82, "Out"), (0x83, "Clk"), (0x04, "In")];
 
-const SSERIAL: Numbered = &[
+const SSERIAL: PinRanges = &[
     (0x01, 0x0F, "RX"),
     (0x81, 0x8F, "TX"),
     (0x91, 0x9F, "TXEN"),
@@ -128,7 +128,7 @@ const HM2DPLL: Names = &[
     (0x86, "Timer4"),
 ];
 
-fn known(gtag: Gtag) -> (Names, Numbered) {
+fn known(gtag: Gtag) -> (Names, PinRanges) {
     match gtag {
         Gtag::ENCODER | Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => (ENCODER, &[]),
         Gtag::STEPGEN => (STEPGEN, &[]),
@@ -156,7 +156,7 @@ fn known(gtag: Gtag) -> (Names, Numbered) {
 }
 
 /// Modules of inputs and outputs, and of connections to other circuits.
-fn known_of_io(gtag: Gtag) -> (Names, Numbered) {
+fn known_of_io(gtag: Gtag) -> (Names, PinRanges) {
     match gtag {
         Gtag::IN_MUX => (&[(0x01, "Data")], &[(0x81, 0x85, "Addr")]),
         Gtag::IN_M => (&[], &[(0x01, 0x20, "In")]),

@@ -16,10 +16,10 @@ use crate::sslbp::PortLayout;
 pub(crate) struct BuiltIn {
     gtags: &'static [Gtag],
     /// Checks version and layout of a module.
-    check: Check,
+    check: CheckFn,
     /// Registers all modules of the kind; `None` for those that the driver itself needs, and
     /// registers at their place.
-    pub register: Option<Register>,
+    pub register: Option<RegisterFn>,
     /// A board has a single module of the kind.
     is_single: bool,
 }
@@ -75,10 +75,10 @@ fn find(gtag: Gtag) -> Option<&'static BuiltIn> {
     BUILT_IN.iter().find(|kind| kind.gtags.contains(&gtag))
 }
 
-type Check = fn(&ModuleDescriptor) -> Result<(), HostMot2Error>;
-type Register = fn(&mut Registrar<'_>) -> Result<(), RegisterError>;
+type CheckFn = fn(&ModuleDescriptor) -> Result<(), HostMot2Error>;
+type RegisterFn = fn(&mut Registrar<'_>) -> Result<(), RegisterError>;
 
-const fn single(gtags: &'static [Gtag], check: Check, register: Option<Register>) -> BuiltIn {
+const fn single(gtags: &'static [Gtag], check: CheckFn, register: Option<RegisterFn>) -> BuiltIn {
     BuiltIn {
         gtags,
         check,
@@ -87,7 +87,7 @@ const fn single(gtags: &'static [Gtag], check: Check, register: Option<Register>
     }
 }
 
-const fn several(gtags: &'static [Gtag], check: Check, register: Option<Register>) -> BuiltIn {
+const fn several(gtags: &'static [Gtag], check: CheckFn, register: Option<RegisterFn>) -> BuiltIn {
     BuiltIn {
         gtags,
         check,

@@ -1,9 +1,11 @@
 //! Doubt in a position: what its pin shows, and what is reported of it.
 
+use crate::bus::HORIZON;
+
 /// Reads after the first set-up in which an application has no position yet, unless it has homed or
 /// enabled the axis before. While packets of the set-up may be in flight, which is as long, doubts are
 /// needless but not rare on a busy computer.
-const YOUNG: u32 = 100;
+const YOUNG: u32 = HORIZON as u32;
 
 /// Doubt in the position of an encoder or a step generator.
 #[derive(Clone, Copy, Debug)]

@@ -14,6 +14,7 @@ pub mod encoder;
 mod error;
 pub mod gpio;
 pub mod in_mux;
+mod latch;
 pub mod led;
 pub(crate) mod limit;
 mod module;

@@ -22,6 +22,7 @@ mod words;
 pub use exchange::{CycleLists, CycleWrites, Exchanges, ReadRequest};
 pub(crate) use exchange::{CycleRegister, WordDirection};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
+pub(crate) use words::HORIZON;
 pub use words::Words;
 
 #[cfg(test)]

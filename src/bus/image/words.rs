@@ -32,7 +32,7 @@ pub struct Words {
 }
 
 /// Number of reads after which no older write is still in flight.
-const HORIZON: u8 = 100;
+pub(crate) const HORIZON: u8 = 100;
 
 /// State of a setting.
 #[derive(Clone, Copy, Debug)]

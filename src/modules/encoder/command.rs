@@ -1,6 +1,6 @@
 //! The command of an encoder for one cycle.
 
-use super::latch::LatchRequest;
+use crate::modules::latch::LatchRequest;
 
 /// The command of an encoder for one cycle.
 #[derive(Clone, Copy, Debug, Default)]

@@ -16,27 +16,16 @@
 //!   written again.
 
 use super::registers::{bits, latched};
+use crate::bus::HORIZON;
+use crate::modules::latch::{LatchRequest, LatchStage};
 use core::mem::take;
 
-/// A one-shot latch request.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum LatchRequest {
-    /// Nothing.
-    #[default]
-    None,
-    /// The count becomes 0 at the position of the index: `index-enable` of LinuxCNC.
-    Index,
-    /// The count is latched at the edge of the probe.
-    Probe,
-}
-
-impl LatchRequest {
-    pub(super) const fn bits(self) -> u32 {
-        match self {
-            Self::None => 0,
-            Self::Index => bits::LATCH_ON_INDEX | bits::JUST_ONCE,
-            Self::Probe => bits::LATCH_ON_PROBE | bits::JUST_ONCE,
-        }
+/// The bits that make a request.
+const fn bits_of(request: LatchRequest) -> u32 {
+    match request {
+        LatchRequest::None => 0,
+        LatchRequest::Index => bits::LATCH_ON_INDEX | bits::JUST_ONCE,
+        LatchRequest::Probe => bits::LATCH_ON_PROBE | bits::JUST_ONCE,
     }
 }
 
@@ -45,22 +34,6 @@ const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE | bits::CLEAR_O
 
 /// The bits of the control register that any request sets.
 const ANY_REQUEST: u32 = ENABLES | bits::JUST_ONCE;
-
-/// Number of reads after which no packet of an earlier request or set-up is in flight any more.
-pub(super) const HORIZON: u32 = 100;
-
-/// Progress of a request.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum LatchStage {
-    /// The control register still shows an earlier request, or its content is unknown: nothing is
-    /// written until that request is gone, so that its end is not taken for the end of this one.
-    #[default]
-    Settling,
-    /// Not seen in the control register yet.
-    Asked,
-    /// Seen in the control register.
-    Armed,
-}
 
 /// Movement of a counter between two reads, in counts without wrap-around.
 #[derive(Clone, Copy, Debug)]
@@ -123,7 +96,7 @@ impl Latch {
     pub const fn bits(&self) -> u32 {
         match self.stage {
             LatchStage::Settling => 0,
-            LatchStage::Asked | LatchStage::Armed => self.wanted.bits(),
+            LatchStage::Asked | LatchStage::Armed => bits_of(self.wanted),
         }
     }
 
@@ -163,7 +136,7 @@ impl Latch {
         let is_suspect = take(&mut self.is_doubtful) | take(&mut self.is_repeated);
         self.previous_for = self.previous_for.saturating_sub(1);
         self.is_clean = control & ANY_REQUEST == 0;
-        let enable = self.wanted.bits() & ENABLES;
+        let enable = bits_of(self.wanted) & ENABLES;
         let is_other = control & ENABLES & !enable != 0 || control & bits::JUST_ONCE == 0;
         if self.wanted == LatchRequest::None || self.stage == LatchStage::Settling || is_other {
             self.stage = LatchStage::Settling;
@@ -221,7 +194,7 @@ impl Latch {
     fn end(&mut self) {
         if self.wanted != LatchRequest::None {
             self.previous = self.wanted;
-            self.previous_for = HORIZON;
+            self.previous_for = HORIZON.into();
         }
     }
 }

@@ -286,7 +286,7 @@ impl Encoder {
         if self.shown.replace(reading) != Some(reading) {
             self.pins.publish(pins, &reading);
         }
-        self.state.has_lost_position()
+        self.state.end_read()
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>, has_probe: bool) {

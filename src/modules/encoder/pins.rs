@@ -1,11 +1,11 @@
 //! The pins of encoders, and their translation to commands and settings.
 
 use super::command::EncoderCommand;
-use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderRates, EncoderReading, EncoderState};
 use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Spec};
 use crate::hostmot2::TickRate;
+use crate::modules::latch::LatchRequest;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -165,11 +165,8 @@ impl EncoderPins {
         state.is_awake = true;
         pins.publish(self.max_count_rate, state.max_count_rate());
         let probes = pins.fetch(self.probe_enable);
-        let request = match (pins.fetch(self.counter.index_enable), probes && has_probe) {
-            (true, _) => LatchRequest::Index,
-            (false, true) => LatchRequest::Probe,
-            (false, false) => LatchRequest::None,
-        };
+        let index = pins.fetch(self.counter.index_enable);
+        let request = LatchRequest::of(index, probes && has_probe);
         EncoderCommand {
             reset: pins.fetch(self.counter.reset),
             homed: pins.fetch(self.homed),

@@ -3,13 +3,14 @@
 use core::mem::{replace, take};
 
 use super::command::EncoderCommand;
-use super::latch::{HORIZON, Latch, LatchRequest, Movement};
+use super::latch::{Latch, Movement};
 use super::reach::Reach;
 use super::registers::bits;
 use super::velocity::{CountStep, VelocityEstimator};
-use crate::bus::Instant;
+use crate::bus::{HORIZON, Instant};
 use crate::modules::Outage;
 use crate::modules::doubt::PositionDoubt;
+use crate::modules::latch::LatchRequest;
 
 /// The registers of one encoder, as read in one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,7 +173,7 @@ impl EncoderState {
                 tick_hz: 1e6,
                 sample_hz: 0.0,
             },
-            set_up_for: HORIZON,
+            set_up_for: HORIZON.into(),
             ..Self::default()
         }
     }
@@ -259,7 +260,7 @@ impl EncoderState {
         self.outage.is_proven &= outage.shows_bite || self.set_up_for == 0;
         self.outage.is_lost |= outage.was_reset && !self.outage.is_proven;
         if !self.outage.is_lost {
-            let is_ambiguous = self.is_ambiguous(last, sample);
+            let is_ambiguous = self.note_ambiguity(last, sample);
             self.doubt.add(is_ambiguous);
             self.advance(last, ticks, sample);
         }
@@ -272,7 +273,7 @@ impl EncoderState {
         } = take(&mut self.outage);
         let is_reset = outage.was_reset && !is_proven;
         if !outage.has_kept_set_up() {
-            self.set_up_for = HORIZON;
+            self.set_up_for = HORIZON.into();
         }
         self.latch.forget();
         self.is_awake = true;
@@ -320,7 +321,7 @@ impl EncoderState {
         self.clears_error &= has_error;
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
         let from = self.reading.rawcounts;
-        let is_ambiguous = self.is_ambiguous(last, sample);
+        let is_ambiguous = self.note_ambiguity(last, sample);
         let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
         self.doubt.add(is_ambiguous || is_disturbed);
         let evidence = if is_ambiguous {
@@ -353,12 +354,12 @@ impl EncoderState {
     }
 
     /// Ends a read. True, once, if a position that the application had is lost.
-    pub fn has_lost_position(&mut self) -> bool {
+    pub fn end_read(&mut self) -> bool {
         self.doubt.read()
     }
 
     /// True if the counter may have wrapped around between two samples.
-    fn is_ambiguous(&mut self, last: EncoderSample, sample: EncoderSample) -> bool {
+    fn note_ambiguity(&mut self, last: EncoderSample, sample: EncoderSample) -> bool {
         let rawcounts = self.reading.rawcounts;
         if take(&mut self.has_rested) || self.last.is_none() {
             self.reach = Reach::standing(last.at, rawcounts);

@@ -1,9 +1,9 @@
 //! The pins of an encoder, cycle by cycle.
 
-use super::latch::LatchRequest;
 use super::registers::bits;
 use super::*;
 use crate::hal::{GroupId, PinMaker};
+use crate::modules::latch::LatchRequest;
 
 struct Machine {
     pins: PinStore,

@@ -57,7 +57,7 @@ pub struct Pwm {
     /// Frequency of the PDM clock of all generators in Hz, each tick of which is one step of 4096;
     /// as in LinuxCNC.
     pub pdm_frequency: Param<u32>,
-    generators: Vec<Generator>,
+    generators: Vec<PwmGenerator>,
     /// The number of the module among those of its kind.
     bank: u32,
     clock_hz: u32,
@@ -73,7 +73,7 @@ pub struct Pwm {
 }
 
 #[derive(Debug)]
-struct Generator {
+struct PwmGenerator {
     pins: PwmPins,
     /// The number in its names.
     number: u8,
@@ -149,7 +149,7 @@ impl Pwm {
             .setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
         debug_assert!(u32::try_from(bank).is_ok(), "bank {bank}");
         let generators = (0..module.instances)
-            .map(|instance| Generator::new(r, of_kind, instance, rate.bits))
+            .map(|instance| PwmGenerator::new(r, of_kind, instance, rate.bits))
             .collect::<Result<Vec<_>, _>>()?;
         link_enables(r, of_kind, &generators);
         Ok(Self {
@@ -227,8 +227,8 @@ fn usual_hz(table: &PwmTable, clock_hz: u32, dithers: bool) -> u32 {
 }
 
 /// Links each value to its enable, and each enable to that of its leader.
-fn link_enables(r: &mut Registrar<'_>, of_kind: &DrivenModule, generators: &[Generator]) {
-    for (number, Generator { pins, .. }) in (of_kind.first..).zip(generators) {
+fn link_enables(r: &mut Registrar<'_>, of_kind: &DrivenModule, generators: &[PwmGenerator]) {
+    for (number, PwmGenerator { pins, .. }) in (of_kind.first..).zip(generators) {
         r.pins.enabled_by(pins.value, pins.enable);
         let leader = of_kind.leader(r, number);
         let leader = leader.and_then(|leader| generators.get(usize::from(leader)));
@@ -298,7 +298,7 @@ impl Module for Pwm {
     }
 }
 
-impl Generator {
+impl PwmGenerator {
     fn new(
         r: &mut Registrar<'_>,
         of_kind: &DrivenModule,

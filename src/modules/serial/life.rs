@@ -83,7 +83,7 @@ pub(super) struct LifeChange {
 /// Life of a remote.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Life {
-    stage: Stage,
+    stage: LifeStage,
     /// Time to wait before the next attempt to restart it; doubles with each attempt.
     pause: Duration,
     /// The remote has run before, so that its sizes are known to be right, and it can have been
@@ -94,7 +94,7 @@ pub(super) struct Life {
 
 /// Each stage holds only what is valid in it.
 #[derive(Clone, Copy, Debug)]
-enum Stage {
+enum LifeStage {
     Running {
         /// The first reason for going offline since the remote was re-armed.
         first_fault: Option<OfflineReason>,
@@ -131,7 +131,7 @@ impl Life {
     /// A remote that runs.
     pub fn running(policy: &FaultPolicy) -> Self {
         Self {
-            stage: Stage::Running { first_fault: None },
+            stage: LifeStage::Running { first_fault: None },
             pause: policy.first_backoff,
             has_run: true,
             restarts: 0,
@@ -140,24 +140,24 @@ impl Life {
 
     pub fn state(&self) -> RemoteState {
         match self.stage {
-            Stage::Running { .. } => RemoteState::Running,
-            Stage::Offline {
+            LifeStage::Running { .. } => RemoteState::Running,
+            LifeStage::Offline {
                 absence: Absence { reason, .. },
                 next_attempt,
             } => RemoteState::Offline {
                 reason,
                 next_attempt,
             },
-            Stage::Restarting(Absence { reason, .. }) => RemoteState::Restarting { reason },
+            LifeStage::Restarting(Absence { reason, .. }) => RemoteState::Restarting { reason },
         }
     }
 
     pub const fn is_running(&self) -> bool {
-        matches!(self.stage, Stage::Running { .. })
+        matches!(self.stage, LifeStage::Running { .. })
     }
 
     pub const fn is_restarting(&self) -> bool {
-        matches!(self.stage, Stage::Restarting(_))
+        matches!(self.stage, LifeStage::Restarting(_))
     }
 
     pub const fn has_run(&self) -> bool {
@@ -171,8 +171,8 @@ impl Life {
     /// The first reason for going offline since the remote was re-armed.
     pub fn first_fault(&self) -> Option<OfflineReason> {
         match self.stage {
-            Stage::Running { first_fault } => first_fault,
-            Stage::Offline { absence, .. } | Stage::Restarting(absence) => {
+            LifeStage::Running { first_fault } => first_fault,
+            LifeStage::Offline { absence, .. } | LifeStage::Restarting(absence) => {
                 Some(absence.first_fault)
             }
         }
@@ -202,20 +202,20 @@ impl Life {
     /// True if an attempt is due; one that is left over from a command that was lost is.
     pub fn is_due(&self, now: Instant) -> bool {
         match self.stage {
-            Stage::Running { .. } => false,
-            Stage::Offline { next_attempt, .. } => next_attempt.is_some_and(|time| time <= now),
-            Stage::Restarting(_) => true,
+            LifeStage::Running { .. } => false,
+            LifeStage::Offline { next_attempt, .. } => next_attempt.is_some_and(|time| time <= now),
+            LifeStage::Restarting(_) => true,
         }
     }
 
     /// True if an attempt is planned, and may be made now together with others.
     pub fn may_be_tried(&self, now: Instant) -> bool {
         match self.stage {
-            Stage::Offline {
+            LifeStage::Offline {
                 absence,
                 next_attempt,
             } => next_attempt.is_some() && absence.silent_until <= now,
-            Stage::Running { .. } | Stage::Restarting(_) => false,
+            LifeStage::Running { .. } | LifeStage::Restarting(_) => false,
         }
     }
 
@@ -231,22 +231,22 @@ impl Life {
     pub fn was_found_stopped(&self) -> bool {
         matches!(
             self.stage,
-            Stage::Offline { absence: Absence { cause: OfflineReason::NotRunning(cs), .. }, .. }
+            LifeStage::Offline { absence: Absence { cause: OfflineReason::NotRunning(cs), .. }, .. }
                 if cs.is_stopped()
         )
     }
 
     fn absence(&self) -> Option<&Absence> {
         match &self.stage {
-            Stage::Running { .. } => None,
-            Stage::Offline { absence, .. } | Stage::Restarting(absence) => Some(absence),
+            LifeStage::Running { .. } => None,
+            LifeStage::Offline { absence, .. } | LifeStage::Restarting(absence) => Some(absence),
         }
     }
 
     fn absence_mut(&mut self) -> Option<&mut Absence> {
         match &mut self.stage {
-            Stage::Running { .. } => None,
-            Stage::Offline { absence, .. } | Stage::Restarting(absence) => Some(absence),
+            LifeStage::Running { .. } => None,
+            LifeStage::Offline { absence, .. } | LifeStage::Restarting(absence) => Some(absence),
         }
     }
 }
@@ -328,7 +328,7 @@ impl Life {
     ) -> LifeChange {
         let mut change = LifeChange::default();
         let absence = match self.stage {
-            Stage::Running { first_fault } => {
+            LifeStage::Running { first_fault } => {
                 change.event = Some(LifeEvent::Offline(reason));
                 Absence {
                     reason,
@@ -341,7 +341,7 @@ impl Life {
                     has_failed: false,
                 }
             }
-            Stage::Offline { absence, .. } | Stage::Restarting(absence) => {
+            LifeStage::Offline { absence, .. } | LifeStage::Restarting(absence) => {
                 let before = absence.cause;
                 let is_another = before != reason;
                 let is_still_absent = before == OfflineReason::Absent
@@ -360,7 +360,7 @@ impl Life {
                 }
             }
         };
-        self.stage = Stage::Offline {
+        self.stage = LifeStage::Offline {
             absence,
             next_attempt,
         };
@@ -404,9 +404,9 @@ impl Life {
 
     /// Begins a restart.
     pub fn begin_restart(&mut self) {
-        if let Stage::Offline { mut absence, .. } = self.stage {
+        if let LifeStage::Offline { mut absence, .. } = self.stage {
             absence.is_asked_for = false;
-            self.stage = Stage::Restarting(absence);
+            self.stage = LifeStage::Restarting(absence);
         }
     }
 
@@ -415,7 +415,7 @@ impl Life {
         let first_fault = self.first_fault();
         let has_run = core::mem::replace(&mut self.has_run, true);
         let was_absent = !has_run && first_fault == Some(OfflineReason::Absent);
-        self.stage = Stage::Running { first_fault };
+        self.stage = LifeStage::Running { first_fault };
         self.restarts.tally(1);
         LifeEvent::into_change(if was_absent {
             LifeEvent::Up
@@ -427,7 +427,7 @@ impl Life {
     /// Clears the first fault of a remote that runs, because the outputs follow the application
     /// (again).
     pub fn armed(&mut self) -> LifeChange {
-        let Stage::Running { first_fault } = &mut self.stage else {
+        let LifeStage::Running { first_fault } = &mut self.stage else {
             return LifeChange::default();
         };
         let before = first_fault.take();

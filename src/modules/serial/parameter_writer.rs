@@ -67,7 +67,7 @@ impl ParameterWriter {
 
     /// Counts a write of the cycle without an access, after the last parameter; true if there were
     /// enough of them.
-    pub fn is_quiet(&mut self) -> bool {
+    pub fn count_quiet_write(&mut self) -> bool {
         self.quiet = self.quiet.saturating_add(1);
         self.quiet > QUIET_WRITES
     }

@@ -9,7 +9,7 @@ use core::time::Duration;
 use super::control::{ControlLaw, ControlLimits};
 use super::counts::{AMBIGUOUS, SUB_COUNTS, StepCounts};
 use super::firmware::Firmware;
-use super::latch::{AccumulatorLatch, LatchRequest};
+use super::latch::AccumulatorLatch;
 use super::pins::{Rows, StepgenPins, Switches};
 use super::pulses::PulseChange;
 use super::rate::RateRegister;
@@ -18,6 +18,7 @@ use super::reports::Reports;
 use super::timing::PulseTimes;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::ModuleDescriptor;
+use crate::modules::latch::LatchRequest;
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 
 /// Rate register for one step per tick of the clock.

@@ -15,6 +15,9 @@
 //!
 //! Source: FACTS 14.2 and 14.14.
 
+use crate::bus::HORIZON;
+use crate::modules::latch::{LatchRequest, LatchStage};
+
 /// Bits of the MODE register.
 pub(super) mod bits {
     /// Latch on the edge of the index.
@@ -27,40 +30,15 @@ pub(super) mod bits {
     pub const PROBE_RISES: u32 = 1 << 7;
 }
 
-/// Number of reads after which no packet of an earlier request is in flight any more.
-const HORIZON: u32 = 100;
-
 const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE;
 
-/// The event that is to be latched.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum LatchRequest {
-    #[default]
-    None,
-    Index,
-    Probe,
-}
-
-impl LatchRequest {
-    const fn bits(self) -> u32 {
-        match self {
-            Self::None => 0,
-            Self::Index => bits::LATCH_ON_INDEX,
-            Self::Probe => bits::LATCH_ON_PROBE,
-        }
+/// The bit that makes a request.
+const fn bits_of(request: LatchRequest) -> u32 {
+    match request {
+        LatchRequest::None => 0,
+        LatchRequest::Index => bits::LATCH_ON_INDEX,
+        LatchRequest::Probe => bits::LATCH_ON_PROBE,
     }
-}
-
-/// Progress of a request.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum LatchStage {
-    /// The register may show an earlier request: nothing is requested until it shows none.
-    #[default]
-    Settling,
-    /// Not seen in the register yet.
-    Asked,
-    /// Seen in the register.
-    Armed,
 }
 
 /// A request, from the word that makes it to the evidence that it has happened.
@@ -91,7 +69,7 @@ impl AccumulatorLatch {
 
     fn end(&mut self) {
         if self.wanted != LatchRequest::None {
-            (self.previous, self.previous_for) = (self.wanted, HORIZON);
+            (self.previous, self.previous_for) = (self.wanted, HORIZON.into());
         }
     }
 
@@ -99,7 +77,7 @@ impl AccumulatorLatch {
     pub const fn bits(&self) -> u32 {
         match self.stage {
             LatchStage::Settling => 0,
-            LatchStage::Asked | LatchStage::Armed => self.wanted.bits(),
+            LatchStage::Asked | LatchStage::Armed => bits_of(self.wanted),
         }
     }
 

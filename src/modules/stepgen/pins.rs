@@ -1,9 +1,10 @@
 //! The pins of step generators, and what their parameters ask for.
 
 use super::firmware::{Firmware, SWAP};
-use super::latch::{LatchRequest, bits};
+use super::latch::bits;
 use super::timing::{PulseTicks, PulseTimes};
 use crate::hal::{Axis, InOut, Input, InputRow, Output, Param, PinError, PinMaker, PinStore, Spec};
+use crate::modules::latch::LatchRequest;
 
 /// The pins of one generator: `hm2_7i92.0.stepgen.00.position-cmd` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -271,11 +272,7 @@ impl StepgenPins {
         let mut fetch = |pin: Option<Output<bool>>| pin.is_some_and(|pin| pins.fetch(pin));
         let index = fetch(self.index_enable.map(InOut::as_output));
         let probe = fetch(self.probe_enable.map(InOut::as_output));
-        let request = match (index, probe) {
-            (true, _) => LatchRequest::Index,
-            (false, true) => LatchRequest::Probe,
-            (false, false) => LatchRequest::None,
-        };
+        let request = LatchRequest::of(index, probe);
         let edge = |rises: bool, bit| if rises { bit } else { 0 };
         Switches {
             is_on: fetch(Some(self.enable)),

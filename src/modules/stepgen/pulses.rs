@@ -1,16 +1,14 @@
 //! A change of the pulses: written at rest, and confirmed by a read before anything moves.
 
 use super::pins::PulseSetup;
-use crate::bus::Instant;
+use crate::bus::{HORIZON, Instant};
 
-/// Number of reads after which no packet of a set-up is in flight any more.
-const HORIZON: u32 = 100;
 /// Least number of reads for which a generator must have stood still to be at rest.
 const STILL_READS: u32 = 2;
 
 /// Progress of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Progress {
+enum ChangeProgress {
     /// The board has the pulses.
     Settled,
     /// They are in the words of the next write.
@@ -24,7 +22,7 @@ enum Progress {
 pub(super) struct PulseChange {
     board: PulseSetup,
     wanted: PulseSetup,
-    progress: Progress,
+    progress: ChangeProgress,
     /// Number of further reads during which a packet of the last set-up may be in flight: executed
     /// again, it would cut a pulse off, or begin a table from its first entry.
     set_up_for: u32,
@@ -42,8 +40,8 @@ impl PulseChange {
         Self {
             board: pulses,
             wanted: pulses,
-            progress: Progress::Settled,
-            set_up_for: HORIZON,
+            progress: ChangeProgress::Settled,
+            set_up_for: HORIZON.into(),
             still: None,
             rests: true,
             is_due: false,
@@ -68,33 +66,33 @@ impl PulseChange {
 
     /// True if no change is under way.
     pub fn is_settled(&self) -> bool {
-        !self.is_due && self.progress == Progress::Settled
+        !self.is_due && self.progress == ChangeProgress::Settled
     }
 
     /// True if nothing may begin to move: a change has to be confirmed, or waits for the rest of a
     /// generator that `stands`. A table is not used as long as it may be written again.
     pub fn holds(&self, stands: bool) -> bool {
-        self.progress != Progress::Settled
+        self.progress != ChangeProgress::Settled
             || stands && (self.is_due || self.board.is_table() && self.set_up_for > 0)
     }
 
     /// The board has its set-up again, and the rate is 0.
     pub fn restored(&mut self) {
-        (self.rests, self.still, self.set_up_for) = (false, None, HORIZON);
+        (self.rests, self.still, self.set_up_for) = (false, None, HORIZON.into());
     }
 
     /// The words of a write have been sent.
     pub const fn sent(&mut self) {
-        if matches!(self.progress, Progress::Written) {
-            self.progress = Progress::Sent;
+        if matches!(self.progress, ChangeProgress::Written) {
+            self.progress = ChangeProgress::Sent;
         }
     }
 
     /// Takes a read. Returns true if a packet of the set-up may have been executed again since the
     /// last one.
     pub fn read(&mut self, certain: bool) -> bool {
-        if certain && self.progress == Progress::Sent {
-            self.progress = Progress::Settled;
+        if certain && self.progress == ChangeProgress::Sent {
+            self.progress = ChangeProgress::Settled;
         }
         let is_recent = self.set_up_for > 0;
         if is_recent {
@@ -102,7 +100,7 @@ impl PulseChange {
             self.set_up_for = if certain || !self.board.is_table() {
                 self.set_up_for.saturating_sub(1)
             } else {
-                HORIZON
+                HORIZON.into()
             };
         }
         is_recent && !certain
@@ -131,8 +129,8 @@ impl PulseChange {
         }
         let before = core::mem::replace(&mut self.board, self.wanted);
         self.is_due = false;
-        self.progress = Progress::Written;
-        self.set_up_for = HORIZON;
+        self.progress = ChangeProgress::Written;
+        self.set_up_for = HORIZON.into();
         Some((before, self.wanted))
     }
 }

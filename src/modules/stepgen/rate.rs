@@ -1,6 +1,6 @@
 //! The rates that may be in force, and whether the accumulator follows them.
 
-use crate::bus::Instant;
+use crate::bus::{HORIZON, Instant};
 
 /// Number of reads in which an accumulator may stand still although it has a rate: it waits for the
 /// timers of a step for less than 1 ms, which a cycle of 20 us reads 50 times.
@@ -26,9 +26,6 @@ impl SentRates {
         self.writes <= 1
     }
 }
-
-/// Number of reads after which no older write is in flight any more.
-const HORIZON: u32 = 100;
 
 /// The rate register of a generator.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +56,7 @@ impl RateRegister {
             word: 0,
             fastest: 0,
             recent: [0; 2],
-            left: HORIZON - 1,
+            left: HORIZON as u32 - 1,
             has_arrived: true,
             sent: SentRates {
                 before: 0,
@@ -137,7 +134,7 @@ impl RateRegister {
             self.left = left;
         } else {
             let [now, _] = self.recent;
-            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON - 1);
+            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON as u32 - 1);
         }
         // It was not stopped: after that, the board is set up again, with a new register.
         let sent = &mut self.sent;

@@ -218,7 +218,7 @@ impl Watchdog {
     }
 
     /// True if the evidence is that of a fresh set-up; the cycle then continues from there.
-    pub(crate) fn is_set_up(&mut self, words: &Words) -> bool {
+    pub(crate) fn set_up_restored(&mut self, words: &Words) -> bool {
         let time = words.word(self.time_left);
         let is_held = is_counting(time) && time > self.longest;
         let is_set_up = !has_bitten(words.word(self.status)) && is_held && words.evidence_matches();

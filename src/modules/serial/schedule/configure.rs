@@ -88,7 +88,7 @@ impl Schedule {
         if self.writer.is_busy() {
             return self.writer.next(now);
         }
-        if !self.writer.is_quiet() {
+        if !self.writer.count_quiet_write() {
             return None;
         }
         for write in &self.requests {
