@@ -15,7 +15,7 @@ use super::rows::EventRows;
 use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, SerialPort};
 use crate::bus::{BusErrorKind, Instant, Reply, Words};
 use crate::events::EventSink;
-use crate::hal::{GroupId, Input, PinStore};
+use crate::hal::{ArmingEvent, GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
 use crate::modules::watchdog::EvidenceRead;
 use crate::modules::{Module, Outage, ReadCycle, RunOnCycle};
@@ -417,7 +417,7 @@ impl BoardCycle {
             part.set_up_again(&mut self.pins, now, &outage);
         }
         (self.state, self.is_set_up_wanted) = (BoardState::Running, false);
-        self.pins.set_up_restored();
+        self.pins.change_all_arming(ArmingEvent::SetUp);
         self.events.tell(now, EventKind::BoardSetUp);
         self.parts.connection.level = 0;
         self.old_read_errors = self.statistics.read_errors;

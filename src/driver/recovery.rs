@@ -2,7 +2,7 @@
 
 use super::{CycleError, Driver, Rearmed};
 use crate::bus::{Clock, RegisterBus};
-use crate::hal::{GroupId, PinError};
+use crate::hal::{ArmingEvent, GroupId, PinError};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::Channel;
 
@@ -115,7 +115,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Constant time for each group. No allocation.
     pub fn cancel_rearm(&mut self) -> u32 {
-        self.cycle.pins.cancel_all_arming(true)
+        self.cycle.pins.change_all_arming(ArmingEvent::Cancel)
     }
 
     /// Restarts a remote in the next cycles, which clears the faults that it reports: a running remote

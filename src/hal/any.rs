@@ -1,12 +1,7 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
-use super::enabling::MAX_ENABLES;
-use super::handle::Key;
-use super::pins::RestatedOutput;
-use super::rule::is_scale;
-use super::{
-    AnyValue, GroupId, HalType, PinError, PinId, PinInfo, Pins, Reading, Role, ShortName, Value,
-};
+use super::values::MAX_ENABLES;
+use super::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Reading, Role};
 
 /// Pins whose type is known at run time only.
 impl Pins {
@@ -18,7 +13,7 @@ impl Pins {
     /// # Real time
     /// Set-up only: an error allocates.
     pub fn id(&self, name: &str) -> Result<PinId, PinError> {
-        self.find(name).ok_or_else(|| self.not_found(name))
+        self.find(name).ok_or_else(|| self.catalog.not_found(name))
     }
 
     /// The pin or parameter with the given name, for names that need not exist: no similar one is
@@ -27,8 +22,8 @@ impl Pins {
     /// # Real time
     /// Searches in the sorted names; no allocation.
     pub fn find(&self, name: &str) -> Option<PinId> {
-        let (index, _) = self.named(name)?;
-        Some(PinId::new(self.key(index)))
+        let (index, _) = self.catalog.named(name)?;
+        Some(PinId::new(self.catalog.key(index)))
     }
 
     /// True if a pin or parameter has the given name, as [`find`](Self::find).
@@ -38,18 +33,19 @@ impl Pins {
 
     /// True if a pin with the given first or second name exists; a parameter does not count.
     pub fn has_pin(&self, name: &str) -> bool {
-        let named = self.named(name);
+        let named = self.catalog.named(name);
         named.is_some_and(|(_, info)| !info.role.is_param())
     }
 
     /// All pins and parameters, in the order of [`infos`](Self::infos).
     pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
-        (0..self.infos.len() as u32).map(|index| PinId::new(self.key(index)))
+        let indices = 0..self.infos().len() as u32;
+        indices.map(|index| PinId::new(self.catalog.key(index)))
     }
 
     /// Description of a pin or parameter; `None` if it belongs to another store.
     pub fn info_of(&self, pin: PinId) -> Option<&PinInfo> {
-        self.infos.get(self.index(pin.key())?)
+        self.catalog.info(pin.key())
     }
 
     /// The chain of enables that must be on for the value of an output to reach its terminal, step
@@ -90,12 +86,11 @@ impl Pins {
         let reading: Reading<u64> = self.read(super::Input::new(pin.key()));
         let info = self.info_of(pin);
         let is_param = info.is_some_and(|info| info.role.is_param());
-        let slot = self
-            .index(pin.key())
-            .and_then(|n| Some((n, self.slots.get(n)?)));
+        let index = self.catalog.index(pin.key());
+        let displayed = index.and_then(|index| self.values.displayed(index));
         let value = AnyValue {
             hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
-            bits: slot.map_or(reading.value, |(index, slot)| self.shown(index, slot)),
+            bits: displayed.unwrap_or(reading.value),
         };
         Reading {
             value,
@@ -122,15 +117,13 @@ impl Pins {
             return Err(PinError::ForeignHandle);
         };
         info.check_settable(value)?;
-        let role = info.role;
-        match value.hal_type {
-            HalType::Bit => self.set_as::<bool>(pin, role, value),
-            HalType::Float => self.set_as::<f64>(pin, role, value),
-            HalType::S32 => self.set_as::<i32>(pin, role, value),
-            HalType::U32 => self.set_as::<u32>(pin, role, value),
-            HalType::S64 => self.set_as::<i64>(pin, role, value),
-            HalType::U64 => self.set_as::<u64>(pin, role, value),
+        let (is_param, index) = (info.role.is_param(), pin.index());
+        if is_param {
+            self.values.set_parameter(index, value.bits);
+        } else {
+            self.values.set(index, value.bits);
         }
+        Ok(())
     }
 
     /// The bits of the last value of a pin or parameter, as [`AnyValue`] keeps them, whether it is
@@ -154,9 +147,9 @@ impl Pins {
     /// [`read_any`](Self::read_any) needs.
     #[inline]
     pub fn bits_of(&self, pin: PinId) -> u64 {
-        let index = self.index(pin.key());
-        let slot = index.and_then(|index| Some(self.shown(index, self.slots.get(index)?)));
-        slot.unwrap_or_else(|| {
+        let index = self.catalog.index(pin.key());
+        let displayed = index.and_then(|index| self.values.displayed(index));
+        displayed.unwrap_or_else(|| {
             self.count_foreign();
             0
         })
@@ -168,8 +161,8 @@ impl Pins {
     /// As [`bits_of`](Self::bits_of).
     #[inline]
     pub fn valid_bits_of(&self, input: PinId) -> Option<u64> {
-        let (slot, group) = self.slot(input.key())?;
-        (!slot.bad && self.is_valid(group)).then_some(slot.bits)
+        let stored = self.stored(input.key())?;
+        (!stored.is_bad && self.groups.is_valid(stored.group)).then_some(stored.bits)
     }
 
     /// [`valid_bits_of`](Self::valid_bits_of) of many inputs, in less time where those of a group
@@ -185,23 +178,18 @@ impl Pins {
         mut each: impl FnMut(T, u64),
     ) {
         // No group yet: their numbers have 16 bits.
-        let mut group = u32::MAX;
+        let mut group = usize::MAX;
         let mut is_valid = false;
         for (input, target) in inputs {
-            let Some(slot) = self
-                .index(input.key())
-                .and_then(|index| self.slots.get(index))
-            else {
-                self.count_foreign();
+            let Some(stored) = self.stored(input.key()) else {
                 continue;
             };
-            if group != u32::from(slot.group) {
-                group = slot.group.into();
-                let group = self.groups.get(usize::from(slot.group));
-                is_valid = group.is_some_and(|group| self.is_valid(group));
+            if group != stored.group {
+                group = stored.group;
+                is_valid = self.groups.is_valid(group);
             }
-            if is_valid && !slot.bad {
-                each(target, slot.bits);
+            if is_valid && !stored.is_bad {
+                each(target, stored.bits);
             }
         }
     }
@@ -212,7 +200,7 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub const fn parameters_version(&self) -> u64 {
-        self.settings
+        self.values.settings()
     }
 
     /// Sets a pin or parameter as [`set_any`](Self::set_any) does, to the bits of a value of its
@@ -225,14 +213,9 @@ impl Pins {
     /// Constant time, no allocation; the description of an output is not needed.
     #[inline]
     pub fn set_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
-        let slot = self.index(pin.key());
-        let slot = slot.and_then(|index| self.slots.get_mut(index));
-        if let Some(slot) = slot
-            && let Role::Output | Role::InOut = slot.role
+        if let Some(index) = self.catalog.index(pin.key())
+            && self.values.set_pin(index, bits)
         {
-            if core::mem::replace(&mut slot.bits, bits) != bits {
-                self.changed(pin.key());
-            }
             return Ok(());
         }
         let hal_type = self.info_of(pin).map_or(HalType::Bit, |info| info.hal_type);
@@ -252,35 +235,12 @@ impl Pins {
     /// Constant time, no allocation.
     #[inline]
     pub fn repeat_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
-        if self.outdated > 0 && self.is_outdated(pin, bits) {
+        if let Some(index) = self.catalog.index(pin.key())
+            && self.values.is_repeated(index, bits)
+        {
             return Ok(());
         }
         self.set_bits(pin, bits)
-    }
-
-    /// True for the value of before the meaning of the output's values changed; any other one ends
-    /// that.
-    #[cold]
-    fn is_outdated(&mut self, pin: PinId, bits: u64) -> bool {
-        let Some(restated) = self.restated_mut(pin.key()) else {
-            return false;
-        };
-        match restated.outdated {
-            Some(outdated) if outdated == bits => true,
-            Some(_) => {
-                restated.outdated = None;
-                self.outdated = self.outdated.saturating_sub(1);
-                false
-            }
-            None => false,
-        }
-    }
-
-    pub(super) fn restated_mut(&mut self, key: Key) -> Option<&mut RestatedOutput> {
-        let index = self.index(key)?;
-        let all = &mut self.restated;
-        let place = all.binary_search_by_key(&index, |one| one.index as usize);
-        all.get_mut(place.ok()?)
     }
 
     /// True if the value to which an output is set goes out: its group is armed, or faults do not
@@ -289,25 +249,8 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn follows(&self, output: PinId) -> bool {
-        self.slot(output.key())
-            .is_some_and(|(slot, group)| group.is_armed() || slot.exempt)
-    }
-
-    /// Number of groups.
-    pub(crate) fn group_count(&self) -> usize {
-        self.groups.len()
-    }
-
-    /// The group with this number, in the order of [`groups`](Self::groups).
-    pub(crate) fn group_of(&self, number: usize) -> GroupId {
-        let part = self.groups.get(number).map(|group| self.key(group.part));
-        GroupId(part.unwrap_or_default())
-    }
-
-    /// Number of faults of groups that were armed, or ran.
-    #[cfg(feature = "std")]
-    pub(crate) const fn losses(&self) -> u64 {
-        self.losses
+        let stored = self.stored(output.key());
+        stored.is_some_and(|stored| self.groups.is_armed(stored.group) || stored.is_exempt)
     }
 
     /// Number of faults that have made an output safe; `None` for an output that faults do not
@@ -315,83 +258,20 @@ impl Pins {
     #[cfg(feature = "std")]
     pub(crate) fn faults_against(&self, pin: PinId, value: AnyValue) -> Option<u64> {
         let info = self.info_of(pin)?;
-        let (slot, group) = self.slot(pin.key())?;
+        let stored = self.stored(pin.key())?;
         let is_output = matches!(info.role, Role::Output | Role::InOut);
-        let bits = self.rules.get(slot.rule as usize)?.safe;
+        let bits = self.values.safe(pin.index())?;
         // Compared as numbers: 0.0 and -0.0 are the same output.
         let safe = AnyValue { bits, ..value };
         let is_safe = value.bits == bits || value.as_f64() == safe.as_f64();
-        (is_output && !slot.exempt && !is_safe).then_some(group.faults)
-    }
-
-    fn set_as<T: Value>(
-        &mut self,
-        pin: PinId,
-        role: Role,
-        value: AnyValue,
-    ) -> Result<(), PinError> {
-        let value = T::from_bits(value.bits);
-        if role.is_param() {
-            return self.set_param(super::Param::new(pin.key()), value);
-        }
-        self.set(super::Output::new(pin.key()), value);
-        Ok(())
-    }
-}
-
-impl PinInfo {
-    /// Checks that an application may set the pin or parameter to this value. An output accepts
-    /// every value of its type: a value that cannot go out is replaced in the cycle by the safe
-    /// value or the nearest limit, see [`Pins::set`]. A setting rejects such a value and keeps its
-    /// own.
-    ///
-    /// # Errors
-    /// [`PinError::NotSettable`], [`PinError::ReadOnly`], [`PinError::InRemote`],
-    /// [`PinError::WrongType`]; for a setting also [`PinError::BadValue`] and
-    /// [`PinError::BadScale`].
-    pub fn check_settable(&self, value: AnyValue) -> Result<(), PinError> {
-        let name = || ShortName::new(&self.name);
-        match self.role {
-            Role::Output | Role::InOut | Role::Setting => {}
-            Role::Input => return Err(PinError::NotSettable { name: name() }),
-            Role::Property => return Err(PinError::ReadOnly { name: name() }),
-            Role::InRemote => return Err(PinError::InRemote { name: name() }),
-        }
-        if self.hal_type != value.hal_type {
-            return Err(PinError::WrongType {
-                name: name(),
-                expected: self.hal_type,
-                value,
-                limits: self.limits,
-            });
-        }
-        if self.role != Role::Setting {
-            return Ok(());
-        }
-        let number = value.as_f64();
-        let is_within = self
-            .limits
-            .is_none_or(|(min, max)| min <= number && number <= max);
-        if self.is_scale && !is_scale(number) {
-            Err(PinError::BadScale {
-                name: name(),
-                value,
-            })
-        } else if !value.is_finite() || !is_within {
-            Err(PinError::BadValue {
-                name: name(),
-                value,
-                limits: self.limits,
-            })
-        } else {
-            Ok(())
-        }
+        let faults = self.groups.faults(stored.group);
+        (is_output && !stored.is_exempt && !is_safe).then_some(faults)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{PinMaker, PinStore, Spec};
+    use super::super::{PinMaker, PinStore, ShortName, Spec};
     use super::*;
 
     /// An input, an output, a setting from 0 to 10, a scale, and a property.

@@ -27,12 +27,22 @@ pub(crate) enum ArmingCondition {
 pub(crate) enum ArmingEvent {
     /// A fault of the group, or of the board.
     Fault,
+    /// A remote that ran went offline.
+    Offline,
+    /// A remote that ran went offline, and comes back with the board.
+    OfflineWithBoard,
+    /// The port of a remote is switched off.
+    PortOff,
     /// A good transfer, with inputs that are valid.
     GoodTransfer,
+    /// The application arms a group whose inputs are valid.
+    Rearm,
     /// The application asks for it.
     Request(ArmingCondition),
     /// The request is withdrawn.
     Cancel,
+    /// The request is withdrawn, unless it waits for the set-up of the board.
+    CancelTransfer,
     /// The board has its set-up again.
     SetUp,
 }
@@ -42,41 +52,45 @@ impl Arming {
     #[expect(clippy::match_same_arms, reason = "a table")]
     pub const fn after(self, event: ArmingEvent) -> Self {
         use ArmingCondition::{Running, SetUp, WithBoard};
+        use ArmingEvent as On;
         match (event, self) {
-            // Who waits for the set-up waits for what the fault has taken.
-            (ArmingEvent::Fault, Self::Awaited(SetUp)) => self,
-            (ArmingEvent::Fault, _) => Self::Safe,
-            (ArmingEvent::GoodTransfer, Self::Awaited(WithBoard | Running)) => Self::Armed,
+            // What waits for the set-up waits for what the fault has taken.
+            (On::Fault | On::Offline, Self::Awaited(SetUp)) => self,
+            (On::OfflineWithBoard, Self::Awaited(_)) => self,
+            (On::Fault | On::Offline | On::OfflineWithBoard | On::PortOff, _) => Self::Safe,
+            (On::GoodTransfer, Self::Awaited(WithBoard | Running)) => Self::Armed,
+            (On::Rearm, _) => Self::Armed,
+            (On::Request(_), Self::Armed) => self,
             // A weaker request leaves the one before.
-            (ArmingEvent::Request(WithBoard), Self::Awaited(_)) => self,
-            (ArmingEvent::Request(condition), Self::Safe | Self::Awaited(_)) => {
-                Self::Awaited(condition)
-            }
-            (ArmingEvent::Cancel, Self::Awaited(_)) => Self::Safe,
-            (ArmingEvent::SetUp, Self::Awaited(SetUp)) => Self::Awaited(Running),
-            (
-                ArmingEvent::GoodTransfer
-                | ArmingEvent::Request(_)
-                | ArmingEvent::Cancel
-                | ArmingEvent::SetUp,
-                _,
-            ) => self,
+            (On::Request(WithBoard), Self::Awaited(_)) => self,
+            (On::Request(condition), _) => Self::Awaited(condition),
+            (On::Cancel, Self::Awaited(_)) => Self::Safe,
+            (On::CancelTransfer, Self::Awaited(WithBoard | Running)) => Self::Safe,
+            (On::SetUp, Self::Awaited(SetUp)) => Self::Awaited(Running),
+            (On::GoodTransfer | On::Cancel | On::CancelTransfer | On::SetUp, _) => self,
         }
     }
 
-    /// The condition of a group that the next good transfer arms.
-    pub const fn awaits_transfer(self) -> Option<ArmingCondition> {
-        match self {
-            Self::Awaited(condition @ (ArmingCondition::WithBoard | ArmingCondition::Running)) => {
-                Some(condition)
-            }
-            _ => None,
-        }
+    /// True if the outputs follow the application.
+    pub const fn is_armed(self) -> bool {
+        matches!(self, Self::Armed)
     }
 
     /// True if the group will be armed without a further call.
     pub const fn is_awaited(self) -> bool {
         matches!(self, Self::Awaited(_))
+    }
+}
+
+impl ArmingEvent {
+    /// True for a fault: everything that was set before is forgotten.
+    pub const fn is_fault(self) -> bool {
+        matches!(self, Self::Fault | Self::PortOff) || self.is_loss()
+    }
+
+    /// True for the fault of a group that ran, whether it was armed or not.
+    pub const fn is_loss(self) -> bool {
+        matches!(self, Self::Offline | Self::OfflineWithBoard)
     }
 }
 
@@ -95,38 +109,59 @@ mod tests {
 
     impl Flags {
         fn take(&mut self, event: ArmingEvent) {
+            let awaited = self.awaited;
             match event {
-                ArmingEvent::Fault => {
-                    if self.awaited != Some(ArmingCondition::SetUp) {
+                ArmingEvent::Fault | ArmingEvent::Offline => {
+                    if awaited != Some(ArmingCondition::SetUp) {
                         self.awaited = None;
                     }
                     self.armed = false;
                 }
+                ArmingEvent::OfflineWithBoard => {
+                    self.take(ArmingEvent::Fault);
+                    if Self::awaits_transfer(awaited) {
+                        self.awaited = awaited;
+                    }
+                }
+                ArmingEvent::PortOff => {
+                    self.take(ArmingEvent::Cancel);
+                    self.take(ArmingEvent::Fault);
+                }
                 ArmingEvent::GoodTransfer => {
-                    let with_transfer = [ArmingCondition::WithBoard, ArmingCondition::Running];
-                    if self
-                        .awaited
-                        .is_some_and(|when| with_transfer.contains(&when))
-                    {
+                    if Self::awaits_transfer(awaited) {
                         *self = Self {
                             armed: true,
                             awaited: None,
                         };
                     }
                 }
+                ArmingEvent::Rearm => {
+                    self.take(ArmingEvent::Request(ArmingCondition::Running));
+                    self.take(ArmingEvent::GoodTransfer);
+                }
                 ArmingEvent::Request(when) => {
-                    let is_weaker = self.awaited.is_some() && when == ArmingCondition::WithBoard;
+                    let is_weaker = awaited.is_some() && when == ArmingCondition::WithBoard;
                     if !self.armed && !is_weaker {
                         self.awaited = Some(when);
                     }
                 }
                 ArmingEvent::Cancel => self.awaited = None,
+                ArmingEvent::CancelTransfer => {
+                    if Self::awaits_transfer(awaited) {
+                        self.awaited = None;
+                    }
+                }
                 ArmingEvent::SetUp => {
-                    if self.awaited == Some(ArmingCondition::SetUp) {
+                    if awaited == Some(ArmingCondition::SetUp) {
                         self.awaited = Some(ArmingCondition::Running);
                     }
                 }
             }
+        }
+
+        fn awaits_transfer(awaited: Option<ArmingCondition>) -> bool {
+            let with_transfer = [ArmingCondition::WithBoard, ArmingCondition::Running];
+            awaited.is_some_and(|when| with_transfer.contains(&when))
         }
     }
 
@@ -134,10 +169,15 @@ mod tests {
         use ArmingCondition::{Running, SetUp, WithBoard};
         prop_oneof![
             Just(ArmingEvent::Fault),
+            Just(ArmingEvent::Offline),
+            Just(ArmingEvent::OfflineWithBoard),
+            Just(ArmingEvent::PortOff),
             Just(ArmingEvent::GoodTransfer),
+            Just(ArmingEvent::Rearm),
             proptest::sample::select(vec![SetUp, WithBoard, Running])
                 .prop_map(ArmingEvent::Request),
             Just(ArmingEvent::Cancel),
+            Just(ArmingEvent::CancelTransfer),
             Just(ArmingEvent::SetUp),
         ]
     }
@@ -161,11 +201,15 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_a_request_leads_from_safe_to_armed() {
+    fn only_rearming_or_a_request_leads_from_safe_to_armed() {
         let without_request = [
             ArmingEvent::Fault,
+            ArmingEvent::Offline,
+            ArmingEvent::OfflineWithBoard,
+            ArmingEvent::PortOff,
             ArmingEvent::GoodTransfer,
             ArmingEvent::Cancel,
+            ArmingEvent::CancelTransfer,
             ArmingEvent::SetUp,
         ];
         for event in without_request {

@@ -236,7 +236,12 @@ impl AnalogOut {
     /// # Real time
     /// Constant time, no allocation.
     pub fn enable(self, pins: &mut Pins, on: bool) {
-        pins.enable_alone(self.volts.key, self.enable.key, on);
+        let Some(output) = pins.resolve(self.volts.key) else {
+            return;
+        };
+        // Without a valid enable the output is held all the same.
+        let enable = pins.resolve(self.enable.key).unwrap_or(output);
+        pins.values.enable_alone(output, enable, on);
     }
 }
 

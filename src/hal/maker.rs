@@ -1,66 +1,12 @@
 //! Construction of pins and parameters.
 
 use alloc::string::String;
-use alloc::sync::Arc;
-use alloc::vec::Vec;
 
-use super::rule::{is_scale, make_slot};
+use super::values::NewPin;
 use super::{
-    AnyValue, FullScale, GroupId, HalType, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS,
-    Output, Param, PinError, PinInfo, PinStore, Place, Role, ShortName, Value,
+    AnyValue, GroupId, HalType, Handle, InOut, Input, Output, Param, PinError, PinInfo, PinStore,
+    Place, Role, ShortName, Spec, Value, is_scale,
 };
-
-/// Number of the newest pins whose places are compared with that of a new one.
-const NEIGHBOURS: usize = 32;
-/// Smallest number of pins for which room is made.
-const LEAST_ROOM: usize = 16;
-
-/// Properties of a new pin or parameter apart from its type. A name alone makes a pin at the
-/// maker's terminal, without unit or limits:
-///
-/// ```
-/// use mesa_hal::hal::Spec;
-/// let volts = Spec {
-///     unit: "V".into(),
-///     limits: Some((-10.0, 10.0)),
-///     ..Spec::from("volts")
-/// };
-/// ```
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spec {
-    /// Its name, without the maker's stem.
-    pub name: String,
-    /// Terminal of a pin; empty for that of the maker. Ignored for a parameter.
-    pub place: Place,
-    /// Its unit, for example `V`.
-    pub unit: String,
-    /// The smallest and the largest value. On an output they are enforced: a value outside is
-    /// replaced by the nearest limit, as in LinuxCNC, because the command of a saturating servo
-    /// loop means "as much as possible", and dropping it to the safe value at that point would let
-    /// the axis go. On a setting they are enforced as well; on an input they are informational.
-    pub limits: Option<(f64, f64)>,
-    /// Usual limits, informational and not enforced: for an output whose scale is adjustable and
-    /// whose limits are parameters.
-    pub range: Option<(f64, f64)>,
-    /// `-invert`: a truth value goes out as its opposite, including its safe value, because the
-    /// parameter describes the wiring.
-    pub invert: Option<Invert>,
-    /// `-maxlim`: no larger value goes out.
-    pub max_limit: Option<Param<f64>>,
-    /// `-minlim`: no smaller value goes out.
-    pub min_limit: Option<Param<f64>>,
-    /// `-scalemax`: the real number goes out in other units.
-    pub full_scale: Option<FullScale>,
-}
-
-impl<S: Into<String>> From<S> for Spec {
-    fn from(name: S) -> Self {
-        Self {
-            name: name.into(),
-            ..Self::default()
-        }
-    }
-}
 
 /// Makes pins and parameters of one group, with a common start of their names and a common
 /// terminal.
@@ -97,13 +43,13 @@ impl<'a> PinMaker<'a> {
 
     /// An input.
     pub fn input<T: Value>(&mut self, spec: impl Into<Spec>) -> Result<Input<T>, PinError> {
-        self.add(Role::Input, spec, T::default())
+        self.add(NewKind::of::<T>(Role::Input), spec, T::default())
     }
 
     /// The opposite of an input beside it. As long as the input was never valid, which reads as off,
     /// this one is on, as a tripped normally-closed switch shows.
     pub fn opposite(&mut self, spec: impl Into<Spec>) -> Result<Input<bool>, PinError> {
-        self.add(Role::Input, spec, true)
+        self.add(NewKind::of::<bool>(Role::Input), spec, true)
     }
 
     /// An output. It has the value `safe` before the application sets it, while its group is not
@@ -113,7 +59,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         safe: T,
     ) -> Result<Output<T>, PinError> {
-        self.add(Role::Output, spec, safe)
+        self.add(NewKind::of::<T>(Role::Output), spec, safe)
     }
 
     /// An output that controls the driver itself: faults do not affect it.
@@ -122,14 +68,12 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Output<T>, PinError> {
-        let pin = self.output(spec, initial)?;
-        self.store.exempt(pin)
+        self.add(NewKind::exempt::<T>(Role::Output), spec, initial)
     }
 
     /// A pin that both sides set, zero or off at first, which faults do not affect.
     pub fn inout<T: Value>(&mut self, spec: impl Into<Spec>) -> Result<InOut<T>, PinError> {
-        let pin = self.bidirectional(spec, T::default())?;
-        self.store.exempt(pin)
+        self.add(NewKind::exempt::<T>(Role::InOut), spec, T::default())
     }
 
     /// A pin that both sides set, and that becomes `safe` together with the outputs.
@@ -138,7 +82,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         safe: T,
     ) -> Result<InOut<T>, PinError> {
-        self.add(Role::InOut, spec, safe)
+        self.add(NewKind::of::<T>(Role::InOut), spec, safe)
     }
 
     /// A parameter that the application may set within its limits.
@@ -147,7 +91,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Param<T>, PinError> {
-        self.add(Role::Setting, spec, initial)
+        self.add(NewKind::of::<T>(Role::Setting), spec, initial)
     }
 
     /// A setting by which others are divided or multiplied. Its magnitude is from 1e-100 to 1e100,
@@ -164,11 +108,11 @@ impl<'a> PinMaker<'a> {
                 value: initial.into(),
             });
         }
-        let param = self.setting(spec, initial)?;
-        if let Some(info) = self.store.infos.last_mut() {
-            info.is_scale = true;
-        }
-        Ok(param)
+        let kind = NewKind {
+            is_scale: true,
+            ..NewKind::of::<f64>(Role::Setting)
+        };
+        self.add(kind, spec, initial)
     }
 
     /// A parameter that the application can only read.
@@ -177,7 +121,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Param<T>, PinError> {
-        self.add(Role::Property, spec, initial)
+        self.add(NewKind::of::<T>(Role::Property), spec, initial)
     }
 
     /// A parameter of a remote, whose type is known at run time only, zero at first. Its limits are
@@ -192,96 +136,100 @@ impl<'a> PinMaker<'a> {
         let mut spec = spec.into();
         spec.range = spec.limits.take();
         // The bits of zero are the same in every type.
-        let param: Param<u64> = self.add(role, spec, 0)?;
-        if let Some(info) = self.store.infos.last_mut() {
-            info.hal_type = hal_type;
-        }
+        let kind = NewKind {
+            hal_type,
+            ..NewKind::of::<u64>(role)
+        };
+        let param: Param<u64> = self.add(kind, spec, 0)?;
         Ok(Handle::new(param.key))
     }
 
     fn add<K, T: Value>(
         &mut self,
-        role: Role,
+        kind: NewKind,
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Handle<K, T>, PinError> {
         let mut spec = spec.into();
         spec.name = [&*self.stem, &*spec.name].concat();
-        if role.is_param() {
+        if kind.role.is_param() {
             spec.place = Place::default();
         } else if spec.place.terminal.is_empty() {
             spec.place = self.place.clone();
         }
-        self.store.insert(self.group, role, spec, initial)
+        self.store.insert(self.group, kind, spec, initial)
     }
 }
 
-/// Numbers of pins, rules, groups and parts at some moment.
+/// What a maker knows of a new pin apart from its `Spec`.
 #[derive(Clone, Copy, Debug)]
-struct PinMark {
-    pins: usize,
-    rules: usize,
-    groups: usize,
-    parts: usize,
+struct NewKind {
+    role: Role,
+    hal_type: HalType,
+    is_scale: bool,
+    /// Faults do not affect it.
+    is_exempt: bool,
+}
+
+impl NewKind {
+    const fn of<T: Value>(role: Role) -> Self {
+        Self {
+            role,
+            hal_type: T::TYPE,
+            is_scale: false,
+            is_exempt: false,
+        }
+    }
+
+    const fn exempt<T: Value>(role: Role) -> Self {
+        Self {
+            is_exempt: true,
+            ..Self::of::<T>(role)
+        }
+    }
 }
 
 impl PinStore {
     fn insert<K, T: Value>(
         &mut self,
         part: GroupId,
-        role: Role,
+        kind: NewKind,
         spec: Spec,
         initial: T,
     ) -> Result<Handle<K, T>, PinError> {
-        if !is_name(&spec.name) {
-            return Err(PinError::BadName { name: spec.name });
-        }
-        let rank = match self.rank_of(&spec.name) {
-            Err(rank) if self.aliased(&spec.name).is_none() => rank,
-            _ => return Err(PinError::NameTaken { name: spec.name }),
-        };
-        if self.infos.len() >= MAX_PINS {
-            return Err(PinError::TooMany);
-        }
-        let (mut slot, rule) = make_slot(self, part, role, &spec, initial)?;
-        let index = self.infos.len() as u32;
-        let group = self.group_mut(part).ok_or(PinError::ForeignHandle)?;
-        if matches!(role, Role::Output | Role::InOut) {
-            group.outputs.push(index);
-        }
-        // A value of the application is valid when it is shown.
-        slot.bad = group.is_of_application && role == Role::Input;
-        let group = group.part;
-        let group = GroupId(self.key(group));
-        let place = self.shared(spec.place);
         let pins = &mut **self;
-        for_one_more(&mut pins.by_name).insert(rank, index);
-        for_one_more(&mut pins.slots).push(slot);
-        if let Some(rule) = rule {
-            for_one_more(&mut pins.rules).push(rule);
-        }
-        for_one_more(&mut pins.infos).push(PinInfo {
-            name: spec.name,
-            hal_type: T::TYPE,
+        let name = pins.catalog.check_new(&spec.name)?;
+        let index = pins.catalog.next_index()?;
+        let group = pins.group_number(part).ok_or(PinError::ForeignHandle)?;
+        let role = kind.role;
+        let pin = NewPin {
+            spec: &spec,
             role,
-            place,
+            initial,
+            group,
+            part: part.0.index as usize,
+            is_exempt: kind.is_exempt,
+            // A value of the application is valid when it is shown.
+            is_withheld: role == Role::Input && pins.groups.is_of_application(group),
+        };
+        let catalog = &pins.catalog;
+        pins.values.add(pin, |key| catalog.index(key))?;
+        if matches!(role, Role::Output | Role::InOut) {
+            pins.groups.add_output(group, index);
+        }
+        let info = PinInfo {
+            place: catalog.shared(spec.place),
+            name: spec.name,
+            hal_type: kind.hal_type,
+            role,
             unit: spec.unit,
             limits: spec.limits.or(spec.range),
-            is_scale: false,
-            group,
+            is_scale: kind.is_scale,
+            group: pins.group_of(group),
             enabled_by: None,
-        });
-        Ok(Handle::new(self.key(index)))
-    }
-
-    /// The place of a pin: that of one of the newest pins, if it is the same.
-    fn shared(&self, place: Place) -> Arc<Place> {
-        if place.terminal.is_empty() && place.signal.is_empty() {
-            return Arc::clone(&self.nowhere);
-        }
-        let newest = self.infos.iter().rev().take(NEIGHBOURS);
-        let same = newest.map(|info| &info.place).find(|at| ***at == place);
-        same.map_or_else(|| Arc::new(place), Arc::clone)
+        };
+        pins.catalog.add(name, info);
+        Ok(Handle::new(pins.catalog.key(index)))
     }
 
     /// Makes pins, groups and parts as a whole: if `make` fails, the store has none of them.
@@ -289,71 +237,21 @@ impl PinStore {
         &mut self,
         make: impl FnOnce(&mut Self) -> Result<T, E>,
     ) -> Result<T, E> {
-        let mark = PinMark {
-            pins: self.infos.len(),
-            rules: self.rules.len(),
-            groups: self.groups.len(),
-            parts: self.parts.len(),
-        };
+        let (groups, parts) = (self.groups.len(), self.groups.part_count());
+        let pins = self.infos().len();
         let made = make(self);
         if made.is_err() {
-            self.undo(mark);
+            self.catalog.truncate(pins);
+            self.values.truncate(pins, parts);
+            self.groups.truncate(groups, parts, pins);
         }
         made
     }
 
-    /// Removes all pins, groups and parts that were made since `mark`.
-    fn undo(&mut self, mark: PinMark) {
-        let pins = &mut **self;
-        let first = mark.pins as u32;
-        pins.infos.truncate(mark.pins);
-        pins.slots.truncate(mark.pins);
-        pins.rules.truncate(mark.rules);
-        pins.groups.truncate(mark.groups);
-        pins.parts.truncate(mark.parts);
-        pins.by_name.retain(|&index| index < first);
-        pins.aliases.retain(|&(_, index)| index < first);
-        for group in &mut pins.groups {
-            group.outputs.retain(|&index| index < first);
-        }
-    }
-
     /// Releases the memory that was kept for further pins.
     pub(crate) fn shrink_to_fit(&mut self) {
-        let pins = &mut **self;
-        pins.by_name.shrink_to_fit();
-        pins.aliases.shrink_to_fit();
-        pins.slots.shrink_to_fit();
-        pins.rules.shrink_to_fit();
-        pins.infos.shrink_to_fit();
-        pins.parts.shrink_to_fit();
-        pins.groups.shrink_to_fit();
-        for group in &mut pins.groups {
-            group.outputs.shrink_to_fit();
-        }
+        self.catalog.shrink_to_fit();
+        self.values.shrink_to_fit();
+        self.groups.shrink_to_fit();
     }
-
-    /// Exempts the pin from faults.
-    fn exempt<K, T>(&mut self, pin: Handle<K, T>) -> Result<Handle<K, T>, PinError> {
-        let slot = self.slot_mut(pin.key);
-        slot.ok_or(PinError::ForeignHandle)?.exempt = true;
-        Ok(pin)
-    }
-}
-
-/// Makes room for one more element: an eighth more than there are, where a vector would double. A
-/// machine has hundreds of pins, and a controller little memory.
-pub(super) fn for_one_more<T>(all: &mut Vec<T>) -> &mut Vec<T> {
-    if all.len() == all.capacity() {
-        all.reserve_exact((all.len() / 8).max(LEAST_ROOM));
-    }
-    all
-}
-
-/// True if LinuxCNC accepts the name: length within its limit, and no space, quote or other
-/// character that ends a word in a HAL file.
-pub(super) fn is_name(name: &str) -> bool {
-    let fits =
-        |c: char| c.is_ascii_graphic() && !matches!(c, '"' | '\'' | '#' | '$' | '[' | ']' | '=');
-    (1..=MAX_NAME).contains(&name.len()) && name.chars().all(fits)
 }

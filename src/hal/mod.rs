@@ -30,12 +30,12 @@
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
-mod alias;
 mod any;
 mod arming;
 mod axis;
-mod enabling;
+mod catalog;
 mod error;
+mod groups;
 mod handle;
 mod id;
 mod info;
@@ -45,13 +45,16 @@ mod nearest;
 mod own;
 mod pins;
 mod reading;
+mod room;
 mod row;
-mod rule;
+mod settable;
+mod spec;
 mod store;
 mod terminals;
 mod value;
+mod values;
 
-pub(crate) use arming::ArmingCondition;
+pub(crate) use arming::{ArmingCondition, ArmingEvent};
 pub use axis::Axis;
 pub use error::{PinError, ShortName};
 pub use handle::kind::{Readable, Settable};
@@ -59,13 +62,13 @@ pub use handle::{GroupId, Handle, InOut, Input, Output, Param};
 pub use id::PinId;
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role};
 pub use io::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
-pub use maker::{PinMaker, Spec};
+pub use maker::PinMaker;
 pub use pins::Pins;
 use reading::Rejection;
 pub use reading::{Age, GroupState, Reading, Rejections};
 pub(crate) use row::InputRow;
-pub(crate) use rule::is_scale;
-pub use rule::{FullScale, Invert};
+pub(crate) use settable::is_scale;
+pub use spec::{FullScale, Invert, Spec};
 pub use store::PinStore;
 pub use terminals::{Place, Terminals};
 pub use value::{AnyValue, HalType, Value};

@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use super::{MAX_NAME, Pins};
+use super::MAX_NAME;
 
 /// Largest number of names that are compared.
 const MAX_NAMES: usize = 10_000;
@@ -12,7 +12,7 @@ const MAX_NAMES: usize = 10_000;
 /// characters turn into `wanted`, if these are at most a third of its characters.
 ///
 /// Upper and lower case are equal. Bounded by 10,000 names of 47 characters. Allocates: for set-up.
-pub(crate) fn nearest<'a>(
+pub(super) fn nearest<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
     wanted: &str,
 ) -> Option<String> {
@@ -35,27 +35,8 @@ pub(crate) fn nearest<'a>(
         .map(|(_, name)| name.into())
 }
 
-impl Pins {
-    /// The name that was probably meant: for the enable of an output the pin that does enable it,
-    /// whatever its name, else the [nearest](nearest).
-    pub(super) fn nearest(&self, wanted: &str) -> Option<String> {
-        let (stem, suffix) = wanted.rsplit_once(['-', '.']).unwrap_or_default();
-        let is_enable = suffix
-            .get(..3)
-            .is_some_and(|s| s.eq_ignore_ascii_case("ena"));
-        let mut outputs = self.infos().iter().filter(|_| is_enable);
-        let output = outputs.find(|info| {
-            info.enabled_by.is_some()
-                && (info.name.eq_ignore_ascii_case(stem) || is_end(&info.name, stem))
-        });
-        let enable = output.and_then(|output| self.info_of(output.enabled_by?));
-        let enable = enable.map(|enable| enable.name.clone());
-        enable.or_else(|| nearest(self.infos().iter().map(|info| &*info.name), wanted))
-    }
-}
-
 /// True if the name ends in `wanted` after a point.
-fn is_end(name: &str, wanted: &str) -> bool {
+pub(super) fn is_end(name: &str, wanted: &str) -> bool {
     let at = name.len().checked_sub(wanted.len());
     let parts = at.and_then(|at| name.split_at_checked(at));
     parts.is_some_and(|(stem, end)| {
@@ -114,7 +95,7 @@ mod tests {
         for &name in names {
             make.input::<bool>(name).expect("made");
         }
-        store.nearest(wanted)
+        store.catalog.nearest(wanted)
     }
 
     #[test]
@@ -158,12 +139,12 @@ mod tests {
             "analogout0-enable",
             "7i77.0.1.ANALOGOUT0.ENA",
         ] {
-            assert_eq!(store.nearest(wanted), meant, "{wanted}");
+            assert_eq!(store.catalog.nearest(wanted), meant, "{wanted}");
         }
         let limit = Some("hm2_7i92.0.7i77.0.1.analogout0-maxlim".into());
-        assert_eq!(store.nearest("analogout0-maxlm"), limit);
+        assert_eq!(store.catalog.nearest("analogout0-maxlm"), limit);
         for wanted in ["-ena", ".", "ena", "", "-"] {
-            let _ = store.nearest(wanted);
+            let _ = store.catalog.nearest(wanted);
         }
     }
 

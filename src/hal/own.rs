@@ -1,20 +1,14 @@
 //! Pins of the application's own: values that it shows, and commands that it takes.
 
+use super::groups::Origin;
 use super::handle::kind::InOutKind;
-use super::{
-    GroupId, Handle, InOut, Input, PinError, PinMaker, PinStore, Pins, Rejection, Settable, Value,
-};
+use super::{GroupId, Handle, InOut, Input, PinError, PinMaker, PinStore, Pins, Settable, Value};
 
 impl PinStore {
     /// Adds the group of the application's own pins: always valid and armed, whatever fails.
     pub(crate) fn add_own_group(&mut self) -> GroupId {
         let group = self.add_group();
-        self.keep_valid(group);
-        let now = (self.cycle, self.now);
-        if let Some(group) = self.group_mut(group) {
-            group.is_of_application = true;
-            (group.is_good, group.last_good) = (true, Some(now));
-        }
+        self.set_origin(group, Origin::Application);
         group
     }
 
@@ -57,18 +51,13 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn show<T: Value>(&mut self, pin: Input<T>, value: T) {
-        let now = (self.cycle, self.now);
-        let found = self.index(pin.key).and_then(|index| {
-            let slot = self.slots.get_mut(index)?;
-            let group = self.groups.get_mut(slot.group as usize)?;
-            group.is_of_application.then_some((index, slot, group))
-        });
-        let Some((index, slot, group)) = found else {
-            return self.count_foreign();
-        };
-        group.last_good = Some(now);
-        if !slot.accept(value.into()) {
-            self.count_rejection(index, Rejection::NotFinite);
+        let index = self.catalog.index(pin.key);
+        let stored = index.and_then(|index| Some((index, self.values.get(index)?)));
+        match stored {
+            Some((index, stored)) if self.groups.note_shown(stored.group) => {
+                self.values.publish(index, value.into());
+            }
+            _ => self.count_foreign(),
         }
     }
 
@@ -79,23 +68,8 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn command<K: Settable, T: Value>(&mut self, pin: Handle<K, T>) -> T {
-        let Some(index) = self.index(pin.key) else {
-            self.count_foreign();
-            return T::default();
-        };
-        let set = self.commanded(pin);
-        let rule = self.slots.get(index).map(|slot| slot.rule as usize);
-        let Some(rule) = rule.and_then(|rule| self.rules.get_mut(rule)) else {
-            return T::default();
-        };
-        if rule.settings != self.settings {
-            rule.apply::<T>(&self.slots, self.settings);
-        }
-        let (value, rejection) = rule.sanitise(set);
-        if let Some(rejection) = rejection {
-            self.count_rejection(index, rejection);
-        }
-        value
+        let index = self.resolve(pin.key);
+        index.map_or_else(T::default, |index| self.values.command(index))
     }
 
     /// Takes a command that another thread has given by a pin of the application's own that both
@@ -118,12 +92,5 @@ impl Pins {
         let value = self.command::<InOutKind, T>(pin);
         self.set(pin, T::default());
         value
-    }
-
-    fn count_rejection(&mut self, index: usize, rejection: Rejection) {
-        self.totals.count(rejection);
-        if let Some(rule) = self.rule_mut(index) {
-            rule.rejections.count(rejection);
-        }
     }
 }

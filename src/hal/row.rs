@@ -33,27 +33,10 @@ impl PinStore {
     /// Constant time, no allocation.
     #[inline]
     pub(crate) fn publish_row<const N: usize>(&mut self, row: InputRow<N>, values: [AnyValue; N]) {
-        let first = self.index(row.0);
-        let slots = first.and_then(|first| self.slots.get_mut(first..));
-        let Some(slots) = slots.and_then(|slots| slots.first_chunk_mut::<N>()) else {
-            return self.count_foreign();
-        };
-        // One look at all of them: a sum with NaN is NaN.
-        let doubt = values.map(AnyValue::nonfinite_part);
-        if !doubt.into_iter().sum::<f64>().is_nan() {
-            for (slot, value) in slots.iter_mut().zip(values) {
-                slot.take(value);
-            }
-            return;
+        let first = self.catalog.index(row.0);
+        if !first.is_some_and(|first| self.values.publish_row(first, values)) {
+            self.count_foreign();
         }
-        for (index, value) in (row.0.index..).zip(values) {
-            self.publish_doubtful(Key { index, ..row.0 }, value);
-        }
-    }
-
-    #[cold]
-    fn publish_doubtful(&mut self, key: Key, value: AnyValue) {
-        self.publish_any(key, value);
     }
 }
 

@@ -330,13 +330,13 @@ fn record_remotes<B: RegisterBus + Clock>(
 }
 
 fn record_values(pins: &Pins, to: &mut impl WordSink) {
-    pins.kept().for_each(|(bits, _)| to.put(bits));
+    pins.raw_values().for_each(|(bits, _)| to.put(bits));
 }
 
 /// One bit for each pin: its last value was refused or withheld.
 fn record_flags(pins: &Pins, to: &mut impl WordSink) {
     let (mut flags, mut count) = (0, 0);
-    for (_, is_bad) in pins.kept() {
+    for (_, is_bad) in pins.raw_values() {
         flags |= u64::from(is_bad) << count;
         count.tally(1);
         if count == u64::BITS {

@@ -348,16 +348,6 @@ const STAY: &[(&[&str], &str)] = &[
     ),
     (
         &[
-            "src/hal/enabling.rs",
-            "src/hal/maker.rs",
-            "src/hal/pins.rs",
-            "src/hal/rule.rs",
-            "src/hal/store.rs",
-        ],
-        "pins, their rules and their names are one store",
-    ),
-    (
-        &[
             "src/transport/udp/encoding.rs",
             "src/transport/udp/mod.rs",
             "src/transport/udp/receiving.rs",

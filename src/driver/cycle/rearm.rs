@@ -3,7 +3,7 @@
 use super::BoardCycle;
 use crate::bus::Instant;
 use crate::driver::{EventKind, Rearmed};
-use crate::hal::{ArmingCondition, GroupId, PinError, ShortName};
+use crate::hal::{ArmingCondition, ArmingEvent, GroupId, PinError, ShortName};
 use crate::tally::Tally;
 
 impl BoardCycle {
@@ -12,9 +12,8 @@ impl BoardCycle {
         let (mut armed, mut is_news) = (0, false);
         if self.is_running() {
             armed = self.pins.rearm_all();
-            is_news = self
-                .pins
-                .request_arming(self.group, ArmingCondition::WithBoard);
+            let event = ArmingEvent::Request(ArmingCondition::WithBoard);
+            is_news = self.pins.change_arming_of(self.group, event);
             for port in &self.parts.ports {
                 is_news |= port.arm_with_board(&mut self.pins);
             }
@@ -37,7 +36,9 @@ impl BoardCycle {
             let group = self.pins.group_of(number);
             let is_armed = self.pins.group_state(group).is_none_or(|state| state.armed);
             if !is_armed && !self.is_port_off(group) {
-                is_news |= self.pins.request_arming(group, when);
+                is_news |= self
+                    .pins
+                    .change_arming_of(group, ArmingEvent::Request(when));
             }
         }
         self.rearmed(now, armed, is_news)
@@ -59,7 +60,8 @@ impl BoardCycle {
         if when == ArmingCondition::Running && self.pins.rearm(group).is_ok() {
             return Ok(true);
         }
-        self.pins.request_arming(group, when);
+        self.pins
+            .change_arming_of(group, ArmingEvent::Request(when));
         Ok(false)
     }
 
@@ -80,7 +82,12 @@ impl BoardCycle {
     /// Cancels the arming of groups that do not run, because of a fault: of all that are awaited, or
     /// of all but those that wait for the board's set-up.
     pub(super) fn cancel_rearm(&mut self, now: Instant, all: bool) {
-        let groups = self.pins.cancel_all_arming(all);
+        let event = if all {
+            ArmingEvent::Cancel
+        } else {
+            ArmingEvent::CancelTransfer
+        };
+        let groups = self.pins.change_all_arming(event);
         if groups > 0 {
             self.events.tell(now, EventKind::RearmCancelled { groups });
         }
@@ -92,7 +99,7 @@ impl BoardCycle {
         for group in self.pins.groups() {
             let state = self.pins.group_state(group);
             waiting.tally(usize::from(state.is_some_and(|state| !state.armed)));
-            coming.tally(usize::from(self.pins.arming(group).is_awaited()));
+            coming.tally(usize::from(state.is_some_and(|state| state.coming)));
         }
         if armed > 0 || is_news {
             let [armed, waiting] =

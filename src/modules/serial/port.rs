@@ -17,7 +17,7 @@ use super::{PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::events::OfflineReason;
 use crate::fraction::Fraction;
-use crate::hal::{GroupId, PinStore};
+use crate::hal::{ArmingCondition, ArmingEvent, GroupId, PinStore};
 use crate::hostmot2::RemoteId;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
@@ -328,9 +328,11 @@ impl SerialPort {
     /// Arms the remotes that come up because the board has its set-up again, with their first good
     /// transfer. True if that is new for one of them.
     pub(crate) fn arm_with_board(&self, pins: &mut PinStore) -> bool {
-        let remotes = self.remotes.iter();
-        remotes.fold(false, |is_new, remote| {
-            remote.slot.arm_with_board(pins) | is_new
+        let event = ArmingEvent::Request(ArmingCondition::WithBoard);
+        let slots = self.remotes.iter().map(|remote| &remote.slot);
+        let with_board = slots.filter(|slot| slot.comes_with_board);
+        with_board.fold(false, |is_new, slot| {
+            pins.change_arming_of(slot.pins.group, event) | is_new
         })
     }
 

@@ -10,7 +10,7 @@ use super::watchdog::OutputsState;
 use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::events::{EventKind, EventSink};
-use crate::hal::{ArmingCondition, GroupId, PinError, PinStore};
+use crate::hal::{ArmingEvent, GroupId, PinError, PinStore};
 use crate::hostmot2::RemoteId;
 use crate::modules::{ReadCycle, WriteCycle};
 use crate::remote::RemotePins;
@@ -129,6 +129,11 @@ impl RemoteSlot {
     /// Makes the remote safe, whose counters may contain any value when it comes back.
     pub fn make_safe(&mut self, pins: &mut PinStore) {
         pins.fault(self.pins.group);
+        self.forget_transfers();
+    }
+
+    /// Takes nothing that was transferred before as a part of what comes.
+    fn forget_transfers(&mut self) {
         self.unanswered = None;
         self.pins.restarted();
     }
@@ -144,77 +149,55 @@ impl RemoteSlot {
     ) {
         let channel = self.channel;
         if outcome.offline.contains(channel) {
-            self.went_offline(life, cycle);
+            // It will not be armed when it runs again, unless it comes up because of the board.
+            let event = if self.comes_with_board && life.is_of_board() {
+                ArmingEvent::OfflineWithBoard
+            } else {
+                ArmingEvent::Offline
+            };
+            cycle.pins.invalidate(self.pins.group);
+            self.change_arming(event, cycle.pins, cycle.events, cycle.now);
+            self.forget_transfers();
         } else if outcome.failed.contains(channel) {
             cycle.pins.invalidate(self.pins.group);
             self.unanswered = Some((outcome.due(cycle.pins.cycle()), outcome.started));
         } else if outcome.started_anew.contains(channel) {
             self.unanswered = Some((cycle.pins.cycle().saturating_sub(1), last_read));
         }
-        let has_new_fault = outcome.new_faults.contains(channel);
-        if has_new_fault || self.comes_with_board {
-            self.attempted(life, has_new_fault, cycle);
-        }
-    }
-
-    /// Handles a running remote that went offline: it will not be armed when it runs again, unless
-    /// it comes up because of the board.
-    fn went_offline(&mut self, life: &Life, cycle: &mut ReadCycle<'_>) {
-        let group = self.pins.group;
-        let arming = cycle.pins.arming(group);
-        if cycle
-            .pins
-            .group_state(group)
-            .is_some_and(|state| !state.armed)
-        {
-            cycle.pins.count_loss();
-        }
-        self.make_safe(cycle.pins);
-        match arming.awaits_transfer() {
-            Some(condition) if self.comes_with_board && life.is_of_board() => {
-                cycle.pins.request_arming(group, condition);
-            }
-            Some(_) => self.report_cancelled(cycle.events, cycle.now),
-            None => {}
-        }
-    }
-
-    /// Handles the attempts to start a remote that is to be armed. A new fault cancels that: also a
-    /// fault of its own that is found when it comes up because of the board. An attempt that fails
-    /// again is none.
-    fn attempted(&mut self, life: &Life, has_new_fault: bool, cycle: &mut ReadCycle<'_>) {
-        let group = self.pins.group;
-        let is_awaited = cycle.pins.arming(group).awaits_transfer().is_some();
-        let comes_alone = self.comes_with_board && !life.is_of_board();
-        if comes_alone {
+        if self.comes_with_board && !life.is_of_board() {
+            // A fault of its own, found when it comes up because of the board: commands that were
+            // set meanwhile are forgotten.
             self.comes_with_board = false;
-            // Commands that were set meanwhile are forgotten.
-            cycle.pins.disarm(group);
+            self.change_arming(ArmingEvent::Fault, cycle.pins, cycle.events, cycle.now);
+        } else if outcome.new_faults.contains(channel) {
+            // An attempt to start it that fails again is no new fault.
+            self.change_arming(
+                ArmingEvent::CancelTransfer,
+                cycle.pins,
+                cycle.events,
+                cycle.now,
+            );
         }
-        if is_awaited && (comes_alone || has_new_fault) {
-            cycle.pins.cancel_arming(group);
-            self.report_cancelled(cycle.events, cycle.now);
-        }
-    }
-
-    /// Reports that the remote will not be armed when it runs.
-    fn report_cancelled(&self, events: &EventSink, now: Instant) {
-        events.tell(now, EventKind::RemoteRearmCancelled { remote: self.id });
     }
 
     /// Keeps a remote of a port that is switched off safe: it is not armed when it runs again.
     pub fn keep_safe(&self, cycle: &mut WriteCycle<'_>) {
-        let group = self.pins.group;
-        if cycle.pins.cancel_arming(group) {
-            self.report_cancelled(cycle.events, cycle.now);
-        }
-        cycle.pins.fault(group);
+        cycle.pins.invalidate(self.pins.group);
+        self.change_arming(ArmingEvent::PortOff, cycle.pins, cycle.events, cycle.now);
     }
 
-    /// Arms the remote with its first good transfer, if it comes up because the board has its
-    /// set-up again. True if that is new.
-    pub fn arm_with_board(&self, pins: &mut PinStore) -> bool {
-        self.comes_with_board && pins.request_arming(self.pins.group, ArmingCondition::WithBoard)
+    /// Changes the arming of the remote, and reports if it will therefore not be armed when it
+    /// runs.
+    fn change_arming(
+        &self,
+        event: ArmingEvent,
+        pins: &mut PinStore,
+        events: &EventSink,
+        now: Instant,
+    ) {
+        if pins.change_arming_of(self.pins.group, event) {
+            events.tell(now, EventKind::RemoteRearmCancelled { remote: self.id });
+        }
     }
 
     /// Puts the outputs into the image, unless they are unchanged.

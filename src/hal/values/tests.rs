@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::hal::store::tests::{Remote, maker, remote, remote_with};
+use crate::hal::{FullScale, Invert, Output, Param, Spec};
 use proptest::prelude::*;
 
 #[test]
