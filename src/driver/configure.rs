@@ -8,12 +8,12 @@ use super::arrival::ArrivalClock;
 use super::connection::Connection;
 use super::cycle::BoardCycle;
 use super::pace::Pacer;
+use super::parts::{ModulePart, Parts};
 use super::period::check_range;
 use super::remotes::PortStage;
 use super::safe_bus::SafeBus;
 use super::{
-    Defaults, Driver, DriverError, FaultPolicy, ModulePart, Pace, Parts, Remark, RemarkKind,
-    Settings, Trace,
+    Defaults, Driver, DriverError, FaultPolicy, Pace, Remark, RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{Access, BusError, Clock, Effort, Exchanges, ImagePlan, RegisterBus, Words};

@@ -1,25 +1,26 @@
 //! The cycle, without a bus: evaluates reads, and decides [what to write](write).
-//!
-//! [`Driver`](super::Driver) does the exchanges that an [`Order`] asks for, and returns their
-//! outcome.
 
+mod order;
 mod rearm;
+mod set_up;
 mod write;
 
-pub(super) use write::{CycleWrite, Order};
+pub(super) use order::{CycleWrite, Exchange, Next, Outcome, Separate};
 
 use core::time::Duration;
 
 use super::arrival::ArrivalClock;
+use super::parts::Parts;
 use super::rows::EventRows;
-use super::{BoardState, CycleReport, DriverStatistics, EventKind, Parts, SerialPort};
-use crate::bus::{BusErrorKind, Instant, Reply, Words};
+use super::{BoardState, CycleError, CycleReport, DriverStatistics, EventKind, SerialPort};
+use crate::bus::{Instant, Reply, Words};
 use crate::events::EventSink;
-use crate::hal::{ArmingEvent, GroupId, Input, PinStore};
+use crate::hal::{GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
 use crate::modules::watchdog::EvidenceRead;
 use crate::modules::{Module, Outage, ReadCycle, RunOnCycle};
 use crate::tally::Tally;
+use order::{Order, Then};
 
 /// Writes after a fault before a set-up that a pin asks for: a packet from before the fault that a
 /// network delivers late, or twice, would drive the outputs that are set up.
@@ -37,7 +38,24 @@ enum Evidence {
     Unproven,
 }
 
-/// All parts of the cycle, and the state of the board.
+/// All parts of the cycle, and the state of the board: a state machine without a bus.
+///
+/// # Calls and their order
+/// 1. An operation begins with one of [`begin_read`](Self::begin_read),
+///    [`begin_write`](Self::begin_write), [`begin_set_up`](Self::begin_set_up),
+///    [`begin_identification`](Self::begin_identification) and
+///    [`begin_following`](Self::begin_following). Each returns the [`Next`] step.
+/// 2. If that is an [`Order`], the driver does its exchange with [`words`](Self::words), and passes
+///    the order back with the outcome: [`after`](Self::after) consumes it, and returns the next step.
+///    Only the cycle makes an order, so no outcome can be passed twice or for another exchange.
+/// 3. At the [end](Next::End) the operation has a result. After a good read, the report is in
+///    [`report`](Self::report).
+///
+/// Everything else is called between two operations: access to pins and parts, re-arming
+/// ([`rearm`](Self::rearm), [`rearm_when_running`](Self::rearm_when_running)),
+/// [`make_safe`](Self::make_safe), [`look_closely`](Self::look_closely), and questions. An operation
+/// that is given up between two steps leaves the board as after a failed exchange; only
+/// [`end`](Self::end) is called after it.
 ///
 /// # Real time
 /// No function allocates, and each takes a bounded time.
@@ -50,6 +68,8 @@ pub(super) struct BoardCycle {
     pub parts: Parts,
     pub statistics: DriverStatistics,
     pub events: EventSink,
+    /// The report of the last good read.
+    pub report: CycleReport,
     beats: ArrivalClock,
     /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
@@ -99,6 +119,7 @@ impl BoardCycle {
             parts,
             statistics: DriverStatistics::default(),
             events,
+            report: CycleReport::default(),
             beats,
             state: BoardState::Running,
             outage: Outage::default(),
@@ -129,11 +150,6 @@ impl BoardCycle {
         !matches!(self.state, BoardState::Running | BoardState::WatchdogBitten)
     }
 
-    /// Consecutive failed writes.
-    pub fn write_failures(&self) -> u32 {
-        self.write_failures
-    }
-
     /// Requests the extra evidence registers, after an event that may have masked a reset.
     pub fn look_closely(&mut self) {
         self.evidence = self.evidence.max(Evidence::Doubtful);
@@ -156,7 +172,7 @@ impl BoardCycle {
 
     /// Checks that the registers were read from a `HostMot2`; the error is the word in place of its
     /// cookie.
-    pub fn check(&self) -> Result<(), u32> {
+    fn check(&self) -> Result<(), u32> {
         self.parts.connection.check(&self.words)
     }
 
@@ -170,44 +186,63 @@ impl BoardCycle {
     }
 }
 
-/// A read.
+/// Operations.
 impl BoardCycle {
-    /// Begins a read; returns true if it has to include the extra registers.
-    pub fn begin_read(&mut self) -> bool {
+    /// Begins a read.
+    pub fn begin_read(&mut self) -> Next {
         self.statistics.reads.tally(1);
         self.writes_since_read = 0;
         self.events.begin_cycle(self.statistics.reads);
-        self.wants_closer_look()
+        let extra = self.wants_closer_look();
+        Next::order(Exchange::Read { extra }, Then::Read)
     }
 
-    /// Evaluates a read that arrived at `at`, in a cycle that begins at `now`. `closely`: it
-    /// included the extra registers.
-    ///
-    /// # Errors
-    /// The word in place of the cookie, if no `HostMot2` answered, and the number of consecutive
-    /// failed reads.
-    pub fn read(
-        &mut self,
-        now: Instant,
-        at: Instant,
-        closely: bool,
-    ) -> Result<CycleReport, (u32, u32)> {
+    /// Begins to read a board that waits to be re-armed; `None` for one that runs, or in whose place
+    /// another one has answered.
+    pub fn begin_following(&self) -> Option<Next> {
+        let is_read = !matches!(self.state, BoardState::Running | BoardState::OtherFirmware);
+        is_read.then(|| Next::separate(Separate::Everything, Then::Follow))
+    }
+
+    /// Continues the operation that has ordered an exchange, after that has ended with this
+    /// `outcome`. `now` is the present time; the inputs of a read have their age from it.
+    #[inline]
+    pub fn after(&mut self, order: Order, outcome: Outcome, now: Instant) -> Next {
+        match order.then {
+            Then::Read => Next::End(self.after_read(outcome, now)),
+            Then::Write => Next::End(self.after_write(outcome, now)),
+            Then::Release => self.end_without_write(now),
+            Then::Guard(step) => self.after_guard(&step, outcome, now),
+            Then::Follow => Next::End(self.after_following(outcome, now)),
+            Then::SetUp(set_up) => self.after_set_up(set_up, outcome, now),
+        }
+    }
+}
+
+/// A read.
+impl BoardCycle {
+    fn after_read(&mut self, outcome: Outcome, now: Instant) -> Result<(), CycleError> {
+        self.asked = outcome.from;
         self.pins.begin_cycle(now);
+        if let Err(source) = outcome.result {
+            let why = source.kind();
+            let consecutive = self.count_failed_read(now, EventKind::ReadFailed { why });
+            return Err(CycleError::Read {
+                source,
+                consecutive,
+            });
+        }
         if let Err(found) = self.check() {
             let consecutive = self.count_failed_read(now, EventKind::NotThere { found });
-            return Err((found, consecutive));
+            return Err(CycleError::NotThere { found, consecutive });
         }
         self.old_read_errors = self.statistics.read_errors;
         self.parts.connection.count_exchange(&mut self.pins, false);
-        Ok(self.take(now, at, closely))
+        self.report = self.take(now, outcome.at, outcome.extra);
+        Ok(())
     }
 
-    /// Handles a read that failed as a whole; returns the number of consecutive ones.
-    pub fn read_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
-        self.pins.begin_cycle(now);
-        self.count_failed_read(now, EventKind::ReadFailed { why })
-    }
-
+    /// Handles a read without inputs; returns the number of consecutive ones.
     fn count_failed_read(&mut self, now: Instant, what: EventKind) -> u32 {
         self.rows.failed_reads.add(&self.events, now, 1, what);
         self.statistics.read_errors.tally(1);
@@ -217,13 +252,13 @@ impl BoardCycle {
             self.fail(now, BoardState::BusDown);
         }
         self.publish();
-        let errors = self.statistics.read_errors;
-        u32::try_from(errors.saturating_sub(self.old_read_errors)).unwrap_or(u32::MAX)
+        self.failed_reads()
     }
 
-    /// Notes the request of the read that is handed over next.
-    pub const fn asked(&mut self, from: Instant) {
-        self.asked = from;
+    /// Number of consecutive failed reads.
+    fn failed_reads(&self) -> u32 {
+        let errors = self.statistics.read_errors;
+        u32::try_from(errors.saturating_sub(self.old_read_errors)).unwrap_or(u32::MAX)
     }
 
     /// Lets every module take its inputs from the valid image read at `at`.
@@ -361,11 +396,11 @@ impl BoardCycle {
 impl BoardCycle {
     /// Evaluates a separate read of all evidence. Makes everything safe if the board is not set up
     /// any more.
-    pub fn looked(&mut self, now: Instant) {
-        self.look(now, true, false);
+    fn evidence_read(&mut self, now: Instant) {
+        self.examine(now, true, false);
     }
 
-    fn look(&mut self, now: Instant, is_certain: bool, have_all_arrived: bool) {
+    fn examine(&mut self, now: Instant, is_certain: bool, have_all_arrived: bool) {
         self.evidence = self.evidence.min(Evidence::Doubtful);
         let read = EvidenceRead {
             words: &self.words,
@@ -378,65 +413,23 @@ impl BoardCycle {
         self.note_bite(finding, have_all_arrived);
     }
 
-    /// Evaluates a separate read of all registers before the set-up, which would hide what they show.
-    pub fn surveyed(&mut self, now: Instant) {
-        self.looked(now);
-        self.run_on(now);
-    }
-
     /// Evaluates a separate read of all registers of a board that waits to be re-armed.
-    pub fn followed(&mut self, now: Instant) {
+    fn after_following(&mut self, outcome: Outcome, now: Instant) -> Result<(), CycleError> {
+        self.asked = outcome.from;
+        let consecutive = self.failed_reads();
+        let failed = |source| CycleError::Read {
+            source,
+            consecutive,
+        };
+        outcome.result.map_err(failed)?;
+        let absent = |found| CycleError::NotThere { found, consecutive };
+        self.check().map_err(absent)?;
         let replies = self.words.replies();
         let certain = replies.certain;
-        self.look(now, certain, certain || replies.lost_writes == 0);
+        self.examine(now, certain, certain || replies.lost_writes == 0);
         self.run_on(now);
         self.publish();
-    }
-
-    /// True if the board still has its set-up, as its evidence has just shown: only the bus was down.
-    pub fn is_standing(&self) -> bool {
-        self.state == BoardState::BusDown && self.outage.has_kept_set_up()
-    }
-
-    /// Notes that pins were let go of, or may have been.
-    pub fn note_quiesced(&mut self) {
-        self.outage.has_released = true;
-    }
-
-    /// True if the evidence is that of a fresh set-up.
-    pub fn shows_set_up(&mut self) -> bool {
-        self.parts.watchdog.set_up_restored(&self.words)
-    }
-
-    /// Continues with a board that has its set-up back, which was begun at `now`.
-    pub fn is_set_up_again(&mut self, now: Instant) {
-        self.words.all_set();
-        self.look_closely();
-        let outage = core::mem::take(&mut self.outage);
-        for part in self.parts.each() {
-            part.set_up_again(&mut self.pins, now, &outage);
-        }
-        (self.state, self.is_set_up_wanted) = (BoardState::Running, false);
-        self.pins.change_all_arming(ArmingEvent::SetUp);
-        self.events.tell(now, EventKind::BoardSetUp);
-        self.parts.connection.level = 0;
-        self.old_read_errors = self.statistics.read_errors;
-        self.write_failures = 0;
-    }
-
-    /// Handles another firmware that answers. The application has to clear the flag before the
-    /// board is checked again.
-    pub fn is_other_firmware(&mut self, now: Instant) {
-        self.outage.was_replaced = true;
-        let state = BoardState::OtherFirmware;
-        if core::mem::replace(&mut self.state, state) != state {
-            self.events.tell(now, EventKind::OtherFirmware);
-        }
-        self.cancel_rearm(now, true);
-        self.is_set_up_wanted = false;
-        // Sets the flag again, even if it was published before.
-        self.shown = None;
-        self.publish();
+        Ok(())
     }
 
     /// Makes everything safe if the board is not set up any more.

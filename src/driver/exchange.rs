@@ -2,26 +2,14 @@
 
 use core::time::Duration;
 
-use super::cycle::{CycleWrite, Order};
-use super::pace::ReadResult;
-use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
+use super::cycle::{CycleWrite, Exchange, Next, Outcome, Separate};
+use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, ReadRequest, RegisterBus, Words};
 
 /// Pause between two polls of COMMAND.
 const POLL_PAUSE: Duration = Duration::from_micros(1);
 /// Ends the polling on a bus whose clock stands still.
 const MAX_POLLS: u32 = 100_000;
-
-/// The device that answers at the board's address.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Responder {
-    /// The board with the firmware that was set up.
-    Same,
-    /// No `HostMot2`, as during a reset.
-    Absent,
-    /// Another board, or another firmware.
-    Other,
-}
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Reads the board once and takes its inputs.
@@ -44,28 +32,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     fn read_board(&mut self) -> Result<CycleReport, CycleError> {
-        let asked = self.cycle.begin_read();
-        let words = &mut self.cycle.words;
-        let answer = self
-            .pacer
-            .read(&mut *self.bus, &self.exchanges, words, asked);
-        let ReadResult {
-            extra,
-            from,
-            at,
-            result,
-        } = answer;
-        self.cycle.asked(from);
-        let now = self.bus.now();
-        if let Err(source) = result {
-            let consecutive = self.cycle.read_failed(now, source.kind());
-            return Err(CycleError::Read {
-                source,
-                consecutive,
-            });
-        }
-        let read = self.cycle.read(now, at, extra);
-        read.map_err(|(found, consecutive)| CycleError::NotThere { found, consecutive })
+        let read = self.cycle.begin_read();
+        self.run(read)?;
+        Ok(self.cycle.report)
     }
 
     /// Writes the outputs to the board and starts the transfers to its remotes.
@@ -96,78 +65,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         result
     }
 
-    /// Does the exchanges that the cycle orders. A failed exchange other than the last one is
-    /// repeated with the next write; this write continues without it.
     fn write_board(&mut self) -> Result<(), CycleError> {
-        let mut now = self.bus.now();
-        let mut order = self.cycle.write(now);
-        loop {
-            order = match order {
-                Order::SetUp => {
-                    if self.write_set_up().is_ok() {
-                        now = self.bus.now();
-                    }
-                    self.cycle.put(now)
-                }
-                Order::Guarded => {
-                    let _ = self.write_guarded();
-                    let now = self.bus.now();
-                    self.cycle.guarded(now)
-                }
-                Order::Quiesce => {
-                    let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-                    let _ = self.exchanges.quiesce(bus, words);
-                    let now = self.bus.now();
-                    self.cycle.quiesced(now)
-                }
-                Order::Cycle(form) => return self.write_cycle(form),
-                Order::Nothing => return Ok(()),
-            };
-        }
-    }
-
-    fn write_cycle(&mut self, form: CycleWrite) -> Result<(), CycleError> {
-        let period = self.pacer.period;
-        if let Some(deadline) = self.cycle.new_deadline(period) {
-            self.bus.set_cycle(period, Some(deadline));
-        }
-        let begun = self.bus.now();
-        self.cycle.sending(begun);
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        let result = self.pacer.write(bus, &mut self.exchanges, words, form);
-        let done = self.bus.now();
-        match result {
-            Ok(()) => {
-                self.cycle.sent(done);
-                Ok(())
-            }
-            Err(source) => {
-                let consecutive = self.cycle.write_failed(done, source.kind());
-                Err(CycleError::Write {
-                    source,
-                    consecutive,
-                })
-            }
-        }
-    }
-
-    /// Writes settings that drive pins. They could drive pins that the rest of the set-up protects,
-    /// so the evidence of the set-up is checked before and after the write.
-    fn write_guarded(&mut self) -> Result<(), BusError> {
-        self.forget_started();
-        self.look()?;
-        if !self.cycle.is_running() {
-            return Ok(());
-        }
-        let begun = self.bus.now();
-        self.cycle.sending_guarded(begun);
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        self.exchanges.write_guarded(bus, words)?;
         let now = self.bus.now();
-        self.cycle.sent_guarded(now);
-        self.look()?;
-        self.cycle.confirm_guarded();
-        Ok(())
+        let write = self.cycle.begin_write(now);
+        self.run(write)
     }
 
     /// Reads a board that waits to be re-armed, without a write, so that its positions are
@@ -182,30 +83,75 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// One exchange. None, and false, for a board that runs, or in whose place another one has answered.
     /// No allocation.
     pub fn follow(&mut self) -> bool {
-        let state = self.cycle.state();
-        if matches!(state, BoardState::Running | BoardState::OtherFirmware) {
-            return false;
-        }
-        self.forget_started();
-        if self.read_all().is_err() || self.cycle.check().is_err() {
-            return false;
-        }
-        let now = self.bus.now();
-        self.cycle.followed(now);
-        true
+        let follow = self.cycle.begin_following();
+        follow.is_some_and(|follow| self.run(follow).is_ok())
     }
 
-    /// Reads all registers before the set-up, of a board that is not set up.
-    fn survey(&mut self) -> Result<(), BusError> {
-        self.read_all()?;
-        let now = self.bus.now();
-        self.cycle.surveyed(now);
-        Ok(())
+    /// Does the exchanges that the cycle orders, up to the end of the operation.
+    pub(super) fn run(&mut self, mut next: Next) -> Result<(), CycleError> {
+        loop {
+            next = match next {
+                Next::Order(order) => {
+                    let outcome = self.exchange(order.exchange());
+                    let now = self.bus.now();
+                    self.cycle.after(order, outcome, now)
+                }
+                Next::End(result) => return result,
+            }
+        }
+    }
+
+    fn exchange(&mut self, exchange: Exchange) -> Outcome {
+        match exchange {
+            Exchange::Read { extra } => {
+                let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+                self.pacer.read(bus, &self.exchanges, words, extra)
+            }
+            Exchange::Write(form) => self.write_cycle(form),
+            Exchange::Separate(exchange) => self.exchange_apart(exchange),
+        }
+    }
+
+    fn write_cycle(&mut self, form: CycleWrite) -> Outcome {
+        let period = self.pacer.period;
+        if let Some(deadline) = self.cycle.new_deadline(period) {
+            self.bus.set_cycle(period, Some(deadline));
+        }
+        let from = self.bus.now();
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let result = self.pacer.write(bus, &mut self.exchanges, words, form);
+        Outcome::new(from, result)
+    }
+
+    /// Does an exchange that is neither the read nor the write of a cycle.
+    #[cold]
+    fn exchange_apart(&mut self, exchange: Separate) -> Outcome {
+        // A reply that was requested before shows nothing of the board's present state.
+        self.forget_started();
+        let from = self.bus.now();
+        let mut is_same = true;
+        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let result = match exchange {
+            Separate::Evidence => self.exchanges.read_evidence(bus, words),
+            Separate::Status => self.exchanges.read_status(bus, words),
+            Separate::Guarded => self.exchanges.write_guarded(bus, words),
+            Separate::Quiesce => self.exchanges.quiesce(bus, words),
+            Separate::SetUp => self.exchanges.set_up(bus, words),
+            Separate::Renewal => self.exchanges.renew(bus, words),
+            Separate::Firmware => {
+                let compared = self.description.is_still(bus, Effort::Once);
+                compared.map(|same| is_same = same)
+            }
+            Separate::Everything => self.read_all(),
+        };
+        Outcome {
+            is_same,
+            ..Outcome::new(from, result)
+        }
     }
 
     /// Reads all registers in a separate exchange.
     fn read_all(&mut self) -> Result<(), BusError> {
-        self.cycle.asked(self.bus.now());
         let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
         let ask = ReadRequest {
             held: false,
@@ -214,111 +160,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         };
         let started = self.exchanges.start_read(bus, words, ask)?;
         self.exchanges.finish(bus, words, started)
-    }
-
-    /// Reads all evidence in a separate exchange.
-    fn look(&mut self) -> Result<(), BusError> {
-        self.cycle.asked(self.bus.now());
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        self.exchanges.read_evidence(bus, words)?;
-        let now = self.bus.now();
-        self.cycle.looked(now);
-        Ok(())
-    }
-
-    /// Writes the set-up that the board has lost. If the evidence then shows the set-up, the board
-    /// runs, and so does its watchdog; otherwise the state is unchanged. Another firmware gets no
-    /// part of it, because its registers have other meanings, and its pins other wires.
-    pub(super) fn write_set_up(&mut self) -> Result<(), CycleError> {
-        match self.set_up_same() {
-            Ok(true) => Ok(()),
-            Ok(false) => {
-                let now = self.bus.now();
-                self.cycle.is_other_firmware(now);
-                Err(CycleError::OtherFirmware)
-            }
-            Err(source) => Err(CycleError::Write {
-                source,
-                consecutive: self.cycle.write_failures().saturating_add(1),
-            }),
-        }
-    }
-
-    /// Detects if the board is the one that the driver was started with.
-    pub(super) fn responder(&mut self) -> Result<Responder, BusError> {
-        // A read around a reset is no evidence of another firmware, so that is read twice.
-        for _ in 0..2 {
-            // An FPGA without its configuration could get it back in the middle of an exchange, and
-            // take the end of the set-up, which drives the pins, without its beginning.
-            let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-            self.exchanges.read_status(bus, words)?;
-            if self.cycle.check().is_err() {
-                return Ok(Responder::Absent);
-            }
-            if self.description.is_still(&mut *self.bus, Effort::Once)? {
-                return Ok(Responder::Same);
-            }
-        }
-        Ok(Responder::Other)
-    }
-
-    /// Returns false if another firmware answers.
-    fn set_up_same(&mut self) -> Result<bool, BusError> {
-        let now = self.bus.now();
-        // A reply that was requested before shows nothing of the board's present state.
-        self.forget_started();
-        match self.responder()? {
-            Responder::Same => {}
-            Responder::Absent => return Ok(true),
-            Responder::Other => return Ok(false),
-        }
-        // The set-up would hide that the board was reset while it did not answer, and what its
-        // counters show of that.
-        self.survey()?;
-        if self.cycle.is_standing() {
-            return self.renew(now).map(|()| true);
-        }
-        let Self {
-            bus,
-            exchanges,
-            cycle,
-            ..
-        } = self;
-        let set_up = exchanges.set_up(&mut **bus, &mut cycle.words);
-        let is_set_up = set_up.map(|()| cycle.shows_set_up());
-        if matches!(is_set_up, Ok(true)) {
-            cycle.is_set_up_again(now);
-        } else {
-            // The board may be set up, and its watchdog is not fed.
-            self.quiesce();
-        }
-        is_set_up.map(|_| true)
-    }
-
-    /// Renews the set-up of a board that still has it. If it has lost it meanwhile, another set-up is
-    /// needed.
-    fn renew(&mut self, begun: Instant) -> Result<(), BusError> {
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        let renewed = self.exchanges.renew(bus, words);
-        if renewed.is_ok() {
-            let now = self.bus.now();
-            self.cycle.looked(now);
-        }
-        if renewed.is_ok() && self.cycle.is_standing() {
-            self.cycle.is_set_up_again(begun);
-        } else {
-            // A board that was reset meanwhile may drive pins without a watchdog.
-            self.quiesce();
-        }
-        renewed
-    }
-
-    /// Lets go of all pins.
-    fn quiesce(&mut self) {
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
-        // What fails here is tried again with the next write.
-        let _ = self.exchanges.quiesce(bus, words);
-        self.cycle.note_quiesced();
     }
 
     /// Discards the read that was requested ahead.

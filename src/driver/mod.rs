@@ -51,6 +51,7 @@ mod messages;
 mod own_pins;
 mod pace;
 mod parameters;
+mod parts;
 mod period;
 mod recovery;
 mod remark;
@@ -87,20 +88,33 @@ pub use stop::{NotReached, StopError, Stopped};
 pub use trace::{Trace, TraceCause};
 
 use alloc::{boxed::Box, string::String, vec::Vec};
-use core::any::Any;
 use core::time::Duration;
 
 use crate::bus::{Clock, CycleLists, Exchanges, RegisterBus};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
-use crate::modules::watchdog::Watchdog;
-use connection::Connection;
 use cycle::BoardCycle;
 use pace::Pacer;
 use safe_bus::SafeBus;
 
 /// A board with all its parts, in the cycle.
+///
+/// # Calls and their order
+/// - **The cycle**, once in each period: [`read`](Self::read), the application's own work,
+///   [`write`](Self::write). Between the write and the next read, where they are needed:
+///   [`wait_transfers`](Self::wait_transfers), then [`request_read`](Self::request_read).
+/// - **Around a fault**, between two cycles: [`rearm`](Self::rearm) or
+///   [`rearm_when_running`](Self::rearm_when_running), [`restart`](Self::restart); and
+///   [`follow`](Self::follow) in place of a cycle.
+/// - **Before the first write**: [`set_period`](Self::set_period).
+/// - **Maintenance**, after which the cycle continues at once and is re-armed:
+///   [`write_remote_parameter`](Self::write_remote_parameter),
+///   [`prove_watchdogs`](Self::prove_watchdogs).
+/// - **The end**: [`stop`](Self::stop) or [`shutdown`](Self::shutdown), once.
+///
+/// Everything else only looks, and may be called at any time: pins, modules, states, statistics,
+/// [`events`](Self::events).
 ///
 /// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which return what could not be
 /// stopped: outputs of a remote that was [not reached](NotReached) may stay on. Dropping the driver
@@ -119,41 +133,6 @@ pub struct Driver<B: RegisterBus + Clock> {
     trace: Option<Box<Trace>>,
     pacer: Pacer,
     is_stopped: bool,
-}
-
-/// All parts of the cycle.
-#[derive(Debug)]
-struct Parts {
-    watchdog: Watchdog,
-    connection: Connection,
-    ports: Vec<SerialPort>,
-    modules: Vec<ModulePart>,
-}
-
-/// A module and the group of its pins.
-#[derive(Debug)]
-struct ModulePart {
-    module: Box<dyn Module>,
-    group: GroupId,
-    /// The version of the outputs that were put last.
-    version: Option<u64>,
-}
-
-impl Parts {
-    /// The modules of a kind.
-    fn of<M: Module>(&self) -> impl Iterator<Item = &M> {
-        let parts = self.modules.iter();
-        let all = parts.map(|part| -> &dyn Any { &*part.module });
-        let all = all.chain(core::iter::once::<&dyn Any>(&self.watchdog));
-        all.filter_map(|module| module.downcast_ref())
-    }
-
-    fn each(&mut self) -> impl Iterator<Item = &mut dyn Module> {
-        let watchdog: &mut dyn Module = &mut self.watchdog;
-        let ports = self.ports.iter_mut().map(|port| port as &mut dyn Module);
-        let modules = self.modules.iter_mut().map(|part| &mut *part.module);
-        core::iter::once(watchdog).chain(ports).chain(modules)
-    }
 }
 
 /// Functions for applications.

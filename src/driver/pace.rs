@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::Pace;
-use super::cycle::CycleWrite;
+use super::cycle::{CycleWrite, Outcome};
 use crate::bus::{BusError, Clock, Exchanges, Instant, ReadRequest, RegisterBus, Words};
 use crate::fraction::Fraction;
 
@@ -23,18 +23,6 @@ pub(super) struct Pacer {
 /// Number of failures after which reads are not held back any more: held requests would queue up in
 /// the board, with the writes between them, and outputs would be late by that many periods.
 const MAX_FAILURES: u32 = 2;
-
-/// Outcome of a read.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ReadResult {
-    /// The read included the extra registers.
-    pub extra: bool,
-    /// Time of the request.
-    pub from: Instant,
-    /// Time of arrival; the cycle may begin later.
-    pub at: Instant,
-    pub result: Result<(), BusError>,
-}
 
 impl Pacer {
     pub fn new(pace: Pace, period: Duration) -> Self {
@@ -66,7 +54,7 @@ impl Pacer {
         exchanges: &Exchanges,
         words: &mut Words,
         extra: bool,
-    ) -> ReadResult {
+    ) -> Outcome {
         if self.started.is_none() && self.is_behind() {
             self.rest(bus, self.period);
         }
@@ -95,11 +83,10 @@ impl Pacer {
             self.rest(bus, least);
             self.begun = Some(bus.now());
         }
-        ReadResult {
-            extra,
-            from,
+        Outcome {
             at,
-            result,
+            extra,
+            ..Outcome::new(from, result)
         }
     }
 

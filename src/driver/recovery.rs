@@ -27,7 +27,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// that is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError> {
         if !self.cycle.is_running() {
-            self.write_set_up()?;
+            let now = self.bus.now();
+            let set_up = self.cycle.begin_set_up(now);
+            self.run(set_up)?;
         }
         let now = self.bus.now();
         Ok(self.cycle.rearm(now))

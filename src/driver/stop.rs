@@ -5,7 +5,6 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::exchange::Responder;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::advice::Advice;
 #[cfg(feature = "log")]
@@ -227,13 +226,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// must not be written to. A running board is the same one.
     fn answers_as_another(&mut self) -> bool {
         if !self.cycle.is_running() {
-            match self.responder() {
-                Ok(Responder::Other) => {
-                    let now = self.bus.now();
-                    self.cycle.is_other_firmware(now);
-                }
-                Ok(Responder::Absent) => return true,
-                Ok(Responder::Same) | Err(_) => {}
+            let now = self.bus.now();
+            let identification = self.cycle.begin_identification(now);
+            if let Err(CycleError::NotThere { .. }) = self.run(identification) {
+                return true;
             }
         }
         self.cycle.state() == BoardState::OtherFirmware

@@ -331,15 +331,6 @@ const STAY: &[(&[&str], &str)] = &[
     ),
     (
         &[
-            "src/driver/cycle.rs",
-            "src/driver/cycle/write.rs",
-            "src/driver/mod.rs",
-            "src/driver/pace.rs",
-        ],
-        "the cycle, its parts and its pacer are one machine",
-    ),
-    (
-        &[
             "src/ethernet/error.rs",
             "src/ethernet/flash.rs",
             "src/ethernet/packets.rs",

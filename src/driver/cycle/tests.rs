@@ -2,13 +2,15 @@
 //! start.
 
 use super::*;
-use crate::bus::{CycleRegister, CycleWrites, Reply, WordDirection};
+use crate::bus::{BusError, BusErrorKind, CycleRegister, CycleWrites, Reply, WordDirection};
 use crate::driver::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const COOKIE: u16 = 0x0100;
 const WATCHDOG_TIME: u16 = 0x0C00;
 const WATCHDOG_STATUS: u16 = 0x0D00;
+/// Watchdog time of a board that has just been set up.
+const FRESH: u32 = 0x7FFF_FFFF;
 const MS: u64 = 1_000_000;
 
 /// A cycle with its registers and its time.
@@ -52,49 +54,73 @@ impl Bench {
     }
 
     /// A read of the words that were shown.
-    fn read(&mut self, reply: Reply) -> Result<CycleReport, (u32, u32)> {
-        let now = self.now();
-        let cycle = self.cycle();
-        let closely = cycle.begin_read();
-        cycle.words.add_reply(reply);
-        cycle.read(now, now, closely)
+    fn read(&mut self, reply: Reply) -> Result<CycleReport, CycleError> {
+        self.read_with(reply, Ok(()))
     }
 
-    /// The orders of a write, if no exchange fails and the evidence is unchanged.
-    fn write(&mut self) -> Vec<Order> {
+    fn read_with(
+        &mut self,
+        reply: Reply,
+        result: Result<(), BusError>,
+    ) -> Result<CycleReport, CycleError> {
         let now = self.now();
         let cycle = self.cycle();
-        let mut order = cycle.write(now);
-        let mut orders = vec![order];
+        let Next::Order(order) = cycle.begin_read() else {
+            panic!("a read is an exchange");
+        };
+        let Exchange::Read { extra } = order.exchange() else {
+            panic!("{order:?}");
+        };
+        if result.is_ok() {
+            cycle.words.add_reply(reply);
+        }
+        let outcome = Outcome {
+            extra,
+            ..Outcome::new(now, result)
+        };
+        match cycle.after(order, outcome, now) {
+            Next::End(result) => result.map(|()| cycle.report),
+            Next::Order(order) => panic!("{order:?}"),
+        }
+    }
+
+    /// The exchanges of a write, if none fails. A set-up restores the evidence.
+    fn write(&mut self) -> Vec<Exchange> {
+        let now = self.now();
+        let mut next = self.cycle().begin_write(now);
+        let mut exchanges = Vec::new();
         loop {
-            order = match order {
-                Order::SetUp => {
-                    cycle.is_set_up_again(now);
-                    cycle.put(now)
+            let order = match next {
+                Next::Order(order) => order,
+                Next::End(result) => {
+                    result.expect("no exchange fails");
+                    return exchanges;
                 }
-                Order::Guarded => {
-                    cycle.looked(now);
-                    cycle.guarded(now)
-                }
-                Order::Quiesce => cycle.quiesced(now),
-                Order::Cycle(_) => {
-                    cycle.sending(now);
-                    cycle.sent(now);
-                    return orders;
-                }
-                Order::Nothing => return orders,
             };
-            orders.push(order);
+            exchanges.push(order.exchange());
+            if order.exchange() == Exchange::Separate(Separate::SetUp) {
+                self.show(WATCHDOG_STATUS, 0);
+                self.show(WATCHDOG_TIME, FRESH);
+            }
+            next = self.cycle().after(order, Outcome::new(now, Ok(())), now);
         }
     }
 }
 
-/// True if these orders are a single write of this form.
-fn is_write(orders: &[Order], form: CycleWrites) -> bool {
-    matches!(orders, [Order::Cycle(CycleWrite { writes, .. })] if *writes == form)
+/// The exchanges before the write of the cycle that sets the board up.
+const SET_UP: [Exchange; 4] = [
+    Exchange::Separate(Separate::Status),
+    Exchange::Separate(Separate::Firmware),
+    Exchange::Separate(Separate::Everything),
+    Exchange::Separate(Separate::SetUp),
+];
+
+/// True if these exchanges are a single write of this form.
+fn is_write(exchanges: &[Exchange], form: CycleWrites) -> bool {
+    matches!(exchanges, [Exchange::Write(CycleWrite { writes, .. })] if *writes == form)
 }
 
-fn usual(orders: &[Order]) -> bool {
+fn usual(orders: &[Exchange]) -> bool {
     is_write(orders, CycleWrites::Settings)
 }
 
@@ -109,7 +135,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
     // After an uncertain write, the next read includes the extra registers.
     let lost = Reply::UNKNOWN.with_lost_writes(1);
     assert_eq!(bench.read(lost).expect("a board").lost_writes, 1);
-    let extra = Order::Cycle(CycleWrite {
+    let extra = Exchange::Write(CycleWrite {
         extra: true,
         writes: CycleWrites::Settings,
     });
@@ -132,8 +158,8 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
     let flag = pins.inout("hm2_7i92.0.watchdog.has_bit").expect("a pin");
     pins.set(flag, false);
     let orders = bench.write();
-    assert_eq!(orders[0], Order::SetUp);
-    assert!(usual(&orders[1..]), "{orders:?}");
+    assert_eq!(orders[..4], SET_UP);
+    assert!(usual(&orders[4..]), "{orders:?}");
 }
 
 #[test]
@@ -159,7 +185,7 @@ fn a_set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
         let flag = pins.inout("hm2_7i92.0.watchdog.has_bit").expect("a pin");
         pins.set(flag, false);
         quiet(&mut bench, after);
-        assert_eq!(bench.write()[0], Order::SetUp, "{before}");
+        assert_eq!(bench.write()[..4], SET_UP, "{before}");
     }
 }
 
@@ -188,7 +214,7 @@ fn flag_that_is_set_again_withdraws_the_set_up() {
         assert!(is_write(&orders, CycleWrites::Inputs), "{orders:?}");
     }
     bench.cycle().pins.set(flag, false);
-    assert_eq!(bench.write()[0], Order::SetUp);
+    assert_eq!(bench.write()[..4], SET_UP);
 }
 
 #[test]
@@ -208,13 +234,14 @@ fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_th
             bench.show(WATCHDOG_TIME, 1 << 31);
         }
         let orders = bench.write();
-        assert_eq!(orders[0], Order::Guarded, "{orders:?}");
+        let look = Exchange::Separate(Separate::Evidence);
         if is_reset {
-            let rest = [Order::Quiesce, Order::Nothing];
-            assert_eq!(orders[1..], rest);
+            assert_eq!(orders, [look, Exchange::Separate(Separate::Quiesce)]);
             assert_eq!(bench.cycle().state(), BoardState::Reset);
         } else {
-            assert!(usual(&orders[1..]), "{orders:?}");
+            let guarded = [look, Exchange::Separate(Separate::Guarded), look];
+            assert_eq!(orders[..3], guarded);
+            assert!(usual(&orders[3..]), "{orders:?}");
         }
     }
 }
@@ -225,9 +252,13 @@ fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
     let limit = Settings::default().bus_error_limit;
     for n in 1..=limit {
         assert_eq!(bench.cycle().state(), BoardState::Running, "{n}");
-        let now = bench.now();
-        bench.cycle().begin_read();
-        assert_eq!(bench.cycle().read_failed(now, BusErrorKind::Lost), n);
+        let source = BusError::custom(BusErrorKind::Lost, "nothing came");
+        let failed = bench.read_with(Reply::UNKNOWN, Err(source));
+        let expected = CycleError::Read {
+            source,
+            consecutive: n,
+        };
+        assert_eq!(failed, Err(expected));
         let _ = bench.write();
     }
     assert_eq!(bench.cycle().state(), BoardState::BusDown);
@@ -235,5 +266,9 @@ fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
     assert!(is_write(&orders, CycleWrites::Quiet), "{orders:?}");
     let mut bench = Bench::new();
     bench.show(COOKIE, 0xFFFF_FFFF);
-    assert_eq!(bench.read(Reply::CERTAIN).unwrap_err(), (0xFFFF_FFFF, 1));
+    let expected = CycleError::NotThere {
+        found: 0xFFFF_FFFF,
+        consecutive: 1,
+    };
+    assert_eq!(bench.read(Reply::CERTAIN), Err(expected));
 }

@@ -1,46 +1,23 @@
 //! The write of a cycle: which exchange comes next.
 
-use super::{BoardCycle, BoardState, EventKind, Evidence};
-use crate::bus::{BusErrorKind, CycleWrites, Instant};
+use super::order::{CycleWrite, Exchange, Guard, Next, Outcome, Purpose, Separate, Then};
+use super::{BoardCycle, Evidence};
+use crate::bus::{CycleWrites, Instant};
+use crate::driver::{BoardState, CycleError, EventKind};
 use crate::modules::{Module, WriteCycle};
 use crate::tally::Tally;
 
-/// Form of a cycle's write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::driver) struct CycleWrite {
-    /// The next read includes the extra registers.
-    pub extra: bool,
-    /// What is written besides the registers of every cycle.
-    pub writes: CycleWrites,
-}
-
-/// The next exchange of a write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[must_use = "the board waits for it"]
-pub(in crate::driver) enum Order {
-    /// The whole set-up, if the same firmware still answers. Then [`BoardCycle::put`].
-    SetUp,
-    /// Settings that drive pins, between two checks of the evidence. Then [`BoardCycle::guarded`].
-    Guarded,
-    /// All pins become inputs, because the board was found in the middle of this write to be not set
-    /// up. Then [`BoardCycle::quiesced`].
-    Quiesce,
-    /// The writes of every cycle. Then [`BoardCycle::sent`] or [`BoardCycle::write_failed`].
-    Cycle(CycleWrite),
-    /// No further exchange.
-    Nothing,
-}
-
 impl BoardCycle {
-    /// Begins a write.
-    pub fn write(&mut self, now: Instant) -> Order {
+    /// Begins a write. A failed exchange before the last one is repeated with the next write; this one
+    /// continues without it.
+    pub fn begin_write(&mut self, now: Instant) -> Next {
         self.statistics.writes.tally(1);
         self.count_write(now);
         let quiet = self.quiet_writes;
         self.quiet_writes = quiet.saturating_sub(1);
         self.fetch_flags();
         if quiet == 0 && self.is_set_up_wanted {
-            Order::SetUp
+            self.begin_set_up_for(now, Purpose::Write)
         } else {
             self.put(now)
         }
@@ -85,11 +62,11 @@ impl BoardCycle {
     }
 
     /// Lets every module put its outputs into the image.
-    pub fn put(&mut self, now: Instant) -> Order {
+    pub(super) fn put(&mut self, now: Instant) -> Next {
         if self.state == BoardState::OtherFirmware {
             // The meaning of its registers is unknown.
             self.written(now, false);
-            return Order::Nothing;
+            return Next::End(Ok(()));
         }
         let is_running = self.is_running();
         let mut cycle = WriteCycle {
@@ -116,14 +93,42 @@ impl BoardCycle {
         self.wants_extra = cycle.wants_extra;
         if is_running && self.words.has_guarded_news() {
             self.look_closely();
-            return Order::Guarded;
+            return Next::separate(Separate::Evidence, Then::Guard(Guard::Before));
         }
         self.keep_quiet(now, is_running)
     }
 
-    /// Continues after settings that drive pins were written, or were not, because the board is not
-    /// set up any more. Settings that did not arrive are written again with the next write.
-    pub fn guarded(&mut self, now: Instant) -> Order {
+    /// Continues with settings that drive pins. They could drive pins that the rest of the set-up
+    /// protects, so the evidence of the set-up is read before and after them. Settings that did not
+    /// arrive are written again with the next write.
+    pub(super) fn after_guard(&mut self, step: &Guard, outcome: Outcome, now: Instant) -> Next {
+        if let Guard::Settings = step {
+            self.evidence = Evidence::Unproven;
+            self.parts.watchdog.sending(outcome.from);
+        } else {
+            self.asked = outcome.from;
+        }
+        if outcome.result.is_err() {
+            return self.keep_quiet(now, true);
+        }
+        match step {
+            Guard::Before => {
+                self.evidence_read(now);
+                if self.is_running() {
+                    return Next::separate(Separate::Guarded, Then::Guard(Guard::Settings));
+                }
+            }
+            Guard::Settings => {
+                self.parts.watchdog.written(now, true);
+                return Next::separate(Separate::Evidence, Then::Guard(Guard::After));
+            }
+            Guard::After => {
+                self.evidence_read(now);
+                if self.is_running() {
+                    self.words.guarded_sent();
+                }
+            }
+        }
         self.keep_quiet(now, true)
     }
 
@@ -133,55 +138,47 @@ impl BoardCycle {
     ///
     /// After settings that drive pins nothing is written before evidence is read: a board that has
     /// bitten meanwhile drives them until its watchdog bites again, which each write would put off.
-    fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Order {
+    fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Next {
         let writes = match self.state {
             BoardState::Running if self.evidence == Evidence::Unproven && !self.is_last => {
-                return self.nothing(now);
+                return self.end_without_write(now);
             }
             BoardState::Running => CycleWrites::Settings,
-            BoardState::WatchdogBitten | BoardState::Reset if has_run => return Order::Quiesce,
-            BoardState::BusDown | BoardState::OtherFirmware if has_run => return self.nothing(now),
+            BoardState::WatchdogBitten | BoardState::Reset if has_run => {
+                return Next::separate(Separate::Quiesce, Then::Release);
+            }
+            BoardState::BusDown | BoardState::OtherFirmware if has_run => {
+                return self.end_without_write(now);
+            }
             BoardState::WatchdogBitten | BoardState::Reset => CycleWrites::Inputs,
             BoardState::BusDown | BoardState::OtherFirmware => CycleWrites::Quiet,
         };
-        Order::Cycle(CycleWrite {
-            extra: self.wants_closer_look(),
-            writes,
-        })
-    }
-
-    /// Ends the write when all pins are inputs.
-    pub fn quiesced(&mut self, now: Instant) -> Order {
-        self.nothing(now)
+        let extra = self.wants_closer_look();
+        Next::order(Exchange::Write(CycleWrite { extra, writes }), Then::Write)
     }
 
     /// Ends a write whose words, which were put, are not written.
     #[cold]
-    fn nothing(&mut self, now: Instant) -> Order {
+    pub(super) fn end_without_write(&mut self, now: Instant) -> Next {
         self.written(now, false);
         self.publish();
-        Order::Nothing
+        Next::End(Ok(()))
     }
 
-    /// Notes the begin of the cycle's write.
-    pub fn sending(&mut self, now: Instant) {
-        self.parts.watchdog.sending(now);
+    /// Handles the cycle's write, which was sent or failed as a whole.
+    pub(super) fn after_write(&mut self, outcome: Outcome, now: Instant) -> Result<(), CycleError> {
+        self.parts.watchdog.sending(outcome.from);
         for port in &mut self.parts.ports {
-            port.sending(now);
+            port.sending(outcome.from);
         }
-    }
-
-    /// Handles the cycle's write that was sent.
-    pub fn sent(&mut self, now: Instant) {
-        self.written(now, true);
-        self.write_failures = 0;
-    }
-
-    /// Handles a cycle's write that failed as a whole; returns the number of consecutive ones.
-    pub fn write_failed(&mut self, now: Instant, why: BusErrorKind) -> u32 {
-        self.written(now, false);
+        self.written(now, outcome.result.is_ok());
+        let Err(source) = outcome.result else {
+            self.write_failures = 0;
+            return Ok(());
+        };
         self.statistics.write_errors.tally(1);
         self.look_closely();
+        let why = source.kind();
         let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);
         row.add(&self.events, now, 1, kind);
         self.write_failures = self.write_failures.saturating_add(1);
@@ -189,30 +186,15 @@ impl BoardCycle {
             self.fail(now, BoardState::BusDown);
             self.publish();
         }
-        self.write_failures
+        Err(CycleError::Write {
+            source,
+            consecutive: self.write_failures,
+        })
     }
 
     fn written(&mut self, now: Instant, arrived: bool) {
         for part in self.parts.each() {
             part.written(now, arrived);
-        }
-    }
-
-    /// Notes that settings that drive pins are about to be sent.
-    pub fn sending_guarded(&mut self, now: Instant) {
-        self.evidence = Evidence::Unproven;
-        self.parts.watchdog.sending(now);
-    }
-
-    /// Notes that these settings were sent.
-    pub fn sent_guarded(&mut self, now: Instant) {
-        self.parts.watchdog.written(now, true);
-    }
-
-    /// Confirms these settings, after good evidence.
-    pub fn confirm_guarded(&mut self) {
-        if self.is_running() {
-            self.words.guarded_sent();
         }
     }
 }
