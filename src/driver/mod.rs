@@ -43,6 +43,7 @@ mod attach;
 mod configure;
 mod connection;
 mod cycle;
+mod discovered;
 mod error;
 mod exchange;
 mod found;
@@ -53,6 +54,7 @@ mod pace;
 mod parameters;
 mod parts;
 mod period;
+mod plan;
 mod recovery;
 mod remark;
 mod remotes;
@@ -79,8 +81,9 @@ pub use crate::settings::{
     Defaults, FaultPolicy, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,
     TraceSettings,
 };
-pub use configure::{Board, Configured, Plan};
+pub use configure::{Board, Configured};
 pub use error::{CycleError, DriverError};
+pub use plan::Plan;
 pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};

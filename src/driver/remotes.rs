@@ -4,17 +4,15 @@ use alloc::collections::BTreeMap;
 use alloc::string::ToString;
 use alloc::vec::Vec;
 
-use super::configure::{Assembly, Plan};
 use super::period::check_port;
+use super::plan::Plan;
 use super::remark;
 use super::{
-    Configured, Defaults, DriverError, OfflineReason, Presence, Remark, RemarkKind, RemoteConfig,
-    SerialPort,
+    Defaults, DriverError, OfflineReason, Presence, Remark, RemarkKind, RemoteConfig, SerialPort,
 };
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
-use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, PinDescriptor, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::{RemotePart, StartedPort};
@@ -34,7 +32,7 @@ pub(super) struct PortStage {
     /// The channels in use.
     configs: BTreeMap<u8, RemoteConfig>,
     /// The remotes that take part, by channel.
-    remotes: Vec<RemotePart>,
+    pub remotes: Vec<RemotePart>,
     /// Its I/O pins, by channel.
     pins: Vec<(u8, u16)>,
     /// The channels on which nothing answers and nothing is expected.
@@ -42,7 +40,7 @@ pub(super) struct PortStage {
 }
 
 impl PortStage {
-    fn number(&self) -> u8 {
+    pub fn number(&self) -> u8 {
         self.port.layout().instance
     }
 
@@ -64,57 +62,6 @@ impl PortStage {
     pub fn remote(&self, channel: u8) -> Option<&RemotePart> {
         let mut remotes = self.remotes.iter();
         remotes.find(|remote| remote.started.channel.index() == channel)
-    }
-}
-
-/// Results of discovery.
-impl<B: RegisterBus + Clock> Configured<B> {
-    /// The remotes that take part, with their addresses, port by port; absent optional ones included.
-    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &RemotePart)> {
-        let stages = self.0.stages.iter();
-        stages.flat_map(|stage| {
-            let number = stage.number();
-            let remotes = stage.remotes.iter();
-            remotes.map(move |remote| {
-                let id = RemoteId::new(number, remote.started.channel.index());
-                (id, remote)
-            })
-        })
-    }
-
-    /// Remotes that were configured and do not take part, with the reason. They are searched for
-    /// again at the next start; see [`Presence::Optional`].
-    pub fn missing(&self) -> &[Remark] {
-        &self.0.plan.missing
-    }
-
-    /// Remarks about the remotes that take part.
-    pub fn remarks(&self) -> &[Remark] {
-        &self.0.plan.remarks
-    }
-
-    /// The memory and the pins of a remote in setup mode.
-    pub(super) fn in_setup(
-        &mut self,
-        remote: RemoteId,
-    ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError> {
-        let Assembly {
-            bus, plan, stages, ..
-        } = &mut self.0;
-        let stage = stages.get_mut(usize::from(remote.port));
-        let found = stage.and_then(|stage| {
-            let is_it = |found: &&mut RemotePart| {
-                found.started.channel.index() == remote.channel && !found.is_absent()
-            };
-            Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
-        });
-        let (port, found) = found.ok_or_else(|| DriverError::no_remote(remote))?;
-        let memory = PortLink {
-            port,
-            bus: &mut **bus,
-            channel: found.started.channel,
-        };
-        Ok((memory, &mut plan.pins, &mut found.pins))
     }
 }
 

@@ -326,10 +326,6 @@ const STAY: &[(&[&str], &str)] = &[
         "words and the exchanges that carry them",
     ),
     (
-        &["src/driver/configure.rs", "src/driver/remotes.rs"],
-        "discovery is a step of the assembly of a driver",
-    ),
-    (
         &[
             "src/ethernet/error.rs",
             "src/ethernet/flash.rs",
