@@ -56,7 +56,7 @@ impl RateRegister {
             word: 0,
             fastest: 0,
             recent: [0; 2],
-            left: HORIZON as u32 - 1,
+            left: (HORIZON as u32).saturating_sub(1),
             has_arrived: true,
             sent: SentRates {
                 before: 0,
@@ -134,7 +134,10 @@ impl RateRegister {
             self.left = left;
         } else {
             let [now, _] = self.recent;
-            (self.recent, self.left) = ([self.word.unsigned_abs(), now], HORIZON as u32 - 1);
+            (self.recent, self.left) = (
+                [self.word.unsigned_abs(), now],
+                (HORIZON as u32).saturating_sub(1),
+            );
         }
         // It was not stopped: after that, the board is set up again, with a new register.
         let sent = &mut self.sent;
