@@ -322,10 +322,6 @@ const STAY: &[(&[&str], &str)] = &[
         "a simulated module works on the fabric, which contains the modules",
     ),
     (
-        &["src/bus/image/exchange.rs", "src/bus/image/words.rs"],
-        "words and the exchanges that carry them",
-    ),
-    (
         &[
             "src/ethernet/error.rs",
             "src/ethernet/flash.rs",

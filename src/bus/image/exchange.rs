@@ -2,9 +2,9 @@
 
 use alloc::vec::Vec;
 
+use super::Phase;
 use super::plan::ImagePlan;
-use super::words::WriteKind;
-use super::{Phase, Words};
+use super::words::{CycleRegister, WordDirection, Words, WriteKind};
 use crate::bus::{Access, AccessList, BusError, RegisterBus};
 
 /// Requested form of a cycle's read.
@@ -92,25 +92,6 @@ pub struct CycleLists<'a> {
     pub write: &'a AccessList,
     /// Write and read in one list, at the board's pace.
     pub paced: Option<&'a AccessList>,
-}
-
-/// A register of the cycle, and the place of its word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct CycleRegister {
-    pub way: WordDirection,
-    pub address: u16,
-    pub(super) place: u16,
-}
-
-/// Direction of a word in the cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum WordDirection {
-    /// Read in every cycle.
-    Read,
-    /// Written in every cycle.
-    Write,
-    /// Written when it has changed, and with the set-up.
-    Setting,
 }
 
 impl Exchanges {

@@ -20,10 +20,10 @@ mod plan;
 mod words;
 
 pub use exchange::{CycleLists, CycleWrites, Exchanges, ReadRequest};
-pub(crate) use exchange::{CycleRegister, WordDirection};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub(crate) use words::HORIZON;
 pub use words::Words;
+pub(crate) use words::{CycleRegister, WordDirection};
 
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,7 @@ use alloc::{boxed::Box, vec::Vec};
 
 use crate::bus::Reply;
 
-use super::{CycleRegister, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
+use super::{ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
 /// The words that are read and written, one for each register.
 ///
@@ -29,6 +29,25 @@ pub struct Words {
     has_sent: bool,
     /// State of all replies since [`take_replies`](Self::take_replies).
     replies: Reply,
+}
+
+/// A register of the cycle, and the place of its word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct CycleRegister {
+    pub way: WordDirection,
+    pub address: u16,
+    pub(super) place: u16,
+}
+
+/// Direction of a word in the cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum WordDirection {
+    /// Read in every cycle.
+    Read,
+    /// Written in every cycle.
+    Write,
+    /// Written when it has changed, and with the set-up.
+    Setting,
 }
 
 /// Number of reads after which no older write is still in flight.
