@@ -1,7 +1,6 @@
 //! The flash memory that holds the FPGA's configurations, and the rules for writing it.
 
 use alloc::format;
-use core::fmt;
 use core::ops::Range;
 use core::time::Duration;
 
@@ -14,7 +13,7 @@ pub use backup::FlashDifference;
 pub use chip::{FlashChange, FlashChip};
 pub use spi::SpiFlash;
 
-use super::{Bitfile, EthernetBoard, EthernetError, Lbp16Board};
+use super::{Area, Bitfile, EthernetBoard, EthernetError, Lbp16Board};
 use crate::boards::FlashLayout;
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
@@ -26,47 +25,6 @@ const WRITE: Duration = Duration::from_millis(100);
 const SECTOR_BYTES: u32 = SECTOR as u32;
 /// Bytes read at a time.
 const PACKET: usize = 1024;
-
-impl FlashLayout {
-    /// The addresses of an area.
-    pub fn addresses(&self, area: Area) -> Range<u32> {
-        let (start, end) = match area {
-            Area::BootBlock => self.boot_block,
-            Area::Fallback => self.fallback,
-            Area::User => self.user,
-            Area::Application => self.application,
-            Area::Whole => (0, self.size),
-        };
-        start..end
-    }
-}
-
-/// Area to be written; every write names one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Area {
-    /// The boot block: an error here can only be repaired with a JTAG programmer.
-    BootBlock,
-    /// The fallback configuration: loaded when the user configuration is damaged.
-    Fallback,
-    /// The user configuration: the place of new firmware.
-    User,
-    /// The last two sectors, which configurations never use.
-    Application,
-    /// The whole chip, to restore a backup.
-    Whole,
-}
-
-impl fmt::Display for Area {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::BootBlock => "the boot block",
-            Self::Fallback => "the area of the fallback",
-            Self::User => "the area of the user configuration",
-            Self::Application => "the area of applications",
-            Self::Whole => "the whole chip",
-        })
-    }
-}
 
 /// Current step, for a progress display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

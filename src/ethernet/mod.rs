@@ -7,6 +7,7 @@
 // A wrong sum would write to a wrong address.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+mod area;
 mod bitfile;
 mod error;
 mod flash;
@@ -17,9 +18,10 @@ mod packets;
 mod restart;
 mod spartan6;
 
+pub use area::Area;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Flash, FlashChange, FlashChip, FlashDifference, FlashStep, SpiFlash};
+pub use flash::{Flash, FlashChange, FlashChip, FlashDifference, FlashStep, SpiFlash};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

@@ -321,22 +321,6 @@ const STAY: &[(&[&str], &str)] = &[
         ],
         "a simulated module works on the fabric, which contains the modules",
     ),
-    (
-        &[
-            "src/ethernet/error.rs",
-            "src/ethernet/flash.rs",
-            "src/ethernet/packets.rs",
-        ],
-        "an error names the area of the flash that it concerns",
-    ),
-    (
-        &[
-            "src/transport/udp/encoding.rs",
-            "src/transport/udp/mod.rs",
-            "src/transport/udp/receiving.rs",
-        ],
-        "the parts of one bus",
-    ),
 ];
 
 #[test]

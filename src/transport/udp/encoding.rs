@@ -5,7 +5,7 @@ use core::ops::Range;
 use core::time::Duration;
 
 use super::ledger::{Account, Details, SLOTS, WriteEvidence, WriteNumber};
-use super::receiving::Wait;
+use super::wait::Wait;
 use crate::bus::BoardIdentity;
 use crate::bus::{Access, AccessList, BusError, Direction, Hold, ListForm};
 use crate::lbp16::registers::{control, eeprom, read_only, timer};

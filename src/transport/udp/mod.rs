@@ -21,6 +21,7 @@ mod others;
 mod receiving;
 #[cfg(feature = "std")]
 mod socket;
+mod wait;
 
 pub use encoding::UdpList;
 pub use link::PacketLink;
@@ -46,7 +47,7 @@ use error::{is_lasting, of_tries};
 use ledger::{Ledger, WriteEvidence};
 use matching::Requests;
 use others::Others;
-use receiving::Wait;
+use wait::Wait;
 
 /// Room for more than [`MAX_PACKET`](crate::lbp16::MAX_PACKET), so that a longer datagram is
 /// detected.

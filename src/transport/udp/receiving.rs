@@ -2,28 +2,14 @@
 
 use core::time::Duration;
 
-use super::ledger::{Account, LedgerState};
+use super::ledger::Account;
 use super::matching::Match;
 use super::others::ReplyCounters;
+use super::wait::Wait;
 use super::{PacketLink, UdpBus, UdpList};
-use crate::bus::{BusError, Instant, Reply};
+use crate::bus::{BusError, Reply};
 use crate::lbp16::MAX_PACKET;
 use crate::tally::Tally;
-
-/// The awaited reply.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Wait {
-    pub request: u32,
-    /// The writes that were sent before it.
-    pub ledger: LedgerState,
-    /// The details were requested.
-    pub detailed: bool,
-    pub started: Instant,
-    /// Longest time that it may take, in addition to the wait in the board.
-    pub deadline: Duration,
-    /// Number of packets sent up to and including this one.
-    pub sent: u64,
-}
 
 /// Limit of the datagrams that are checked after the deadline, for one that arrived before it.
 const MAX_OVERTIME: u32 = 64;
