@@ -346,6 +346,7 @@ impl<C: FlashChip> Flash<C> {
         let mut verified = 0_usize;
         for (chunk, at) in data.chunks(PACKET).zip((start..).step_by(PACKET)) {
             let read = buffer.get_mut(..chunk.len()).unwrap_or_default();
+            debug_assert_eq!(read.len(), chunk.len(), "a chunk fits the buffer");
             self.read(at, read)?;
             for (address, (&found, &expected)) in (at..).zip(read.iter().zip(chunk)) {
                 if found != expected {

@@ -61,6 +61,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ) -> Result<Vec<u32>, EthernetError> {
         Self::check_poke(space, address, values.len())?;
         let count = u8::try_from(values.len()).unwrap_or(u8::MAX);
+        debug_assert_eq!(usize::from(count), values.len(), "checked before");
         self.access(space, address, count, Some(values))
     }
 
@@ -118,6 +119,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         })?;
         let (before, rest) = reply.split_at_checked(COUNTED).unwrap_or_default();
         let (read, after) = rest.split_at_checked(len).unwrap_or_default();
+        debug_assert_eq!((before.len(), after.len()), (COUNTED, COUNTED), "as read");
         // The write may have changed the counters themselves.
         if before != after && space != Space::Control {
             return Err(EthernetError::NoRegister {

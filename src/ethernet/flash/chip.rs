@@ -68,6 +68,7 @@ impl<B: Lbp16Board> FlashChip for EthernetBoard<'_, B> {
             let wanted = wanted.next_multiple_of(4);
             let mut buffer = [0; PACKET + 4];
             let reply = buffer.get_mut(..wanted).unwrap_or_default();
+            debug_assert_eq!(reply.len(), wanted, "a part fits the buffer");
             self.run(reply, QUICK, |request| {
                 let start = at.saturating_sub(skip).to_le_bytes();
                 request.write(Space::Flash, flash::ADDRESS, &start)?;

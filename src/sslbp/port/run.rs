@@ -44,7 +44,15 @@ impl PortSnapshot {
         let interfaces = match operation {
             PortOperation::Start(..) => 3,
             PortOperation::Access(..) => 2,
-            _ => 0,
+            PortOperation::StopAll
+            | PortOperation::Stop(_)
+            | PortOperation::Transfer(_)
+            | PortOperation::ReadLocal(_)
+            | PortOperation::WriteLocal(_)
+            | PortOperation::Free
+            | PortOperation::Reset
+            | PortOperation::Release
+            | PortOperation::Foreign => 0,
         };
         for channel in operation.channels().iter() {
             let Some(registers) = port.layout.channel(channel) else {
@@ -67,7 +75,9 @@ impl PortSnapshot {
     }
 
     fn word(&self, place: usize) -> u32 {
-        self.words.get(place).copied().unwrap_or(0)
+        let word = self.words.get(place);
+        debug_assert!(word.is_some(), "the place of another channel");
+        word.copied().unwrap_or(0)
     }
 
     /// CS of `channel`.
