@@ -134,7 +134,8 @@
 //!   events on request ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A
 //!   program that uses `tracing` receives them through its bridge (crate `tracing-log`, which
 //!   `tracing_subscriber::fmt::init` sets up).
-//! - `serde`: events, statistics, states and settings can be sent, and stored in files.
+//! - `serde`: events, statistics, states, pins, snapshots and settings can be sent, and stored in
+//!   files.
 //! - `realtime`: a [`runner`] that stops on a signal and, on Linux, configures its thread in the
 //!   kernel: priority, locked memory, CPUs.
 //!

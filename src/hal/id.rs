@@ -79,6 +79,20 @@ impl GroupId {
     }
 }
 
+#[cfg(feature = "serde")]
+impl serde::Serialize for PinId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u32(self.0.index)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for GroupId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        PinId(self.0).serialize(serializer)
+    }
+}
+
 /// The pin or parameter of a handle, without its kind and type.
 impl<K, T> From<Handle<K, T>> for PinId {
     fn from(handle: Handle<K, T>) -> Self {

@@ -18,6 +18,8 @@ pub const MAX_PINS: usize = 1 << 20;
 /// LinuxCNC's directions are those of the driver: a value that the machine reports is `OUT` of the
 /// driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Role {
     /// Set by the driver, read by the application: [`Input`](super::Input), HAL `OUT`.
     Input,
@@ -65,7 +67,11 @@ impl Role {
 }
 
 /// Description of a pin or parameter apart from its value.
+///
+/// With the feature `serde`, pins and groups are serialized as their numbers: of a pin its
+/// [index](PinId::index).
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub struct PinInfo {
     /// Its LinuxCNC name, for example `hm2_7i92.0.7i77.0.0.input-07-not`.
@@ -75,6 +81,7 @@ pub struct PinInfo {
     /// Direction of the pin, or kind of parameter.
     pub role: Role,
     /// Terminal of the pin; empty if it has none. Pins at the same terminal share it.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "serialize_place"))]
     pub place: Arc<Place>,
     /// Its unit, for example `V`; empty for a plain number or truth value.
     pub unit: String,
@@ -88,4 +95,12 @@ pub struct PinInfo {
     /// analog output, the direction of an I/O pin. That pin may need another one in turn: see
     /// [`Pins::enables`](super::Pins::enables).
     pub enabled_by: Option<PinId>,
+}
+
+#[cfg(feature = "serde")]
+fn serialize_place<S: serde::Serializer>(
+    place: &Arc<Place>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serde::Serialize::serialize(&**place, serializer)
 }

@@ -34,6 +34,8 @@ pub(super) enum Rejection {
 }
 
 /// Time since the last good transfer.
+///
+/// With the feature `serde` it is serialized with its time in seconds; [`NEVER`](Self::NEVER) is null.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Age {
     /// In cycles: 0 if this read completed the transfer that the last write started.
@@ -72,8 +74,26 @@ impl fmt::Display for Age {
     }
 }
 
+#[cfg(feature = "serde")]
+impl serde::Serialize for Age {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(serde::Serialize)]
+        struct KnownAge {
+            cycles: u64,
+            time: f64,
+        }
+        let known = KnownAge {
+            cycles: self.cycles,
+            time: self.time.as_secs_f64(),
+        };
+        let is_known = self.cycles != Self::NEVER.cycles;
+        is_known.then_some(known).serialize(serializer)
+    }
+}
+
 /// Result of reading a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[must_use]
 pub struct Reading<T> {
     /// The value: the last good one if `valid` is false, or the type's zero if there was none yet.
@@ -118,6 +138,7 @@ impl<T> Reading<T> {
 
 /// The state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub struct GroupState {
     /// The last transfer succeeded, and is younger than

@@ -28,6 +28,7 @@ pub struct Terminals {
 
 /// A terminal or several, and the signal there.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Place {
     /// Connector and pin, for example `TB8 pin 3`; several are separated by commas. Empty without a
     /// terminal.

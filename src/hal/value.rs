@@ -6,6 +6,8 @@ mod sealed {
 
 /// The type of a pin or parameter, as LinuxCNC calls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum HalType {
     /// A truth value; `bool` here.
     Bit,
@@ -142,6 +144,8 @@ integer!(i64, i64, S64);
 integer!(u64, u64, U64);
 
 /// A value whose type is known at run time only.
+///
+/// With the feature `serde` it is serialized as a plain truth value or number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AnyValue {
     /// Its type.
@@ -172,6 +176,43 @@ impl AnyValue {
             HalType::Float => f64::from_bits(self.bits),
             HalType::S32 | HalType::S64 => i64::from_bits(self.bits) as f64,
             HalType::U32 | HalType::U64 => self.bits as f64,
+        }
+    }
+
+    /// The value of a bit; `None` for a number.
+    pub const fn as_bool(self) -> Option<bool> {
+        match self.hal_type {
+            HalType::Bit => Some(self.bits != 0),
+            _ => None,
+        }
+    }
+
+    /// The value of an integer; a bit is 0 or 1. `None` for a float, and for an integer that is too
+    /// large.
+    ///
+    /// ```
+    /// use mesa_hal::hal::AnyValue;
+    /// let values = [(-7).into(), true.into(), 1.5.into(), u64::MAX.into()];
+    /// assert_eq!(values.map(AnyValue::as_i64), [Some(-7), Some(1), None, None]);
+    /// ```
+    pub fn as_i64(self) -> Option<i64> {
+        match self.hal_type {
+            HalType::Bit => Some(i64::from(self.bits != 0)),
+            HalType::Float => None,
+            HalType::S32 | HalType::S64 => Some(i64::from_bits(self.bits)),
+            HalType::U32 | HalType::U64 => i64::try_from(self.bits).ok(),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for AnyValue {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.hal_type {
+            HalType::Bit => serializer.serialize_bool(bool::from_bits(self.bits)),
+            HalType::Float => serializer.serialize_f64(f64::from_bits(self.bits)),
+            HalType::S32 | HalType::S64 => serializer.serialize_i64(i64::from_bits(self.bits)),
+            HalType::U32 | HalType::U64 => serializer.serialize_u64(self.bits),
         }
     }
 }
@@ -223,6 +264,10 @@ mod tests {
             (-0.5).into(),
         ];
         assert_eq!(values.map(AnyValue::as_f64), [1.0, -7.0, 7.0, -0.5]);
+        assert_eq!(
+            values.map(AnyValue::as_bool),
+            [Some(true), None, None, None]
+        );
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Publication of a cycle's values to other threads.
 
+#[cfg(feature = "serde")]
+mod form;
 mod view;
 
 pub use view::{RemoteSnapshot, Snapshot};

@@ -16,9 +16,10 @@ use mesa_hal::driver::{
     CorrectedValue, Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Positions,
     Repeating, TraceSettings,
 };
+use mesa_hal::hal::{Age, AnyValue, PinMaker, PinStore, Spec};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::lbp::RemoteFaults;
-use mesa_hal::runner::{RunStatistics, Runner};
+use mesa_hal::runner::{RunStatistics, Runner, SnapshotWriter};
 use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
 use serde_json::{Value, from_str, from_value, json, to_value};
 
@@ -212,4 +213,61 @@ fn statistics_are_as_they_are_written() {
         "remotes_of_snapshot": shown.remotes().collect::<Vec<_>>(),
     });
     is_as_written("statistics", &made);
+}
+
+#[test]
+fn values_are_plain_numbers_and_descriptions_are_words() {
+    let values: [AnyValue; 4] = [true.into(), 1.5.into(), (-7).into(), u64::MAX.into()];
+    let made = to_value(values).expect("JSON");
+    assert_eq!(made, json!([true, 1.5, -7, u64::MAX]));
+    assert_eq!(to_value(Age::NEVER).expect("JSON"), Value::Null);
+
+    let mut store = PinStore::default();
+    let group = store.add_group();
+    let spec = Spec {
+        unit: "V".into(),
+        limits: Some((-10.0, 10.0)),
+        ..Spec::from("drive")
+    };
+    let mut make = PinMaker::new(&mut store, group, "card.");
+    let drive = make.output(spec, 0.0).expect("made");
+    let enable = make.output("enable", false).expect("made");
+    store.enabled_by(drive, enable);
+    let made = to_value(&store.infos()[0]).expect("JSON");
+    let expected = json!({
+        "name": "card.drive",
+        "hal_type": "float",
+        "role": "output",
+        "place": { "terminal": "", "signal": "" },
+        "unit": "V",
+        "limits": [-10.0, 10.0],
+        "is_scale": false,
+        "group": 0,
+        "enabled_by": 1,
+    });
+    assert_eq!(made, expected);
+}
+
+#[test]
+fn snapshot_has_groups_by_number_and_pins_by_name() {
+    let mut machine = Machine::with(start(fpga(), |_| {}).expect("the machine is complete"));
+    machine.cycles(5);
+    let mut writer = SnapshotWriter::new(&machine.driver);
+    writer.publish(&machine.driver).expect("published");
+    let shown = writer.reader().read().expect("published");
+    let made = to_value(&shown).expect("JSON");
+    assert_eq!(made["cycle"], machine.driver.pins().cycle());
+    assert_eq!(made["board"], "running");
+    assert_eq!(
+        made["remotes"].as_array().map(Vec::len),
+        Some(shown.remotes().count())
+    );
+    let pins = made["pins"].as_object().expect("pins by their names");
+    assert_eq!(pins.len(), shown.infos().len());
+    for (info, reading) in shown.pins() {
+        assert_eq!(pins[&info.name], to_value(reading).expect("JSON"));
+        let group = to_value(info.group).expect("JSON");
+        let groups = made["groups"].as_array().expect("groups");
+        assert!(groups.iter().any(|state| state["group"] == group));
+    }
 }

@@ -23,6 +23,9 @@ use crate::sslbp::{RemoteFaults, RemoteName};
 /// Ages are those at the time when the snapshot was taken; later time is not included. If the
 /// snapshot is not [fresh](Self::is_fresh), no pin is valid and no group is armed, whatever the
 /// cycle published last.
+///
+/// With the feature `serde` it is serialized with all statistics, groups by their numbers, remotes, and
+/// pins by their names. What does not change, [`infos`](Self::infos) describes.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     pub(super) shared: Arc<SnapshotBuffer>,
@@ -231,9 +234,13 @@ impl Snapshot {
         BoardState,
         impl Iterator<Item = (GroupId, GroupState)> + Clone + '_,
     )> {
+        self.is_fresh().then(|| (self.board().0, self.groups()))
+    }
+
+    /// All groups, with their states.
+    pub(super) fn groups(&self) -> impl Iterator<Item = (GroupId, GroupState)> + Clone + '_ {
         let groups = self.shared.layout.groups.iter().enumerate();
-        let groups = groups.map(|(number, &group)| (group, self.group(number)));
-        self.is_fresh().then(|| (self.board().0, groups))
+        groups.map(|(number, &group)| (group, self.group(number)))
     }
 
     /// The remotes, by port and channel.
