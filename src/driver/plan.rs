@@ -13,8 +13,8 @@ use crate::modules::built_in;
 use crate::modules::stepgen;
 use crate::modules::{Module, RegisterError, Registrar};
 
-/// The plan of a driver before its start, without the bus: the part that [`Board`] and [`Configured`]
-/// have in common.
+/// The plan of a driver before its start, without the bus: the part that [`Board`](super::Board)
+/// and [`Configured`](super::Configured) have in common.
 #[derive(Debug)]
 pub struct Plan {
     pub(super) firmware: HostMot2,

@@ -5,8 +5,8 @@ use super::{AnyValue, PinError, PinInfo, Role, ShortName};
 impl PinInfo {
     /// Checks that an application may set the pin or parameter to this value. An output accepts
     /// every value of its type: a value that cannot go out is replaced in the cycle by the safe
-    /// value or the nearest limit, see [`Pins::set`]. A setting rejects such a value and keeps its
-    /// own.
+    /// value or the nearest limit, see [`Pins::set`](super::Pins::set). A setting rejects such a
+    /// value and keeps its own.
     ///
     /// # Errors
     /// [`PinError::NotSettable`], [`PinError::ReadOnly`], [`PinError::InRemote`],
