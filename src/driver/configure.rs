@@ -125,8 +125,8 @@ impl<B: RegisterBus + Clock> Board<B> {
         let mut bus = SafeBus::new(bus, &ports, &watchdog);
         let mut plan = Plan::new(firmware, ports, settings);
         let status = plan.status;
-        let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
-        let connection = plan.register(&mut *bus, status, Connection::register)?;
+        let watchdog = plan.register(&mut bus, status, Watchdog::register)?;
+        let connection = plan.register(&mut bus, status, Connection::register)?;
         let mut board = Assembly {
             bus,
             plan,
@@ -226,7 +226,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     ) -> Result<T, DriverError> {
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
-        let registered = self.plan.register(&mut *self.bus, group, register);
+        let registered = self.plan.register(&mut self.bus, group, register);
         let added = core::mem::take(&mut self.plan.added);
         let handles = registered?;
         let parts = added.into_iter().map(|module| ModulePart {
@@ -239,7 +239,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     }
 
     fn start_ports(&mut self) -> Result<(Exchanges, Words), DriverError> {
-        let bus = &mut *self.bus;
+        let bus = &mut self.bus;
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
         }
@@ -266,11 +266,11 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         self.set_up()?;
         self.plan
             .image
-            .watch(&mut *self.bus)
+            .watch(&mut self.bus)
             .map_err(DriverError::Bus)?;
         self.expect_set_up("it was set up")?;
         for stage in &mut self.stages {
-            self.plan.discover(&mut *self.bus, stage)?;
+            self.plan.discover(&mut self.bus, stage)?;
         }
         self.finish_gpio()
     }
@@ -291,7 +291,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let Some((group, gpio)) = gpio else {
             return Ok(());
         };
-        let writes = self.plan.register(&mut *self.bus, group, |r| {
+        let writes = self.plan.register(&mut self.bus, group, |r| {
             let writes = gpio.give_back(r, &silent)?;
             gpio.add_aliases(r)?;
             Ok(writes)
@@ -310,7 +310,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         for _ in 0..TRIES {
             self.plan
                 .image
-                .set_up(&mut *self.bus)
+                .set_up(&mut self.bus)
                 .map_err(DriverError::Bus)?;
             if self.is_set_up().map_err(DriverError::Bus)? {
                 return Ok(());
@@ -332,7 +332,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
     /// True if the board has not been reset since its set-up began. A read in the middle of a reset
     /// is no evidence, so the board's description has to be unchanged as well.
     fn is_set_up(&mut self) -> Result<bool, BusError> {
-        let bus = &mut *self.bus;
+        let bus = &mut self.bus;
         Ok(self.description.is_still(bus, Effort::Repeated)?
             && self.parts.watchdog.registers.are_at_first(bus)?)
     }
@@ -347,7 +347,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         }
         for stage in &mut self.stages {
             // Further errors are ignored; everything that can still be stopped is stopped.
-            let _ = stage.port.on(&mut *self.bus).stop_all();
+            let _ = stage.port.on(&mut self.bus).stop_all();
         }
         error
     }

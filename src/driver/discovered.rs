@@ -2,7 +2,7 @@
 
 use super::configure::{Assembly, Configured};
 use super::{DriverError, Remark};
-use crate::bus::{Clock, RegisterBus};
+use crate::bus::{BusLayer, Clock, RegisterBus};
 use crate::hal::PinStore;
 use crate::hostmot2::RemoteId;
 use crate::modules::serial::RemotePart;
@@ -52,7 +52,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
         let (port, found) = found.ok_or_else(|| DriverError::no_remote(remote))?;
         let memory = PortLink {
             port,
-            bus: &mut **bus,
+            bus: bus.inner_mut(),
             channel: found.started.channel,
         };
         Ok((memory, &mut plan.pins, &mut found.pins))

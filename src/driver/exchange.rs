@@ -104,7 +104,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn exchange(&mut self, exchange: Exchange) -> Outcome {
         match exchange {
             Exchange::Read { extra } => {
-                let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+                let (bus, words) = (&mut self.bus, &mut self.cycle.words);
                 self.pacer.read(bus, &self.exchanges, words, extra)
             }
             Exchange::Write(form) => self.write_cycle(form),
@@ -118,7 +118,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.bus.set_cycle(period, Some(deadline));
         }
         let from = self.bus.now();
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let (bus, words) = (&mut self.bus, &mut self.cycle.words);
         let result = self.pacer.write(bus, &mut self.exchanges, words, form);
         Outcome::new(from, result)
     }
@@ -130,7 +130,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.forget_started();
         let from = self.bus.now();
         let mut is_same = true;
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let (bus, words) = (&mut self.bus, &mut self.cycle.words);
         let result = match exchange {
             Separate::Evidence => self.exchanges.read_evidence(bus, words),
             Separate::Status => self.exchanges.read_status(bus, words),
@@ -152,7 +152,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Reads all registers in a separate exchange.
     fn read_all(&mut self) -> Result<(), BusError> {
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let (bus, words) = (&mut self.bus, &mut self.cycle.words);
         let ask = ReadRequest {
             held: false,
             extra: true,
@@ -164,7 +164,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Discards the read that was requested ahead.
     pub(super) fn forget_started(&mut self) {
-        let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+        let (bus, words) = (&mut self.bus, &mut self.cycle.words);
         self.pacer.forget_started(bus, &self.exchanges, words);
     }
 
@@ -195,7 +195,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub fn request_read(&mut self) {
         if self.pacer.pace == Pace::Host {
             let extra = self.cycle.wants_closer_look();
-            let (bus, words) = (&mut *self.bus, &self.cycle.words);
+            let (bus, words) = (&mut self.bus, &self.cycle.words);
             self.pacer.start_read(bus, &self.exchanges, words, extra);
         }
     }
@@ -231,7 +231,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.forget_started();
         let start = self.bus.now();
         for _ in 0..MAX_POLLS {
-            let (bus, words) = (&mut *self.bus, &mut self.cycle.words);
+            let (bus, words) = (&mut self.bus, &mut self.cycle.words);
             self.exchanges.read_status(bus, words)?;
             let now = self.bus.now();
             let mut all = true;

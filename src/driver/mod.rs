@@ -93,7 +93,7 @@ pub use trace::{Trace, TraceCause};
 use alloc::{boxed::Box, string::String, vec::Vec};
 use core::time::Duration;
 
-use crate::bus::{Clock, CycleLists, Exchanges, RegisterBus};
+use crate::bus::{BusLayer, Clock, CycleLists, Exchanges, RegisterBus};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
@@ -314,11 +314,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// The bus.
     pub fn bus(&self) -> &B {
-        &self.bus
+        self.bus.inner()
     }
 
     /// The bus, for example to let its time pass. Do not write to the board's registers.
     pub fn bus_mut(&mut self) -> &mut B {
-        &mut self.bus
+        self.bus.inner_mut()
     }
 }

@@ -298,7 +298,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         write: CheckedWrite<'_>,
         started: &StartedRemote,
     ) -> Result<(), DriverError> {
-        let bus = &mut *self.bus;
+        let bus = &mut self.bus;
         let KeptParameter { remote, name } = write.parameter;
         let ports = &mut self.cycle.parts.ports;
         let Some(serial) = ports.get_mut(usize::from(remote.port)) else {

@@ -1,13 +1,12 @@
 //! The bus of a board whose outputs must not stay driven.
 
 use alloc::vec::Vec;
-use core::ops::{Deref, DerefMut};
 
-use crate::bus::{Access, BusError, RegisterBus};
+use crate::bus::{Access, BusError, BusLayer, Clock, RegisterBus};
 use crate::hostmot2::IoPorts;
 use crate::modules::watchdog::WatchdogRegisters;
 
-/// A bus. Dropping it [releases](Self::release) the board.
+/// A layer that changes nothing until it is dropped, which [releases](Self::release) the board.
 #[derive(Debug)]
 pub(super) struct SafeBus<B: RegisterBus> {
     /// `None` only after it was taken out.
@@ -59,18 +58,16 @@ fn gone() -> ! {
     unreachable!("the bus is taken out last")
 }
 
-impl<B: RegisterBus> Deref for SafeBus<B> {
-    type Target = B;
+impl<B: RegisterBus + Clock> BusLayer for SafeBus<B> {
+    type Inner = B;
 
     #[inline]
-    fn deref(&self) -> &B {
+    fn inner(&self) -> &B {
         self.bus.as_ref().unwrap_or_else(|| gone())
     }
-}
 
-impl<B: RegisterBus> DerefMut for SafeBus<B> {
     #[inline]
-    fn deref_mut(&mut self) -> &mut B {
+    fn inner_mut(&mut self) -> &mut B {
         self.bus.as_mut().unwrap_or_else(|| gone())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::remark::{Remark, RemarkKind};
 use super::{Configured, DriverError};
-use crate::bus::{Clock, RegisterBus};
+use crate::bus::{BusLayer, Clock, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemote};
 
@@ -60,7 +60,7 @@ impl<B: RegisterBus + Clock> Configured<B> {
             .zip(Channel::new(remote.channel))
             .map(|(stage, channel)| PortLink {
                 port: &mut stage.port,
-                bus: &mut *self.0.bus,
+                bus: self.0.bus.inner_mut(),
                 channel,
             });
         line.filter(|line| line.port.layout().mask().contains(line.channel))

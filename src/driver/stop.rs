@@ -215,7 +215,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             }
         }
         for port in &mut self.cycle.parts.ports {
-            let stopped = port.port.on(&mut *self.bus).stop_all();
+            let stopped = port.port.on(&mut self.bus).stop_all();
             first = first.and(stopped);
         }
         let released = self.bus.release().map_err(PortError::Bus);
