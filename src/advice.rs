@@ -73,7 +73,6 @@ kinds! {
     SetBusErrorLimit: "change `Settings::bus_error_limit`",
     SetFaultPolicy: "change `Settings::fault_policy`",
     SetStaleAfter: "change `FaultPolicy::stale_after`",
-    SetTrace: "change `Settings::trace`",
     SetPwm: "change `Settings::pwm`",
     SetPwmFrequency: "change `Settings::pwm_hz`",
     SetInstances: "change `Settings::instances`, or load a firmware that has more",

@@ -13,9 +13,7 @@ use super::period::check_range;
 use super::plan::Plan;
 use super::remotes::PortStage;
 use super::safe_bus::SafeBus;
-use super::{
-    Defaults, Driver, DriverError, FaultPolicy, Pace, Remark, RemarkKind, Settings, Trace,
-};
+use super::{Defaults, Driver, DriverError, FaultPolicy, Pace, Remark, RemarkKind, Settings};
 use crate::bus::{Access, BusError, Clock, Effort, Exchanges, RegisterBus, Words};
 use crate::fraction::Fraction;
 use crate::hostmot2::{FirmwareCheck, Gtag, HostMot2, IoPorts};
@@ -356,10 +354,6 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         let mut plan = self.plan;
         plan.pins.shrink_to_fit();
         let Settings { pace, period, .. } = plan.settings;
-        let trace = plan.settings.trace.map(|settings| {
-            let (name, firmware, events) = (&plan.name, &plan.firmware, &plan.events);
-            Box::new(Trace::new(settings, &exchanges, name, firmware, events))
-        });
         let driver = Driver {
             bus: self.bus,
             firmware: plan.firmware,
@@ -376,7 +370,6 @@ impl<B: RegisterBus + Clock> Assembly<B> {
             description: self.description,
             missing: plan.missing,
             remarks: plan.remarks,
-            trace,
             pacer: Pacer::new(pace, period),
             is_stopped: false,
         };

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::cycle::{CycleWrite, Exchange, Next, Outcome, Separate};
 use super::{CycleError, CycleReport, Driver, Pace, SerialPort};
-use crate::bus::{BusError, BusErrorKind, Clock, Effort, Instant, ReadRequest, RegisterBus, Words};
+use crate::bus::{BusError, Clock, Effort, Instant, ReadRequest, RegisterBus, Words};
 
 /// Pause between two polls of COMMAND.
 const POLL_PAUSE: Duration = Duration::from_micros(1);
@@ -23,15 +23,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// next period, at most for five quarters of one besides the deadline of the bus. No
     /// allocation.
     pub fn read(&mut self) -> Result<CycleReport, CycleError> {
-        let result = self.read_board();
-        if self.trace.is_some() {
-            let failed = result.as_ref().err().map(CycleError::kind);
-            self.trace_read(failed);
-        }
-        result
-    }
-
-    fn read_board(&mut self) -> Result<CycleReport, CycleError> {
         let read = self.cycle.begin_read();
         self.run(read)?;
         Ok(self.cycle.report)
@@ -57,15 +48,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///
     /// [`EventKind::NotRead`]: super::EventKind::NotRead
     pub fn write(&mut self) -> Result<(), CycleError> {
-        let result = self.write_board();
-        if self.trace.is_some() {
-            let failed = result.as_ref().err().map(CycleError::kind);
-            self.trace_written(failed);
-        }
-        result
-    }
-
-    fn write_board(&mut self) -> Result<(), CycleError> {
         let now = self.bus.now();
         let write = self.cycle.begin_write(now);
         self.run(write)
@@ -166,22 +148,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub(super) fn forget_started(&mut self) {
         let (bus, words) = (&mut self.bus, &mut self.cycle.words);
         self.pacer.forget_started(bus, &self.exchanges, words);
-    }
-
-    #[cold]
-    fn trace_read(&mut self, failed: Option<BusErrorKind>) {
-        let (cycle, now) = (self.cycle.statistics.reads, self.bus.now());
-        if let Some(trace) = &mut self.trace {
-            trace.read(cycle, now, failed, &self.cycle.words);
-        }
-    }
-
-    #[cold]
-    fn trace_written(&mut self, failed: Option<BusErrorKind>) {
-        let (cycle, now) = (self.cycle.statistics.reads, self.bus.now());
-        if let Some(trace) = &mut self.trace {
-            trace.written(cycle, now, failed, &self.cycle.words);
-        }
     }
 
     /// Sends the request of the next read ahead, so that the read only takes the reply: with

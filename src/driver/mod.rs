@@ -64,7 +64,6 @@ mod safe_bus;
 mod settings;
 mod setup_line;
 mod stop;
-mod trace;
 mod watchdogs;
 
 pub use crate::ParseError;
@@ -79,7 +78,6 @@ pub use crate::modules::serial::{
 };
 pub use crate::settings::{
     Defaults, FaultPolicy, Pace, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings,
-    TraceSettings,
 };
 pub use configure::{Board, Configured};
 pub use error::{CycleError, DriverError};
@@ -88,9 +86,8 @@ pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
 pub use stop::{NotReached, StopError, Stopped};
-pub use trace::{Trace, TraceCause};
 
-use alloc::{boxed::Box, string::String, vec::Vec};
+use alloc::{string::String, vec::Vec};
 use core::time::Duration;
 
 use crate::bus::{BusLayer, Clock, CycleLists, Exchanges, RegisterBus};
@@ -133,7 +130,6 @@ pub struct Driver<B: RegisterBus + Clock> {
     description: FirmwareCheck,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
-    trace: Option<Box<Trace>>,
     pacer: Pacer,
     is_stopped: bool,
 }
@@ -264,47 +260,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Constant time. No allocation.
     pub fn events(&self) -> Events {
         self.cycle.events.events()
-    }
-
-    /// The words of the last cycles, if [`Settings::trace`] asks for them.
-    pub fn trace(&self) -> Option<&Trace> {
-        self.trace.as_deref()
-    }
-
-    /// Stops recording, so that the words of the last cycles can be examined.
-    ///
-    /// # Real time
-    /// Constant time. No allocation.
-    pub fn freeze_trace(&mut self) {
-        if let Some(trace) = &mut self.trace {
-            trace.freeze();
-        }
-    }
-
-    /// Takes the trace out, for example for a thread that writes it to a file. Nothing is recorded
-    /// then, until a trace is [given back](Self::record).
-    ///
-    /// # Real time
-    /// Constant time. No allocation.
-    pub fn take_trace(&mut self) -> Option<Box<Trace>> {
-        self.trace.take()
-    }
-
-    /// Records the words of the cycles from now on in this trace, which was
-    /// [taken](Self::take_trace) from this driver; its content is discarded.
-    ///
-    /// # Errors
-    /// The trace, if another driver made it.
-    ///
-    /// # Real time
-    /// Constant time. No allocation.
-    pub fn record(&mut self, mut trace: Box<Trace>) -> Result<(), Box<Trace>> {
-        if !trace.is_of(&self.cycle.events) {
-            return Err(trace);
-        }
-        trace.resume();
-        self.trace = Some(trace);
-        Ok(())
     }
 
     /// The lists of accesses of a cycle, for inspection.

@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::String;
 use core::time::Duration;
 
-use super::{Defaults, Settings, TraceSettings};
+use super::{Defaults, Settings};
 use crate::advice::Advice;
 use crate::hal::is_scale;
 use crate::hostmot2::{CountedKind, Gtag, HostMot2};
@@ -49,15 +49,7 @@ impl Settings {
                 "a number other than 0, its size from 1e-100 to 1e100",
             );
         }
-        match self.trace {
-            Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
-                Advice::SetTrace,
-                "the size of a trace",
-                format!("{cycles} cycles, {after} of them after the event"),
-                "at least 1 cycle, and fewer after the event than in all",
-            ),
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     fn check_fault_policy(&self) -> Result<(), RegisterError> {

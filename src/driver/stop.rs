@@ -22,8 +22,8 @@ const MAX_CYCLES: u32 = 1000;
 /// Time for the last transfer, which switches the remotes' outputs off.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
-/// A stopped driver, for inspection: its statistics, its pins in their last state, its events and
-/// its trace. Without access to its board.
+/// A stopped driver, for inspection: its statistics, its pins in their last state and its events.
+/// Without access to its board.
 #[derive(Debug)]
 pub struct Stopped<B: RegisterBus + Clock>(Driver<B>);
 

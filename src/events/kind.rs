@@ -45,8 +45,7 @@ macro_rules! event_kinds {
         }
 
         bitflags! {
-            /// Kinds of events, as in
-            /// [`TraceSettings::freeze_on`](crate::driver::TraceSettings::freeze_on).
+            /// Kinds of events, each with a bit: [`EventKind::mask`].
             #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
             pub struct EventMask: u32 {
                 $(

@@ -6,7 +6,7 @@ use core::fmt;
 use core::slice;
 use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
-use super::{Event, EventKind, EventMask};
+use super::{Event, EventKind};
 use crate::bus::Instant;
 use crate::packed::{Packed, WordSink};
 
@@ -39,10 +39,6 @@ struct Queue {
     cycle: [AtomicU32; 2],
     /// No further event is put in.
     has_ended: AtomicBool,
-    /// The kinds of events that are watched for; the first such event is caught.
-    watched: AtomicU32,
-    has_caught: AtomicBool,
-    caught: EventSlot,
 }
 
 impl Queue {
@@ -55,7 +51,6 @@ impl Queue {
     }
 
     fn push(&self, event: Event) {
-        self.watch(event);
         let dropped = self.dropped.load(Ordering::Relaxed);
         let is_dropping = dropped != self.known.load(Ordering::Acquire);
         let tail = self.tail.load(Ordering::Relaxed);
@@ -70,15 +65,6 @@ impl Queue {
         } else if let Some(slot) = self.slot(tail) {
             put(slot, event);
             self.tail.store(tail.wrapping_add(1), Ordering::Release);
-        }
-    }
-
-    /// Catches the first watched event.
-    fn watch(&self, event: Event) {
-        let watched = EventMask::from_bits_retain(self.watched.load(Ordering::Relaxed));
-        if watched.contains(event.kind.mask()) && !self.has_caught.load(Ordering::Relaxed) {
-            put(&self.caught, event);
-            self.has_caught.store(true, Ordering::Relaxed);
         }
     }
 
@@ -187,9 +173,6 @@ impl EventSink {
             first_dropped: EventSlot::default(),
             cycle: [AtomicU32::new(0), AtomicU32::new(0)],
             has_ended: AtomicBool::new(false),
-            watched: AtomicU32::new(0),
-            has_caught: AtomicBool::new(false),
-            caught: EventSlot::default(),
         }))
     }
 
@@ -206,32 +189,9 @@ impl EventSink {
         self.0.push(Event { at, cycle, kind });
     }
 
-    /// Passes an event that is not reported again to [`watch`](Self::watch) only.
-    pub fn pass_over(&self, at: Instant, kind: EventKind) {
-        let cycle = self.0.cycle();
-        self.0.watch(Event { at, cycle, kind });
-    }
-
-    /// Catches the first event of these kinds from now on.
-    pub fn watch(&self, kinds: EventMask) {
-        self.0.has_caught.store(false, Ordering::Relaxed);
-        self.0.watched.store(kinds.bits(), Ordering::Relaxed);
-    }
-
-    /// The caught event. It stays until the next call of [`watch`](Self::watch).
-    pub fn caught(&self) -> Option<Event> {
-        let has_caught = self.0.has_caught.load(Ordering::Relaxed);
-        has_caught.then(|| take(&self.0.caught)).flatten()
-    }
-
     /// Marks the end: no further event is put in.
     pub fn end(&self) {
         self.0.has_ended.store(true, Ordering::Release);
-    }
-
-    /// True if both put events into the same queue.
-    pub fn is_same(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0)
     }
 
     /// The side that takes events out.
@@ -394,20 +354,6 @@ mod tests {
         is_over.store(true, Ordering::Release);
         let told = takers.map(|taker| taker.join().expect("it ends"));
         assert_eq!(told.iter().sum::<u32>(), COUNT, "{told:?}");
-    }
-
-    #[test]
-    fn the_first_event_that_is_watched_is_caught_even_when_the_queue_is_full() {
-        let sink = EventSink::new("", 1);
-        sink.watch(EventMask::BUS_DOWN);
-        (0..4).for_each(|n| sink.tell(Instant::default(), lost(n)));
-        assert_eq!(sink.caught(), None);
-        sink.tell(Instant::from_nanos(1), EventKind::BusDown);
-        sink.tell(Instant::from_nanos(2), EventKind::BusDown);
-        let caught = sink.caught().expect("caught");
-        assert_eq!(caught.at, Instant::from_nanos(1));
-        sink.watch(EventMask::BUS_DOWN);
-        assert_eq!(sink.caught(), None);
     }
 
     #[test]

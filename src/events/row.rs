@@ -40,8 +40,6 @@ impl EventRow {
             self.reasons |= reason;
             self.reported = self.reported.saturating_add(count);
             sink.tell(now, kind);
-        } else {
-            sink.pass_over(now, kind);
         }
     }
 
@@ -131,14 +129,5 @@ mod tests {
         assert!(!row.is_open());
         row.end(&sink, at(3), Repeating::LostWrites);
         assert_eq!(reported(&sink), []);
-    }
-
-    #[test]
-    fn what_is_watched_is_caught_though_it_is_not_told() {
-        let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
-        row.add(&sink, at(1), 1, failed(Lost));
-        sink.watch(super::super::EventMask::READ_FAILED);
-        row.add(&sink, at(2), 1, failed(Lost));
-        assert_eq!(sink.caught().map(|event| event.at), Some(at(2)));
     }
 }

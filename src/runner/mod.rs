@@ -206,8 +206,8 @@ pub struct RunStatistics {
 #[non_exhaustive]
 #[must_use = "outputs may not be off: see `stopped`"]
 pub struct Ended<B: RegisterBus + Clock> {
-    /// The stopped driver, for inspection: its statistics, the last values of its pins, its events,
-    /// its trace. Can be turned back into the bus.
+    /// The stopped driver, for inspection: its statistics, the last values of its pins, its
+    /// events. Can be turned back into the bus.
     pub driver: Stopped<B>,
     /// `Ok` if all outputs are safe and all ports stopped; otherwise those that are not, and the
     /// remotes whose outputs may still be on: see [`Driver::stop`].

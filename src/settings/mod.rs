@@ -7,8 +7,6 @@ use alloc::vec::Vec;
 use core::str::FromStr;
 use core::time::Duration;
 
-use crate::events::EventMask;
-
 use crate::ParseError;
 use crate::discovery::RemoteTable;
 use crate::hostmot2::board_table::BoardTable;
@@ -123,9 +121,6 @@ pub struct Settings {
     /// Number of [events](crate::driver::Driver::events) that are kept until they are taken,
     /// rounded up to a power of two; 255 by default. Each takes 28 bytes.
     pub event_room: u16,
-    /// Keeps the words of the last cycles, to find the cause of a fault afterwards. `None`, the
-    /// default: nothing is kept, at no cost.
-    pub trace: Option<TraceSettings>,
     /// Kinds of boards that this crate does not know. They take precedence over the built-in ones.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub boards: Vec<&'static BoardTable>,
@@ -153,7 +148,6 @@ impl Default for Settings {
             gpio: Vec::new(),
             bus_error_limit: 5,
             event_room: 255,
-            trace: None,
             boards: Vec::new(),
             remotes: Vec::new(),
         }
@@ -237,32 +231,6 @@ pub struct PwmConfig {
     /// The parameter [`scale`](crate::modules::pwm::PwmPins::scale): the value at full scale. Its
     /// magnitude is also the limit of the value.
     pub scale: Option<f64>,
-}
-
-/// Size of a [`Trace`](crate::driver::Trace), and the events that stop it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
-pub struct TraceSettings {
-    /// Number of cycles that are kept, at least 1. Each takes 40 bytes and 4 for each register.
-    pub cycles: u16,
-    /// Number of cycles kept after the one in which an event froze the trace; less than `cycles`.
-    pub after: u16,
-    /// The events that freeze the trace.
-    /// [`Driver::freeze_trace`](crate::driver::Driver::freeze_trace) freezes it as well.
-    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))]
-    pub freeze_on: EventMask,
-}
-
-impl Default for TraceSettings {
-    /// 64 cycles, 8 of them after the one in which outputs became safe.
-    fn default() -> Self {
-        Self {
-            cycles: 64,
-            after: 8,
-            freeze_on: EventMask::OUTPUTS_SAFE,
-        }
-    }
 }
 
 /// The source of the cycle's timing.

@@ -1,4 +1,4 @@
-//! Buses: LBP16 over UDP, and wrappers that record accesses or inject faults. With the feature `std`
+//! Buses: LBP16 over UDP, and layers that record accesses or inject faults. With the feature `std`
 //! also the socket, the search for boards and the route to an address.
 
 // Runs in the cycle.
@@ -8,6 +8,7 @@ mod faulty;
 #[cfg(feature = "std")]
 pub mod network;
 mod recording;
+mod register_names;
 #[cfg(feature = "std")]
 pub mod search;
 #[cfg(all(test, feature = "std"))]
@@ -16,4 +17,4 @@ pub mod udp;
 
 pub use crate::bus::Fault;
 pub use faulty::Faulty;
-pub use recording::{RecordedEntry, Recording};
+pub use recording::{BusLog, RecordedEntry, Recording};

@@ -10,8 +10,8 @@ use mesa_hal::driver::{
 };
 use mesa_hal::hal::{Input, Output, Param, Pins, Reading, Value};
 use mesa_hal::sslbp::Channel;
-use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal::transport::{Faulty, Recording};
 use mesa_hal_sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
@@ -79,6 +79,18 @@ impl World for Faulty<SimFpga> {
 impl Embedded for Faulty<SimFpga> {
     fn look(&self) -> &SimFpga {
         &self.inner
+    }
+}
+
+impl<B: World> World for Recording<B> {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.inner.fpga()
+    }
+}
+
+impl<B: Embedded> Embedded for Recording<B> {
+    fn look(&self) -> &SimFpga {
+        self.inner.look()
     }
 }
 

@@ -36,7 +36,11 @@ const LAYERS: [(&str, &[&str]); 13] = [
     ),
     ("driver", &["modules.."]),
     ("ethernet", &["bus", "lbp16", "boards"]),
-    ("transport", &["bus", "lbp16", "ethernet"]),
+    // A log of a bus names the registers of a firmware.
+    (
+        "transport",
+        &["bus", "lbp16", "hostmot2", "sslbp", "ethernet"],
+    ),
 ];
 
 /// Modules outside of the layers: points of time, the serialized forms of settings and events,

@@ -3,12 +3,14 @@
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use allocation_counter::{AllocationInfo, measure};
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
-use mesa_hal::driver::{EventKind, EventMask, RemoteState, TraceSettings};
+use mesa_hal::driver::{EventKind, RemoteState};
 use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotWriter};
-use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal::transport::{BusLog, Fault, Faulty, RecordedEntry, Recording};
 use mesa_hal::{Board, Settings};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::remote::{Toward, WireFault};
+
+type Recorded = Recording<Faulty<SimFpga>>;
 
 const CYCLES: u32 = 100_000;
 
@@ -36,14 +38,9 @@ fn the_counter_counts() {
 
 #[test]
 fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
-    let bus = Faulty::new(fpga(), 0x5EED);
-    let trace = TraceSettings {
-        cycles: 100,
-        after: 10,
-        freeze_on: EventMask::all(),
-    };
+    let log = BusLog::new(5_000).freezing_on(RecordedEntry::is_fault, 500);
+    let bus = Recording::new(Faulty::new(fpga(), 0x5EED), log);
     let settings = Settings {
-        trace: Some(trace),
         event_room: 16,
         ..Settings::default()
     };
@@ -111,10 +108,10 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
         }
         if n % 1000 == 0 {
             count.of(|| {
-                machine.driver.freeze_trace();
-                let trace = machine.driver.take_trace().expect("it was asked for");
-                frozen += u32::from(trace.cause().is_some() && trace.cycles() > 0);
-                assert!(machine.driver.record(trace).is_ok(), "its own");
+                let log = &mut machine.driver.bus_mut().log;
+                log.freeze();
+                frozen += u32::from(log.cause().is_some() && log.entries().len() > 0);
+                log.resume();
             });
         }
         machine.pass(machine.period);
@@ -135,7 +132,7 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
 }
 
 /// A command in each cycle, some of which are refused.
-fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
+fn ask(machine: &Machine<Recorded>, commands: &CommandSender, n: u32) {
     let output = machine.cards.analog.analog_out[2];
     let limit = output.max_limit.expect("a 7I77");
     let sent = match n % 1000 {
@@ -153,7 +150,7 @@ fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
 }
 
 /// Every disturbance that the cycle must survive, one after the other.
-fn disturb(machine: &mut Machine<Faulty<SimFpga>>, step: u32) {
+fn disturb(machine: &mut Machine<Recorded>, step: u32) {
     let channel = [FIELD, ANALOG, OUTPUTS][step as usize % 3];
     let toward = if step.is_multiple_of(2) {
         Toward::Fpga
@@ -176,8 +173,8 @@ fn disturb(machine: &mut Machine<Faulty<SimFpga>>, step: u32) {
             .for_each(|c| machine.cable(c).replug()),
         50 => machine.sleep(20),
         60 => {
-            let next = machine.driver.bus_mut().exchanges();
-            let bus = machine.driver.bus_mut();
+            let bus = &mut machine.driver.bus_mut().inner;
+            let next = bus.exchanges();
             bus.fail_at(next, Fault::Executed(BusErrorKind::Late));
             bus.fail_at(next + 1, Fault::SilentWrite);
             bus.fail_at(next + 3, Fault::NotExecuted(BusErrorKind::Lost));
@@ -208,7 +205,7 @@ fn value(n: u32) -> f64 {
 }
 
 /// Checks that all disturbances occurred, without which the test would prove nothing.
-fn assert_has_lived(machine: &Machine<Faulty<SimFpga>>) {
+fn assert_has_lived(machine: &Machine<Recorded>) {
     let statistics = machine.driver.statistics();
     assert!(statistics.watchdog_bites > 10, "{statistics:?}");
     assert!(

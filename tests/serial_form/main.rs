@@ -14,7 +14,7 @@ use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
     CorrectedValue, Defaults, Event, EventKind, EventMask, Failure, OfflineReason, Positions,
-    Repeating, TraceSettings,
+    Repeating,
 };
 use mesa_hal::hal::{Age, AnyValue, PinMaker, PinStore, Spec};
 use mesa_hal::hostmot2::Gtag;
@@ -56,7 +56,6 @@ fn settings_are_as_they_are_written_and_come_back() {
         serial_ports: [(0, port)].into(),
         defaults: Defaults::LinuxCnc,
         instances: [(Gtag::ENCODER, 4), (Gtag::HM2DPLL, 1)].into(),
-        trace: Some(TraceSettings::default()),
         ..Settings::default()
     };
     let made = json!({

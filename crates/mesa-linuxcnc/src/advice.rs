@@ -23,7 +23,6 @@ impl Words {
             | Advice::SetBusErrorLimit
             | Advice::SetFaultPolicy
             | Advice::SetStaleAfter
-            | Advice::SetTrace
             | Advice::SetPwm
             | Advice::SetEncoderRate
             | Advice::ChoosePhase
@@ -123,7 +122,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_done_in_linuxcnc_is_not_advised() {
-        for advice in [None, Some(Advice::SetTrace)] {
+        for advice in [None, Some(Advice::SetEncoderRate)] {
             assert_eq!(WithAdvice::new(&"a fact", advice).to_string(), "a fact");
         }
     }

@@ -37,7 +37,6 @@ pub fn in_command_words(advice: Advice) -> Option<Cow<'static, str>> {
         | Advice::SetBusErrorLimit
         | Advice::SetFaultPolicy
         | Advice::SetStaleAfter
-        | Advice::SetTrace
         | Advice::SetPwm
         | Advice::SetPwmFrequency
         | Advice::SetEncoderRate

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::Phase;
 use super::plan::ImagePlan;
-use super::words::{CycleRegister, WordDirection, Words, WriteKind};
+use super::words::{Words, WriteKind};
 use crate::bus::{Access, AccessList, BusError, RegisterBus};
 
 /// Requested form of a cycle's read.
@@ -95,27 +95,15 @@ pub struct CycleLists<'a> {
 }
 
 impl Exchanges {
-    /// All registers that a cycle may contain: those that are read, then those that are written,
-    /// then settings. For set-up: allocates.
-    pub(crate) fn exchanged(&self) -> Vec<CycleRegister> {
-        let Lists { read, write, .. } = &self.lists;
-        let [_, read] = read;
-        let of = |way| {
-            move |access: &Access| {
-                let (address, first) = (access.address, access.first);
-                (0..access.count).map(move |n| CycleRegister {
-                    way,
-                    address: address.wrapping_add(n.wrapping_mul(4)),
-                    place: first.saturating_add(n),
-                })
-            }
-        };
-        let settings = self.parts.settings.iter().map(|(_, access)| access);
-        let read = read.as_ref().iter().flat_map(of(WordDirection::Read));
-        let write = write.as_ref().iter().flat_map(of(WordDirection::Write));
-        read.chain(write)
-            .chain(settings.flat_map(of(WordDirection::Setting)))
-            .collect()
+    /// The place of the word of a register that is read in a cycle.
+    #[cfg(test)]
+    pub(crate) fn place_read(&self, address: u16) -> Option<usize> {
+        let [_, read] = &self.lists.read;
+        let mut accesses = read.as_ref().iter();
+        accesses.find_map(|access| {
+            let number = usize::from(address.checked_sub(access.address)? / 4);
+            access.words().nth(number)
+        })
     }
 }
 

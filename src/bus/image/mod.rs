@@ -23,7 +23,6 @@ pub use exchange::{CycleLists, CycleWrites, Exchanges, ReadRequest};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub(crate) use words::HORIZON;
 pub use words::Words;
-pub(crate) use words::{CycleRegister, WordDirection};
 
 #[cfg(test)]
 mod tests;

@@ -31,25 +31,6 @@ pub struct Words {
     replies: Reply,
 }
 
-/// A register of the cycle, and the place of its word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct CycleRegister {
-    pub way: WordDirection,
-    pub address: u16,
-    pub(super) place: u16,
-}
-
-/// Direction of a word in the cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum WordDirection {
-    /// Read in every cycle.
-    Read,
-    /// Written in every cycle.
-    Write,
-    /// Written when it has changed, and with the set-up.
-    Setting,
-}
-
 /// Number of reads after which no older write is still in flight.
 pub(crate) const HORIZON: u8 = 100;
 
@@ -152,16 +133,10 @@ impl Words {
         word.copied().unwrap_or(0)
     }
 
-    /// The word of a register of the cycle, as it was read or is to be written.
-    pub(crate) fn at(&self, register: CycleRegister) -> u32 {
-        let word = self.content.get(usize::from(register.place));
-        word.copied().unwrap_or(0)
-    }
-
-    /// Makes a read return this word for a register.
+    /// Makes a read return this word at a place.
     #[cfg(test)]
-    pub(crate) fn show(&mut self, register: CycleRegister, word: u32) {
-        self.content[usize::from(register.place)] = word;
+    pub(crate) fn show(&mut self, place: usize, word: u32) {
+        self.content[place] = word;
     }
 
     /// Puts the word of an output or a trigger for the next write.

@@ -2,7 +2,7 @@
 //! start.
 
 use super::*;
-use crate::bus::{BusError, BusErrorKind, CycleRegister, CycleWrites, Reply, WordDirection};
+use crate::bus::{BusError, BusErrorKind, CycleWrites, Reply};
 use crate::driver::{Driver, Settings};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
@@ -13,10 +13,9 @@ const WATCHDOG_STATUS: u16 = 0x0D00;
 const FRESH: u32 = 0x7FFF_FFFF;
 const MS: u64 = 1_000_000;
 
-/// A cycle with its registers and its time.
+/// A cycle and its time.
 struct Bench {
     driver: Driver<SimFpga>,
-    registers: Vec<CycleRegister>,
     now: u64,
 }
 
@@ -30,7 +29,6 @@ impl Bench {
             driver.write().expect("the bus does not fail");
         }
         Self {
-            registers: driver.exchanges.exchanged(),
             now: 10_000 * MS,
             driver,
         }
@@ -41,11 +39,8 @@ impl Bench {
     }
 
     fn show(&mut self, address: u16, word: u32) {
-        let is_it = |register: &&CycleRegister| {
-            register.address == address && register.way == WordDirection::Read
-        };
-        let register = *self.registers.iter().find(is_it).expect("it is read");
-        self.cycle().words.show(register, word);
+        let place = self.driver.exchanges.place_read(address);
+        self.cycle().words.show(place.expect("it is read"), word);
     }
 
     fn now(&mut self) -> Instant {

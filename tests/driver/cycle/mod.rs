@@ -1,7 +1,7 @@
-//! The cycle: the values that it moves, the pins that it processes, its trace.
+//! The cycle: the values that it moves, the pins that it processes, a log of its words.
 
 pub mod arbitrary_values;
 mod changed_pins;
 mod own_pins;
-mod trace;
+mod recorded;
 mod values;

@@ -1,14 +1,8 @@
 //! A board that is read and not written while it waits to be re-armed, as by the component for LinuxCNC.
 
-use mesa_hal::transport::{RecordedEntry, Recording};
+use mesa_hal::transport::{BusLog, RecordedEntry, Recording};
 
 use super::*;
-
-impl World for Recording<Faulty<SimFpga>> {
-    fn fpga(&mut self) -> &mut SimFpga {
-        &mut self.inner.inner
-    }
-}
 
 impl Rig for Recording<Faulty<SimFpga>> {
     fn cut(&mut self) {
@@ -43,7 +37,7 @@ impl<B: Rig> Machine<B> {
 #[test]
 fn a_board_that_is_followed_is_read_and_not_written() {
     for (trouble, is_bitten) in [(Trouble::Cut(75), false), (Trouble::Deaf(300), true)] {
-        let bus = Recording::new(embedded(plain()), 1_000_000);
+        let bus = Recording::new(embedded(plain()), BusLog::new(1_000_000));
         let mut machine = Machine::new(bus, "followed");
         let (count, motor) = machine.counts();
         machine.turn(20.0);
@@ -60,9 +54,9 @@ fn a_board_that_is_followed_is_read_and_not_written() {
             machine.rest();
         }
         machine.driver.bus_mut().mend();
-        machine.driver.bus_mut().entries.clear();
+        machine.driver.bus_mut().log.resume();
         machine.follow_for_a_minute();
-        let mut entries = machine.driver.bus().entries.iter();
+        let mut entries = machine.driver.bus().log.entries();
         assert!(entries.len() > 100_000);
         assert!(entries.all(|entry| matches!(entry, RecordedEntry::Read { .. })));
         let statistics = machine.driver.statistics();

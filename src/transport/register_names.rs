@@ -1,17 +1,50 @@
 //! Names of registers.
 
+use alloc::collections::BTreeMap;
 use alloc::format;
 use alloc::string::String;
 
 use crate::hostmot2::{COOKIE_ADDRESS, Gtag, HostMot2, ModuleDescriptor};
-use crate::sslbp::{Channel, PortLayout};
+use crate::sslbp::{Channel, CsStatus, PortLayout};
 
 /// Number of ports that are searched.
 const MAX: u8 = 4;
 
+/// The names of a firmware's registers, each found once.
+pub(super) struct RegisterNames<'a> {
+    firmware: &'a HostMot2,
+    known: BTreeMap<u16, String>,
+}
+
+impl<'a> RegisterNames<'a> {
+    pub fn new(firmware: &'a HostMot2) -> Self {
+        Self {
+            firmware,
+            known: BTreeMap::new(),
+        }
+    }
+
+    /// The name of a register.
+    pub fn of(&mut self, address: u16) -> &str {
+        let firmware = self.firmware;
+        let found = self.known.entry(address);
+        found.or_insert_with(|| name(firmware, address))
+    }
+
+    /// The name of a register, and what its word means where that is a status.
+    pub fn read(&mut self, address: u16, word: u32) -> String {
+        let name = self.of(address);
+        if name.ends_with(" CS") {
+            format!("{name}: {}", CsStatus(word))
+        } else {
+            name.into()
+        }
+    }
+}
+
 /// Returns the name of a register: the module by the name of its tag and the number of the
 /// instance, and the register by its name, or else by its number.
-pub(super) fn name(firmware: &HostMot2, address: u16) -> String {
+fn name(firmware: &HostMot2, address: u16) -> String {
     if address == COOKIE_ADDRESS {
         return "HostMot2 cookie".into();
     }
