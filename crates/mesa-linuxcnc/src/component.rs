@@ -8,6 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use mesa_hal::bus::DynBus;
+use mesa_hal::transport::Recording;
 
 use crate::MAX_BOARDS;
 use crate::cycle::Cycle;
@@ -84,7 +85,7 @@ impl Step {
     }
 }
 
-pub(crate) type BoardCycle = Cycle<DynBus, HalMemory>;
+pub(crate) type BoardCycle = Cycle<Recording<DynBus>, HalMemory>;
 
 /// The boards that are loaded. A lock is poisoned by a panic in the cycle of its board, which does
 /// nothing any more then.
@@ -141,7 +142,10 @@ fn run(board: usize, step: Step, period: c_long) {
         let period = Duration::from_nanos(u64::try_from(period).unwrap_or(0));
         match step {
             Step::Read => cycle.read(period),
-            Step::Write => cycle.write(period),
+            Step::Write => {
+                cycle.write(period);
+                cycle.print_bus();
+            }
             Step::RequestRead => cycle.request_read(period),
             Step::ReadGpio => cycle.read_gpio(),
             Step::WriteGpio => cycle.write_gpio(),

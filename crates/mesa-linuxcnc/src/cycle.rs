@@ -1,5 +1,6 @@
 //! The cycle of a board: HAL's values to the driver and back.
 
+mod bus_log;
 mod messages;
 
 use core::fmt;
@@ -144,6 +145,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     calls_since_read: Option<u32>,
     /// The user has cleared one of `acknowledged`.
     is_cleared: bool,
+    /// Number of printed entries of what went over the bus before an exchange failed.
+    printed: usize,
 }
 
 impl<B: RegisterBus + Clock, M: Memory> fmt::Debug for Cycle<B, M> {
@@ -213,6 +216,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             refused: None,
             calls_since_read: None,
             is_cleared: false,
+            printed: 0,
             driver,
             memory,
         }

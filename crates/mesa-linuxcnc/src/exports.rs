@@ -11,7 +11,7 @@
 )]
 
 use core::ffi::c_int;
-use core::sync::atomic::AtomicI32;
+use core::sync::atomic::{AtomicI32, Ordering};
 
 use crate::MAX_BOARDS;
 use crate::component;
@@ -39,6 +39,7 @@ static SYSFS: Texts = [const { Text::new() }; MAX_BOARDS];
 static BOARD_RTNET: Texts = [const { Text::new() }; MAX_BOARDS];
 static FIREWALL: Texts = [const { Text::new() }; MAX_BOARDS];
 static DEBUG: AtomicI32 = AtomicI32::new(0);
+static TRACE: AtomicI32 = AtomicI32::new(0);
 
 /// Takes the words of the `loadrt` line.
 fn words() -> Words {
@@ -49,6 +50,7 @@ fn words() -> Words {
         sysfs: taken(&SYSFS),
         networks: taken(&BOARD_RTNET),
         firewalls: taken(&FIREWALL),
+        trace: TRACE.swap(0, Ordering::Relaxed),
     }
 }
 
@@ -108,6 +110,13 @@ pub static rtapi_info_address_debug: &AtomicI32 = &DEBUG;
 /// Type of `debug=`: an integer.
 #[unsafe(no_mangle)]
 pub static rtapi_info_type_debug: &[u8; 2] = b"i\0";
+
+/// Place of `trace=`: a number of cycles.
+#[unsafe(no_mangle)]
+pub static rtapi_info_address_trace: &AtomicI32 = &TRACE;
+/// Type of `trace=`: an integer.
+#[unsafe(no_mangle)]
+pub static rtapi_info_type_trace: &[u8; 2] = b"i\0";
 
 /// Place of `panic_in=`, for tests: the number of calls of a function up to a panic.
 #[cfg(debug_assertions)]

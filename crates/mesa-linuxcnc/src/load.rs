@@ -9,6 +9,7 @@ use std::panic::catch_unwind;
 use mesa_hal::bus::DynBus;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hostmot2::Gtag;
+use mesa_hal::transport::{BusLog, Recording};
 use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
 use mesa_pci::PciDevice;
 
@@ -21,6 +22,8 @@ use crate::log::{Log, at_set_up};
 use crate::memory::{HalMemory, MemoryError};
 use crate::parameters::{self, BoardParameters, BoardPlace, Words};
 use crate::report::Names;
+
+type BoardDriver = Driver<Recording<DynBus>>;
 
 /// An invalid argument, a missing device, and too little memory, as in C.
 const EINVAL: c_int = -22;
@@ -65,6 +68,8 @@ fn try_load(words: &Words) -> Result<(), LoadError> {
     let interface = Interface::own();
     let boards =
         parameters::parse(interface, words).map_err(|error| LoadError::new(EINVAL, error))?;
+    let trace = words.trace();
+    let trace = trace.map_err(|error| LoadError::new(EINVAL, error))?;
     let component = ComponentId::new(interface.name());
     let component = component.map_err(|HalError(result)| {
         LoadError::new(
@@ -85,7 +90,8 @@ fn try_load(words: &Words) -> Result<(), LoadError> {
         };
         let driver = start(board, &mut of_kind).map_err(of_board)?;
         let name = driver.name().to_owned();
-        let cycle = add(component, interface, number, driver).map_err(of_board)?;
+        let mut cycle = add(component, interface, number, driver).map_err(of_board)?;
+        cycle.record(trace);
         component::keep_board(number, cycle);
         at_set_up(Level::Note, &format_args!("{place}: {name}"));
     }
@@ -97,9 +103,9 @@ fn try_load(words: &Words) -> Result<(), LoadError> {
 fn start(
     board: BoardParameters,
     of_kind: &mut BTreeMap<String, u8>,
-) -> Result<Driver<DynBus>, LoadError> {
+) -> Result<BoardDriver, LoadError> {
     let BoardParameters { place, config, .. } = board;
-    let bus = open(&place)?;
+    let bus = Recording::new(open(&place)?, BusLog::new(0));
     let board = Board::identify_with(bus, config.settings.clone(), |firmware, settings| {
         let kind = firmware.idrom.board();
         let next = of_kind.entry(kind).or_default();
@@ -157,7 +163,7 @@ fn add(
     component: ComponentId,
     interface: Interface,
     number: usize,
-    driver: Driver<DynBus>,
+    driver: BoardDriver,
 ) -> Result<BoardCycle, LoadError> {
     let wanted = wanted(&driver);
     let of_memory = |name: &str, error: MemoryError| {
@@ -195,7 +201,7 @@ fn add(
 }
 
 /// Prints what a user should know about the remotes and modules of a board.
-fn report_remarks(driver: &Driver<DynBus>, names: &Names) {
+fn report_remarks(driver: &BoardDriver, names: &Names) {
     let name = driver.name();
     let missing = driver.missing().iter();
     let (silent, missing): (Vec<_>, Vec<_>) = missing.partition(|remark| remark.is_silent());

@@ -77,6 +77,13 @@ impl Log {
         self.put(now, Kind::Refusal, Level::Error, line);
     }
 
+    /// Prints a line after the name of the board, without a limit: for what was asked for.
+    pub fn line(&mut self, level: Level, text: fmt::Arguments<'_>) {
+        let mut line = Line::of(&self.board);
+        let _ = line.write_fmt(text);
+        (self.listener)(level, line.text());
+    }
+
     fn put(&mut self, now: Duration, kind: Kind, level: Level, mut line: Line) {
         let Some(left_out) = self.budgets[kind as usize].spend(now) else {
             return;

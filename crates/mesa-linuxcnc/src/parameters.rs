@@ -105,7 +105,7 @@ pub(crate) enum WordError {
         /// Why.
         error: String,
     },
-    /// A word of hm2_eth with another value than it takes.
+    /// A word with another value than it takes.
     #[error("{name}={word}: expected {expected}")]
     Value {
         /// Name of the word.
@@ -138,6 +138,24 @@ pub(crate) struct Words {
     pub networks: Vec<String>,
     /// `firewall=`.
     pub firewalls: Vec<String>,
+    /// `trace=`.
+    pub trace: i32,
+}
+
+/// Cycles of `trace=`: ten seconds, usually.
+const TRACE: core::ops::RangeInclusive<usize> = 0..=10_000;
+
+impl Words {
+    /// The number of cycles whose words on the bus are kept, and printed when an exchange fails.
+    pub fn trace(&self) -> Result<usize, WordError> {
+        let cycles = usize::try_from(self.trace).ok();
+        let cycles = cycles.filter(|cycles| TRACE.contains(cycles));
+        cycles.ok_or_else(|| WordError::Value {
+            name: "trace",
+            word: self.trace.to_string(),
+            expected: "a number of cycles, 0 to 10000",
+        })
+    }
 }
 
 /// Parses the words of the `loadrt` line.
@@ -151,6 +169,7 @@ pub(crate) fn parse(
         sysfs,
         networks,
         firewalls,
+        trace: _,
     } = words;
     check_network(networks, firewalls)?;
     match interface {

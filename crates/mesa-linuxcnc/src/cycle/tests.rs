@@ -1,5 +1,6 @@
 //! A board's cycle on virtual time, over a HAL that is a vector.
 
+mod bus_log;
 mod fresh;
 mod manual;
 mod messages;

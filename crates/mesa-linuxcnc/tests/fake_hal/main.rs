@@ -47,6 +47,7 @@ impl<'a> Machine<'a> {
             ("board_ip", address.as_str()),
             ("config", "num_encoders=6 sserial_port_0=000xxxxx"),
             ("debug", "1"),
+            ("trace", "0"),
             ("firewall", "none"),
             ("board_rtnet", "posix"),
         ];
