@@ -90,7 +90,7 @@ pub use stop::{NotReached, StopError, Stopped};
 use alloc::{string::String, vec::Vec};
 use core::time::Duration;
 
-use crate::bus::{BusLayer, Clock, CycleLists, Exchanges, RegisterBus};
+use crate::bus::{BusLayer, BusStatistics, Clock, CycleLists, Exchanges, RegisterBus};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
@@ -105,8 +105,8 @@ use safe_bus::SafeBus;
 ///   [`write`](Self::write). Between the write and the next read, where they are needed:
 ///   [`wait_transfers`](Self::wait_transfers), then [`request_read`](Self::request_read).
 /// - **Around a fault**, between two cycles: [`rearm`](Self::rearm) or
-///   [`rearm_when_running`](Self::rearm_when_running), [`restart`](Self::restart); and
-///   [`follow`](Self::follow) in place of a cycle.
+///   [`rearm_when_running`](Self::rearm_when_running), [`restore`](Self::restore),
+///   [`restart`](Self::restart); and [`follow`](Self::follow) in place of a cycle.
 /// - **Before the first write**: [`set_period`](Self::set_period).
 /// - **Maintenance**, after which the cycle continues at once and is re-armed:
 ///   [`write_remote_parameter`](Self::write_remote_parameter),
@@ -220,6 +220,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// The statistics so far.
     pub fn statistics(&self) -> DriverStatistics {
         self.cycle.statistics
+    }
+
+    /// The statistics of the bus so far: packets that were late, lost or not the board's.
+    pub fn bus_statistics(&self) -> BusStatistics {
+        self.bus().statistics()
     }
 
     /// The driver's events: for this thread between two cycles, or for another one.

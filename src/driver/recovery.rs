@@ -26,13 +26,28 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// As `write`, and nine more exchanges when the board has to be set up again, after the reply
     /// that is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError> {
-        if !self.cycle.is_running() {
-            let now = self.bus.now();
-            let set_up = self.cycle.begin_set_up(now);
-            self.run(set_up)?;
-        }
+        self.restore()?;
         let now = self.bus.now();
         Ok(self.cycle.rearm(now))
+    }
+
+    /// Gives a board that has lost its set-up all of it back, in one exchange, and arms nothing: its inputs
+    /// are valid with the next good reads, remotes start again, and all outputs stay safe until they are
+    /// re-armed. For a machine that shall show its inputs while an operator decides. No effect on a board
+    /// that runs, and on one that does not answer as a `HostMot2`, as during a reset: call it again then.
+    ///
+    /// # Errors
+    /// Those of the bus, and [`CycleError::OtherFirmware`].
+    ///
+    /// # Real time
+    /// None if the board runs; else as [`rearm`](Self::rearm). No allocation.
+    pub fn restore(&mut self) -> Result<(), CycleError> {
+        if self.cycle.is_running() {
+            return Ok(());
+        }
+        let now = self.bus.now();
+        let set_up = self.cycle.begin_set_up(now);
+        self.run(set_up)
     }
 
     /// Lets all outputs follow the application: groups that run at once, and every other group as

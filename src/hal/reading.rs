@@ -52,6 +52,13 @@ impl Age {
         cycles: u64::MAX,
         time: Duration::MAX,
     };
+
+    /// Cycles for [`Reading::within`] that tolerate a lost packet, or a lost reply of a remote.
+    pub const LOST_PACKET: u64 = 3;
+    /// Cycles for [`Reading::within`] that tolerate an attempt to restart another card of the port as
+    /// well, which takes up to 20 ms, in cycles of 1 ms or more
+    /// ([`neighbours`](crate::guides::neighbours)).
+    pub const NEIGHBOUR_RESTART: u64 = 25;
 }
 
 /// `3 cycles, 3.012 ms`, or `never`.
@@ -116,9 +123,9 @@ impl<T> Reading<T> {
     /// A sound wire occasionally loses a reply, which makes a remote's inputs [not
     /// valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
     /// must not follow that: with this function it keeps the value of the cycle before, and reacts
-    /// `cycles` cycles later when the remote is really gone. 25 is a good choice at 1 kHz: attempts to
-    /// restart another card of the port, which take up to 20 cycles, do not stop the machine either
-    /// ([`neighbours`](crate::guides::neighbours)).
+    /// `cycles` cycles later when the remote is really gone. [`Age::LOST_PACKET`] tolerates no more than
+    /// that; with [`Age::NEIGHBOUR_RESTART`] attempts to restart another card of the port do not stop the
+    /// machine either.
     ///
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};
@@ -128,7 +135,7 @@ impl<T> Reading<T> {
     ///     valid: false, // the wire has lost this cycle's reply
     ///     age: Age { cycles: 1, time: Duration::from_millis(1) },
     /// };
-    /// assert_eq!((lost.ok(), lost.within(3), lost.within(0)), (None, Some(true), None));
+    /// assert_eq!((lost.ok(), lost.within(Age::LOST_PACKET), lost.within(0)), (None, Some(true), None));
     /// ```
     pub fn within(self, cycles: u64) -> Option<T> {
         let is_known = self.age.cycles < Age::NEVER.cycles;

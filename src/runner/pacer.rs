@@ -16,6 +16,9 @@ use crate::tally::Tally;
 /// counted. Where the [board paces](Pace::Board), the read of the driver waits for the board's clock,
 /// and nothing is waited for here.
 ///
+/// For several boards whose requests are under way at the same time, [`wait`](Self::wait) is separate from
+/// the read: see [several boards](crate::guides::several_boards).
+///
 /// ```
 /// use mesa_hal::{Driver, Settings, runner::Pacer};
 /// use mesa_hal_sim::machines;
@@ -52,6 +55,8 @@ pub struct Pacer {
     late: Duration,
     /// Periods of this cycle.
     periods: u64,
+    /// Periods that were skipped before a cycle that has been waited for, and not been read yet.
+    waited: Option<u64>,
     /// Cycles since the last good read, whose periods the board counts once more.
     failed: u64,
     statistics: RunStatistics,
@@ -69,6 +74,7 @@ impl Pacer {
             begun: Instant::default(),
             late: Duration::ZERO,
             periods: 1,
+            waited: None,
             failed: 0,
             statistics: RunStatistics::default(),
         }
@@ -82,7 +88,18 @@ impl Pacer {
         self
     }
 
-    /// Waits for the next period, and [reads](Driver::read) the board.
+    /// Waits for the next period, and nothing else: the [`read`](Self::read) after it does not wait any
+    /// more. Between them, an application with several boards sends all requests
+    /// ([`Driver::request_read`]).
+    ///
+    /// # Real time
+    /// Waits for the next period; not where the [board paces](Pace::Board).
+    pub fn wait<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
+        self.waited = Some(self.begin(driver.bus_mut()));
+    }
+
+    /// Waits for the next period, unless that [has been done](Self::wait), and [reads](Driver::read) the
+    /// board.
     ///
     /// # Errors
     /// Those of [`Driver::read`]. The cycle has begun nevertheless.
@@ -93,7 +110,10 @@ impl Pacer {
         &mut self,
         driver: &mut Driver<B>,
     ) -> Result<CycleReport, CycleError> {
-        let skipped = self.wait(driver.bus_mut());
+        let skipped = match self.waited.take() {
+            Some(skipped) => skipped,
+            None => self.begin(driver.bus_mut()),
+        };
         let read = driver.read();
         if let Ok(report) = &read {
             // The board counts all periods since the last good read.
@@ -159,7 +179,7 @@ impl Pacer {
     }
 
     /// Waits for the planned start of the next cycle; returns the number of skipped periods.
-    fn wait<B: Clock>(&mut self, bus: &mut B) -> u64 {
+    fn begin<B: Clock>(&mut self, bus: &mut B) -> u64 {
         let now = bus.now();
         let (planned, skipped) = self.next(now);
         self.planned = Some(planned);

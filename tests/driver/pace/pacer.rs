@@ -85,3 +85,29 @@ fn failed_reads_and_writes_are_counted_and_the_grid_goes_on() {
         "the first cycle has a period as well"
     );
 }
+
+/// The boards have clocks of their own here.
+#[test]
+fn requests_of_two_boards_begin_with_the_period_of_the_pacer() {
+    let [mut first, mut second] = [(); 2].map(|()| Machine::new().driver);
+    let mut pacer = Pacer::new(&first);
+    let mut begun = None;
+    for number in 0..100_u32 {
+        pacer.wait(&mut first);
+        let at = first.bus_mut().now();
+        let begin = *begun.get_or_insert(at);
+        assert_eq!(at.since(begin), first.period() * number);
+        first.request_read();
+        second.request_read();
+        let report = pacer.read(&mut first).expect("the bus is well");
+        assert!(report.is_good());
+        assert_eq!((pacer.begun(), pacer.dt()), (at, first.period()));
+        assert!(second.read().expect("the bus is well").is_good());
+        second.write().expect("the bus is well");
+        pacer.write(&mut first).expect("the bus is well");
+        let period = second.period();
+        second.bus_mut().wait(period);
+    }
+    let statistics = pacer.statistics();
+    assert_eq!((statistics.cycles, statistics.skipped_periods), (100, 0));
+}

@@ -6,3 +6,4 @@ mod during_read;
 mod during_start;
 mod io_directions;
 mod reported;
+mod restored;
