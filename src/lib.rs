@@ -163,7 +163,7 @@
 
 extern crate alloc;
 
-mod advice;
+pub mod advice;
 pub mod boards;
 pub mod bus;
 pub mod discovery;
@@ -188,7 +188,7 @@ pub mod sslbp;
 mod tally;
 pub mod transport;
 
-pub use advice::{Advice, WithAdvice};
+pub use advice::{Advice, AdviceTopic, MesaError, WithAdvice};
 pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Configured, Driver, DriverError, Settings};

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{BoardTable, CardTable, IdentityError};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
@@ -143,17 +143,16 @@ pub enum AttachError {
     },
 }
 
-impl AttachError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for AttachError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::OtherBoard { .. } => Some(Advice::CheckBoardAddress),
+            Self::OtherBoard { .. } => Some(advice::CHECK_BOARD_ADDRESS),
             Self::Module(error) => error.advice(),
-            Self::NoRemote { .. } => Some(Advice::LookAtMissing),
+            Self::NoRemote { .. } => Some(advice::LOOK_AT_MISSING),
             Self::Identity { source, .. } => source.advice(),
-            Self::NoConnector { .. } => Some(Advice::NameFirstChannel),
-            Self::Table { .. } => Some(Advice::CompleteTable),
-            Self::Pin { .. } => Some(Advice::CheckMode),
+            Self::NoConnector { .. } => Some(advice::NAME_FIRST_CHANNEL),
+            Self::Table { .. } => Some(advice::COMPLETE_TABLE),
+            Self::Pin { .. } => Some(advice::CHECK_MODE),
         }
     }
 }

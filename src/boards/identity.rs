@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use crate::advice::Advice;
+use crate::advice::{Advice, MesaError};
 
 /// A remote that differs from the requested one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -17,9 +17,8 @@ pub struct IdentityError {
     pub advice: Advice,
 }
 
-impl IdentityError {
-    /// The next step.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for IdentityError {
+    fn advice(&self) -> Option<Advice> {
         Some(self.advice)
     }
 }

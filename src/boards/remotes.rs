@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::attach::FoundDescription;
 use super::{AttachError, Finder, IdentityError, RemoteHandles, i7i64, i7i72, i7i77};
-use crate::advice::Advice;
+use crate::advice;
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::Pins;
 use crate::hostmot2::RemoteId;
@@ -29,7 +29,7 @@ pub(crate) fn check_identity(
         return Err(IdentityError {
             actual: format!("a {name} answers"),
             expected: format!("a {}", RemoteName(kind.name)),
-            advice: Advice::CheckSwappedCables,
+            advice: advice::CHECK_SWAPPED_CABLES,
         });
     }
     if let Some(kind) = kind.filter(|kind| !kind.matches(descriptor)) {
@@ -40,14 +40,14 @@ pub(crate) fn check_identity(
                 "the {name} with unit number {actual:#010x} is {part}, because the channels are swapped"
             ),
             expected: kind.title.into(),
-            advice: Advice::ExchangeChannels,
+            advice: advice::EXCHANGE_CHANNELS,
         });
     }
     match unit_number.filter(|&expected| expected != actual) {
         Some(expected) => Err(IdentityError {
             actual: format!("a {name} with unit number {actual:#010x} answers"),
             expected: format!("{expected:#010x}"),
-            advice: Advice::SeeLabel,
+            advice: advice::SEE_LABEL,
         }),
         None => Ok(()),
     }

@@ -1,6 +1,6 @@
 //! Defects in a remote's description of itself.
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::sslbp::RemoteName;
 use alloc::{
     string::{String, ToString},
@@ -26,9 +26,8 @@ pub struct Problem {
     pub kind: ProblemKind,
 }
 
-impl Problem {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for Problem {
+    fn advice(&self) -> Option<Advice> {
         self.kind.advice()
     }
 }
@@ -171,18 +170,17 @@ pub enum ProblemKind {
     HalfCount,
 }
 
-impl ProblemKind {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for ProblemKind {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::ReadFailed { .. } => Some(Advice::CheckCableAndRestart),
-            Self::NoTables => Some(Advice::AddTable),
-            Self::InBootloader => Some(Advice::FinishUpdate),
-            Self::IllegalSoftwareMode { .. } => Some(Advice::ChooseListedMode),
-            Self::Sizes { .. } => Some(Advice::PowerCycleOrUpdate),
-            Self::TableWithoutEnd { .. } | Self::EqualNames { .. } => Some(Advice::UpdateRemote),
+            Self::ReadFailed { .. } => Some(advice::CHECK_CABLE_AND_RESTART),
+            Self::NoTables => Some(advice::ADD_TABLE),
+            Self::InBootloader => Some(advice::FINISH_UPDATE),
+            Self::IllegalSoftwareMode { .. } => Some(advice::CHOOSE_LISTED_MODE),
+            Self::Sizes { .. } => Some(advice::POWER_CYCLE_OR_UPDATE),
+            Self::TableWithoutEnd { .. } | Self::EqualNames { .. } => Some(advice::UPDATE_REMOTE),
             Self::Odd { advice, .. } => *advice,
-            Self::HalfCount => Some(Advice::ChooseMode),
+            Self::HalfCount => Some(advice::CHOOSE_MODE),
             Self::GaveUp { .. }
             | Self::RegistersTooSmall { .. }
             | Self::RepeatedEntry { .. }

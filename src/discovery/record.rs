@@ -1,7 +1,7 @@
 //! Bytes and records of a remote's memory, read with as few accesses as possible.
 
 use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind};
-use crate::advice::Advice;
+use crate::advice;
 use crate::lbp::RemoteLink;
 use crate::sslbp::{AccessSize, RemoteAccess};
 use alloc::{
@@ -138,7 +138,7 @@ impl<'m, M: RemoteLink> Reader<'m, M> {
                 what: format!(
                     "limits {min} to {max} are not finite; its pins have a full scale of 1 instead"
                 ),
-                advice: Some(Advice::CheckScale),
+                advice: Some(advice::CHECK_SCALE),
             });
         }
         if is_finite && (is_whole || is_float) && min > max {

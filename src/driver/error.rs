@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use super::{BoardState, Remark};
 use crate::Rounded;
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::boards::AttachError;
 use crate::bus::{BusError, BusErrorKind};
 use crate::hostmot2::{IdentifyError, RemoteId};
@@ -154,32 +154,6 @@ fn watchdog_name(remote: Option<RemoteId>) -> String {
 }
 
 impl DriverError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
-        match self {
-            Self::Bus(error) => error.advice().map(Advice::Bus),
-            Self::Identify(error) => error.advice(),
-            Self::Register(error) => error.advice(),
-            Self::Port(error) => error.advice(),
-            Self::Unsteady { .. } => Some(Advice::CheckSupply),
-            Self::NoSuchPort { .. } => Some(Advice::LeavePortOut),
-            Self::Missing(remark) => remark.advice(),
-            Self::Attach(error) => error.advice(),
-            Self::Parameter { source, .. } => match source {
-                ParameterError::Memory(error) => error.advice(),
-                error => error.advice(),
-            },
-            Self::NotPaced { .. } => Some(Advice::ChooseHostPace),
-            Self::BadPeriod { .. } => Some(Advice::ChoosePeriod),
-            Self::PeriodInUse => Some(Advice::SetPeriodFirst),
-            Self::WatchdogTooShort { .. } => Some(Advice::LengthenWatchdog),
-            Self::PeriodTooShort { .. } => Some(Advice::LengthenPeriod),
-            Self::NotConfirmed => Some(Advice::CheckLink),
-            Self::NotHeard { .. } => Some(Advice::CheckCardPower),
-            Self::NotRunning { .. } => Some(Advice::RearmFirst),
-        }
-    }
-
     /// Refuses a watchdog of a remote or of the board that is too short for the period.
     pub(super) fn check_watchdog(
         remote: Option<RemoteId>,
@@ -204,6 +178,30 @@ impl DriverError {
             remote,
             expected: "remote",
         })
+    }
+}
+
+impl MesaError for DriverError {
+    fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Bus(error) => error.advice(),
+            Self::Identify(error) => error.advice(),
+            Self::Register(error) => error.advice(),
+            Self::Port(error) => error.advice(),
+            Self::Unsteady { .. } => Some(advice::CHECK_SUPPLY),
+            Self::NoSuchPort { .. } => Some(advice::LEAVE_PORT_OUT),
+            Self::Missing(remark) => remark.advice(),
+            Self::Attach(error) => error.advice(),
+            Self::Parameter { source, .. } => source.advice(),
+            Self::NotPaced { .. } => Some(advice::CHOOSE_HOST_PACE),
+            Self::BadPeriod { .. } => Some(advice::CHOOSE_PERIOD),
+            Self::PeriodInUse => Some(advice::SET_PERIOD_FIRST),
+            Self::WatchdogTooShort { .. } => Some(advice::LENGTHEN_WATCHDOG),
+            Self::PeriodTooShort { .. } => Some(advice::LENGTHEN_PERIOD),
+            Self::NotConfirmed => Some(advice::CHECK_LINK),
+            Self::NotHeard { .. } => Some(advice::CHECK_CARD_POWER),
+            Self::NotRunning { .. } => Some(advice::REARM_FIRST),
+        }
     }
 }
 
@@ -256,26 +254,22 @@ pub enum CycleError {
 }
 
 impl CycleError {
-    /// The next step, if there is one.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn advice(&self) -> Option<Advice> {
-        match self {
-            Self::Read { source, .. } | Self::Write { source, .. } => {
-                source.advice().map(Advice::Bus)
-            }
-            Self::NotThere { .. } => None,
-            Self::OtherFirmware => Some(Advice::StartAnew),
-        }
-    }
-
     /// The kind of the bus error; [`BusErrorKind::Device`] for a board that is absent or another
     /// one.
     pub fn kind(&self) -> BusErrorKind {
         match self {
             Self::Read { source, .. } | Self::Write { source, .. } => source.kind(),
             Self::NotThere { .. } | Self::OtherFirmware => BusErrorKind::Device,
+        }
+    }
+}
+
+impl MesaError for CycleError {
+    fn advice(&self) -> Option<Advice> {
+        match self {
+            Self::Read { source, .. } | Self::Write { source, .. } => source.advice(),
+            Self::NotThere { .. } => None,
+            Self::OtherFirmware => Some(advice::START_ANEW),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Log messages of a driver that has been built. None in the cycle.
 
 use super::Driver;
-use crate::advice::WithAdvice;
+use crate::advice::MesaError;
 use crate::bus::{Clock, RegisterBus};
 
 /// Logs the firmware and the remotes, and the remarks about them.
@@ -23,7 +23,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
         }
     }
     for remark in driver.remarks().iter().chain(driver.missing()) {
-        let remark = WithAdvice::new(remark, remark.advice());
+        let remark = remark.with_advice();
         log::warn!(target: "mesa_hal", "{}: {remark}", driver.name());
     }
 }

@@ -4,7 +4,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::events::OfflineReason;
@@ -155,33 +155,27 @@ pub enum RemarkKind {
     },
 }
 
-impl RemarkKind {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for RemarkKind {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Undriven(undriven) => undriven.reason.advice(),
             Self::DidNotStart(failure) => failure.advice(),
             Self::WrongRemote(error) => error.advice(),
-            Self::Changed { .. } => Some(Advice::PlugInRightRemote),
+            Self::Changed { .. } => Some(advice::PLUG_IN_RIGHT_REMOTE),
             Self::Offline { reason, .. } => reason.advice(),
             Self::Pins(error) => error.advice(),
             Self::Tables(problem) => problem.advice(),
-            Self::Table { .. } => Some(Advice::CheckManual),
-            Self::Swapped => Some(Advice::ExchangeOnConnector),
-            Self::PartSilent { .. } => Some(Advice::CheckCardPower),
-            Self::SlowWatchdog { .. } => Some(Advice::SetRemoteWatchdog),
-            Self::OldSslbp { .. } | Self::OldStepgen { .. } => Some(Advice::LoadNewerFirmware),
+            Self::Table { .. } => Some(advice::CHECK_MANUAL),
+            Self::Swapped => Some(advice::EXCHANGE_ON_CONNECTOR),
+            Self::PartSilent { .. } => Some(advice::CHECK_CARD_POWER),
+            Self::SlowWatchdog { .. } => Some(advice::SET_REMOTE_WATCHDOG),
+            Self::OldSslbp { .. } | Self::OldStepgen { .. } => Some(advice::LOAD_NEWER_FIRMWARE),
             Self::NoSuchChannel { .. } | Self::UnknownPart { .. } => None,
         }
     }
 }
 
 impl Remark {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
-        self.kind.advice()
-    }
-
     /// True if there is no answer on the channel: nothing is plugged in, or it has no power.
     pub fn is_silent(&self) -> bool {
         matches!(
@@ -199,6 +193,12 @@ impl Remark {
 
     pub(super) fn of_board(kind: RemarkKind) -> Self {
         Self { remote: None, kind }
+    }
+}
+
+impl MesaError for Remark {
+    fn advice(&self) -> Option<Advice> {
+        self.kind.advice()
     }
 }
 

@@ -5,7 +5,7 @@ use alloc::string::String;
 use core::time::Duration;
 
 use super::{Defaults, Settings};
-use crate::advice::Advice;
+use crate::advice::{self, Advice};
 use crate::hal::is_scale;
 use crate::hostmot2::{CountedKind, Gtag, HostMot2};
 use crate::modules::led::LEDS;
@@ -24,7 +24,7 @@ impl Settings {
         let watchdog = self.watchdog_time();
         if watchdog > LONGEST_WATCHDOG {
             return refused(
-                Advice::SetWatchdog,
+                advice::SET_WATCHDOG,
                 "the board's watchdog",
                 format!("{watchdog:?}"),
                 "at most 4.29 s, as many nanoseconds as its parameter holds",
@@ -32,7 +32,7 @@ impl Settings {
         }
         if self.bus_error_limit == 0 {
             return refused(
-                Advice::SetBusErrorLimit,
+                advice::SET_BUS_ERROR_LIMIT,
                 "failures in a row that make everything safe",
                 "0".into(),
                 "at least 1",
@@ -43,7 +43,7 @@ impl Settings {
         let mut scales = self.pwm.values().filter_map(|config| config.scale);
         if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
             return refused(
-                Advice::SetPwm,
+                advice::SET_PWM,
                 "the scale of a PWM generator",
                 format!("{scale}"),
                 "a number other than 0, its size from 1e-100 to 1e100",
@@ -56,7 +56,7 @@ impl Settings {
         let policy = &self.fault_policy;
         if policy.fault_lim == 0 || policy.fault_inc == 0 {
             return refused(
-                Advice::SetFaultPolicy,
+                advice::SET_FAULT_POLICY,
                 "counters of failed transfers",
                 format!(
                     "fault_inc {}, fault_lim {}",
@@ -67,7 +67,7 @@ impl Settings {
         }
         if !(1..=LONGEST_STALE).contains(&policy.stale_after) {
             return refused(
-                Advice::SetStaleAfter,
+                advice::SET_STALE_AFTER,
                 "cycles after which inputs are no longer valid",
                 format!("{}", policy.stale_after),
                 "1 to 1000",
@@ -82,7 +82,7 @@ impl Settings {
         if let Some(gtag) = self.instances.keys().find(|gtag| !is_key(**gtag)) {
             let keys = CountedKind::ALL.map(|kind| format!("{}", kind.key()));
             return refused(
-                Advice::SetInstances,
+                advice::SET_INSTANCES,
                 "module of which instances are counted",
                 format!("{gtag}"),
                 &keys.join(", "),
@@ -92,7 +92,7 @@ impl Settings {
         let unused = ports.and_then(|ports| self.serial_ports.range(ports..).next());
         match (ports, unused) {
             (Some(ports), Some((port, _))) => refused(
-                Advice::SetInstances,
+                advice::SET_INSTANCES,
                 "serial port that is set up",
                 format!("{port}"),
                 &format!("less than {ports}, the number of ports in use"),
@@ -111,7 +111,7 @@ impl Settings {
             let is_allowed = self.defaults == Defaults::LinuxCnc && is_lenient(kind, available);
             if usize::from(count) > available && !is_allowed {
                 return refused(
-                    Advice::SetInstances,
+                    advice::SET_INSTANCES,
                     "instances of a module in use",
                     format!("{} {count}", kind.name),
                     &format!("at most {available}, which this firmware has"),
@@ -162,6 +162,7 @@ fn is_lenient(kind: &CountedKind, available: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::advice::MesaError;
     use crate::driver::PwmConfig;
 
     #[test]

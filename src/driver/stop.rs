@@ -6,9 +6,7 @@ use core::ops::Deref;
 use core::time::Duration;
 
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
-use crate::advice::Advice;
-#[cfg(feature = "log")]
-use crate::advice::WithAdvice;
+use crate::advice::{self, Advice, MesaError};
 use crate::bus::{Clock, Instant, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::sslbp::{PortError, RemoteName};
@@ -70,13 +68,18 @@ impl fmt::Display for StopError {
 
 impl core::error::Error for StopError {}
 
-impl StopError {
+impl MesaError for StopError {
     /// The next step, if there is one: that of the first remote with one, because its outputs may
     /// be on; else that of the step that failed.
-    pub fn advice(&self) -> Option<Advice> {
+    fn advice(&self) -> Option<Advice> {
         let mut remotes = self.not_reached.iter();
         let remote = remotes.find_map(NotReached::advice);
         remote.or_else(|| self.failed.as_ref()?.advice())
+    }
+
+    /// That of the step that failed.
+    fn further_advice(&self) -> Option<Advice> {
+        self.failed.as_ref()?.advice()
     }
 }
 
@@ -122,11 +125,12 @@ impl fmt::Display for NotReached {
     }
 }
 
-impl NotReached {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl core::error::Error for NotReached {}
+
+impl MesaError for NotReached {
+    fn advice(&self) -> Option<Advice> {
         match self.watchdog {
-            RemoteWatchdog::Off => Some(Advice::SwitchOffPower),
+            RemoteWatchdog::Off => Some(advice::SWITCH_OFF_POWER),
             RemoteWatchdog::Known(_) | RemoteWatchdog::Assumed => None,
         }
     }
@@ -300,7 +304,7 @@ impl<B: RegisterBus + Clock> Drop for Driver<B> {
         let result = self.stop_all();
         #[cfg(feature = "log")]
         if let Err(error) = &result {
-            let error = WithAdvice::new(error, error.advice());
+            let error = error.with_advice();
             log::error!(target: "mesa_hal", "{}: was dropped: {error}", self.name());
         }
         #[cfg(not(feature = "log"))]

@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::{String, ToString};
 
 use super::spartan6::{Multiboot, MultibootFeature, sync_at};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 
 /// A bitfile whose header and configuration data have been checked.
 ///
@@ -86,15 +86,14 @@ pub enum BitfileError {
     },
 }
 
-impl BitfileError {
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for BitfileError {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::NoMark => Advice::GiveBitFile,
-            Self::Damaged { .. } => Advice::GetFileAgain,
-            Self::Multiboot { .. } => Advice::GiveStandardBitfile,
+            Self::NoMark => advice::GIVE_BIT_FILE,
+            Self::Damaged { .. } => advice::GET_FILE_AGAIN,
+            Self::Multiboot { .. } => advice::GIVE_STANDARD_BITFILE,
             Self::NoSync { .. } | Self::OtherBoard { .. } | Self::TooLarge { .. } => {
-                Advice::GetFileForBoard
+                advice::GET_FILE_FOR_BOARD
             }
         })
     }

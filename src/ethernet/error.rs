@@ -4,7 +4,7 @@ use alloc::string::String;
 use core::time::Duration;
 
 use super::{Area, BitfileError};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::bus::BusError;
 use crate::lbp16::{Lbp16Error, Space};
 
@@ -157,24 +157,23 @@ pub enum EthernetError {
     },
 }
 
-impl EthernetError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for EthernetError {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::Bus(error) => return error.advice().map(Advice::Bus),
+            Self::Bus(error) => return error.advice(),
             Self::Lbp16(_) => return None,
-            Self::Firmware { .. } => Advice::UpdateBoard,
-            Self::NotKept { .. } | Self::ChipSilent { .. } => Advice::TryAgainThenUpdate,
-            Self::NotRestarted { .. } | Self::ChipBusy { .. } => Advice::TryAgain,
-            Self::NoRegister { .. } => Advice::SeeBoardManual,
+            Self::Firmware { .. } => advice::UPDATE_BOARD,
+            Self::NotKept { .. } | Self::ChipSilent { .. } => advice::TRY_AGAIN_THEN_UPDATE,
+            Self::NotRestarted { .. } | Self::ChipBusy { .. } => advice::TRY_AGAIN,
+            Self::NoRegister { .. } => advice::SEE_BOARD_MANUAL,
             Self::Bitfile(error) => return error.advice(),
-            Self::WrongBoard { .. } => Advice::UseLayoutOfBoard,
-            Self::NoBootBlock { .. } | Self::OtherBootBlock { .. } => Advice::WriteBootBlock,
-            Self::NoFallback { .. } => Advice::WriteFallback,
-            Self::NoUserConfiguration { .. } => Advice::WriteUserConfiguration,
-            Self::NotForConfigurations { .. } => Advice::ChooseConfigurationArea,
-            Self::OutsideArea { .. } => Advice::CheckArea,
-            Self::Differs { .. } => Advice::WriteAgain,
+            Self::WrongBoard { .. } => advice::USE_LAYOUT_OF_BOARD,
+            Self::NoBootBlock { .. } | Self::OtherBootBlock { .. } => advice::WRITE_BOOT_BLOCK,
+            Self::NoFallback { .. } => advice::WRITE_FALLBACK,
+            Self::NoUserConfiguration { .. } => advice::WRITE_USER_CONFIGURATION,
+            Self::NotForConfigurations { .. } => advice::CHOOSE_CONFIGURATION_AREA,
+            Self::OutsideArea { .. } => advice::CHECK_AREA,
+            Self::Differs { .. } => advice::WRITE_AGAIN,
         })
     }
 }

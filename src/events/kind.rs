@@ -1,6 +1,6 @@
 //! The kinds of events.
 
-use crate::advice::WithAdvice;
+use crate::advice::{self, Advice, MesaError, WithAdvice};
 use crate::hostmot2::RemoteId;
 use core::fmt;
 use core::time::Duration;
@@ -13,13 +13,13 @@ use crate::packed::packed_enum;
 use crate::sslbp::Failure;
 
 /// Defines [`EventKind`] and all that follows from a kind, so that a new kind is one entry: its bit
-/// in [`EventMask`], whether it is a `fault` or a `recovery`, its remote if there is one, and its
-/// text.
+/// in [`EventMask`], whether it is a `fault` or a `recovery`, its remote if there is one, its text,
+/// and its advice if there is one.
 macro_rules! event_kinds {
     (@is_fault fault) => { true };
     (@is_fault recovery) => { false };
-    (@remote) => { None };
-    (@remote $remote:expr) => { $remote };
+    (@or_none) => { None };
+    (@or_none $value:expr) => { $value };
     (
         $(#[$($enum_attribute:tt)*])*
         pub enum $name:ident {
@@ -28,6 +28,7 @@ macro_rules! event_kinds {
                 [
                     $mask:ident = $bit:literal, $class:ident;
                     $(of $remote:expr;)? $text:literal $(, $value:expr)*
+                    $(; then $advice:expr)?
                 ]
                 $variant:ident
                 $({ $( $(#[$($field_attribute:tt)*])* $field:ident: $type:ty ),* $(,)? })?
@@ -87,8 +88,23 @@ macro_rules! event_kinds {
             #[expect(unused_variables, reason = "an entry names the fields that it needs")]
             pub const fn remote(&self) -> Option<RemoteId> {
                 match self {
-                    $(Self::$variant $({ $($field),* })? => event_kinds!(@remote $($remote)?),)*
+                    $(Self::$variant $({ $($field),* })? => event_kinds!(@or_none $($remote)?),)*
                 }
+            }
+        }
+
+        impl $name {
+            /// The next step, if there is one.
+            #[expect(unused_variables, reason = "an entry names the fields that it needs")]
+            pub fn advice(&self) -> Option<Advice> {
+                match self {
+                    $(Self::$variant $({ $($field),* })? => event_kinds!(@or_none $($advice)?),)*
+                }
+            }
+
+            /// Joins the event and the advice: `event; advice`.
+            pub fn with_advice(&self) -> WithAdvice<'_> {
+                WithAdvice::new(self, self.advice())
             }
         }
 
@@ -114,7 +130,7 @@ event_kinds! {
 #[cfg_attr(feature = "serde", serde(tag = "event", rename_all = "kebab-case"))]
 pub enum EventKind {
     /// A transfer of a remote failed; the first of a row with this reason.
-    [TRANSFER_FAILED = 0, fault; of Some(*remote); "a transfer failed: {failure}"]
+    [TRANSFER_FAILED = 0, fault; of Some(*remote); "transfer failed: {failure}"]
     TransferFailed {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -123,7 +139,7 @@ pub enum EventKind {
         failure: Failure,
     },
     /// A remote went offline: its outputs are safe until it is re-armed.
-    [REMOTE_OFFLINE = 1, fault; of Some(*remote); "offline, its outputs are safe: {}", WithAdvice::new(reason, reason.advice())]
+    [REMOTE_OFFLINE = 1, fault; of Some(*remote); "card offline, outputs off until re-armed: {reason}"; then reason.advice()]
     RemoteOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -133,7 +149,7 @@ pub enum EventKind {
         reason: OfflineReason,
     },
     /// A remote that is offline was tried again, and stays offline for another reason than before.
-    [REMOTE_STAYS_OFFLINE = 2, fault; of Some(*remote); "tried again, and still offline: {}", WithAdvice::new(reason, reason.advice())]
+    [REMOTE_STAYS_OFFLINE = 2, fault; of Some(*remote); "card still offline: {reason}"; then reason.advice()]
     RemoteStaysOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -142,21 +158,21 @@ pub enum EventKind {
         reason: OfflineReason,
     },
     /// A remote that was offline transfers again, with safe outputs until it is re-armed.
-    [REMOTE_BACK = 3, recovery; of Some(*remote); "back; its outputs are safe until re-armed"]
+    [REMOTE_BACK = 3, recovery; of Some(*remote); "card back, outputs off until re-armed"; then Some(advice::REARM)]
     RemoteBack {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
     },
     /// An optional remote that was absent at the start came up. It waits to be armed.
-    [REMOTE_UP = 4, recovery; of Some(*remote); "plugged in, and running; its outputs are safe until re-armed"]
+    [REMOTE_UP = 4, recovery; of Some(*remote); "card plugged in and running, outputs off until re-armed"; then Some(advice::REARM)]
     RemoteUp {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
     },
     /// A remote that had been offline follows the application again; its first fault is cleared.
-    [REMOTE_REARMED = 5, recovery; of Some(*remote); "re-armed, its outputs follow again"]
+    [REMOTE_REARMED = 5, recovery; of Some(*remote); "re-armed: outputs follow again"]
     RemoteRearmed {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -164,27 +180,26 @@ pub enum EventKind {
     },
     /// The board's watchdog was found to have bitten: the host was late, or another program let it
     /// bite. Everything is safe.
-    [WATCHDOG_BITTEN = 6, fault; "the board's watchdog has bitten: everything is safe until re-armed; find out why \
-         the host was late, or which other program lets it bite"]
+    [WATCHDOG_BITTEN = 6, fault; "the board's watchdog has bitten: all outputs off until re-armed"; then Some(advice::FIND_LATE_HOST)]
     WatchdogBitten,
     /// The board was found to have been reset, or to have lost power, or another program wrote the
     /// time of its watchdog. Everything is safe.
     [BOARD_RESET = 7, fault; "the board was reset or lost power, or another program wrote its watchdog's time: \
-         everything is safe until re-armed; check its supply, and end the other program"]
+         all outputs off until re-armed"; then Some(advice::CHECK_RESET)]
     BoardReset,
     /// The bus failed too often in too short a time. Everything is safe.
-    [BUS_DOWN = 8, fault; "the bus failed too often: everything is safe until re-armed; check cable and power"]
+    [BUS_DOWN = 8, fault; "connection lost, too many exchanges with the board failed: all outputs off until re-armed"; then Some(advice::CHECK_CONNECTION)]
     BusDown,
     /// The board got back the set-up that it had lost.
-    [BOARD_SET_UP = 9, recovery; "the board has its set-up again"]
+    [BOARD_SET_UP = 9, recovery; "the board is set up again"]
     BoardSetUp,
     /// Another board, or another firmware, answers than at the driver's start. It gets no part of
     /// the driver's set-up, and everything stays safe.
-    [OTHER_FIRMWARE = 19, fault; "another board, or another firmware, answers than before, and gets no set-up: \
-         everything stays safe; start the driver anew"]
+    [OTHER_FIRMWARE = 19, fault; "another board or another firmware answers than at the start: it is not set up, and \
+         all outputs stay off"; then Some(advice::START_ANEW)]
     OtherFirmware,
     /// [`Driver::rearm`](crate::driver::Driver::rearm) let outputs follow the application again.
-    [REARMED = 10, recovery; "re-armed; groups that follow again: {armed}{}", Waiting(*waiting)]
+    [REARMED = 10, recovery; "re-armed: outputs of {armed} groups follow again{}", Waiting(*waiting)]
     Rearmed {
         /// Groups that were armed.
         armed: u32,
@@ -195,21 +210,21 @@ pub enum EventKind {
     /// ([`Driver::rearm_when_running`](crate::Driver::rearm_when_running),
     /// [`Rearmed::coming`](crate::driver::Rearmed::coming)) will not be, because of a fault of the
     /// board. Re-arm them again.
-    [REARM_CANCELLED = 21, fault; "not armed when they run, because of a fault of the board since: {groups} groups; re-arm again"]
+    [REARM_CANCELLED = 21, fault; "re-arming of {groups} groups cancelled by a new fault of the board"; then Some(advice::REARM)]
     RearmCancelled {
         /// Number of these groups.
         groups: u32,
     },
     /// A remote that was to be armed as soon as it runs will not be, because of a new fault of it,
     /// or because its port was switched off. Re-arm it again.
-    [REMOTE_REARM_CANCELLED = 22, fault; of Some(*remote); "not armed when it runs, because of a fault since; re-arm again"]
+    [REMOTE_REARM_CANCELLED = 22, fault; of Some(*remote); "re-arming cancelled by a new fault"; then Some(advice::REARM)]
     RemoteRearmCancelled {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
         remote: RemoteId,
     },
     /// A read failed; the first of a row with this reason.
-    [READ_FAILED = 11, fault; "a read failed: {why}"]
+    [READ_FAILED = 11, fault; "read failed: {why}"]
     ReadFailed {
         /// The error of the bus.
         why: BusErrorKind,
@@ -222,7 +237,7 @@ pub enum EventKind {
     },
     /// A row is over: 10 s have passed without a further event, the remote went offline, or the
     /// driver stops. Not reported if all events of the row were reported one by one.
-    [REPEATED = 13, recovery; of what.remote(); "in all {count} {what} within {:.3} s", lasted.as_secs_f64()]
+    [REPEATED = 13, recovery; of what.remote(); "{count} {what} within {:.3} s", lasted.as_secs_f64()]
     Repeated {
         /// The kind of the row.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -234,13 +249,13 @@ pub enum EventKind {
         lasted: Duration,
     },
     /// A write failed; the first of a row with this reason.
-    [WRITE_FAILED = 14, fault; "a write failed: {why}"]
+    [WRITE_FAILED = 14, fault; "write failed: {why}"]
     WriteFailed {
         /// The error of the bus.
         why: BusErrorKind,
     },
     /// Writes are known to be lost; the first of a row.
-    [LOST_WRITES = 15, fault; "writes that were lost: {count}"]
+    [LOST_WRITES = 15, fault; "lost writes: {count}"]
     LostWrites {
         /// Number in this cycle.
         count: u32,
@@ -253,22 +268,19 @@ pub enum EventKind {
         count: u32,
     },
     /// The queue was full: from this event on, until it was empty again, events were dropped.
-    [DROPPED = 17, fault; "events that were dropped from here on, because the queue was full: {count}"]
+    [DROPPED = 17, fault; "the queue of events was full: {count} events dropped from here on"]
     Dropped {
         /// Number of dropped events.
         count: u32,
     },
     /// A second master drives the board as well; the first of a row.
-    [OTHER_MASTER = 18, fault; "another program or host drives this board: within a second it received {packets} packets that \
-         are not ours; end the other program (LinuxCNC, mesaflash, another driver), also \
-         on other hosts"]
+    [OTHER_MASTER = 18, fault; "another program or host drives this board: {packets} foreign packets within 1 s"; then Some(advice::END_OTHER_PROGRAM)]
     OtherMaster {
         /// Number of its packets when it was detected.
         packets: u32,
     },
     /// The application writes and does not read: all inputs are invalid, and everything is safe.
-    [NOT_READ = 20, fault; "the application has written {writes} times and not read: no input is valid, and \
-         everything is safe until re-armed; call `read` before each `write`"]
+    [NOT_READ = 20, fault; "{writes} writes without a read: no input is valid, all outputs off until re-armed"; then Some(advice::READ_FIRST)]
     NotRead {
         /// Number of writes since the last read.
         writes: u32,
@@ -277,8 +289,8 @@ pub enum EventKind {
     /// [requested](crate::Driver::request_remote_parameter) was not written, or the reply to its
     /// write was lost. Unless the remote refused the value, it is tried again when the port is
     /// switched on the next time.
-    [PARAMETER_NOT_WRITTEN = 24, fault; of Some(*remote); "parameter number {parameter} was not written, or the reply was lost: no good reply, or \
-         the card does not keep the value; check the cable, then switch the port off and on"]
+    [PARAMETER_NOT_WRITTEN = 24, fault; of Some(*remote); "parameter number {parameter} was not written: no good reply, or the card does not keep the \
+         value"; then Some(advice::RESTART_PORT)]
     ParameterNotWritten {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
@@ -288,8 +300,7 @@ pub enum EventKind {
     },
     /// A step generator is asked for a higher rate than it may have, by its parameters or because of
     /// the times of its pulses. Reported once for each change of its parameters.
-    [STEP_RATE_LIMITED = 25, fault; "step generator {generator}: {asked} steps/s are asked for, and its limit is {limit} steps/s; \
-         check maxvel, position-scale, steplen and stepspace"]
+    [STEP_RATE_LIMITED = 25, fault; "step generator {generator}: {asked} steps/s commanded, its limit is {limit} steps/s"; then Some(advice::CHECK_STEP_RATE)]
     StepRateLimited {
         /// The number of the generator.
         generator: u32,
@@ -300,8 +311,7 @@ pub enum EventKind {
     },
     /// A time of the pulses of a step generator is longer than its register holds, and became the
     /// longest one.
-    [STEP_TIME_CLIPPED = 26, fault; "step generator {generator}: a pulse time of {asked} ns became {longest} ns, the longest that it can have; \
-         check steplen, stepspace, dirsetup and dirhold"]
+    [STEP_TIME_CLIPPED = 26, fault; "step generator {generator}: pulse time set to {asked} ns, {longest} ns is used, the longest one"; then Some(advice::CHECK_STEP_TIMES)]
     StepTimeClipped {
         /// The number of the generator.
         generator: u32,
@@ -313,8 +323,7 @@ pub enum EventKind {
     /// The pulses of a step generator are so long that its register of the hold time, which includes
     /// the pulse, has no room for `dirhold`. Reported once for each change of the times, when the
     /// generator is enabled.
-    [STEP_HOLD_SHORT = 27, fault; "step generator {generator}: the direction can change {left} ns after a pulse, and dirhold is {asked} ns; \
-         check steplen and dirhold, which share a register"]
+    [STEP_HOLD_SHORT = 27, fault; "step generator {generator}: the direction can change {left} ns after a pulse, dirhold is {asked} ns"; then Some(advice::CHECK_STEP_HOLD)]
     StepHoldShort {
         /// The number of the generator.
         generator: u32,
@@ -325,8 +334,7 @@ pub enum EventKind {
     },
     /// The accumulator of a step generator stands still although it has a rate, so that its position is
     /// not known: it is stopped until it has been disabled and enabled again.
-    [STEPGEN_STANDS = 28, fault; "step generator {generator}: its accumulator does not move at {rate} steps/s, so that it is stopped; \
-         check stepgen.timer-number and the timers of the DPLL"]
+    [STEPGEN_STANDS = 28, fault; "step generator {generator}: stopped, because its accumulator does not move at {rate} steps/s"; then Some(advice::CHECK_STEP_TIMER)]
     StepgenStands {
         /// The number of the generator.
         generator: u32,
@@ -335,7 +343,7 @@ pub enum EventKind {
     },
     /// A parameter or pin was set to a value that the hardware cannot have, and another one is in use:
     /// the parameter has that one. A pin keeps its value, and is reported once for each.
-    [VALUE_CORRECTED = 30, fault; "{} was set to {asked}, and {used} is used: {lowest} to {highest} are allowed", setting.of(*number)]
+    [VALUE_CORRECTED = 30, fault; "{}: {asked} is out of range {lowest} to {highest}, {used} is used", setting.of(*number)]
     ValueCorrected {
         /// The parameter or pin.
         setting: CorrectedValue,
@@ -353,7 +361,7 @@ pub enum EventKind {
     /// Positions are not known any more, and stay so until the axes are homed again: by an index, or by
     /// `reset`, `position-reset` or `homed`. Not in the first 100 reads after the start: unless an axis
     /// was homed before, or its generator enabled, there was no position yet that could be lost.
-    [POSITION_UNSURE = 29, fault; "position unsure of {of} {}: home again", Numbers { first: *first, mask: *mask }]
+    [POSITION_UNSURE = 29, fault; "position unsure of {of} {}", Numbers { first: *first, mask: *mask }; then Some(advice::HOME_AGAIN)]
     PositionUnsure {
         /// The kind of counter.
         of: Positions,
@@ -532,12 +540,12 @@ impl Repeating {
 impl fmt::Display for Repeating {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::FailedTransfers { .. } => "transfers failed",
-            Self::FailedReads => "reads failed",
-            Self::FailedWrites => "writes failed",
-            Self::LostWrites => "writes were lost",
-            Self::MissedPeriods => "periods went by without a good read",
-            Self::OtherMaster => "packets from another master arrived",
+            Self::FailedTransfers { .. } => "failed transfers",
+            Self::FailedReads => "failed reads",
+            Self::FailedWrites => "failed writes",
+            Self::LostWrites => "lost writes",
+            Self::MissedPeriods => "periods without a good read",
+            Self::OtherMaster => "packets of another master",
         })
     }
 }
@@ -575,7 +583,7 @@ impl fmt::Display for Waiting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             0 => Ok(()),
-            waiting => write!(f, ", that do not run yet: {waiting}"),
+            waiting => write!(f, ", {waiting} wait until they run"),
         }
     }
 }

@@ -17,11 +17,12 @@ pub(crate) use row::EventRow;
 
 use core::fmt;
 
+use crate::advice::{Advice, WithAdvice};
 use crate::bus::Instant;
 
 /// An event of the cycle, with its time.
 ///
-/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: offline: ...`.
+/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: card offline, ...`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -34,6 +35,18 @@ pub struct Event {
     /// The kind of the event, with its data.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub kind: EventKind,
+}
+
+impl Event {
+    /// The next step, if there is one: that of its kind.
+    pub fn advice(&self) -> Option<Advice> {
+        self.kind.advice()
+    }
+
+    /// Joins the event and the advice: `event; advice`.
+    pub fn with_advice(&self) -> WithAdvice<'_> {
+        WithAdvice::new(self, self.advice())
+    }
 }
 
 impl fmt::Display for Event {

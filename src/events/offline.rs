@@ -1,6 +1,6 @@
 //! Reasons why a remote is offline.
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::packed::{packed_enum, packed_word};
 use crate::sslbp::{
     ComState, CsStatus, Failure, ProcessDataSizes, RemoteFaults, RemoteIdentity, RemoteName,
@@ -88,16 +88,15 @@ pub enum OfflineReason {
 }
 }
 
-impl OfflineReason {
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for OfflineReason {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Absent => Some(Advice::PlugIn),
-            Self::FieldPower(_) => Some(Advice::CheckFieldPower),
-            Self::Reported(_) => Some(Advice::CheckLoads),
-            Self::AnotherDevice { .. } => Some(Advice::PlugInOrRebuild),
-            Self::OtherTables { .. } | Self::OtherSizes { .. } => Some(Advice::RebuildWithRemote),
-            Self::BoardDown => Some(Advice::Rearm),
+            Self::Absent => Some(advice::PLUG_IN),
+            Self::FieldPower(_) => Some(advice::CHECK_FIELD_POWER),
+            Self::Reported(_) => Some(advice::CHECK_LOADS),
+            Self::AnotherDevice { .. } => Some(advice::PLUG_IN_OR_REBUILD),
+            Self::OtherTables { .. } | Self::OtherSizes { .. } => Some(advice::REBUILD_WITH_REMOTE),
+            Self::BoardDown => Some(advice::REARM),
             Self::TooManyFailures(failure) => failure.advice(),
             Self::NotRunning(_)
             | Self::Watchdog

@@ -242,7 +242,7 @@ impl Events {
             } else {
                 log::Level::Info
             };
-            log::log!(target: "mesa_hal", level, "{}: {event}", self.board());
+            log::log!(target: "mesa_hal", level, "{}: {}", self.board(), event.with_advice());
         }
     }
 }
@@ -279,7 +279,7 @@ mod tests {
         let event = events.next().expect("an event");
         assert_eq!(event.cycle, 0x1_0000_0005);
         assert_eq!(event.kind, lost(3));
-        let text = "cycle 4294967301, 1.234567 s: writes that were lost: 3";
+        let text = "cycle 4294967301, 1.234567 s: lost writes: 3";
         assert_eq!(event.to_string(), text);
         assert_eq!(events.next(), None, "and can be asked again");
         sink.tell(Instant::default(), lost(4));

@@ -111,7 +111,7 @@ mod tests {
         assert_eq!(reported(&sink), [kind]);
         assert_eq!(
             alloc::string::ToString::to_string(&kind),
-            "in all 5000 reads failed within 4.999 s"
+            "5000 failed reads within 4.999 s"
         );
         row.look(&sink, at(99_999), Repeating::FailedReads);
         assert_eq!(reported(&sink), []);

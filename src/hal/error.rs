@@ -3,7 +3,7 @@
 use alloc::string::String;
 
 use super::{AnyValue, HalType, MAX_NAME};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 
 /// Reason why a pin or parameter was not made, not found or not changed.
 ///
@@ -147,20 +147,19 @@ pub enum PinError {
     },
 }
 
-impl PinError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for PinError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::BadName { .. } => Some(Advice::ShortenName),
-            Self::NameTaken { .. } => Some(Advice::ChooseOtherName),
-            Self::TooMany => Some(Advice::LeaveBoardsOut),
-            Self::NotFound { nearest: None, .. } => Some(Advice::ListPins),
-            Self::WrongKind { .. } => Some(Advice::UseMatchingHandle),
-            Self::NothingInverts { .. } => Some(Advice::SetOpposite),
-            Self::ForeignHandle => Some(Advice::AskThisDriver),
-            Self::InRemote { .. } => Some(Advice::WriteRemoteParameter),
-            Self::NotRunning { .. } => Some(Advice::RearmLater),
-            Self::PortOff { .. } => Some(Advice::SwitchPortOn),
+            Self::BadName { .. } => Some(advice::SHORTEN_NAME),
+            Self::NameTaken { .. } => Some(advice::CHOOSE_OTHER_NAME),
+            Self::TooMany => Some(advice::LEAVE_BOARDS_OUT),
+            Self::NotFound { nearest: None, .. } => Some(advice::LIST_PINS),
+            Self::WrongKind { .. } => Some(advice::USE_MATCHING_HANDLE),
+            Self::NothingInverts { .. } => Some(advice::SET_OPPOSITE),
+            Self::ForeignHandle => Some(advice::ASK_THIS_DRIVER),
+            Self::InRemote { .. } => Some(advice::WRITE_REMOTE_PARAMETER),
+            Self::NotRunning { .. } => Some(advice::REARM_LATER),
+            Self::PortOff { .. } => Some(advice::SWITCH_PORT_ON),
             Self::NotFound { .. }
             | Self::WrongType { .. }
             | Self::NotSettable { .. }

@@ -1,7 +1,7 @@
 //! Errors of a firmware, and of requests that it cannot fulfil.
 
 use super::Gtag;
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::bus::BusError;
 use alloc::string::String;
 use thiserror::Error;
@@ -82,17 +82,16 @@ pub enum HostMot2Error {
     },
 }
 
-impl HostMot2Error {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for HostMot2Error {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::NoCookie { .. } => Advice::CheckBoardFirmware,
-            Self::Description { .. } => Advice::CheckByteOrder,
-            Self::Missing { .. } => Advice::LoadMatchingFirmware,
-            Self::Unknown { .. } => Advice::UseKnownFirmware,
-            Self::NoRegister { .. } => Advice::ChooseExisting,
-            Self::IoPin { .. } => Advice::ChooseOtherPin,
-            Self::NoPins { .. } => Advice::ChooseOtherInstance,
+            Self::NoCookie { .. } => advice::CHECK_BOARD_FIRMWARE,
+            Self::Description { .. } => advice::CHECK_BYTE_ORDER,
+            Self::Missing { .. } => advice::LOAD_MATCHING_FIRMWARE,
+            Self::Unknown { .. } => advice::USE_KNOWN_FIRMWARE,
+            Self::NoRegister { .. } => advice::CHOOSE_EXISTING,
+            Self::IoPin { .. } => advice::CHOOSE_OTHER_PIN,
+            Self::NoPins { .. } => advice::CHOOSE_OTHER_INSTANCE,
         })
     }
 }
@@ -128,11 +127,10 @@ pub enum IdentifyError {
     Firmware(#[from] HostMot2Error),
 }
 
-impl IdentifyError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for IdentifyError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Bus { source, .. } => source.advice().map(Advice::Bus),
+            Self::Bus { source, .. } => source.advice(),
             Self::Firmware(error) => error.advice(),
         }
     }

@@ -8,7 +8,7 @@ use core::time::Duration;
 use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::advice::Advice;
+use crate::advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::events::CorrectedValue;
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore};
@@ -152,7 +152,7 @@ fn unusable_rate(
              {prescale} and base rate {base_rate}"
         ),
         expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1".into(),
-        advice: Advice::LeaveDpll,
+        advice: advice::LEAVE_DPLL,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use crate::advice::Advice;
+use crate::advice::{Advice, MesaError};
 use crate::bus::ImageError;
 use crate::hal::PinError;
 use crate::hostmot2::HostMot2Error;
@@ -41,9 +41,8 @@ pub enum RegisterError {
     },
 }
 
-impl RegisterError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for RegisterError {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Firmware(error) => error.advice(),
             Self::Pin(error) => error.advice(),

@@ -11,7 +11,7 @@ use super::outputs::Outputs;
 use super::pwm::Pwm;
 use super::undriven::{UndrivenReason, undriven};
 use super::{Module, RegisterError, Registrar, built_in};
-use crate::advice::Advice;
+use crate::advice::{self, MesaError};
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
@@ -162,7 +162,7 @@ fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
     let mut bench = i7i97();
     bench.settings.encoder_rate = Some(TickRate(0x1000));
     let error = bench.register::<Encoders>(Encoders::register).unwrap_err();
-    assert_eq!(error.advice(), Some(Advice::SetEncoderRate));
+    assert_eq!(error.advice(), Some(advice::SET_ENCODER_RATE));
     assert_eq!(
         error.to_string(),
         "rate of the encoders: TickRate(4096), expected at most TickRate(4095): the register has 12 \
@@ -285,7 +285,7 @@ fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
     assert_eq!(bench.outputs(), [0, 0, 0]);
     let list = undriven(&bench.firmware, &[]);
     let advice: Vec<_> = list.iter().map(|module| module.reason.advice()).collect();
-    let known = Some(Advice::UseKnownFirmware);
+    let known = Some(advice::USE_KNOWN_FIRMWARE);
     assert_eq!(advice, [known, None, known]);
     let texts: Vec<_> = list.iter().map(ToString::to_string).collect();
     assert_eq!(
@@ -427,7 +427,7 @@ fn an_io_pin_has_one_user() {
         again.to_string(),
         "I/O pin 3 is used by a module or as plain I/O already"
     );
-    assert_eq!(again.advice(), Some(Advice::ChooseOtherPin));
+    assert_eq!(again.advice(), Some(advice::CHOOSE_OTHER_PIN));
     // An instance without pins is accepted all the same: its pins may be local I/O.
     let without_pins = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::SSR, 1));
     without_pins.unwrap();

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::built_in::{NotDriven, check, is_single};
-use crate::advice::Advice;
+use crate::advice::{Advice, MesaError};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
 use crate::sslbp::{MAX_CHANNELS, MAX_PORTS, PortLayout};
 
@@ -60,9 +60,8 @@ pub enum UndrivenReason {
     },
 }
 
-impl UndrivenReason {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for UndrivenReason {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Unknown(error) => error.advice(),
             Self::Unsupported

@@ -15,7 +15,7 @@ mod make;
 mod parameter;
 mod scaling;
 
-use crate::advice::Advice;
+use crate::advice::{Advice, MesaError};
 use crate::sslbp::Channel;
 pub use baud_rate::{BAUD_RATE_PARAMETER, operate_baud_rate};
 pub(crate) use parameter::ParameterWrite;
@@ -64,9 +64,8 @@ pub struct RemoteError {
     pub source: Box<PinError>,
 }
 
-impl RemoteError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for RemoteError {
+    fn advice(&self) -> Option<Advice> {
         self.source.advice()
     }
 }

@@ -8,7 +8,7 @@ use core::ops::RangeInclusive;
 use super::Scaling;
 use super::baud_rate::{BAUD_RATE_PARAMETER, HIGHEST_INDEX, operate_baud_rate};
 use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::discovery::{DataDirection, DataRecord, DataType};
 use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinId, PinMaker, PinStore, Role, Spec, Value,
@@ -28,7 +28,7 @@ pub struct ParameterValue {
 /// Reason why a parameter was not read or written.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
+pub enum ParameterError<E: MesaError = Infallible> {
     /// The access failed.
     #[error(transparent)]
     Memory(#[from] E),
@@ -84,17 +84,14 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     },
 }
 
-impl<E: core::error::Error + 'static> ParameterError<E> {
-    /// The next step, if there is one. That of [`Memory`](Self::Memory) is the advice of the error
-    /// inside, which this function does not know: `None`.
-    pub fn advice(&self) -> Option<Advice> {
+impl<E: MesaError> MesaError for ParameterError<E> {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Unknown => Some(Advice::ListParameters),
-            Self::Size { .. } => Some(Advice::LeaveParameterOut),
-            Self::OutOfRange { .. } | Self::NoBaudRate { .. } => Some(Advice::ChooseValue),
-            Self::Memory(_) | Self::ReadOnly | Self::DoesNotFit { .. } | Self::NotTaken { .. } => {
-                None
-            }
+            Self::Unknown => Some(advice::LIST_PARAMETERS),
+            Self::Size { .. } => Some(advice::LEAVE_PARAMETER_OUT),
+            Self::OutOfRange { .. } | Self::NoBaudRate { .. } => Some(advice::CHOOSE_VALUE),
+            Self::Memory(error) => error.advice(),
+            Self::ReadOnly | Self::DoesNotFit { .. } | Self::NotTaken { .. } => None,
         }
     }
 }
@@ -157,7 +154,7 @@ impl DataRecord {
     ///
     /// # Errors
     /// [`ParameterError`] if the parameter is read-only or cannot hold this value.
-    pub fn raw_of<E: core::error::Error>(&self, value: AnyValue) -> Result<u64, ParameterError<E>> {
+    pub fn raw_of<E: MesaError>(&self, value: AnyValue) -> Result<u64, ParameterError<E>> {
         if self.direction == DataDirection::Input {
             return Err(ParameterError::ReadOnly);
         }
@@ -236,7 +233,7 @@ impl DataRecord {
     }
 
     /// The memory that contains it, and the size of an access to it.
-    fn place<E: core::error::Error>(
+    fn place<E: MesaError>(
         &self,
     ) -> Result<(Option<NonvolatileMemory>, AccessSize), ParameterError<E>> {
         let bits = self.bits;

@@ -5,7 +5,7 @@ mod queued;
 
 pub use outcome::CommandOutcome;
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -110,11 +110,10 @@ pub enum CommandError {
     },
 }
 
-impl CommandError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for CommandError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Full { .. } => Some(Advice::CheckCycle),
+            Self::Full { .. } => Some(advice::CHECK_CYCLE),
             Self::Ended | Self::NoRemote { .. } => None,
             Self::Pin(error) => error.advice(),
         }

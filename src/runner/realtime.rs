@@ -10,7 +10,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 
 /// Settings of Linux for the thread of a cycle; independent of each other, none by default.
 ///
@@ -79,14 +79,14 @@ pub enum RealtimeError {
     },
 }
 
-impl RealtimeError {
-    /// The next step, if there is one. [`AllowRealtime`](Advice::AllowRealtime) contains all steps
+impl MesaError for RealtimeError {
+    /// The next step, if there is one. [`AllowRealtime`](advice::ALLOW_REALTIME) contains all steps
     /// for settings that were refused for several reasons.
-    pub fn advice(&self) -> Option<Advice> {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Priority { .. } => Some(Advice::AllowPriority),
+            Self::Priority { .. } => Some(advice::ALLOW_PRIORITY),
             Self::NoPriority { .. } => None,
-            Self::Memory { .. } | Self::MemoryLimit { .. } => Some(Advice::AllowLockedMemory),
+            Self::Memory { .. } | Self::MemoryLimit { .. } => Some(advice::ALLOW_LOCKED_MEMORY),
             Self::Several(errors) => {
                 let mut all = errors.iter().filter_map(Self::advice);
                 let first = all.next()?;
@@ -94,10 +94,10 @@ impl RealtimeError {
                 Some(if is_same {
                     first
                 } else {
-                    Advice::AllowRealtime
+                    advice::ALLOW_REALTIME
                 })
             }
-            Self::Cpus { .. } => Some(Advice::CountCpus),
+            Self::Cpus { .. } => Some(advice::COUNT_CPUS),
         }
     }
 }
@@ -266,7 +266,7 @@ mod tests {
             assert_eq!(after.count(), 1, "it runs there all the same");
             asked.cpus.push(CpuSet::MAX_CPU - 1);
             let error = asked.apply().expect_err("two things");
-            assert_eq!(error.advice(), Some(Advice::CountCpus));
+            assert_eq!(error.advice(), Some(advice::COUNT_CPUS));
             let error = error.to_string();
             let parts: Vec<_> = error.split("; and ").collect();
             assert_eq!(parts.len(), 2, "{error}");
@@ -326,7 +326,7 @@ mod tests {
                 }
                 Err(error) => {
                     assert!(error.to_string().contains("priority 1:"), "{error}");
-                    assert_eq!(error.advice(), Some(Advice::AllowPriority));
+                    assert_eq!(error.advice(), Some(advice::ALLOW_PRIORITY));
                 }
             }
         });

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::ops::Range;
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::bus::Instant;
 use crate::hal::{AnyValue, HalType, PinId, Pins};
 use crate::tally::Tally;
@@ -134,11 +134,10 @@ pub enum ScopeError {
     ForeignPin,
 }
 
-impl ScopeError {
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for ScopeError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::ForeignPin => Some(Advice::AskThisDriver),
+            Self::ForeignPin => Some(advice::ASK_THIS_DRIVER),
             Self::Pins { .. } | Self::Cycles { .. } => None,
         }
     }

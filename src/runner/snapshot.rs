@@ -6,7 +6,7 @@ mod view;
 
 pub use view::{RemoteSnapshot, Snapshot};
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -100,12 +100,11 @@ pub enum SnapshotError {
     },
 }
 
-impl SnapshotError {
-    /// The next step.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for SnapshotError {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::NotYet => Advice::TryNextPeriod,
-            Self::Torn { .. } => Advice::TryLater,
+            Self::NotYet => advice::TRY_NEXT_PERIOD,
+            Self::Torn { .. } => advice::TRY_LATER,
         })
     }
 }

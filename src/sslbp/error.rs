@@ -2,7 +2,7 @@
 
 use super::{Channel, ChannelMask, CsStatus, PortState};
 use crate::Rounded;
-use crate::advice::Advice;
+use crate::advice::{Advice, MesaError};
 use crate::bus::BusError;
 use alloc::{boxed::Box, string::String};
 use core::time::Duration;
@@ -80,11 +80,10 @@ pub enum PortError {
     },
 }
 
-impl PortError {
-    /// The next step, if there is one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for PortError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::Bus(error) => error.advice(),
             Self::Timeout { advice, .. }
             | Self::Unexpected { advice, .. }
             | Self::WrongState { advice, .. }

@@ -30,7 +30,7 @@ impl PortParameters {
     const USUAL: (u8, u8) = (1, 43);
 
     /// Experience with versions older than the usual one, as a sentence for the user. The advice is
-    /// [`Advice::LoadNewerFirmware`](crate::Advice::LoadNewerFirmware).
+    /// [`advice::LOAD_NEWER_FIRMWARE`](crate::advice::LOAD_NEWER_FIRMWARE).
     pub const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
         which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found";
 

@@ -1,7 +1,7 @@
 //! Results of START for each channel.
 
 use super::{Channel, ComState, CsStatus, LocalFaults, RemoteFaults};
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use core::fmt;
 use thiserror::Error;
 
@@ -212,9 +212,8 @@ pub struct StartFailure {
     pub cs: CsStatus,
 }
 
-impl StartFailure {
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for StartFailure {
+    fn advice(&self) -> Option<Advice> {
         self.reason.advice()
     }
 }
@@ -287,29 +286,28 @@ pub enum StartFailureReason {
     Unknown,
 }
 
-impl StartFailureReason {
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<Advice> {
+impl MesaError for StartFailureReason {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
-            Self::NoReply => Advice::CheckRemotePower,
-            Self::StoppedAnswering | Self::DiedInChatter => Advice::CheckCableAndPower,
-            Self::WrongCookie => Advice::CheckBaudRate,
-            Self::LineLow => Advice::CheckRxWires,
-            Self::BadCrc => Advice::CheckShield,
-            Self::ExtraCharacters | Self::Overrun => Advice::CheckNoise,
-            Self::StatusStuck => Advice::PowerCycleThenCable,
-            Self::NoUnitNumber | Self::NoSizes => Advice::RestartOrUpdateRemote,
-            Self::IllegalMode(_) => Advice::ChooseMode,
+            Self::NoReply => advice::CHECK_REMOTE_POWER,
+            Self::StoppedAnswering | Self::DiedInChatter => advice::CHECK_CABLE_AND_POWER,
+            Self::WrongCookie => advice::CHECK_BAUD_RATE,
+            Self::LineLow => advice::CHECK_RX_WIRES,
+            Self::BadCrc => advice::CHECK_SHIELD,
+            Self::ExtraCharacters | Self::Overrun => advice::CHECK_NOISE,
+            Self::StatusStuck => advice::POWER_CYCLE_THEN_CABLE,
+            Self::NoUnitNumber | Self::NoSizes => advice::RESTART_OR_UPDATE_REMOTE,
+            Self::IllegalMode(_) => advice::CHOOSE_MODE,
             Self::FaultRemains(faults)
                 if faults
                     .intersects(RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE)) =>
             {
-                Advice::CheckFieldPower
+                advice::CHECK_FIELD_POWER
             }
-            Self::FaultRemains(_) => Advice::CheckLoads,
-            Self::SizesTooLarge { .. } => Advice::ChooseModeOrWideFirmware,
-            Self::NoProcessData => Advice::PowerCycle,
-            Self::NotReady | Self::Unknown => Advice::RestartChannel,
+            Self::FaultRemains(_) => advice::CHECK_LOADS,
+            Self::SizesTooLarge { .. } => advice::CHOOSE_MODE_OR_WIDE_FIRMWARE,
+            Self::NoProcessData => advice::POWER_CYCLE,
+            Self::NotReady | Self::Unknown => advice::RESTART_CHANNEL,
         })
     }
 }
@@ -447,7 +445,7 @@ mod tests {
             failure.to_string(),
             "channel 1 did not start: the remote does not have software mode 5 (CS 4024A1C0)"
         );
-        assert_eq!(failure.advice(), Some(Advice::ChooseMode));
+        assert_eq!(failure.advice(), Some(advice::CHOOSE_MODE));
     }
 
     /// Silence in the middle of START is an old firmware, or a cable that broke just then.
@@ -455,15 +453,18 @@ mod tests {
     fn the_advice_fits_each_cause_of_a_failure() {
         use StartFailureReason as R;
         for reason in [R::NoUnitNumber, R::NoSizes] {
-            assert_eq!(reason.advice(), Some(Advice::RestartOrUpdateRemote));
+            assert_eq!(reason.advice(), Some(advice::RESTART_OR_UPDATE_REMOTE));
         }
         let of = |faults| R::FaultRemains(faults).advice();
-        assert_eq!(of(RemoteFaults::LOW_VOLTAGE), Some(Advice::CheckFieldPower));
+        assert_eq!(
+            of(RemoteFaults::LOW_VOLTAGE),
+            Some(advice::CHECK_FIELD_POWER)
+        );
         assert_eq!(
             of(RemoteFaults::HIGH_VOLTAGE),
-            Some(Advice::CheckFieldPower)
+            Some(advice::CHECK_FIELD_POWER)
         );
-        assert_eq!(of(RemoteFaults::OVER_CURRENT), Some(Advice::CheckLoads));
+        assert_eq!(of(RemoteFaults::OVER_CURRENT), Some(advice::CHECK_LOADS));
     }
 
     proptest! {

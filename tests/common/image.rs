@@ -1,6 +1,7 @@
 //! The memory of a remote without a port around it: recorded, or made by hand.
 
 use super::replay::{memory_of, recording};
+use mesa_hal::MesaError;
 use mesa_hal::lbp::{NonvolatileProblem, RemoteAccess, RemoteLink};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -9,6 +10,8 @@ use std::time::Duration;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no reply at {0:#06X}")]
 pub struct NoReply(pub u16);
+
+impl MesaError for NoReply {}
 
 /// A remote's memory. Bytes that are not set read 0; reads that touch a missing range fail.
 #[derive(Clone, Debug, Default)]

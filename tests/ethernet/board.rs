@@ -5,11 +5,10 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect, cut};
-use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::boards::I7i97;
-use mesa_hal::bus::{BusAdvice, BusErrorKind, Clock, RegisterBus};
+use mesa_hal::bus::{BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
     Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashStep, LedMode, LedTime,
@@ -17,6 +16,7 @@ use mesa_hal::ethernet::{
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 
 fn link() -> SimLink {
@@ -320,7 +320,7 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
     link.to_board = cut();
     let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
     assert_eq!(error.kind(), BusErrorKind::Lost);
-    assert_eq!(error.advice(), Some(BusAdvice::CheckBoard));
+    assert_eq!(error.advice(), Some(advice::CHECK_BOARD));
 }
 
 #[test]
@@ -405,7 +405,7 @@ fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
         .expect_err("another board");
     let text = "this is a 7I92, and the layout is that of a 7I97";
     assert_eq!(error.to_string(), text);
-    assert_eq!(error.advice(), Some(Advice::UseLayoutOfBoard));
+    assert_eq!(error.advice(), Some(advice::USE_LAYOUT_OF_BOARD));
 
     let mut board = EthernetBoard::new(&mut bus);
     let identity = board.identity().expect("identity");

@@ -4,9 +4,10 @@
 use std::time::Duration;
 
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
-use mesa_hal::bus::{BusAdvice, BusError, BusErrorKind, BusStatistics, Clock, RegisterBus};
+use mesa_hal::bus::{BusError, BusErrorKind, BusStatistics, Clock, RegisterBus};
 use mesa_hal::driver::{CycleError, Driver};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::devices::{find, find_mut};
 use mesa_hal_sim::{BoardConfig, Motor, SimBoard, machines};
 use smoltcp::wire::{EthernetAddress, IpAddress, IpCidr, IpEndpoint};
@@ -221,7 +222,7 @@ fn a_board_that_is_not_there_is_no_reply_and_not_a_full_buffer() {
         matches!(error, BusError::GaveUp { tries: 10, .. }),
         "{error}"
     );
-    assert_eq!(error.advice(), Some(BusAdvice::CheckBoard));
+    assert_eq!(error.advice(), Some(advice::CHECK_BOARD));
     let nowhere = IpEndpoint::new(IpAddress::v4(0, 0, 0, 0), BOARD.1);
     let error = UdpBus::new(link(&cable, nowhere), UdpConfig::default())
         .err()

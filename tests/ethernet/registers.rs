@@ -2,10 +2,10 @@
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
-use mesa_hal::Advice;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::ethernet::{EthernetBoard, EthernetError};
 use mesa_hal::lbp16::Space;
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::machines;
 
 #[test]
@@ -54,7 +54,7 @@ fn what_is_no_register_is_refused_with_the_reason_and_changes_nothing() {
         let is_that = matches!(error, EthernetError::NoRegister { .. });
         let text = error.to_string();
         assert!(
-            is_that && text.contains(reason) && error.advice() == Some(Advice::SeeBoardManual),
+            is_that && text.contains(reason) && error.advice() == Some(advice::SEE_BOARD_MANUAL),
             "{text}"
         );
     }

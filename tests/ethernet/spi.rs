@@ -3,6 +3,7 @@
 use std::cell::Cell;
 use std::time::Duration;
 
+use mesa_hal::MesaError;
 use mesa_hal::boards::FlashLayout;
 use mesa_hal::bus::{Access, BusError, Clock, Instant, RegisterBus};
 use mesa_hal::ethernet::{Area, Bitfile, EthernetError, Flash, FlashStep, SpiFlash};

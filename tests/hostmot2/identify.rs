@@ -1,8 +1,8 @@
 //! Parsing of a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
 
-use mesa_hal::Advice;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{SimFpga, machines};
 use proptest::prelude::*;
 
@@ -63,7 +63,7 @@ fn a_missing_module_is_named_beside_what_is_there() {
         "this firmware has no PWM (06); it has HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x2, \
          MuxedEncoder (0C) x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1"
     );
-    assert_eq!(missing.advice(), Some(Advice::LoadMatchingFirmware));
+    assert_eq!(missing.advice(), Some(advice::LOAD_MATCHING_FIRMWARE));
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
         error.to_string(),
         "no HostMot2 cookie at 0x0100: read 0xFFFFFFFF, expected 0x55AACAFE"
     );
-    assert_eq!(error.advice(), Some(Advice::CheckBoardFirmware));
+    assert_eq!(error.advice(), Some(advice::CHECK_BOARD_FIRMWARE));
 }
 
 #[test]

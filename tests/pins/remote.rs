@@ -2,6 +2,7 @@
 // Floating-point values are compared exactly: a tolerance would hide a rounding error.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
 use crate::take_inputs;
+use mesa_hal::MesaError;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::{
     AttachError, Finder, I7i72, I7i77Analog, I7i77Field, REMOTES, RemoteHandles, i7i77,

@@ -5,7 +5,6 @@ mod failures;
 
 use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
-use mesa_hal::Advice;
 use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, LocalFaults, LocalLocation,
@@ -13,6 +12,7 @@ use mesa_hal::sslbp::{
     PortParameters, PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason,
     StartMode,
 };
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::sslbp::Register;
 
 const ZERO: Channel = Channel::ALL[0];
@@ -117,7 +117,7 @@ fn firmware_that_is_not_known_is_refused_by_name() {
     let mut bus = Replay::new(Vec::new());
     bus.local.extend([(2, 2), (7, 3)]);
     let error = port().on(&mut bus).identify().unwrap_err();
-    assert_eq!(error.advice(), Some(Advice::FlashNewerFirmware));
+    assert_eq!(error.advice(), Some(advice::FLASH_NEWER_FIRMWARE));
 }
 
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.

@@ -10,10 +10,10 @@ use mesa_hal::bus::DynBus;
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::transport::{BusLog, Recording};
-use mesa_hal::{Board, Driver, RemoteId, UdpBus, UdpConfig};
+use mesa_hal::{Board, Driver, MesaError, RemoteId, UdpBus, UdpConfig, WithAdvice};
 use mesa_pci::PciDevice;
 
-use crate::advice::WithAdvice;
+use crate::advice::words;
 use crate::component::{self, BoardCycle, Step};
 use crate::cycle::{Cycle, wanted};
 use crate::ffi::{self, ComponentId, HalError, Level, RootRights};
@@ -112,7 +112,7 @@ fn start(
         settings.board_number = *next;
         *next += 1;
     });
-    let board = board.map_err(|error| failed(&error, error.advice()))?;
+    let board = board.map_err(|error| failed(&error))?;
     let checked = config.check(board.firmware());
     checked.map_err(|error| LoadError::new(EINVAL, error))?;
     if let Some(firmware) = config.firmware() {
@@ -124,7 +124,7 @@ fn start(
         );
     }
     let driver = board.start();
-    driver.map_err(|error| failed(&error, error.advice()))
+    driver.map_err(|error| failed(&error))
 }
 
 /// Opens the bus of a board.
@@ -132,8 +132,7 @@ fn open(place: &BoardPlace) -> Result<DynBus, LoadError> {
     match place {
         BoardPlace::Ethernet(address) => {
             let bus = UdpBus::connect(*address, UdpConfig::default());
-            let bus =
-                bus.map_err(|error| failed(&error, error.advice().map(mesa_hal::Advice::Bus)))?;
+            let bus = bus.map_err(|error| failed(&error))?;
             Ok(DynBus::new(bus))
         }
         // The kernel shows registers of a board, and the mappings of other programs, to root only.
@@ -148,14 +147,13 @@ fn open(place: &BoardPlace) -> Result<DynBus, LoadError> {
 
 fn open_on_pci(device: &PciDevice) -> Result<DynBus, LoadError> {
     let bus = device.open();
-    let bus =
-        bus.map_err(|error| LoadError::new(ENODEV, format_args!("{error}; {}", error.remedy())))?;
+    let bus = bus.map_err(|error| failed(&error))?;
     Ok(DynBus::new(bus))
 }
 
 /// An error of the driver, with its advice.
-fn failed(error: &dyn fmt::Display, advice: Option<mesa_hal::Advice>) -> LoadError {
-    LoadError::new(ENODEV, WithAdvice::new(error, advice))
+fn failed(error: &dyn MesaError) -> LoadError {
+    LoadError::new(ENODEV, WithAdvice::of(error).in_words(words))
 }
 
 /// Makes the pins, parameters and functions of a board.
@@ -212,7 +210,10 @@ fn report_remarks(driver: &BoardDriver, names: &Names) {
         let card = remark.remote.and_then(|remote| names.card(remote));
         // With pins, it has a name; else its place is in the remark.
         let facts: &dyn fmt::Display = if card.is_some() { &remark.kind } else { remark };
-        let (subject, facts) = (card.unwrap_or(name), WithAdvice::new(facts, advice));
+        let (subject, facts) = (
+            card.unwrap_or(name),
+            WithAdvice::new(facts, advice).in_words(words),
+        );
         at_set_up(level, &format_args!("{subject}: {facts}{more}"));
     }
     // A `config=` with more channels than remotes is usual, so this is no error.

@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-use mesa_hal::Rounded;
+use mesa_hal::{MesaError, Rounded};
 
 use mesa_hal::driver::DriverError;
 
-use crate::advice::WithAdvice;
+use crate::advice::words;
 use crate::report::Names;
 
 /// A period that the driver does not take, and what to do.
@@ -40,7 +40,7 @@ impl fmt::Display for RefusedPeriod<'_> {
                 "choose a faster thread, or set watchdog.timeout_ns"
             })?;
         } else {
-            let error = WithAdvice::new(self.error, self.error.advice());
+            let error = self.error.with_advice().in_words(words);
             write!(f, "{board}: all outputs off: {error}")?;
         }
         write!(f, "; then set {board}.io_error to FALSE to try again")

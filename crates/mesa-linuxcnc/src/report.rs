@@ -6,8 +6,9 @@ use core::fmt;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{EventKind, OfflineReason, Repeating};
 use mesa_hal::hal::{Age, Role};
-use mesa_hal::{Advice, Driver, RemoteId};
+use mesa_hal::{AdviceTopic, Driver, MesaError, RemoteId};
 
+use crate::advice::words;
 use crate::ffi::Level;
 use crate::interface::Interface;
 use crate::rearm::BOARD;
@@ -328,7 +329,9 @@ impl Report<'_> {
                 write!(f, "{failure}")?;
                 match failure.advice() {
                     // Shorter, for the operator's screen.
-                    Some(Advice::CheckCardPower) => f.write_str("; check its cable and power"),
+                    Some(advice) if advice.topic() == AdviceTopic::RemotePower => {
+                        f.write_str("; check its cable and power")
+                    }
                     Some(advice) => write!(f, "; {advice}"),
                     None => Ok(()),
                 }
@@ -550,7 +553,9 @@ impl Report<'_> {
                  {board}.stepgen.timer-number and the timers of the DPLL, then set its enable to FALSE and \
                  TRUE"
             ),
-            kind => write!(f, "{kind}"),
+            kind => {
+                write!(f, "{}", kind.with_advice().in_words(words))
+            }
         }
     }
 }

@@ -3,9 +3,11 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::{COOKIE, COOKIE_ADDRESS, Holder, PciAddress, REGISTERS};
+use mesa_wire::{Advice, MesaError};
 
-/// A board is refused. [`remedy`](Self::remedy) has what to do about it.
+use crate::{COOKIE, COOKIE_ADDRESS, Holder, PciAddress, REGISTERS, advice};
+
+/// A board is refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PciOpenError {
@@ -134,69 +136,28 @@ pub enum PciOpenError {
     },
 }
 
-impl PciOpenError {
-    /// What to do, for a person at the computer.
-    pub fn remedy(&self) -> String {
-        match self {
-            Self::NoDevice { .. } => {
-                "`lspci -D -d 2718:` lists Mesa's boards with their addresses; a board that is missing there \
-                 is not seated, has no power, or was reloaded without a restart of the computer"
-                    .to_owned()
-            }
-            Self::OtherDevice { .. } => {
-                "give the address of a 4I74, 5I24, 5I25, 6I24 or 6I25; boards behind a PLX bridge are not \
-                 supported"
-                    .to_owned()
-            }
-            Self::Sysfs { .. } => "check that sysfs is mounted on /sys".to_owned(),
-            Self::DriverBound { address, driver } => format!(
-                "end the program that uses this driver and take the board from it, as root: `echo {address} > \
-                 /sys/bus/pci/drivers/{driver}/unbind`"
-            ),
-            Self::WrongRegion { .. } => {
-                "the firmware of this board is not Mesa's, or the computer has given it no addresses: look at \
-                 `lspci -vv -d 2718:` and `dmesg`"
-                    .to_owned()
-            }
-            Self::MemoryOff { address, .. } => {
-                format!("switch it on, as root: `setpci -s {address} COMMAND=0x2:0x2`")
-            }
-            Self::NoAccess { .. } => {
-                "run it as root, or give the boards to a group that you are in, by a file \
-                 /etc/udev/rules.d/50-mesa-pci.rules with the line `ACTION==\"add\", SUBSYSTEM==\"pci\", \
-                 ATTR{vendor}==\"0x2718\", RUN+=\"/bin/chgrp plugdev /sys%p/resource0\", RUN+=\"/bin/chmod \
-                 0660 /sys%p/resource0\"`, and restart the computer"
-                    .to_owned()
-            }
-            Self::Occupied { holder, .. } => {
-                format!("end it first (process {})", holder.process)
-            }
-            Self::NotLocked { .. } => {
-                "use a file system with locks for a simulated board; for a real one, look at the end of `dmesg`"
-                    .to_owned()
-            }
-            Self::PerhapsOccupied { .. } => {
-                "end LinuxCNC (`halrun -U`); if it drives other boards only, run this as root".to_owned()
-            }
+impl MesaError for PciOpenError {
+    fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::NoDevice { .. } => advice::LIST_BOARDS,
+            Self::OtherDevice { .. } => advice::GIVE_BOARD,
+            Self::Sysfs { .. } => advice::CHECK_SYSFS,
+            Self::DriverBound { .. } => advice::UNBIND_DRIVER,
+            Self::WrongRegion { .. } => advice::CHECK_REGION,
+            Self::MemoryOff { .. } => advice::SWITCH_MEMORY_ON,
+            Self::NoAccess { .. } => advice::ALLOW_ACCESS,
+            Self::Occupied { .. } => advice::END_HOLDER,
+            Self::NotLocked { .. } => advice::USE_LOCKS,
+            Self::PerhapsOccupied { .. } => advice::END_LINUXCNC,
             Self::NotMapped { error, .. } if error.kind() == io::ErrorKind::PermissionDenied => {
-                "the kernel is locked down, as it is with Secure Boot: switch Secure Boot off in the BIOS"
-                    .to_owned()
+                advice::UNLOCK_KERNEL
             }
-            Self::NotMapped { .. } => "look at the end of `dmesg`".to_owned(),
-            Self::NoSimulator { path, .. } => format!(
-                "start `mesa sim --pci` again, or remove {}",
-                path.display()
-            ),
-            Self::NoCookie { found: u32::MAX, .. } => {
-                "the board does not answer: it has no power, or its FPGA was loaded again without a restart of \
-                 the computer"
-                    .to_owned()
-            }
-            Self::NoCookie { .. } => {
-                "the FPGA has another firmware: write one with HostMot2, with mesaflash, and switch the \
-                 computer off and on"
-                    .to_owned()
-            }
-        }
+            Self::NotMapped { .. } => advice::READ_DMESG,
+            Self::NoSimulator { .. } => advice::START_SIMULATOR,
+            Self::NoCookie {
+                found: u32::MAX, ..
+            } => advice::RESTART_COMPUTER,
+            Self::NoCookie { .. } => advice::WRITE_HOSTMOT2,
+        })
     }
 }

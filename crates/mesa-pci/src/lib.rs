@@ -3,7 +3,7 @@
 //! - [`search`] lists the boards that the kernel knows, below a root that is `/sys` on a computer
 //!   and another directory in tests.
 //! - [`PciDevice::open`] checks a board, locks it, and maps its registers. It refuses with the reason
-//!   and the [remedy](PciOpenError::remedy).
+//!   and the [advice](mesa_wire::MesaError::advice).
 //! - [`PciBus`] is the [`RegisterBus`](mesa_wire::bus::RegisterBus) and
 //!   [`Clock`](mesa_wire::bus::Clock) of a driver.
 //! - [`simulated`] makes such a board from a file, for tests and for `mesa sim --pci`.
@@ -34,6 +34,7 @@
 
 pub mod simulated;
 
+pub mod advice;
 mod boards;
 mod bus;
 mod device;

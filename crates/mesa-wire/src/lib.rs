@@ -17,6 +17,7 @@
 
 extern crate alloc;
 
+mod advice;
 pub mod bus;
 pub mod lbp;
 pub mod lbp16;
@@ -24,4 +25,5 @@ pub mod time;
 
 mod rounded;
 
+pub use advice::{Advice, AdviceTopic, MesaError, WithAdvice};
 pub use rounded::Rounded;

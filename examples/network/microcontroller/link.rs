@@ -2,7 +2,8 @@
 
 use core::time::Duration;
 
-use mesa_hal::bus::{BusAdvice, BusErrorKind, Clock, CustomError, Instant, LinkError};
+use mesa_hal::advice;
+use mesa_hal::bus::{BusErrorKind, Clock, CustomError, Instant, LinkError};
 use mesa_hal::transport::udp::PacketLink;
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet};
 use smoltcp::phy::Device;
@@ -41,7 +42,7 @@ const CANNOT_SEND: CustomError = of_stack("smoltcp cannot send: unaddressable");
 const CANNOT_BIND: CustomError = of_stack("smoltcp cannot open the port");
 
 const fn of_stack(text: &'static str) -> CustomError {
-    CustomError::new(BusErrorKind::Unreachable, text).with_advice(BusAdvice::CheckAddress)
+    CustomError::new(BusErrorKind::Unreachable, text).advising(advice::CHECK_ADDRESS)
 }
 
 impl<D: Device, C: Clock> SmoltcpLink<D, C> {

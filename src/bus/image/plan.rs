@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 use crate::bus::{Access, BusError, BusErrorKind, RegisterBus};
 
 /// Position of a register within an exchange.
@@ -63,9 +63,8 @@ pub struct ImageError {
     pub advice: Advice,
 }
 
-impl ImageError {
-    /// The next step.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for ImageError {
+    fn advice(&self) -> Option<Advice> {
         Some(self.advice)
     }
 }
@@ -354,7 +353,7 @@ impl ImagePlan {
             None => Ok(()),
         };
         let what = "was registered, and addresses are multiples of 4";
-        refuse(odd, what, Advice::CheckDescriptor)?;
+        refuse(odd, what, advice::CHECK_DESCRIPTOR)?;
         let mut late = self.reads.iter().filter(|r| r.phase == Phase::Trigger);
         let is_for_reads = |phase| matches!(phase, Phase::Status | Phase::Evidence);
         let mut unsent = self.writes.iter().filter(|w| is_for_reads(w.phase));
@@ -362,13 +361,13 @@ impl ImagePlan {
         let what = "was registered for a phase that is not its own: reads have no `Phase::Trigger`, and \
                     writes neither `Phase::Status` nor `Phase::Evidence`";
         let misplaced = misplaced.map(|register| register.address);
-        refuse(misplaced, what, Advice::ChoosePhase)?;
+        refuse(misplaced, what, advice::CHOOSE_PHASE)?;
         let twice_written = "is written by two modules";
-        refuse(twice(written), twice_written, Advice::LeaveModuleOut)?;
+        refuse(twice(written), twice_written, advice::LEAVE_MODULE_OUT)?;
         refuse(
             twice(reads),
             "is read in two phases",
-            Advice::LeaveModuleOut,
+            advice::LEAVE_MODULE_OUT,
         )
     }
 }

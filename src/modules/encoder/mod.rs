@@ -20,7 +20,7 @@ use super::unsure::UnsureMask;
 use super::{
     Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
 };
-use crate::advice::Advice;
+use crate::advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage, Words};
 use crate::events::{CorrectedValue, Positions};
 use crate::hal::{Output, PinStore};
@@ -329,7 +329,7 @@ fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRat
             what: "rate of the encoders",
             found: format!("{rate:?}"),
             expected: format!("at most {:?}: the register has 12 bits", TickRate::SLOWEST),
-            advice: Advice::SetEncoderRate,
+            advice: advice::SET_ENCODER_RATE,
         });
     }
     Ok(rate)

@@ -17,7 +17,7 @@ pub use duty::{PwmRate, PwmShape};
 
 use duty::{DITHER_BITS, DOUBLE_BUFFERED, PDM, fastest_pdm, pdm_word};
 
-use crate::advice::Advice;
+use crate::advice;
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
 use crate::hostmot2::board_table::PwmTable;
@@ -107,7 +107,7 @@ impl Pwm {
                 what: "a PWM generator",
                 found: format!("{beyond}"),
                 expected: format!("less than {all}, the generators of this firmware"),
-                advice: Advice::SetPwm,
+                advice: advice::SET_PWM,
             });
         }
         for (bank, module) in modules.iter().enumerate() {
@@ -132,7 +132,7 @@ impl Pwm {
                 what: "PWM frequency",
                 found: format!("{} Hz", hz.0),
                 expected: format!("1 to {fastest} Hz, which this firmware's clock allows"),
-                advice: Advice::SetPwmFrequency,
+                advice: advice::SET_PWM_FREQUENCY,
             });
         }
         let mut make = r.maker(&bank_stem("pwmgen", bank));

@@ -1,5 +1,5 @@
 use super::*;
-use crate::advice::Advice;
+use crate::advice::{self, MesaError};
 use crate::driver::{BoardState, RemoteState, Settings};
 use crate::hal::{HalType, ShortName};
 use mesa_hal_sim::{Motor, SimFpga, machines};
@@ -29,7 +29,7 @@ fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
     }
     let full = sender.set(output, false).expect_err("there is none");
     assert_eq!(full, CommandError::Full { capacity: 20 });
-    assert_eq!(full.advice(), Some(Advice::CheckCycle));
+    assert_eq!(full.advice(), Some(advice::CHECK_CYCLE));
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert_eq!(cycle(&mut driver, &mut queue), 4);
     assert_eq!(cycle(&mut driver, &mut queue), 0);

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::advice::Advice;
+use crate::advice::{self, Advice, MesaError};
 
 /// Reason why the data of a transfer cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -46,17 +46,18 @@ impl Failure {
     ];
 }
 
-impl Failure {
-    /// The next step after several failures of this kind, if there is one.
-    pub const fn advice(self) -> Option<Advice> {
+impl core::error::Error for Failure {}
+
+impl MesaError for Failure {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::NoReply | Self::Break => Some(Advice::CheckCardPower),
+            Self::NoReply | Self::Break => Some(advice::CHECK_CARD_POWER),
             Self::Crc | Self::ExtraCharacters | Self::Overrun | Self::Damaged => {
-                Some(Advice::CheckShield)
+                Some(advice::CHECK_SHIELD)
             }
-            Self::NotRunning => Some(Advice::CheckSupply),
+            Self::NotRunning => Some(advice::CHECK_SUPPLY),
             // The card has answered, and the network has lost packets.
-            Self::Doubtful => Some(Advice::CheckSwitches),
+            Self::Doubtful => Some(advice::CHECK_SWITCHES),
             Self::Late => None,
         }
     }
@@ -129,7 +130,7 @@ mod tests {
     #[test]
     fn power_is_doubted_only_where_nothing_was_received() {
         for failure in Failure::ALL {
-            let doubts_power = failure.advice() == Some(Advice::CheckCardPower);
+            let doubts_power = failure.advice() == Some(advice::CHECK_CARD_POWER);
             let has_received = !matches!(failure, Failure::NoReply | Failure::Break);
             assert_eq!(doubts_power, !has_received, "{failure}");
         }

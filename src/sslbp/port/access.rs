@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult, SetupPort};
 use crate::{
-    advice::Advice,
+    advice,
     bus::{Clock, RegisterBus},
     lbp::{AccessRetry, NonvolatileProblem, RemoteLink},
     sslbp::{Channel, PortAccess, PortError, PortOperation, PortState, RemoteAccess, StartMode},
@@ -60,7 +60,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
                 AccessRetry::ATTEMPTS
             ),
             cs,
-            advice: Some(Advice::CheckCableOrAddress),
+            advice: Some(advice::CHECK_CABLE_OR_ADDRESS),
         })
     }
 }
@@ -100,13 +100,13 @@ impl<B: RegisterBus + Clock> RemoteLink for PortLink<'_, B> {
                     channel,
                     failed: "access to non-volatile memory could not be switched off".into(),
                     cs,
-                    advice: Some(Advice::PowerCycleBeforeWriting),
+                    advice: Some(advice::POWER_CYCLE_BEFORE_WRITING),
                 }
             }
             NonvolatileProblem::StillSelected(error) => error,
             NonvolatileProblem::NotKept { written, read } => {
                 let what = format!("non-volatile memory of channel {channel} ({access})");
-                let advice = Advice::CheckWriteProtection;
+                let advice = advice::CHECK_WRITE_PROTECTION;
                 self.port.on(self.bus).not_kept(what, read, written, advice)
             }
         }

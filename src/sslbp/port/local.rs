@@ -2,7 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
-    advice::Advice,
+    advice,
     bus::{Clock, RegisterBus},
     sslbp::{
         Channel, ChannelVariable, MAX_CHANNELS, PortImage, PortOperation, PortParameters,
@@ -61,7 +61,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             what.to_string(),
             found.into(),
             "the same value twice".into(),
-            Some(Advice::CheckSwitches),
+            Some(advice::CHECK_SWITCHES),
         ))
     }
 
@@ -103,7 +103,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             return Ok(());
         }
         let what = format!("local address {address:#05X}");
-        Err(self.not_kept(what, read.into(), value.into(), Advice::ResetPort))
+        Err(self.not_kept(what, read.into(), value.into(), advice::RESET_PORT))
     }
 
     /// Reads the local parameters and checks that this crate supports the firmware.
@@ -134,26 +134,26 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             Err(self.unexpected(what.into(), found, expected + why, Some(advice)))
         };
         let of_sslbp = ", which is that of SSLBP";
-        let unknown = Advice::UseKnownFirmware;
+        let unknown = advice::USE_KNOWN_FIRMWARE;
         require((kind, 0x12), "the interface type", of_sslbp, unknown)?;
         require((width, 8), "the width of DATA", "", unknown)?;
         require((processor, 0xD8), "the interface processor", "", unknown)?;
         if major != 1 || minor < OLDEST_MINOR {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
-            let advice = Some(Advice::FlashNewerFirmware);
+            let advice = Some(advice::FLASH_NEWER_FIRMWARE);
             return Err(self.unexpected("the SSLBP version".into(), found, expected, advice));
         }
         if !has_room(start, stride) {
             let what = "the place of the channel variables".into();
             let found = format!("{start:#04X} with stride {stride:#04X}");
             let expected = "room for those of version 1.43".into();
-            let advice = Some(Advice::UseKnownFirmware);
+            let advice = Some(advice::USE_KNOWN_FIRMWARE);
             return Err(self.unexpected(what, found, expected, advice));
         }
         let all = self.port.layout.channels;
         let as_pins = ", as the pin descriptors have";
-        let other = Advice::UseOtherFirmware;
+        let other = advice::USE_OTHER_FIRMWARE;
         require((channels, all), "the number of channels", as_pins, other)?;
         let parameters = PortParameters {
             major,

@@ -12,7 +12,7 @@ use super::{
     ChannelExchange, ChannelMask, DoitTime, PortError, PortLayout, PortMachine, PortParameters,
     PortState,
 };
-use crate::advice::Advice;
+use crate::advice::{self, Advice};
 use crate::bus::RegisterBus;
 use alloc::format;
 use alloc::string::String;
@@ -91,7 +91,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
     pub(crate) fn known_parameters(&self) -> PortResult<PortParameters> {
         let needed = "its parameters";
         let known = self.port.parameters;
-        known.ok_or_else(|| self.wrong_state(needed.into(), Some(Advice::IdentifyPort)))
+        known.ok_or_else(|| self.wrong_state(needed.into(), Some(advice::IDENTIFY_PORT)))
     }
 
     fn require_existing(&self, mask: ChannelMask) -> PortResult<()> {
@@ -105,7 +105,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
             "a channel that was asked for".into(),
             found,
             expected,
-            Some(Advice::LeaveChannelOut),
+            Some(advice::LEAVE_CHANNEL_OUT),
         ))
     }
 

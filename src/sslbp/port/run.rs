@@ -2,7 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
-    advice::Advice,
+    advice,
     bus::{Access, Clock, RegisterBus},
     sslbp::{
         Channel, CompletedOperation, CsStatus, MAX_CHANNELS, PortError, PortEvent, PortImage,
@@ -211,12 +211,12 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         }
         let (finding, advice) = if command == u32::MAX {
             let finding = " (all ones: there is no board at this address)";
-            (finding, Advice::CheckBoardAddress)
+            (finding, advice::CHECK_BOARD_ADDRESS)
         } else if can_stop {
-            ("", Advice::StopAll)
+            ("", advice::STOP_ALL)
         } else {
             let finding = "; the interface processor does not run";
-            (finding, Advice::ReloadFpga)
+            (finding, advice::RELOAD_FPGA)
         };
         registers.push_str(finding);
         Ok(PortError::Timeout {

@@ -2,7 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
-    advice::Advice,
+    advice,
     bus::{Clock, RegisterBus},
     sslbp::{
         Channel, ChannelMask, ChannelVariable, PortOperation, PortState, ProcessDataSizes,
@@ -75,7 +75,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         if same_mode && running.intersection(mask).is_empty() {
             Ok(())
         } else {
-            Err(self.wrong_state("stopped channels".into(), Some(Advice::StopAllFirst)))
+            Err(self.wrong_state("stopped channels".into(), Some(advice::STOP_ALL_FIRST)))
         }
     }
 }

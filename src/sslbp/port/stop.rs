@@ -2,7 +2,7 @@
 
 use super::{PortResult, SetupPort};
 use crate::{
-    advice::Advice,
+    advice,
     bus::{Clock, RegisterBus},
     sslbp::{ChannelMask, PortError, PortOperation, PortParameters},
 };
@@ -105,7 +105,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             channel,
             failed: "not stopped by a stop".into(),
             cs: snapshot.status(channel),
-            advice: Some(Advice::ResetPort),
+            advice: Some(advice::RESET_PORT),
         })
     }
 }

@@ -2,13 +2,14 @@
 
 use core::time::Duration;
 
-use crate::bus::{BusAdvice, BusError, BusErrorKind};
+use crate::advice::{self, MesaError};
+use crate::bus::{BusError, BusErrorKind};
 
 /// True if a further try cannot succeed: another host drives the board, the list is at fault, or a
 /// firewall of this computer keeps the packet.
 pub(super) fn is_lasting(error: BusError) -> bool {
     matches!(error.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid)
-        || error.advice() == Some(BusAdvice::OpenFirewall)
+        || error.advice() == Some(advice::OPEN_FIREWALL)
 }
 
 /// The error of an exchange whose last of several tries failed with `last`.

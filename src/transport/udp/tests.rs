@@ -6,7 +6,8 @@ mod posted;
 mod sequences;
 
 use super::*;
-use crate::bus::{BusAdvice, BusError, BusErrorKind};
+use crate::advice::{self, MesaError};
+use crate::bus::{BusError, BusErrorKind};
 use network::{Execution, Fate, GOOD, Network};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -142,7 +143,7 @@ fn who_answers_with_less_than_a_number_is_said_to_be_there_and_to_be_no_board() 
             error.to_string().contains("not from a Mesa board"),
             "{error}"
         );
-        assert_eq!(error.advice(), Some(BusAdvice::CheckAddressAndWay));
+        assert_eq!(error.advice(), Some(advice::CHECK_ADDRESS_AND_WAY));
     }
 }
 
@@ -320,9 +321,9 @@ fn the_power_is_doubted_only_if_no_reply_came_at_all() {
         last,
     };
     let advice = |last| gave_up(last).advice();
-    assert_eq!(advice(BusErrorKind::Lost), Some(BusAdvice::CheckBoard));
+    assert_eq!(advice(BusErrorKind::Lost), Some(advice::CHECK_BOARD));
     for last in [BusErrorKind::Late, BusErrorKind::Stale] {
-        assert_eq!(advice(last), Some(BusAdvice::CheckHost));
+        assert_eq!(advice(last), Some(advice::CHECK_HOST));
     }
 }
 

@@ -1,7 +1,7 @@
 //! Damaged and missing data each have their own error.
 
 use super::*;
-use mesa_hal::Advice;
+use mesa_hal::{MesaError, advice};
 
 #[test]
 fn each_kind_of_damage_has_its_own_error() {
@@ -64,7 +64,7 @@ fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
         assert!(matches!(kinds[..], [ProblemKind::Odd { .. }]), "{kinds:?}");
         assert_eq!(kinds[0].to_string(), text);
         let is_scale = text.contains("full scale");
-        assert_eq!(kinds[0].advice() == Some(Advice::CheckScale), is_scale);
+        assert_eq!(kinds[0].advice() == Some(advice::CHECK_SCALE), is_scale);
         assert!(found.plan.is_ok());
     }
 }

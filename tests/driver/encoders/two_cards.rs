@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 
 use std::time::Duration;
 
-use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::driver::{Driver, DriverError};
 use mesa_hal::hal::Pins;
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{
     AxisWiring, DriveSource, Motor, MotorConfig, SimFirmware, SimFpga, gtag, machines,
 };
@@ -124,7 +124,7 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
     ));
     let text = error.to_string();
     assert!(text.contains("encoder 7, expected at most 6"), "{text}");
-    assert_eq!(error.advice(), Some(Advice::SetInstances));
+    assert_eq!(error.advice(), Some(advice::SET_INSTANCES));
     let driver = build(3).expect("three of six");
     assert_eq!(encoders(&driver).len(), 3);
 }

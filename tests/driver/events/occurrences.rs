@@ -421,7 +421,7 @@ fn events_contain_the_time_of_the_bus_and_the_next_step() {
     let event = rig.events.next().expect("an event");
     let late = Duration::from_nanos(event.at.as_nanos() - begin);
     assert!((20..21).contains(&late.as_millis()), "{late:?}");
-    let text = event.to_string();
+    let text = event.with_advice().to_string();
     let cycle = format!("cycle {}, ", rig.before + 1);
     assert!(text.starts_with(&cycle), "{text}");
     assert!(text.contains("watchdog has bitten"), "{text}");

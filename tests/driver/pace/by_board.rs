@@ -8,8 +8,8 @@ use crate::common::machine::{self, start};
 use std::time::Duration;
 
 use crate::common::ethernet::{self, SimLink, WIRE, cut, good};
+use mesa_hal::MesaError;
 use mesa_hal::Settings;
-use mesa_hal::WithAdvice;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
@@ -236,7 +236,7 @@ fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
 fn refusal<B: RegisterBus + Clock>(started: Result<Driver<B>, DriverError>) -> (bool, String) {
     let error = started.err().expect("this bus cannot pace");
     let is_refused = matches!(error, DriverError::NotPaced { .. });
-    let text = WithAdvice::new(&error, error.advice()).to_string();
+    let text = error.with_advice().to_string();
     (is_refused, text)
 }
 

@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
-use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::BusErrorKind;
@@ -14,6 +13,7 @@ use mesa_hal::driver::{
 use mesa_hal::hal::{PinError, ShortName};
 use mesa_hal::remote::ParameterError;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -40,7 +40,7 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_with_the_way_to_write_it() {
     let refused = pins.set_param(parameter, 100).unwrap_err();
     let short = ShortName::new(name);
     assert_eq!(refused, PinError::InRemote { name: short });
-    assert_eq!(refused.advice(), Some(Advice::WriteRemoteParameter));
+    assert_eq!(refused.advice(), Some(advice::WRITE_REMOTE_PARAMETER));
     assert_eq!(pins.param(parameter), 50);
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
 }
@@ -145,7 +145,7 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
         let error = write(&mut board, channel, name, value).unwrap_err();
         assert_eq!(error.to_string(), expected);
         let is_absent = matches!(error, DriverError::Attach(_));
-        assert_eq!(error.advice() == Some(Advice::LookAtMissing), is_absent);
+        assert_eq!(error.advice() == Some(advice::LOOK_AT_MISSING), is_absent);
     }
     assert_eq!(board.missing().len(), 1);
     let elsewhere = board.read_remote_parameter((3, 0), "nvwatchdogtimeout");
@@ -289,7 +289,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
                 bite, so it needs 2 x 1 ms = 2 ms";
     let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();
     assert_eq!(error.to_string(), text);
-    assert_eq!(error.advice(), Some(Advice::LengthenWatchdog));
+    assert_eq!(error.advice(), Some(advice::LENGTHEN_WATCHDOG));
 
     let mut machine = Machine::new();
     let mut write = |value: u32| {

@@ -258,12 +258,12 @@ fn unsure_encoders_are_one_event() {
     let told: Vec<_> = machine
         .events
         .by_ref()
-        .map(|event| event.kind.to_string())
+        .map(|event| event.kind.with_advice().to_string())
         .collect();
     let unsure: Vec<_> = told.iter().filter(|text| text.contains("unsure")).collect();
     assert_eq!(
         unsure,
-        ["position unsure of encoders 00, 01, 02, 03, 04, 05: home again"]
+        ["position unsure of encoders 00, 01, 02, 03, 04, 05; home again"]
     );
     let kind = EventKind::PositionUnsure {
         of: Positions::Encoders,
@@ -271,8 +271,8 @@ fn unsure_encoders_are_one_event() {
         mask: 0x8000_0001,
     };
     assert_eq!(
-        kind.to_string(),
-        "position unsure of encoders 32, 63: home again"
+        kind.with_advice().to_string(),
+        "position unsure of encoders 32, 63; home again"
     );
     assert!(kind.is_fault());
 }

@@ -2,7 +2,6 @@
 //! outputs arrive, and no device is missing.
 
 use crate::common::machine::start;
-use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
@@ -13,6 +12,7 @@ use mesa_hal::driver::{
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sslbp::{Channel, PortLayout};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::devices::{
     Analog, Description, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
@@ -220,7 +220,7 @@ fn an_8i20_is_named_as_unsupported_and_does_not_disturb_other_remotes() {
         text.contains("8I20") && text.contains("not supported"),
         "{text}"
     );
-    assert_eq!(missing.advice(), Some(Advice::AddTable));
+    assert_eq!(missing.advice(), Some(advice::ADD_TABLE));
     drive(&mut driver, 0, "7i64");
     drive(&mut driver, 2, "7i72");
 }
@@ -363,7 +363,7 @@ mode 0 m
     };
     let text = remark.to_string();
     assert!(text.contains("0 to inf are not finite"), "{text}");
-    assert_eq!(remark.advice(), Some(Advice::CheckScale));
+    assert_eq!(remark.advice(), Some(advice::CHECK_SCALE));
 }
 
 /// A silent channel is not a fault, unless the other half of a card is beside it.
@@ -407,7 +407,7 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
     let analog = driver.attach::<I7i77Analog>((0, 1));
     let errors = [field.expect_err("analog"), analog.expect_err("field")];
     for error in &errors {
-        assert_eq!(error.advice(), Some(Advice::ExchangeChannels));
+        assert_eq!(error.advice(), Some(advice::EXCHANGE_CHANNELS));
     }
     let texts = errors.map(|error| error.to_string());
     assert!(
@@ -434,7 +434,7 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
     };
     let error =
         start(swapped(), |s| s.serial_ports = [(0, kinds.clone())].into()).expect_err("swapped");
-    assert_eq!(error.advice(), Some(Advice::ExchangeChannels));
+    assert_eq!(error.advice(), Some(advice::EXCHANGE_CHANNELS));
     let right = machine(vec![device("7i77"), device("analog")]);
     let driver = start(right, |s| s.serial_ports = [(0, kinds)].into()).expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));

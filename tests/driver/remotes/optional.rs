@@ -10,7 +10,7 @@ use mesa_hal::discovery::{DataType, ElementTable, RemoteTable, TableAddresses};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
-use mesa_hal::{Advice, WithAdvice};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::SimFpga;
 use mesa_hal_sim::devices::{FieldIo, Outputs48};
 use mesa_hal_sim::remote::Cable;
@@ -102,7 +102,7 @@ fn are_open(shop: &Shop) -> bool {
 fn reason(shop: &Shop) -> String {
     match shop.status(OUTPUTS).state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
-            WithAdvice::new(&reason, reason.advice()).to_string()
+            reason.with_advice().to_string()
         }
         other => panic!("{other:?}"),
     }
@@ -149,7 +149,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
         other.to_string(),
         "port 0, channel 0: a 7I77 answers, and a VLV4 was expected"
     );
-    assert_eq!(other.advice(), Some(Advice::CheckSwappedCables));
+    assert_eq!(other.advice(), Some(advice::CHECK_SWAPPED_CABLES));
     let other = shop.driver.attach::<I7i72>((0, OUTPUTS as u8)).unwrap_err();
     assert!(other.to_string().contains("a VLV4 answers"), "{other}");
     let nothing = shop.driver.attach::<Valves>((0, 5)).unwrap_err();

@@ -109,11 +109,11 @@ fn an_impossible_parameter_gets_an_allowed_value_and_an_event() {
         };
         let text = event.to_string();
         assert!(
-            text.starts_with(&format!("{name} was set to {asked}, ")),
+            text.starts_with(&format!("{name}: {asked} is out of range ")),
             "{text}"
         );
         assert!(
-            text.contains(&format!("{expected} is used: {allowed}")),
+            text.contains(&format!("{allowed}, {expected} is used")),
             "{text}"
         );
         assert!(event.is_fault());

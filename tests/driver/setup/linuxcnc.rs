@@ -6,7 +6,7 @@ use mesa_hal::driver::{Defaults, Driver, DriverError, PwmConfig};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::RegisterError;
-use mesa_hal::{Advice, Settings};
+use mesa_hal::{Advice, MesaError, Settings, advice};
 use mesa_hal_sim::{SimFirmware, SimFpga, gtag, machines};
 
 type Started = Result<Driver<SimFpga>, DriverError>;
@@ -192,7 +192,7 @@ fn more_instances_than_there_are_is_refused_where_linuxcnc_refuses_it() {
         ("sserial_port_1=0", "sserial 2, expected at most 1"),
     ] {
         let advice = refusal(loaded(firmware(), config), said);
-        assert_eq!(advice, Some(Advice::SetInstances));
+        assert_eq!(advice, Some(advice::SET_INSTANCES));
     }
     // There, these are no errors.
     let driver = i7i97("num_leds=9 num_dplls=2 num_inms=3 num_outms=1");

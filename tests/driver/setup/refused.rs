@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use crate::common::machine::{OUTPUTS, fpga, start};
-use mesa_hal::Advice;
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::bus::{BusError, Phase};
@@ -14,6 +13,7 @@ use mesa_hal::driver::{
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, Registrar};
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
 #[test]
@@ -78,7 +78,7 @@ fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
     board.add(register).expect("the register is free");
     let error = board.start().map(drop).expect_err("two phases");
     assert!(error.to_string().contains("read in two phases"), "{error}");
-    assert_eq!(error.advice(), Some(Advice::LeaveModuleOut));
+    assert_eq!(error.advice(), Some(advice::LEAVE_MODULE_OUT));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::common::machine::{ANALOG, FIELD, Machine, fpga};
 use crate::setup::log::logged;
 use log::Level;
-use mesa_hal::WithAdvice;
+use mesa_hal::MesaError;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::transport::{Fault, Faulty};
 
@@ -25,7 +25,7 @@ fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
         let (stopped, result) = cut_off().driver.stop();
         let error = result.expect_err("two are cut off");
         assert_eq!(error.not_reached.len(), 2, "{error}");
-        let error = WithAdvice::new(&error, error.advice());
+        let error = error.with_advice();
         told = format!("{}: was dropped: {error}", stopped.name());
     });
     assert_eq!(log, [""; 0], "who stops is told, and nothing is said twice");

@@ -6,7 +6,7 @@ use crate::common::ethernet::{self, SimLink, cut};
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use crate::faults::remote_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
 use mesa_hal::driver::RemoteWatchdog;
-use mesa_hal::{Advice, UdpBus};
+use mesa_hal::{MesaError, UdpBus, advice};
 use mesa_hal_sim::SimFpga;
 
 /// Stops the machine; returns the board, and the channels in the report.
@@ -58,7 +58,7 @@ fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
         let place = (remote.remote.port, usize::from(remote.remote.channel));
         assert_eq!(place, (0, OUTPUTS), "{error}");
         assert_eq!(remote.watchdog, RemoteWatchdog::Off);
-        assert_eq!(error.advice(), Some(Advice::SwitchOffPower));
+        assert_eq!(error.advice(), Some(advice::SWITCH_OFF_POWER));
         assert_eq!(lit(&mut driver.into_bus(), 1000), [OUTPUTS]);
     }
 }

@@ -1,7 +1,7 @@
 //! The memory of simulated remotes, over the wire.
 
 use super::*;
-use mesa_hal::Advice;
+use mesa_hal::advice;
 
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; the memory of transcript t03 in all four modes.
 #[test]
@@ -136,7 +136,7 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
         result,
         Err(PortError::Channel {
             channel: ZERO,
-            advice: Some(Advice::PowerCycleBeforeWriting),
+            advice: Some(advice::POWER_CYCLE_BEFORE_WRITING),
             ..
         })
     ));

@@ -12,7 +12,7 @@ use crate::written::{expect, load, switch_on};
 const IO_ERROR: &str = "set hm2_7i97.0.io_error to FALSE to go on";
 const HAS_BIT: &str = "set hm2_7i97.0.watchdog.has_bit to FALSE to go on";
 const REARM: &str = "set hm2_7i97.0.7i77.0.0.rearm to FALSE and TRUE to go on";
-const HOME: &str = "position unsure of encoders 00, 01, 02, 03, 04, 05: home again";
+const HOME: &str = "position unsure of encoders 00, 01, 02, 03, 04, 05; home again";
 
 /// Waits for a message, and forgets those before it.
 fn read(linuxcnc: &mut LinuxCnc, begin: &str, end: &str) {

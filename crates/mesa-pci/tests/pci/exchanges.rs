@@ -2,6 +2,7 @@
 
 use mesa_pci::BoardKind;
 use mesa_pci::simulated::SimulatedRegisters;
+use mesa_wire::MesaError;
 use mesa_wire::bus::{Access, BusError, BusErrorKind, RegisterBus};
 
 use crate::folder::{Folder, Served, device, peek, plain, poke};

@@ -1,10 +1,11 @@
-//! A board is refused with the reason and the remedy.
+//! A board is refused with the reason and the advice.
 
 use std::fs;
 use std::os::unix::fs::{FileExt, PermissionsExt, symlink};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+use mesa_hal::MesaError;
 use mesa_pci::simulated::SimulatedDevice;
 use mesa_pci::{BoardKind, PciDevice, PciOpenError, search};
 
@@ -49,13 +50,18 @@ fn a_device_that_is_not_there_or_is_no_board_is_named() {
     let root = Folder::new();
     let error = PciDevice::at(root.path(), address()).expect_err("nothing there");
     assert!(matches!(error, PciOpenError::NoDevice { .. }));
-    assert!(error.remedy().contains("lspci -D -d 2718:"));
+    assert!(
+        error
+            .with_advice()
+            .to_string()
+            .contains("lspci -D -d 2718:")
+    );
     let folder = plain(root.path(), BoardKind::I5i25);
     fs::write(folder.join("vendor"), "0x10b5\n").expect("written");
     fs::write(folder.join("device"), "0x9030\n").expect("written");
     let error = PciDevice::at(root.path(), address()).expect_err("a bridge");
     assert!(error.to_string().contains("10b5:9030"), "{error}");
-    assert!(error.remedy().contains("PLX"));
+    assert!(error.with_advice().to_string().contains("PLX"));
 }
 
 #[test]
@@ -65,9 +71,9 @@ fn a_driver_of_the_kernel_is_named_with_the_way_to_unbind_it() {
     symlink("../../../bus/pci/drivers/vfio-pci", folder.join("driver")).expect("a link");
     let error = refused(root.path());
     assert!(error.to_string().contains("`vfio-pci`"), "{error}");
-    let remedy = error.remedy();
-    let way = "echo 0000:05:00.0 > /sys/bus/pci/drivers/vfio-pci/unbind";
-    assert!(remedy.contains(way), "{remedy}");
+    let text = error.with_advice().to_string();
+    let way = "echo ADDRESS > /sys/bus/pci/drivers/DRIVER/unbind";
+    assert!(text.contains(way), "{text}");
 }
 
 #[test]
@@ -105,8 +111,9 @@ fn memory_that_is_off_is_refused_with_the_command_that_switches_it_on() {
     assert!(error.to_string().contains("0x0005"), "{error}");
     assert!(
         error
-            .remedy()
-            .contains("setpci -s 0000:05:00.0 COMMAND=0x2:0x2")
+            .with_advice()
+            .to_string()
+            .contains("setpci -s ADDRESS COMMAND=0x2:0x2")
     );
 }
 
@@ -123,10 +130,10 @@ fn without_rights_the_rule_for_udev_is_given() {
     }
     let error = refused(root.path());
     assert!(matches!(error, PciOpenError::NoAccess { .. }), "{error}");
-    let remedy = error.remedy();
+    let text = error.with_advice().to_string();
     assert!(
-        remedy.contains("/etc/udev/rules.d/") && remedy.contains("2718"),
-        "{remedy}"
+        text.contains("/etc/udev/rules.d/") && text.contains("2718"),
+        "{text}"
     );
 }
 
@@ -155,7 +162,11 @@ fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
     // `flock` has become the shell.
     let expected = format!("`sh` (process {}) drives this board", other.id());
     assert!(error.to_string().contains(&expected), "{error}");
-    assert!(error.remedy().contains("end it"), "{}", error.remedy());
+    assert!(
+        error.with_advice().to_string().contains("end it"),
+        "{}",
+        error.with_advice().to_string()
+    );
     drop(other.stdin.take());
     other.wait().expect("it ends");
     let bus = device(root.path()).open().expect("free again");
@@ -200,7 +211,7 @@ fn linuxcnc_has_no_lock_and_is_found_by_its_mappings() {
         matches!(error, PciOpenError::PerhapsOccupied { .. }),
         "{error}"
     );
-    assert!(error.remedy().contains("halrun -U"));
+    assert!(error.with_advice().to_string().contains("halrun -U"));
     // Its mappings are those of other boards.
     fs::remove_dir(linuxcnc.join("maps")).expect("removed");
     let resource = fs::canonicalize(folder.join("resource0")).expect("a path");
@@ -248,8 +259,8 @@ fn without_the_cookie_a_silent_board_is_told_from_another_firmware() {
     poke(&folder, 0x0100, 0x1234_5678);
     let other = refused(root.path());
     assert!(other.to_string().contains("12345678"), "{other}");
-    assert!(silent.remedy().contains("does not answer"));
-    assert!(other.remedy().contains("firmware"));
+    assert!(silent.with_advice().to_string().contains("does not answer"));
+    assert!(other.with_advice().to_string().contains("firmware"));
 }
 
 #[test]
@@ -269,7 +280,7 @@ fn a_folder_that_a_simulator_left_behind_is_no_board_and_is_made_anew() {
     .expect("copied");
     let error = refused(copy.path());
     assert!(matches!(error, PciOpenError::NoSimulator { .. }), "{error}");
-    assert!(error.remedy().contains("mesa sim --pci"));
+    assert!(error.with_advice().to_string().contains("mesa sim --pci"));
     drop(device);
     assert_eq!(search(root.path()).expect("boards"), [], "removed");
     assert!(SimulatedDevice::new(root.path(), address(), BoardKind::I5i25).is_ok());

@@ -120,7 +120,7 @@ impl Control {
         };
         let name = driver.name().to_owned();
         let found = control.find_encoders(driver.pins_mut(), &name);
-        found.map_err(|error| advised(&error, error.advice()))?;
+        found.map_err(|error| advised(&error))?;
         Ok(control)
     }
 
@@ -152,7 +152,7 @@ impl Control {
             }
             Err(CycleError::Read { consecutive, .. }) if *consecutive < GONE => false,
             Err(error) => {
-                self.failure = Some(advised(error, error.advice()));
+                self.failure = Some(advised(error));
                 return ControlFlow::Break(());
             }
         };

@@ -30,7 +30,7 @@ impl Drives {
             });
         }
         let card = driver.attach::<I7i77Analog>((0, 1));
-        let card = card.map_err(|error| advised(&error, error.advice()))?;
+        let card = card.map_err(|error| advised(&error))?;
         Ok(Self {
             outputs: card.analog_out,
             name: "the analog outputs of the 7I77",

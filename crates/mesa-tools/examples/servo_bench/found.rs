@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use mesa_hal::WithAdvice;
+use mesa_hal::MesaError;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
@@ -45,11 +45,11 @@ fn write_all<B: RegisterBus + Clock>(
         }
     }
     for remark in driver.remarks() {
-        let remark = WithAdvice::new(remark, remark.advice());
+        let remark = remark.with_advice();
         println!("  note: {remark}");
     }
     for missing in driver.missing() {
-        let missing = WithAdvice::new(missing, missing.advice());
+        let missing = missing.with_advice();
         writeln!(out, "  missing: {missing}")?;
     }
     let lists = driver.lists();

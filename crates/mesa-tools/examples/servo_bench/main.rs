@@ -24,7 +24,7 @@ use args::{Args, Parsed};
 use mesa_hal::driver::{Driver, Settings};
 use mesa_hal::runner::{Runner, Stop};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal::{Advice, WithAdvice};
+use mesa_hal::{MesaError, WithAdvice};
 
 /// Limit of the wait for a transfer. The wait only measures the transfer: a cycle itself need not
 /// wait.
@@ -66,12 +66,12 @@ fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
 
 fn connect(address: SocketAddrV4) -> Result<UdpBus, Failure> {
     let bus = UdpBus::connect(address, UdpConfig::default());
-    bus.map_err(|error| advised(&error, error.advice().map(Advice::Bus)))
+    bus.map_err(|error| advised(&error))
 }
 
 /// A failure with the facts of an error and its advice.
-fn advised(facts: &dyn Display, advice: Option<Advice>) -> Failure {
-    WithAdvice::new(facts, advice).to_string().into()
+fn advised(error: &dyn MesaError) -> Failure {
+    WithAdvice::of(error).to_string().into()
 }
 
 fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
@@ -82,7 +82,7 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
         ..Settings::default()
     };
     let driver = Driver::start(timed::Timed::new(bus), settings);
-    let mut driver = driver.map_err(|error| advised(&error, error.advice()))?;
+    let mut driver = driver.map_err(|error| advised(&error))?;
     print(found::list(&driver, args.pins));
     let mut control = control::Control::new(&mut driver, args)?;
     let ended = Runner::new(driver)
@@ -93,7 +93,7 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
     let summary = result::Summary::of(&control, &ended, args);
     print(&summary.text);
     let stopped = ended.stopped;
-    let stopped = stopped.map_err(|error| advised(&error, error.advice()));
+    let stopped = stopped.map_err(|error| advised(&error));
     let result = control.failure.map_or(Ok(()), Err).and(stopped);
     if let Some(signal) = ended.signal {
         if let Err(error) = result {

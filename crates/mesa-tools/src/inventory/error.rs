@@ -1,9 +1,9 @@
 //! Errors of an inventory.
 
-use mesa_hal::Advice;
 use mesa_hal::bus::BusError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::sslbp::PortError;
+use mesa_hal::{Advice, MesaError};
 
 /// Result of a step of an inventory.
 pub(super) type Taken<T> = Result<T, InventoryError>;
@@ -47,14 +47,13 @@ pub enum InventoryError {
     },
 }
 
-impl InventoryError {
-    /// The next step, if the library has one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for InventoryError {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Identify(error) => error.advice(),
             Self::Firmware(error) => error.advice(),
             Self::Port(error) => error.advice(),
-            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::Bus(error) => error.advice(),
             Self::NoSuchPort { .. } | Self::NoSuchChannel { .. } => None,
         }
     }

@@ -5,15 +5,14 @@ use super::{
     InventoryTerminal,
 };
 use crate::advice::{told, with_advice};
-use mesa_hal::Advice;
+use mesa_hal::advice;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
     DataDirection, DataRecord, Discovery, ModeRecord, ModeType, RemoteTable,
 };
 use mesa_hal::lbp::{RemoteFaults, RemoteLink};
-use mesa_hal::remote::ParameterError;
-use mesa_hal::sslbp::{LocalLocation, Port, PortError, PortLink, RemoteAccess};
+use mesa_hal::sslbp::{LocalLocation, Port, PortLink, RemoteAccess};
 
 /// Reads the parameters and faults of a discovered remote.
 pub(super) fn take_remote<B: RegisterBus + Clock>(
@@ -26,8 +25,8 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
     let mut memory = PortLink { port, bus, channel };
     let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
     let mut problems: Vec<String> = found.problems.iter().map(|problem| told(problem)).collect();
-    let advice = Some(Advice::CheckCableOrAddress);
-    problems.extend(found.read_error.map(|error| with_advice(error, advice)));
+    let check = Some(advice::CHECK_CABLE_OR_ADDRESS);
+    problems.extend(found.read_error.map(|error| with_advice(error, check)));
     let faults = if found.started.ptoc == 0 {
         // Remotes older than discovery do not have this location.
         Ok((0, 0))
@@ -35,7 +34,7 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
         faults_of(&mut memory)
     };
     let (faults, faults_before) = faults.unwrap_or_else(|error| {
-        problems.push(with_advice(&error, error.advice()));
+        problems.push(told(&error));
         (0, 0)
     });
     let parameters = descriptor.parameters.iter();
@@ -105,17 +104,13 @@ fn parameter<B: RegisterBus + Clock>(
     memory: &mut PortLink<'_, B>,
 ) -> InventoryParameter {
     let read = record.read_parameter(memory);
-    let advice = |error: &ParameterError<PortError>| match error {
-        ParameterError::Memory(error) => error.advice(),
-        error => error.advice(),
-    };
     let error = read.as_ref().err();
     let value = read.as_ref().ok();
     InventoryParameter {
         data: record.into(),
         value: value.map(|value| value.value),
         raw: value.map(|value| value.raw),
-        error: error.map(|error| with_advice(error, advice(error))),
+        error: error.map(|error| told(error)),
     }
 }
 

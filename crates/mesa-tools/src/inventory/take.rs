@@ -23,7 +23,7 @@ use mesa_hal::sslbp::{
     Channel as Line, ComState, CsStatus, Port, PortLayout, PortParameters, PortPlace, StartFailure,
     StartFailureReason,
 };
-use mesa_hal::{Advice, RemoteId};
+use mesa_hal::{MesaError, RemoteId, advice};
 
 /// Watchdog time during the inventory of a port: longer than the inventory takes with the worst
 /// wiring.
@@ -272,7 +272,7 @@ fn take_remotes<B: RegisterBus + Clock>(
         let (major, minor) = (parameters.major, parameters.minor);
         let why = PortParameters::OLD_VERSION;
         let facts = format_args!("port {number} has SSLBP {major}.{minor}: {why}");
-        with_advice(facts, Some(Advice::LoadNewerFirmware))
+        with_advice(facts, Some(advice::LOAD_NEWER_FIRMWARE))
     });
     let mut channels = Vec::new();
     for (&(line, _), outcome) in starts.iter().zip(outcomes) {

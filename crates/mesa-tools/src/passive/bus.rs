@@ -4,7 +4,6 @@ use core::ops::Range;
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use mesa_hal::Advice;
 use mesa_hal::bus::{
     Access, BusError, BusErrorKind, Clock, CustomError, Direction, Instant, RegisterBus,
 };
@@ -15,6 +14,7 @@ use mesa_hal::lbp16::{
     Command, InfoArea, Lbp16Error, Operation, Operations, RequestBuilder, Space, elements,
 };
 use mesa_hal::transport::udp::{PacketLink, UdpLink};
+use mesa_hal::{Advice, MesaError};
 
 use crate::inventory::InventoryError;
 
@@ -130,11 +130,10 @@ pub enum PassiveError {
 
 const WRITE: &str = "a look at a running machine writes nothing";
 
-impl PassiveError {
-    /// The next step, if the library has one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for PassiveError {
+    fn advice(&self) -> Option<Advice> {
         match self {
-            Self::Bus(error) => error.advice().map(Advice::Bus),
+            Self::Bus(error) => error.advice(),
             _ => None,
         }
     }

@@ -4,10 +4,8 @@ mod serial;
 mod value;
 
 use core::convert::Infallible;
-use core::error::Error;
 use std::collections::BTreeMap;
 
-use mesa_hal::Advice;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
@@ -16,6 +14,7 @@ use mesa_hal::driver::{Configured, DriverError};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::remote::ParameterError;
+use mesa_hal::{Advice, MesaError};
 
 pub use serial::{SerialCabinet, SerialCabinetError};
 pub use value::{SavedValue, parse_value};
@@ -25,7 +24,7 @@ pub use value::{SavedValue, parse_value};
 /// ([`SerialCabinet`](super::SerialCabinet)).
 pub trait Cabinet {
     /// Error of an access to a parameter.
-    type Error: Error + 'static;
+    type Error: MesaError;
 
     /// Returns the remotes with their places.
     fn remotes(&self) -> Vec<CabinetRemote>;
@@ -213,7 +212,7 @@ pub struct CabinetDifference {
 /// Error of a file that does not fit the remotes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum RestoreError<E: Error + 'static> {
+pub enum RestoreError<E: MesaError> {
     /// An access failed.
     #[error(transparent)]
     Cabinet(#[from] E),
@@ -261,16 +260,12 @@ pub enum RestoreError<E: Error + 'static> {
     },
 }
 
-impl<E: Error + 'static> RestoreError<E> {
-    /// The next step, if the library has one. That of [`Cabinet`](Self::Cabinet) is the advice of
-    /// the error inside, which this function does not know: `None`.
-    pub fn advice(&self) -> Option<Advice> {
+impl<E: MesaError> MesaError for RestoreError<E> {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Parameter { source, .. } => source.advice(),
-            Self::Cabinet(_)
-            | Self::Format { .. }
-            | Self::Missing { .. }
-            | Self::Ambiguous { .. } => None,
+            Self::Cabinet(error) => error.advice(),
+            Self::Format { .. } | Self::Missing { .. } | Self::Ambiguous { .. } => None,
         }
     }
 }
@@ -395,7 +390,7 @@ impl CabinetDifference {
 }
 
 impl SavedRemote {
-    fn find<'a, E: Error>(
+    fn find<'a, E: MesaError>(
         &self,
         there: &'a [CabinetRemote],
         by: RemoteMatch,

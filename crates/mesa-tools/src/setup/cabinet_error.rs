@@ -1,6 +1,6 @@
 //! Error of a cabinet that is a board or a serial port.
 
-use mesa_hal::{Advice, DriverError};
+use mesa_hal::{Advice, DriverError, MesaError};
 
 use super::SerialCabinetError;
 
@@ -16,9 +16,8 @@ pub enum CabinetError {
     Serial(#[from] SerialCabinetError),
 }
 
-impl CabinetError {
-    /// The next step, if the library has one.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for CabinetError {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Board(error) => error.advice(),
             Self::Serial(error) => error.advice(),

@@ -4,6 +4,7 @@ use core::fmt;
 use std::io;
 
 use crate::counted::Counted;
+use mesa_hal::MesaError;
 use mesa_hal::lbp::{LbpError, RemoteAccess};
 
 /// Error of an operation over a serial port.
@@ -79,6 +80,8 @@ pub enum SerialError {
         read: u64,
     },
 }
+
+impl MesaError for SerialError {}
 
 /// Request to a remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

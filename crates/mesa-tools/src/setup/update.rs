@@ -12,16 +12,13 @@
 
 mod extent;
 
-use core::error::Error;
-
-use super::{FirmwareFile, SerialError};
-use mesa_hal::Advice;
+use super::FirmwareFile;
+use mesa_hal::{Advice, MesaError};
 
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
     AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
 };
-use mesa_hal::sslbp::PortError;
 
 /// Plausible sizes for the flash memory of a microcontroller, as powers of two.
 const LOG2_WRITE: core::ops::RangeInclusive<u8> = 3..=14;
@@ -39,7 +36,7 @@ const STEP: usize = 8;
 /// Error of a firmware update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum UpdateError<E: Error + 'static> {
+pub enum UpdateError<E: MesaError> {
     /// An access failed.
     #[error("{0}; once the cause is removed, the same command finishes the update")]
     Link(#[from] E),
@@ -120,20 +117,12 @@ pub enum UpdateError<E: Error + 'static> {
     },
 }
 
-impl UpdateError<PortError> {
-    /// The next step, if the library has one; the other texts contain their own.
-    pub fn advice(&self) -> Option<Advice> {
+impl<E: MesaError> MesaError for UpdateError<E> {
+    fn advice(&self) -> Option<Advice> {
         match self {
             Self::Link(error) => error.advice(),
             _ => None,
         }
-    }
-}
-
-impl UpdateError<SerialError> {
-    /// The next step, if the library has one: none, because the texts contain their own.
-    pub const fn advice(&self) -> Option<Advice> {
-        None
     }
 }
 

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE};
 use crate::common::machine::start;
+use mesa_hal::MesaError;
 use mesa_hal::bus::{
     Access, BusError, BusErrorKind, Clock, CustomError, Instant, LinkError, RegisterBus,
 };

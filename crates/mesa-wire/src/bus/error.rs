@@ -3,8 +3,8 @@
 use core::fmt;
 use core::time::Duration;
 
-use super::{Access, BusAdvice, PciAddress};
-use crate::Rounded;
+use super::{Access, PciAddress, advice};
+use crate::{Advice, MesaError, Rounded};
 
 /// An exchange of a [`RegisterBus`](super::RegisterBus) failed. No word that it reads has changed.
 ///
@@ -234,12 +234,10 @@ impl BusError {
             Self::Custom(error) => error.kind,
         }
     }
+}
 
-    /// The next step, if there is one.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub const fn advice(&self) -> Option<BusAdvice> {
+impl MesaError for BusError {
+    fn advice(&self) -> Option<Advice> {
         Some(match self {
             // A board whose replies are late has power and a cable.
             Self::Late { .. }
@@ -247,19 +245,19 @@ impl BusError {
             | Self::GaveUp {
                 last: BusErrorKind::Late | BusErrorKind::Stale,
                 ..
-            } => BusAdvice::CheckHost,
+            } => advice::CHECK_HOST,
             Self::Lost { .. } | Self::GaveUp { .. } | Self::Unanswered { .. } => {
-                BusAdvice::CheckBoard
+                advice::CHECK_BOARD
             }
-            Self::Foreign { .. } => BusAdvice::CheckAddressAndWay,
-            Self::Short { .. } => BusAdvice::FindOtherProgram,
-            Self::OtherHost { .. } => BusAdvice::EndOtherProgram,
+            Self::Foreign { .. } => advice::CHECK_ADDRESS_AND_WAY,
+            Self::Short { .. } => advice::FIND_OTHER_PROGRAM,
+            Self::OtherHost { .. } => advice::END_OTHER_PROGRAM,
             Self::Link { error, .. } => return error.advice(),
-            Self::Vanished { .. } => BusAdvice::CheckSlot,
-            Self::TooLong { .. } => BusAdvice::ShortenList,
-            Self::OtherBus => BusAdvice::PrepareList,
-            Self::NotStarted => BusAdvice::StartList,
-            Self::LongHold { .. } => BusAdvice::ShortenPeriod,
+            Self::Vanished { .. } => advice::CHECK_SLOT,
+            Self::TooLong { .. } => advice::SHORTEN_LIST,
+            Self::OtherBus => advice::PREPARE_LIST,
+            Self::NotStarted => advice::START_LIST,
+            Self::LongHold { .. } => advice::SHORTEN_PERIOD,
             Self::Custom(error) => return error.advice,
             Self::BadAccess { .. } | Self::Injected { .. } => return None,
         })
@@ -300,14 +298,15 @@ impl LinkError {
             Self::Custom(error) => error.kind,
         }
     }
+}
 
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<BusAdvice> {
+impl MesaError for LinkError {
+    fn advice(&self) -> Option<Advice> {
         match self {
             // Another host answers, so that the cable is good.
-            Self::Refused => Some(BusAdvice::CheckAddress),
-            Self::Unreachable => Some(BusAdvice::CheckInterface),
-            Self::Blocked => Some(BusAdvice::OpenFirewall),
+            Self::Refused => Some(advice::CHECK_ADDRESS),
+            Self::Unreachable => Some(advice::CHECK_INTERFACE),
+            Self::Blocked => Some(advice::OPEN_FIREWALL),
             Self::System(_) => None,
             Self::Custom(error) => error.advice,
         }
@@ -371,7 +370,7 @@ pub struct CustomError {
     kind: BusErrorKind,
     text: &'static str,
     code: Option<u32>,
-    advice: Option<BusAdvice>,
+    advice: Option<Advice>,
 }
 
 impl CustomError {
@@ -394,9 +393,9 @@ impl CustomError {
         }
     }
 
-    /// Sets the next step.
+    /// Sets the next step, which [`MesaError::advice`] returns.
     #[must_use]
-    pub const fn with_advice(self, advice: BusAdvice) -> Self {
+    pub const fn advising(self, advice: Advice) -> Self {
         Self {
             advice: Some(advice),
             ..self
@@ -417,9 +416,10 @@ impl CustomError {
     pub const fn code(&self) -> Option<u32> {
         self.code
     }
+}
 
-    /// The next step, if there is one.
-    pub const fn advice(&self) -> Option<BusAdvice> {
+impl MesaError for CustomError {
+    fn advice(&self) -> Option<Advice> {
         self.advice
     }
 }
@@ -500,9 +500,9 @@ mod tests {
     fn errors_of_a_socket_have_the_advice_of_their_kind() {
         use std::io::{Error, ErrorKind};
         for (kind, advice) in [
-            (ErrorKind::ConnectionRefused, Some(BusAdvice::CheckAddress)),
-            (ErrorKind::HostUnreachable, Some(BusAdvice::CheckInterface)),
-            (ErrorKind::PermissionDenied, Some(BusAdvice::OpenFirewall)),
+            (ErrorKind::ConnectionRefused, Some(advice::CHECK_ADDRESS)),
+            (ErrorKind::HostUnreachable, Some(advice::CHECK_INTERFACE)),
+            (ErrorKind::PermissionDenied, Some(advice::OPEN_FIREWALL)),
             (ErrorKind::OutOfMemory, None),
         ] {
             let error = LinkError::from(Error::from(kind));

@@ -7,7 +7,7 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
-mod advice;
+pub mod advice;
 mod erased;
 mod error;
 mod fault;
@@ -18,7 +18,6 @@ mod layer;
 mod list;
 mod pci_address;
 
-pub use advice::BusAdvice;
 pub use erased::DynBus;
 pub use error::{BusError, BusErrorKind, CustomError, LinkError};
 pub use fault::Fault;

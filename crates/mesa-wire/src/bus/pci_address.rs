@@ -27,6 +27,8 @@ pub struct PciAddress {
 )]
 pub struct PciAddressError(String);
 
+impl crate::MesaError for PciAddressError {}
+
 impl fmt::Display for PciAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {

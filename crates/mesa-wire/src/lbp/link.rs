@@ -1,9 +1,9 @@
 //! A line to one remote in setup mode, independent of the carrier, and access to its memories.
 
-use core::error::Error;
 use core::time::Duration;
 
 use super::{NonvolatileMemory, ParameterSequence, RemoteAccess, SequenceStep};
+use crate::MesaError;
 use crate::time::Instant;
 
 /// A line to one remote in setup mode: a channel of the FPGA (`sslbp::PortLink` of `mesa-hal`), or
@@ -11,7 +11,7 @@ use crate::time::Instant;
 /// it only.
 pub trait RemoteLink {
     /// Error of an access.
-    type Error: Error + 'static;
+    type Error: MesaError;
 
     /// Reads or writes, and returns the value read, right-justified; 0 for a write. Repeated if the
     /// reply is lost, so that every access must be idempotent.

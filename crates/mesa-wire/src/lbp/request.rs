@@ -34,6 +34,8 @@ pub enum LbpError {
     },
 }
 
+impl crate::MesaError for LbpError {}
+
 /// Command byte of the discovery RPC; its reply is a [`DiscoveryReply`].
 ///
 /// FACTS 1.2: one section of the manual swaps it with the unit number RPC.

@@ -63,3 +63,5 @@ pub enum Lbp16Error {
         found: u16,
     },
 }
+
+impl crate::MesaError for Lbp16Error {}

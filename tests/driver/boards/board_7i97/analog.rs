@@ -1,9 +1,9 @@
 //! The analog outputs: voltages, enables, and the PWM behind them.
 
-use mesa_hal::Advice;
 use mesa_hal::boards::PwmTable;
 use mesa_hal::driver::PwmConfig;
 use mesa_hal::hal::Value;
+use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{SimPinDescriptor, gtag};
 
 use super::*;
@@ -380,7 +380,7 @@ fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused()
     }
     let refused = Driver::start(with_spindles(), with(&[(8, PwmConfig::default())]));
     let error = refused.expect_err("8 generators");
-    assert_eq!(error.advice(), Some(Advice::SetPwm));
+    assert_eq!(error.advice(), Some(advice::SET_PWM));
     assert!(error.to_string().contains('8'), "{error}");
 }
 
@@ -393,7 +393,7 @@ fn a_frequency_that_the_clock_does_not_allow_is_refused_and_a_7i97t_has_its_own(
         };
         let refused = Driver::start(machines::i7i97(1), settings).err();
         let error = refused.expect("no such frequency");
-        assert_eq!(error.advice(), Some(Advice::SetPwmFrequency));
+        assert_eq!(error.advice(), Some(advice::SET_PWM_FREQUENCY));
         assert!(error.to_string().contains("1 to 390619 Hz"), "{error}");
     }
     for (version, hz) in [(0, 48_000), (1, 75_000)] {

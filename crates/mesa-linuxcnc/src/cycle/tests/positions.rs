@@ -129,7 +129,7 @@ fn a_doubt_at_the_start_is_on_no_screen_and_a_loss_is() {
         bench.set("watchdog.has_bit", false);
         bench.run(100);
         let errors = bench.heard(Level::Error);
-        let told = "hm2_7i97.0: position unsure of encoders 00, 01, 02, 03, 04, 05: home again";
+        let told = "hm2_7i97.0: position unsure of encoders 00, 01, 02, 03, 04, 05; home again";
         let told = errors.iter().filter(|error| **error == told);
         assert_eq!(told.count(), 1, "{errors:#?}");
     }

@@ -4,11 +4,11 @@ use std::io::{Read, Write};
 
 use super::{Cabinet, CabinetRemote, RemotePlace};
 use crate::setup::{SerialError, SerialHost, SerialRemote};
-use mesa_hal::Advice;
 use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::{RemoteAccess, RemoteLink};
 use mesa_hal::remote::ParameterError;
+use mesa_hal::{Advice, MesaError};
 
 /// The remote on a serial port, with its description.
 #[derive(Debug)]
@@ -30,9 +30,8 @@ pub struct SerialCabinetError {
     pub source: ParameterError<SerialError>,
 }
 
-impl SerialCabinetError {
-    /// The next step, if the library has one. The text of a [`SerialError`] contains its own.
-    pub fn advice(&self) -> Option<Advice> {
+impl MesaError for SerialCabinetError {
+    fn advice(&self) -> Option<Advice> {
         self.source.advice()
     }
 }

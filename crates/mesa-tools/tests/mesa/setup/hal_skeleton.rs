@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use mesa_hal::hal::PinError;
 use mesa_hal::runner::{Runner, Stop};
-use mesa_hal::{Counter, Driver, Input, Output, Pins, Settings, UdpBus, UdpConfig, WithAdvice};
+use mesa_hal::{Counter, Driver, Input, MesaError, Output, Pins, Settings, UdpBus, UdpConfig};
 
 /// The board, unless an argument names another. TODO: made from a simulated board.
 const BOARD: &str = "10.10.10.10:27181";
@@ -272,7 +272,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let bus = UdpBus::connect(address, UdpConfig::default())?;
     let driver = Driver::start(bus, settings)?;
     for missing in driver.missing() {
-        let missing = WithAdvice::new(missing, missing.advice());
+        let missing = missing.with_advice();
         eprintln!("MISSING: {missing}");
     }
     let machine = Machine::find(driver.pins())?;
@@ -284,7 +284,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
         Continue(())
     });
     for event in events {
-        eprintln!("{event}");
+        eprintln!("{}", event.with_advice());
     }
     ended.stopped?;
     Ok(match ended.signal {

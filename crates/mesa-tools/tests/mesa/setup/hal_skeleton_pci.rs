@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use mesa_hal::hal::PinError;
 use mesa_hal::runner::{Runner, Stop};
-use mesa_hal::{Counter, Driver, Input, Output, Pins, Settings, WithAdvice};
+use mesa_hal::{Counter, Driver, Input, MesaError, Output, Pins, Settings};
 use mesa_pci::{PciDevice, SYSFS};
 
 /// The board, unless an argument names another. TODO: made from a simulated board.
@@ -273,10 +273,10 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let device = PciDevice::at(SYSFS.as_ref(), address)?;
     let bus = device
         .open()
-        .map_err(|error| format!("{error}; {}", error.remedy()))?;
+        .map_err(|error| error.with_advice().to_string())?;
     let driver = Driver::start(bus, settings)?;
     for missing in driver.missing() {
-        let missing = WithAdvice::new(missing, missing.advice());
+        let missing = missing.with_advice();
         eprintln!("MISSING: {missing}");
     }
     let machine = Machine::find(driver.pins())?;
@@ -288,7 +288,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
         Continue(())
     });
     for event in events {
-        eprintln!("{event}");
+        eprintln!("{}", event.with_advice());
     }
     ended.stopped?;
     Ok(match ended.signal {

@@ -1,11 +1,9 @@
 //! A look at a board that another program drives: the bus, its errors, and the time between looks.
 
-use std::error::Error;
 use std::time::Duration;
 
-use mesa_hal::Advice;
-use mesa_hal::bus::{BusAdvice, Clock, Instant};
-use mesa_tools::advice::advice_of;
+use mesa_hal::bus::{Clock, Instant};
+use mesa_hal::{Advice, AdviceTopic, MesaError};
 use mesa_tools::passive::PassiveBus;
 
 use crate::board::address::BoardAddress;
@@ -22,12 +20,13 @@ pub const NOTICE: Duration = Duration::from_millis(100);
 
 /// Failure of a look, with the way through the firewall that LinuxCNC's own driver sets up for the
 /// interface of its board.
-pub fn failed(address: BoardAddress, error: &(dyn Error + 'static)) -> Failure {
+pub fn failed(address: BoardAddress, error: &dyn MesaError) -> Failure {
     let of_error = || Failure::of(error, format_args!("{address}: {}", told(error)));
     let Some(address) = address.on_ethernet() else {
         return of_error();
     };
-    if advice_of(error) != Some(Advice::Bus(BusAdvice::OpenFirewall)) {
+    let topic = error.advice().map(Advice::topic);
+    if topic != Some(AdviceTopic::Firewall) {
         return of_error();
     }
     let (ip, port) = (address.ip(), address.port());

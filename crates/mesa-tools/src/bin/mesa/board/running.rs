@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
+use mesa_hal::MesaError;
 use mesa_hal::RemoteId;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, Pace, StopError};

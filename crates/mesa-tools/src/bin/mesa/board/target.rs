@@ -10,7 +10,7 @@ use mesa_hal::ethernet::{EthernetBoard, EthernetError, Identity};
 use mesa_hal::lbp16::{self, Space, registers::eeprom};
 use mesa_hal::transport::search::{self, AddressResult};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpLink};
-use mesa_hal::{Advice, Rounded, Settings};
+use mesa_hal::{MesaError, Rounded, Settings};
 
 use crate::board::address::{BoardAddress, PciPlace};
 use crate::board::bus::Bus;
@@ -94,7 +94,7 @@ impl Target {
         }
         let (address, simulated) = match (&self.sim, self.addr) {
             (Some(described), _) => {
-                let machine = Machine::new(described)?;
+                let machine = Machine::new(described).map_err(Failure::refused)?;
                 let address = if described.board.is_on_pci {
                     BoardAddress::Embedded
                 } else {
@@ -135,10 +135,9 @@ fn find_on_pci(place: &PciPlace) -> Result<PciDevice, Failure> {
     }
 }
 
-/// A board on the PCI bus is refused, with the remedy.
+/// A board on the PCI bus is refused, with the advice.
 fn not_opened(error: &PciOpenError) -> Failure {
-    let remedy = error.remedy();
-    Failure::refused(format_args!("{error}; {remedy}")).advising(remedy)
+    Failure::of(error, told(error))
 }
 
 impl Found {
@@ -365,7 +364,7 @@ impl Found {
             BusErrorKind::Lost if let BusError::GaveUp { tries, within, .. } = &error => {
                 let tries = Counted::of(*tries as usize, "time");
                 let facts = format!("no board answers, asked {tries} within {}", Rounded(within));
-                with_advice(facts, error.advice().map(Advice::Bus))
+                with_advice(facts, error.advice())
             }
             BusErrorKind::Lost => format!("no board answers, asked {tries}: {said}"),
             _ => said,

@@ -30,7 +30,8 @@ pub struct Completions {
 impl Completions {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let shell = self.shell.to_string();
-        say(completion::script(&shell).ok_or("no script for this shell")?);
+        say(completion::script(&shell)
+            .ok_or_else(|| Failure::refused("no script for this shell"))?);
         Ok(context.ending())
     }
 }

@@ -1,11 +1,11 @@
 //! `mesa peek` and `mesa poke`: manual access to registers of any space.
 
-use std::error::Error;
 use std::fmt::{self, Display};
 use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::MesaError;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
@@ -128,16 +128,17 @@ impl Peek {
             return self.read_on_pci(context, &found);
         }
         let mut bus = found.look()?;
-        let at = |error: &(dyn Error + 'static)| look::failed(found.address, error);
+        let at = |error: &dyn MesaError| look::failed(found.address, error);
         bus.identify().map_err(|error| at(&error))?;
-        let (space, reads) = self.reads(bus.map().ok_or("no firmware")?)?;
+        let (space, reads) =
+            self.reads(bus.map().ok_or_else(|| Failure::refused("no firmware"))?)?;
         loop {
             let now = bus.now();
             let words = bus.read_all(&reads).map_err(|error| match error {
                 PassiveError::Refused { .. } => refused(&error),
                 error => at(&error),
             })?;
-            let map = bus.map().ok_or("no firmware")?;
+            let map = bus.map().ok_or_else(|| Failure::refused("no firmware"))?;
             context.print(&Contents::of_reads(space, &reads, &words, map))?;
             let mut goes_on = |every| look::wait(context, &mut bus, now.after(every));
             if !self.every.is_some_and(&mut goes_on) || output::is_closed() {
@@ -222,7 +223,7 @@ impl Peek {
 }
 
 /// Failure because a read may change something.
-fn refused(error: &(dyn Error + 'static)) -> Failure {
+fn refused(error: &dyn MesaError) -> Failure {
     let advice = "`--any` reads it, on a board that no other program drives";
     Failure::refused(format_args!("{error}; {advice}")).advising(advice)
 }

@@ -1,15 +1,15 @@
 //! Context, ending and failure of a command.
 
-use std::borrow::Cow;
 use std::error::Error;
 use std::fmt::{self, Display};
 use std::process::ExitCode;
 
+use mesa_hal::MesaError;
 use mesa_hal::driver::StopError;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use mesa_tools::advice::{advice_of, in_command_words, told};
+use mesa_tools::advice::{in_command_words, told};
 
 use crate::ui::hurry::Hurry;
 use crate::ui::output;
@@ -32,7 +32,7 @@ impl Context {
     /// described in `docs/mesa.schema.json` under its name.
     pub fn print<T: Serialize + Display>(&self, found: &T) -> Result<(), Failure> {
         if self.json {
-            let text = serde_json::to_string_pretty(found)?;
+            let text = serde_json::to_string_pretty(found).map_err(Failure::refused)?;
             output::say(format_args!("{text}\n"));
         } else {
             output::say(found);
@@ -113,12 +113,10 @@ impl Failure {
     }
 
     /// Refusal because of an error of the library, with a text that contains [what it says](told).
-    pub fn of(error: &(dyn Error + 'static), message: impl Display) -> Self {
+    pub fn of(error: &dyn MesaError, message: impl Display) -> Self {
         Self {
-            advice: advice_of(error)
-                .and_then(in_command_words)
-                .map(Cow::into_owned),
-            is_of_exchange: error.downcast_ref::<StopError>().is_none(),
+            advice: error.advice().and_then(in_command_words).map(str::to_owned),
+            is_of_exchange: (error as &dyn Error).downcast_ref::<StopError>().is_none(),
             ..Self::refused(message)
         }
     }
@@ -179,10 +177,9 @@ impl Display for Failure {
     }
 }
 
-impl<E: Into<Box<dyn Error>>> From<E> for Failure {
+impl<E: MesaError> From<E> for Failure {
     fn from(error: E) -> Self {
-        let error = error.into();
-        Self::of(&*error, told(&*error))
+        Self::of(&error, told(&error))
     }
 }
 

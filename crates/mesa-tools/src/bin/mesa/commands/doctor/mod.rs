@@ -142,7 +142,12 @@ impl Doctor {
         let address = found.address.to_string();
         let device = found.on_pci();
         let report = report::gather(&mut bus, address, device, &context.stop, !self.passive)?;
-        files::write(path, serde_json::to_string_pretty(&report)?.as_bytes())?;
+        files::write(
+            path,
+            serde_json::to_string_pretty(&report)
+                .map_err(Failure::refused)?
+                .as_bytes(),
+        )?;
         let (answered, all) = report.answered();
         complain(format_args!(
             "mesa: {}: {answered} of {all} questions not confirmed so far are answered by this board",

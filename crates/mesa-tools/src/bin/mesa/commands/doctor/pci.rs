@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use mesa_hal::MesaError;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::ethernet::{FlashChip, SpiFlash};
 use mesa_hal::hostmot2::HostMot2;
@@ -65,7 +66,10 @@ pub fn place(device: &PciDevice) -> Finding {
             FigureVerdict::Bad,
             "slot",
             error.to_string(),
-            error.remedy(),
+            error
+                .advice()
+                .map(|advice| advice.to_string())
+                .unwrap_or_default(),
         ),
     }
 }

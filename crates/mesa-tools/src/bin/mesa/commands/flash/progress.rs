@@ -1,9 +1,9 @@
 //! Progress of a flash operation, and the error text of one that was cut off.
 
-use std::error::Error;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::MesaError;
 use mesa_hal::ethernet::FlashStep;
 
 use super::report::{Name, Written};
@@ -84,7 +84,7 @@ impl<'a> Progress<'a> {
     }
 
     /// Ends the progress. An error is extended by the state of the memory.
-    pub fn ended<E: Error + 'static>(&self, done: Result<(), E>) -> Result<(), Failure> {
+    pub fn ended<E: MesaError>(&self, done: Result<(), E>) -> Result<(), Failure> {
         self.bar.end();
         done.map_err(|error| {
             let error = told(&error);

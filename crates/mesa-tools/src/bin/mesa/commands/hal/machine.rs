@@ -5,6 +5,7 @@ use std::net::SocketAddrV4;
 use std::str::FromStr;
 
 use mesa_hal::Configured;
+use mesa_hal::MesaError;
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
 use mesa_hal::hostmot2::Gtag;

@@ -28,7 +28,7 @@ pub fn program(machine: &Machine) -> String {
         .filter(|pin| !is_of(&joints, pin))
         .collect();
     let mut used: BTreeSet<&str> = others.iter().map(|pin| kind(pin)).collect();
-    used.extend(["Driver", "Pins", "Settings", "WithAdvice"]);
+    used.extend(["Driver", "Pins", "Settings", "MesaError"]);
     let (package, import) = if host.is_pci() {
         (
             "`mesa-pci = \"0.1\"` and ",
@@ -174,7 +174,7 @@ fn main(machine: &Machine) -> String {
     let open = if machine.host.is_pci() {
         "let device = PciDevice::at(SYSFS.as_ref(), address)?;\n    \
          let bus = device\n        .open()\n        \
-         .map_err(|error| format!(\"{error}; {}\", error.remedy()))?;\n    "
+         .map_err(|error| error.with_advice().to_string())?;\n    "
     } else {
         "let bus = UdpBus::connect(address, UdpConfig::default())?;\n    "
     };
@@ -184,14 +184,14 @@ fn main(machine: &Machine) -> String {
          let address = address.as_deref().unwrap_or(BOARD).parse()?;\n    \
          let settings = Settings {{\n{ports}    }};\n    \
          {open}let driver = Driver::start(bus, settings)?;\n    \
-         for missing in driver.missing() {{\n        let missing = WithAdvice::new(missing, missing.advice());\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
+         for missing in driver.missing() {{\n        let missing = missing.with_advice();\n        eprintln!(\"MISSING: {{missing}}\");\n    }}\n    \
          let machine = Machine::find(driver.pins())?;\n    \
          let events = driver.events();\n    \
          eprintln!(\"{{}} runs; Ctrl-C ends it\", driver.name());\n    \
          let runner = Runner::new(driver).stop_on(Stop::on_signals()?);\n    \
          let ended = runner.run(|cycle| {{\n        \
          machine.control(cycle.pins_mut());\n        Continue(())\n    }});\n    \
-         for event in events {{\n        eprintln!(\"{{event}}\");\n    }}\n    \
+         for event in events {{\n        eprintln!(\"{{}}\", event.with_advice());\n    }}\n    \
          ended.stopped?;\n    \
          Ok(match ended.signal {{\n        Some(signal) => signal.exit_code(),\n        \
          None => ExitCode::SUCCESS,\n    }})\n}}\n"

@@ -9,6 +9,7 @@ pub use text::limits;
 use std::collections::BTreeMap;
 
 use clap::Args;
+use mesa_hal::MesaError;
 use mesa_hal::RemoteId;
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_tools::inventory::{self, Inventory, InventoryEthernet};
@@ -79,7 +80,7 @@ impl Info {
 /// Takes the inventory of a board; without the ports that are left when a signal comes.
 pub fn take(found: &target::Found, modes: &Modes, context: &Context) -> Result<Inventory, Failure> {
     let mut bus = found.open()?;
-    let at = |error: &(dyn std::error::Error + 'static)| {
+    let at = |error: &dyn MesaError| {
         Failure::of(error, format_args!("{}: {}", found.address, told(error)))
     };
     let ethernet = bus

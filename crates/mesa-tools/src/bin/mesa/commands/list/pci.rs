@@ -4,6 +4,7 @@ use std::fmt::{self, Display};
 use std::path::Path;
 
 use mesa_pci::PciDevice;
+use mesa_tools::advice::told;
 use serde::Serialize;
 
 use crate::board::address::BoardAddress;
@@ -47,7 +48,7 @@ impl PciBoardFound {
             address: BoardAddress::Pci(device.address()),
             board: device.board().name,
             simulated: device.is_simulated(),
-            refused: refused.map(|error| format!("{error}; {}", error.remedy())),
+            refused: refused.map(|error| told(&error)),
         }
     }
 }

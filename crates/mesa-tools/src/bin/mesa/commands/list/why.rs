@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal::bus::BusAdvice;
+use mesa_hal::advice;
 use mesa_hal::transport::network::{Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
 use mesa_tools::diagnosis::network::{Outside, host_beside, outside};
@@ -38,7 +38,7 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
         (Silence::Blocked, _) => Why {
             is_own: false,
             reason: silence.to_string(),
-            advice: BusAdvice::OpenFirewall.to_string(),
+            advice: advice::OPEN_FIREWALL.to_string(),
         },
         (Silence::Nothing | Silence::Refused, NetworkPath::Here) => Why {
             is_own: false,

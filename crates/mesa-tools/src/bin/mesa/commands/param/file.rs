@@ -84,9 +84,9 @@ impl Save {
         let mut saved = SavedCabinet::take(&mut cabinet)?;
         saved.origin = Some(self.origin(&cabinet, &saved));
         let text = if is_toml(path) {
-            toml::to_string_pretty(&saved)?
+            toml::to_string_pretty(&saved).map_err(Failure::refused)?
         } else {
-            serde_json::to_string_pretty(&saved)? + "\n"
+            serde_json::to_string_pretty(&saved).map_err(Failure::refused)? + "\n"
         };
         files::write(path, text.as_bytes())?;
         let parameters = saved.remotes.iter().map(|remote| remote.parameters.len());

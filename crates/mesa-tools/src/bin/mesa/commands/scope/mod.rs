@@ -168,7 +168,8 @@ impl Scope {
         if !recorded.contains(&pin) && recorded.len() < MAX_SCOPE_PINS {
             recorded.push(pin);
         }
-        let info = |pin| pins.info_of(pin).cloned().ok_or("the pin is gone");
+        let gone = || Failure::refused("the pin is gone");
+        let info = |pin| pins.info_of(pin).cloned().ok_or_else(gone);
         let infos = recorded.iter().map(|&pin| info(pin));
         let infos = infos.collect::<Result<Vec<_>, _>>()?;
         let watched = info(pin)?;

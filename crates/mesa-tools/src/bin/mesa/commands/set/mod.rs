@@ -103,7 +103,10 @@ impl Set {
         let board = board.discover()?;
         let pins = board.pins();
         let pin = named::find_output(pins, board.missing(), &self.pin)?;
-        let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
+        let info = pins
+            .info_of(pin)
+            .ok_or_else(|| Failure::refused("the pin is gone"))?
+            .clone();
         let value = named::value(&info, &self.value)?;
         info.check_settable(value)
             .map_err(|error| Failure::usage(told(&error)))?;

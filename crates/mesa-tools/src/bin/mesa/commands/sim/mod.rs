@@ -134,7 +134,7 @@ fn build(
         machine: described,
         place,
     } = board;
-    let mut machine = Machine::new(&described)?;
+    let mut machine = Machine::new(&described).map_err(Failure::refused)?;
     let store = open_store(options, &mut machine)?;
     let face = match place {
         Where::Ethernet(address) => bind(options, address, capture)?,

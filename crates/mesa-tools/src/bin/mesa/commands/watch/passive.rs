@@ -36,7 +36,8 @@ pub fn run(
     let mut bus = found.look()?;
     let firmware = bus.identify();
     let firmware = firmware.map_err(|error| look::failed(found.address, &error))?;
-    let sampler = Sampler::new(&firmware, bus.map().ok_or("no firmware")?);
+    let map = bus.map().ok_or_else(|| Failure::refused("no firmware"))?;
+    let sampler = Sampler::new(&firmware, map);
     let mut live = Live {
         title: format!(" {} at {} ", firmware.idrom.board(), found.address),
         bus,
@@ -90,7 +91,8 @@ impl Live {
             let mut sample = sample.map_err(|error| look::failed(found.address, &error))?;
             let pattern = Pattern::from(&*self.filter);
             sample.values.retain(|value| fits(&pattern, value));
-            output::say(format_args!("{}\n", serde_json::to_string(&sample)?));
+            let line = serde_json::to_string(&sample).map_err(Failure::refused)?;
+            output::say(format_args!("{line}\n"));
             if !look::wait(context, &mut self.bus, now.after(self.every)) || output::is_closed() {
                 return Ok(());
             }

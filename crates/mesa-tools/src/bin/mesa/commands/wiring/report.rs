@@ -298,7 +298,7 @@ impl Report {
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
         let is_json = path.extension().is_some_and(|end| end == "json");
         let text = if is_json {
-            serde_json::to_string_pretty(self)? + "\n"
+            serde_json::to_string_pretty(self).map_err(Failure::refused)? + "\n"
         } else {
             self.to_string()
         };
