@@ -16,12 +16,13 @@
 //! ```
 
 pub use mesa_wire::bus::advice::*;
+pub use mesa_wire::lbp::advice::*;
 pub use mesa_wire::{Advice, AdviceTopic, MesaError, WithAdvice};
 
 // In groups: pins, parameters of remotes, settings, modules, firmware, start and cycle, cards, the
 // serial line of a remote, its tables, the board's memory, threads.
 mesa_wire::advice_texts! {
-    /// All constants of this module that do not concern a bus.
+    /// All constants of this module that are not those of `mesa-wire`.
     ALL;
     LIST_PINS: PinNames, "list the names with `Pins::infos`";
     SHORTEN_NAME: Choice, "give the remote a shorter name, of characters that HAL takes";
@@ -116,10 +117,8 @@ mesa_wire::advice_texts! {
     CHECK_NOISE: Line, "check for noise, and for two remotes on one line";
     CHECK_CABLE_OR_ADDRESS: RemotePower, "check the cable; if only this address fails, the remote does not have it";
     CHECK_SWITCHES: Network, "look at the switches and cables of the network, or connect directly";
-    CHECK_WRITE_PROTECTION: FlashArea, "check the card's jumpers for write protection; else the memory may be worn out";
     POWER_CYCLE_THEN_CABLE: RemotePower, "switch the remote off and on, then check the cable";
     POWER_CYCLE: RemotePower, "switch the remote off and on";
-    POWER_CYCLE_BEFORE_WRITING: RemotePower, "switch the remote off and on before anything else is written to it";
     POWER_CYCLE_OR_UPDATE: RemoteFirmware, "switch the remote off and on, and update its firmware if that does not help";
     UPDATE_REMOTE: RemoteFirmware, "update the firmware of the remote";
     RESTART_OR_UPDATE_REMOTE: RemoteFirmware, "check its cable and start it again; if it stays so, update its firmware";
@@ -162,9 +161,12 @@ mesa_wire::advice_texts! {
     TRY_LATER: Retry, "try again later";
 }
 
-/// All advice: that of the driver in the order of the declaration, then that of the buses.
+/// All advice: that of the driver in the order of the declaration, then that of buses and remotes.
 pub fn all() -> impl Iterator<Item = Advice> {
-    ALL.iter().chain(mesa_wire::bus::advice::ALL).copied()
+    let of_wire = mesa_wire::bus::advice::ALL
+        .iter()
+        .chain(mesa_wire::lbp::advice::ALL);
+    ALL.iter().chain(of_wire).copied()
 }
 
 #[cfg(test)]

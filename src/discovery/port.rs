@@ -3,7 +3,7 @@
 use super::{Discovery, DiscoveryOptions, ModeType, ProblemKind, Table, discover};
 use crate::{
     bus::{Clock, RegisterBus},
-    lbp::RemoteLink,
+    lbp::{RemoteLink, RemoteLinkError},
     sslbp::{
         Channel, LocalLocation, Port, PortLink, PortResult, RemoteAccess, RemoteFaults,
         StartFailure, StartMode, StartedRemote,
@@ -62,7 +62,10 @@ fn discover_remote<B: RegisterBus + Clock>(
 
 /// Selects the memory that contains the tables. A host that ended during an access to non-volatile
 /// memory has left that memory selected in its place; a START does not change that. FACTS 6.3.
-fn show_tables<M: RemoteLink>(memory: &mut M, started: &StartedRemote) -> Result<(), M::Error> {
+fn show_tables<M: RemoteLink>(
+    memory: &mut M,
+    started: &StartedRemote,
+) -> Result<(), RemoteLinkError> {
     if started.ptoc == 0 && started.gtoc == 0 {
         return Ok(());
     }
@@ -79,7 +82,7 @@ fn has_mode<M: RemoteLink>(
     memory: &mut M,
     started: &StartedRemote,
     known: &[u8],
-) -> Result<bool, M::Error> {
+) -> Result<bool, RemoteLinkError> {
     /// Value written to [`LocalLocation::CLEAR_FAULTS`].
     const CLEAR: u8 = 0xFF;
     let mode = started.software_mode;
@@ -100,7 +103,7 @@ fn has_mode<M: RemoteLink>(
     is_accepted(memory)
 }
 
-fn is_accepted<M: RemoteLink>(memory: &mut M) -> Result<bool, M::Error> {
+fn is_accepted<M: RemoteLink>(memory: &mut M) -> Result<bool, RemoteLinkError> {
     let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
     let faults = RemoteFaults::from_bits_retain(memory.access(None, read)? as u8);
     Ok(!faults.contains(RemoteFaults::ILLEGAL_MODE))

@@ -62,7 +62,7 @@ pub enum DriverError {
         /// The requested name of the parameter.
         name: Box<str>,
         /// The reason.
-        source: ParameterError<PortError>,
+        source: ParameterError,
     },
     /// The board should pace the cycle, and cannot.
     #[error("the board cannot pace the cycle: {why}")]

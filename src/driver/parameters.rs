@@ -7,7 +7,7 @@ use crate::bus::{Access, Clock, RegisterBus};
 use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
 use crate::hostmot2::RemoteId;
-use crate::lbp::{RemoteAccess, RemoteLink};
+use crate::lbp::{RemoteAccess, RemoteLinkErrorKind};
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
@@ -28,14 +28,16 @@ struct KeptParameter<'a> {
 }
 
 impl<'a> KeptParameter<'a> {
-    fn failed(self, source: ParameterError<PortError>) -> DriverError {
-        match source {
-            ParameterError::Memory(error) => error.into(),
-            source => DriverError::Parameter {
-                remote: self.remote,
-                name: self.name.into(),
-                source,
-            },
+    fn failed(self, source: ParameterError) -> DriverError {
+        if let ParameterError::Link(error) = &source
+            && let RemoteLinkErrorKind::Bus(error) = error.kind()
+        {
+            return DriverError::Bus(error);
+        }
+        DriverError::Parameter {
+            remote: self.remote,
+            name: self.name.into(),
+            source,
         }
     }
 
@@ -178,8 +180,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
         remote: impl Into<RemoteId>,
         access: RemoteAccess,
     ) -> Result<u64, DriverError> {
-        let (mut memory, ..) = self.in_setup(remote.into())?;
-        Ok(memory.exchange(access)?)
+        let (memory, ..) = self.in_setup(remote.into())?;
+        Ok(memory.port.on(memory.bus).access(memory.channel, access)?)
     }
 }
 

@@ -14,6 +14,7 @@ use crate::boards::{AttachError, check_identity};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{Discovery, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hostmot2::{Gtag, PinDescriptor, RemoteId};
+use crate::lbp::RemoteLinkErrorKind;
 use crate::modules::RegisterError;
 use crate::modules::serial::{RemotePart, StartedPort};
 use crate::remote::{ParameterError, RemotePins};
@@ -335,8 +336,10 @@ impl Plan {
         for parameter in &mut remote.pins.parameters {
             match parameter.record.read_parameter(&mut memory) {
                 Ok(value) => parameter.publish(&mut self.pins, value.raw),
-                Err(ParameterError::Memory(PortError::Bus(error))) => {
-                    return Err(DriverError::Bus(error));
+                Err(ParameterError::Link(error)) => {
+                    if let RemoteLinkErrorKind::Bus(error) = error.kind() {
+                        return Err(DriverError::Bus(error));
+                    }
                 }
                 Err(_) => {}
             }

@@ -2,7 +2,6 @@
 
 use alloc::format;
 use alloc::string::String;
-use core::convert::Infallible;
 use core::ops::RangeInclusive;
 
 use super::Scaling;
@@ -13,7 +12,7 @@ use crate::discovery::{DataDirection, DataRecord, DataType};
 use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinId, PinMaker, PinStore, Role, Spec, Value,
 };
-use crate::lbp::RemoteLink;
+use crate::lbp::{RemoteLink, RemoteLinkError};
 use crate::sslbp::{AccessSize, Channel, NonvolatileMemory, RemoteAccess};
 
 /// The value of a parameter.
@@ -26,12 +25,12 @@ pub struct ParameterValue {
 }
 
 /// Reason why a parameter was not read or written.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ParameterError<E: MesaError = Infallible> {
+pub enum ParameterError {
     /// The access failed.
     #[error(transparent)]
-    Memory(#[from] E),
+    Link(#[from] RemoteLinkError),
     /// The remote does not have the parameter.
     #[error("the remote has no parameter of that name")]
     Unknown,
@@ -84,13 +83,13 @@ pub enum ParameterError<E: MesaError = Infallible> {
     },
 }
 
-impl<E: MesaError> MesaError for ParameterError<E> {
+impl MesaError for ParameterError {
     fn advice(&self) -> Option<Advice> {
         match self {
             Self::Unknown => Some(advice::LIST_PARAMETERS),
             Self::Size { .. } => Some(advice::LEAVE_PARAMETER_OUT),
             Self::OutOfRange { .. } | Self::NoBaudRate { .. } => Some(advice::CHOOSE_VALUE),
-            Self::Memory(error) => error.advice(),
+            Self::Link(error) => error.advice(),
             Self::ReadOnly | Self::DoesNotFit { .. } | Self::NotTaken { .. } => None,
         }
     }
@@ -105,7 +104,7 @@ impl DataRecord {
     pub fn read_parameter<M: RemoteLink>(
         &self,
         memory: &mut M,
-    ) -> Result<ParameterValue, ParameterError<M::Error>> {
+    ) -> Result<ParameterValue, ParameterError> {
         let (kept_in, size) = self.place()?;
         let address = self.address;
         let read = RemoteAccess::Read { address, size };
@@ -125,7 +124,7 @@ impl DataRecord {
         &self,
         memory: &mut M,
         value: impl Into<AnyValue>,
-    ) -> Result<(), ParameterError<M::Error>> {
+    ) -> Result<(), ParameterError> {
         let (kept_in, size) = self.place()?;
         let address = self.address;
         let value = self.raw_of(value.into())?;
@@ -154,7 +153,7 @@ impl DataRecord {
     ///
     /// # Errors
     /// [`ParameterError`] if the parameter is read-only or cannot hold this value.
-    pub fn raw_of<E: MesaError>(&self, value: AnyValue) -> Result<u64, ParameterError<E>> {
+    pub fn raw_of(&self, value: AnyValue) -> Result<u64, ParameterError> {
         if self.direction == DataDirection::Input {
             return Err(ParameterError::ReadOnly);
         }
@@ -218,7 +217,7 @@ impl DataRecord {
         parameter: u8,
         raw: u64,
     ) -> Option<ParameterWrite> {
-        let (memory, size) = self.place::<Infallible>().ok()?;
+        let (memory, size) = self.place().ok()?;
         Some(ParameterWrite {
             channel,
             parameter,
@@ -233,9 +232,7 @@ impl DataRecord {
     }
 
     /// The memory that contains it, and the size of an access to it.
-    fn place<E: MesaError>(
-        &self,
-    ) -> Result<(Option<NonvolatileMemory>, AccessSize), ParameterError<E>> {
+    fn place(&self) -> Result<(Option<NonvolatileMemory>, AccessSize), ParameterError> {
         let bits = self.bits;
         let size = AccessSize::for_bits(bits).ok_or(ParameterError::Size { bits })?;
         let is_nonvolatile = self.data_type.is_nonvolatile();
@@ -402,7 +399,7 @@ mod tests {
     }
 
     fn bits_of(record: &DataRecord, value: impl Into<AnyValue>) -> Option<u64> {
-        record.raw_of::<Infallible>(value.into()).ok()
+        record.raw_of(value.into()).ok()
     }
 
     /// FACTS 8.2: NVBaudRate 9 = 2.5 M; its record in gateware transcript t03 has the limits 0..11.
@@ -431,7 +428,7 @@ mod tests {
         }
         for value in [12_u32, 255, 65_535] {
             let value = AnyValue::from(value);
-            let refused = baud.raw_of::<Infallible>(value);
+            let refused = baud.raw_of(value);
             assert_eq!(refused, Err(ParameterError::NoBaudRate { value }));
         }
         assert_eq!(baud.whole_numbers(), Some(0..=11));

@@ -4,6 +4,7 @@ use super::{Channel, ChannelMask, CsStatus, PortState};
 use crate::Rounded;
 use crate::advice::{Advice, MesaError};
 use crate::bus::BusError;
+use crate::lbp::{RemoteLinkError, RemoteLinkErrorKind};
 use alloc::{boxed::Box, string::String};
 use core::time::Duration;
 use thiserror::Error;
@@ -89,5 +90,16 @@ impl MesaError for PortError {
             | Self::WrongState { advice, .. }
             | Self::Channel { advice, .. } => *advice,
         }
+    }
+}
+
+impl From<PortError> for RemoteLinkError {
+    fn from(error: PortError) -> Self {
+        let kind = match error {
+            PortError::Bus(error) => RemoteLinkErrorKind::Bus(error),
+            PortError::Channel { .. } => RemoteLinkErrorKind::NoReply,
+            _ => RemoteLinkErrorKind::Port,
+        };
+        Self::new(kind, &error).advising(error.advice())
     }
 }

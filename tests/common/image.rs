@@ -1,17 +1,9 @@
 //! The memory of a remote without a port around it: recorded, or made by hand.
 
 use super::replay::{memory_of, recording};
-use mesa_hal::MesaError;
-use mesa_hal::lbp::{NonvolatileProblem, RemoteAccess, RemoteLink};
+use mesa_hal::lbp::{RemoteAccess, RemoteLink, RemoteLinkError, RemoteLinkErrorKind};
 use std::collections::BTreeMap;
 use std::time::Duration;
-
-/// A read that the remote does not answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no reply at {0:#06X}")]
-pub struct NoReply(pub u16);
-
-impl MesaError for NoReply {}
 
 /// A remote's memory. Bytes that are not set read 0; reads that touch a missing range fail.
 #[derive(Clone, Debug, Default)]
@@ -47,19 +39,9 @@ impl Image {
 }
 
 impl RemoteLink for Image {
-    type Error = NoReply;
-
     fn wait(&mut self, _: Duration) {}
 
-    fn nonvolatile_error(
-        &mut self,
-        access: RemoteAccess,
-        _: NonvolatileProblem<NoReply>,
-    ) -> NoReply {
-        panic!("discovery reads non-volatile memory: {access}");
-    }
-
-    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, NoReply> {
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, RemoteLinkError> {
         let RemoteAccess::Read { address, size } = access else {
             panic!("discovery writes: {access}");
         };
@@ -68,7 +50,8 @@ impl RemoteLink for Image {
         for n in 0..size.bytes() {
             let place = address + u16::from(n);
             if self.is_missing(place) {
-                return Err(NoReply(place));
+                let text = format_args!("no reply at {place:#06X}");
+                return Err(RemoteLinkError::new(RemoteLinkErrorKind::NoReply, text));
             }
             let byte = self.bytes.get(&place).copied().unwrap_or(0);
             value |= u64::from(byte) << (8 * n);

@@ -322,13 +322,13 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
         (AnyValue::from(12_u64), None),
         (AnyValue::from(256_u64), None),
     ] {
-        let found: Result<u64, ParameterError> = record.raw_of(value);
+        let found = record.raw_of(value);
         assert_eq!(found.ok(), raw, "{value:?}");
     }
     let read_only = field.parameter("swrevision").unwrap();
     assert_eq!(
         read_only.raw_of(AnyValue::from(3_u32)),
-        Err::<u64, ParameterError>(ParameterError::ReadOnly)
+        Err(ParameterError::ReadOnly)
     );
     for value in [9, 10] {
         remote.parameters[3].publish(&mut pins, value);

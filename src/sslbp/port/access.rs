@@ -4,7 +4,7 @@ use super::{Port, PortResult, SetupPort};
 use crate::{
     advice,
     bus::{Clock, RegisterBus},
-    lbp::{AccessRetry, NonvolatileProblem, RemoteLink},
+    lbp::{AccessRetry, RemoteLink, RemoteLinkError},
     sslbp::{Channel, PortAccess, PortError, PortOperation, PortState, RemoteAccess, StartMode},
 };
 use alloc::{format, vec::Vec};
@@ -77,38 +77,11 @@ pub struct PortLink<'a, B> {
 }
 
 impl<B: RegisterBus + Clock> RemoteLink for PortLink<'_, B> {
-    type Error = PortError;
-
-    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
-        self.port.on(self.bus).access(self.channel, access)
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, RemoteLinkError> {
+        Ok(self.port.on(self.bus).access(self.channel, access)?)
     }
 
     fn wait(&mut self, time: Duration) {
         self.bus.wait(time);
-    }
-
-    fn nonvolatile_error(
-        &mut self,
-        access: RemoteAccess,
-        problem: NonvolatileProblem<Self::Error>,
-    ) -> Self::Error {
-        let channel = self.channel;
-        match problem {
-            NonvolatileProblem::StillSelected(PortError::Channel { port, cs, .. }) => {
-                PortError::Channel {
-                    port,
-                    channel,
-                    failed: "access to non-volatile memory could not be switched off".into(),
-                    cs,
-                    advice: Some(advice::POWER_CYCLE_BEFORE_WRITING),
-                }
-            }
-            NonvolatileProblem::StillSelected(error) => error,
-            NonvolatileProblem::NotKept { written, read } => {
-                let what = format!("non-volatile memory of channel {channel} ({access})");
-                let advice = advice::CHECK_WRITE_PROTECTION;
-                self.port.on(self.bus).not_kept(what, read, written, advice)
-            }
-        }
     }
 }

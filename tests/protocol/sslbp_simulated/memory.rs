@@ -1,7 +1,8 @@
 //! The memory of simulated remotes, over the wire.
 
 use super::*;
-use mesa_hal::advice;
+use mesa_hal::lbp::RemoteLinkErrorKind;
+use mesa_hal::{MesaError, advice};
 
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; the memory of transcript t03 in all four modes.
 #[test]
@@ -132,12 +133,8 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
             size: AccessSize::Word,
         },
     );
-    assert!(matches!(
-        result,
-        Err(PortError::Channel {
-            channel: ZERO,
-            advice: Some(advice::POWER_CYCLE_BEFORE_WRITING),
-            ..
-        })
-    ));
+    let error = result.unwrap_err();
+    assert_eq!(error.kind(), RemoteLinkErrorKind::StillSelected);
+    assert_eq!(error.advice(), Some(advice::POWER_CYCLE_BEFORE_WRITING));
+    assert!(error.to_string().contains("channel 0"), "{error}");
 }

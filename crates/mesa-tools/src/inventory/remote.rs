@@ -11,7 +11,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
     DataDirection, DataRecord, Discovery, ModeRecord, ModeType, RemoteTable,
 };
-use mesa_hal::lbp::{RemoteFaults, RemoteLink};
+use mesa_hal::lbp::{RemoteFaults, RemoteLink, RemoteLinkError};
 use mesa_hal::sslbp::{LocalLocation, Port, PortLink, RemoteAccess};
 
 /// Reads the parameters and faults of a discovered remote.
@@ -81,7 +81,7 @@ fn mode(record: &ModeRecord) -> InventoryMode {
 
 /// The faults that are present now, and those that the remote kept from before. Latched faults stay
 /// until cleared, so they are cleared between two reads.
-fn faults_of<M: RemoteLink>(memory: &mut M) -> Result<(u8, u8), M::Error> {
+fn faults_of<M: RemoteLink>(memory: &mut M) -> Result<(u8, u8), RemoteLinkError> {
     let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
     let kept = memory.access(None, read)? as u8;
     let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);

@@ -3,9 +3,9 @@
 mod serial;
 mod value;
 
-use core::convert::Infallible;
 use std::collections::BTreeMap;
 
+use super::CabinetError;
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
@@ -23,9 +23,6 @@ pub use value::{SavedValue, parse_value};
 /// [`Configured`] board, or the one on a serial port
 /// ([`SerialCabinet`](super::SerialCabinet)).
 pub trait Cabinet {
-    /// Error of an access to a parameter.
-    type Error: MesaError;
-
     /// Returns the remotes with their places.
     fn remotes(&self) -> Vec<CabinetRemote>;
 
@@ -33,20 +30,24 @@ pub trait Cabinet {
     ///
     /// # Errors
     /// The remote does not have the parameter, or an access failed.
-    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, Self::Error>;
+    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, CabinetError>;
 
     /// Writes a parameter, and reads it back.
     ///
     /// # Errors
     /// The remote does not have the parameter, cannot take the value, or an access failed.
-    fn write(&mut self, place: RemotePlace, name: &str, value: AnyValue)
-    -> Result<(), Self::Error>;
+    fn write(
+        &mut self,
+        place: RemotePlace,
+        name: &str,
+        value: AnyValue,
+    ) -> Result<(), CabinetError>;
 
     /// Accesses the memory of a remote, or one of its local locations.
     ///
     /// # Errors
     /// The access failed.
-    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error>;
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError>;
 }
 
 /// A remote in setup mode.
@@ -84,8 +85,6 @@ impl serde::Serialize for RemotePlace {
 }
 
 impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
-    type Error = DriverError;
-
     fn remotes(&self) -> Vec<CabinetRemote> {
         let there = Configured::remotes(self).filter(|(_, remote)| !remote.is_absent());
         let remotes = there.map(|(id, remote)| CabinetRemote {
@@ -95,7 +94,7 @@ impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
         remotes.collect()
     }
 
-    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, Self::Error> {
+    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, CabinetError> {
         Ok(self.read_remote_parameter(on_board(place)?, name)?.raw)
     }
 
@@ -104,12 +103,12 @@ impl<B: RegisterBus + Clock> Cabinet for Configured<B> {
         place: RemotePlace,
         name: &str,
         value: AnyValue,
-    ) -> Result<(), Self::Error> {
-        self.write_remote_parameter(on_board(place)?, name, value)
+    ) -> Result<(), CabinetError> {
+        Ok(self.write_remote_parameter(on_board(place)?, name, value)?)
     }
 
-    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error> {
-        self.access_remote(on_board(place)?, access)
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError> {
+        Ok(self.access_remote(on_board(place)?, access)?)
     }
 }
 
@@ -212,10 +211,10 @@ pub struct CabinetDifference {
 /// Error of a file that does not fit the remotes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum RestoreError<E: MesaError> {
+pub enum RestoreError {
     /// An access failed.
     #[error(transparent)]
-    Cabinet(#[from] E),
+    Cabinet(#[from] CabinetError),
     /// The file was written by another version.
     #[error("the file has format {found}, expected 1; restore it with the version that wrote it")]
     Format {
@@ -256,11 +255,11 @@ pub enum RestoreError<E: MesaError> {
         /// Name of the parameter.
         name: String,
         /// The cause.
-        source: ParameterError<Infallible>,
+        source: ParameterError,
     },
 }
 
-impl<E: MesaError> MesaError for RestoreError<E> {
+impl MesaError for RestoreError {
     fn advice(&self) -> Option<Advice> {
         match self {
             Self::Parameter { source, .. } => source.advice(),
@@ -279,7 +278,7 @@ impl SavedCabinet {
     ///
     /// # Errors
     /// An access failed.
-    pub fn take<C: Cabinet>(cabinet: &mut C) -> Result<Self, C::Error> {
+    pub fn take<C: Cabinet>(cabinet: &mut C) -> Result<Self, CabinetError> {
         let mut remotes = Vec::new();
         for CabinetRemote { place, descriptor } in cabinet.remotes() {
             let mut parameters = BTreeMap::new();
@@ -327,7 +326,7 @@ impl SavedCabinet {
         &self,
         cabinet: &mut C,
         by: RemoteMatch,
-    ) -> Result<Comparison, RestoreError<C::Error>> {
+    ) -> Result<Comparison, RestoreError> {
         if self.format != Self::FORMAT {
             let found = self.format;
             return Err(RestoreError::Format { found });
@@ -384,17 +383,17 @@ impl CabinetDifference {
     ///
     /// # Errors
     /// The remote does not take the value, or an access failed.
-    pub fn restore<C: Cabinet>(&self, cabinet: &mut C) -> Result<(), C::Error> {
+    pub fn restore<C: Cabinet>(&self, cabinet: &mut C) -> Result<(), CabinetError> {
         cabinet.write(self.place, &self.name, self.saved.into())
     }
 }
 
 impl SavedRemote {
-    fn find<'a, E: MesaError>(
+    fn find<'a>(
         &self,
         there: &'a [CabinetRemote],
         by: RemoteMatch,
-    ) -> Result<&'a CabinetRemote, RestoreError<E>> {
+    ) -> Result<&'a CabinetRemote, RestoreError> {
         let is_it = |remote: &&CabinetRemote| {
             let is_there = match by {
                 RemoteMatch::UnitNumber => remote.descriptor.unit_number == self.unit_number,
@@ -422,7 +421,7 @@ impl SavedRemote {
         remote: &CabinetRemote,
         name: &str,
         value: SavedValue,
-    ) -> Result<SavedValue, RestoreError<C::Error>> {
+    ) -> Result<SavedValue, RestoreError> {
         let record = remote.descriptor.parameter(name);
         let record = record.filter(|record| record.is_readable());
         let result = record
@@ -437,7 +436,7 @@ impl SavedRemote {
         let raw = cabinet.read(remote.place, name)?;
         let now = SavedValue::from(record.typed(raw));
         // A file may contain 50.0 for 50; -1 for an unsigned parameter has been refused above.
-        let is_same = record.raw_of::<Infallible>(value.into()) == Ok(raw);
+        let is_same = record.raw_of(value.into()) == Ok(raw);
         Ok(if is_same { value } else { now })
     }
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 use super::{SerialError, SerialRequest};
 use mesa_hal::discovery::{Discovery, DiscoveryOptions, discover};
 use mesa_hal::lbp::{
-    COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, NonvolatileProblem, RemoteAccess, RemoteLink,
+    COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, RemoteAccess, RemoteLink, RemoteLinkError,
     Request, UNIT_NUMBER,
 };
 use mesa_hal::sslbp::{
@@ -105,21 +105,21 @@ impl<P: Read + Write> SerialHost<P> {
         // An earlier host may have ended in the middle of a request, or of an access to another
         // memory.
         self.become_quiet()?;
-        let found = self.exchange(RemoteAccess::ReadLocal(LocalLocation::COOKIE))? as u8;
+        let found = self.access_memory(RemoteAccess::ReadLocal(LocalLocation::COOKIE))? as u8;
         if found != COOKIE {
             return Err(SerialError::NotARemote { found });
         }
         for (location, value) in [(LocalLocation::STATUS, 0), (LocalLocation::NONVOLATILE, 0)] {
-            self.exchange(RemoteAccess::WriteLocal(location, value))?;
+            self.access_memory(RemoteAccess::WriteLocal(location, value))?;
         }
         let mut name = [0; 4];
         for (index, character) in (LocalLocation::NAME.index()..).zip(&mut name) {
             if let Some(location) = LocalLocation::new(index) {
-                *character = self.exchange(RemoteAccess::ReadLocal(location))? as u8;
+                *character = self.access_memory(RemoteAccess::ReadLocal(location))? as u8;
             }
         }
         let software_mode =
-            self.exchange(RemoteAccess::ReadLocal(LocalLocation::SOFTWARE_MODE))? as u8;
+            self.access_memory(RemoteAccess::ReadLocal(LocalLocation::SOFTWARE_MODE))? as u8;
         let unit_number = self.call::<4>(UNIT_NUMBER)?.map(u32::from_le_bytes);
         let discovery = self.call::<6>(DISCOVERY)?.map(DiscoveryReply::from_bytes);
         let is_bare = unit_number.is_none() && discovery.is_none();
@@ -230,6 +230,16 @@ impl<P: Read + Write> SerialHost<P> {
         Ok(())
     }
 
+    /// Reads or writes, and returns the value read.
+    fn access_memory(&mut self, access: RemoteAccess) -> Result<u64, SerialError> {
+        let reply = self.ask(SerialRequest::Access(access), &Request::access(access))?;
+        let mut value = [0; 8];
+        for (to, from) in value.iter_mut().zip(reply) {
+            *to = from;
+        }
+        Ok(u64::from_le_bytes(value))
+    }
+
     /// Reads the characters that have arrived; 0 after the port's own timeout.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
         let asked = Instant::now();
@@ -248,34 +258,12 @@ impl<P: Read + Write> SerialHost<P> {
 }
 
 impl<P: Read + Write> RemoteLink for SerialHost<P> {
-    type Error = SerialError;
-
-    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, SerialError> {
-        let reply = self.ask(SerialRequest::Access(access), &Request::access(access))?;
-        let mut value = [0; 8];
-        for (to, from) in value.iter_mut().zip(reply) {
-            *to = from;
-        }
-        Ok(u64::from_le_bytes(value))
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, RemoteLinkError> {
+        Ok(self.access_memory(access)?)
     }
 
     fn wait(&mut self, time: Duration) {
         thread::sleep(time);
-    }
-
-    fn nonvolatile_error(
-        &mut self,
-        access: RemoteAccess,
-        problem: NonvolatileProblem<SerialError>,
-    ) -> SerialError {
-        match problem {
-            NonvolatileProblem::StillSelected(error) => SerialError::StillSelected(Box::new(error)),
-            NonvolatileProblem::NotKept { written, read } => SerialError::NotKept {
-                access,
-                written,
-                read,
-            },
-        }
     }
 }
 

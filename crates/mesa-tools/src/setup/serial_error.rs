@@ -5,7 +5,7 @@ use std::io;
 
 use crate::counted::Counted;
 use mesa_hal::MesaError;
-use mesa_hal::lbp::{LbpError, RemoteAccess};
+use mesa_hal::lbp::{LbpError, RemoteAccess, RemoteLinkError, RemoteLinkErrorKind};
 
 /// Error of an operation over a serial port.
 #[derive(Debug, thiserror::Error)]
@@ -60,28 +60,21 @@ pub enum SerialError {
          card, and nothing else, is connected to it"
     )]
     NeverQuiet,
-    /// Access to non-volatile memory could not be switched off again.
-    #[error(
-        "access to non-volatile memory could not be switched off ({0}); power the card off and on \
-         before anything else is written to it"
-    )]
-    StillSelected(Box<SerialError>),
-    /// Non-volatile memory does not retain a value.
-    #[error(
-        "{access}: non-volatile memory reads {read:#04X} after {written:#04X} was written; it may be \
-         write-protected (see the card's jumpers) or worn out"
-    )]
-    NotKept {
-        /// The access that wrote it.
-        access: RemoteAccess,
-        /// Value written.
-        written: u64,
-        /// Value of the last read.
-        read: u64,
-    },
 }
 
 impl MesaError for SerialError {}
+
+impl From<SerialError> for RemoteLinkError {
+    fn from(error: SerialError) -> Self {
+        let kind = match error {
+            SerialError::NoReply { .. } | SerialError::Damaged { .. } => {
+                RemoteLinkErrorKind::NoReply
+            }
+            _ => RemoteLinkErrorKind::Port,
+        };
+        Self::new(kind, &error).advising(error.advice())
+    }
+}
 
 /// Request to a remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

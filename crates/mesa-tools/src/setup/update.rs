@@ -17,7 +17,7 @@ use mesa_hal::{Advice, MesaError};
 
 use mesa_hal::lbp::flash;
 use mesa_hal::lbp::{
-    AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink,
+    AccessSize, COOKIE, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteLink, RemoteLinkError,
 };
 
 /// Plausible sizes for the flash memory of a microcontroller, as powers of two.
@@ -34,12 +34,12 @@ const ATTEMPTS: u8 = 2;
 const STEP: usize = 8;
 
 /// Error of a firmware update.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum UpdateError<E: MesaError> {
+pub enum UpdateError {
     /// An access failed.
     #[error("{0}; once the cause is removed, the same command finishes the update")]
-    Link(#[from] E),
+    Link(#[from] RemoteLinkError),
     /// The remote has no flash memory that is accessible in this way.
     #[error(
         "the remote says that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
@@ -117,7 +117,7 @@ pub enum UpdateError<E: MesaError> {
     },
 }
 
-impl<E: MesaError> MesaError for UpdateError<E> {
+impl MesaError for UpdateError {
     fn advice(&self) -> Option<Advice> {
         match self {
             Self::Link(error) => error.advice(),
@@ -191,7 +191,7 @@ impl UpdatePlan {
         link: &mut L,
         firmware: &FirmwareFile,
         progress: OnProgress<'_>,
-    ) -> Result<Self, UpdateError<L::Error>> {
+    ) -> Result<Self, UpdateError> {
         in_flash(link, |link| Self::look(link, firmware, progress))
     }
 
@@ -199,8 +199,8 @@ impl UpdatePlan {
         link: &mut L,
         firmware: &FirmwareFile,
         progress: OnProgress<'_>,
-    ) -> Result<Self, UpdateError<L::Error>> {
-        let mut log2 = |address| -> Result<u8, L::Error> {
+    ) -> Result<Self, UpdateError> {
+        let mut log2 = |address| -> Result<u8, RemoteLinkError> {
             let size = AccessSize::Byte;
             Ok(link.exchange(RemoteAccess::Read { address, size })? as u8)
         };
@@ -247,7 +247,7 @@ impl UpdatePlan {
         link: &mut L,
         firmware: &FirmwareFile,
         progress: OnProgress<'_>,
-    ) -> Result<(), UpdateError<L::Error>> {
+    ) -> Result<(), UpdateError> {
         let (erase, blocks) = (self.erase_size, self.blocks.len());
         for index in 0..blocks {
             let told = UpdateProgress {
@@ -293,7 +293,7 @@ impl UpdatePlan {
         firmware: &FirmwareFile,
         is_verified: bool,
         progress: OnProgress<'_>,
-    ) -> Result<(), UpdateError<L::Error>> {
+    ) -> Result<(), UpdateError> {
         if is_verified && !self.is_readable {
             return Err(UpdateError::NotReadable);
         }
@@ -320,8 +320,8 @@ impl UpdatePlan {
         firmware: &FirmwareFile,
         offset: u32,
         is_verified: bool,
-        on_page: &mut OnPage<'_, L::Error>,
-    ) -> Result<(), UpdateError<L::Error>> {
+        on_page: &mut OnPage<'_>,
+    ) -> Result<(), UpdateError> {
         let mut wrong = None;
         for _ in 0..ATTEMPTS {
             // As in setsserial, the memory is selected anew for the erasure and for the write.
@@ -353,8 +353,8 @@ impl UpdatePlan {
         link: &mut L,
         firmware: &FirmwareFile,
         block: u32,
-        on_page: &mut OnPage<'_, L::Error>,
-    ) -> Result<(), UpdateError<L::Error>> {
+        on_page: &mut OnPage<'_>,
+    ) -> Result<(), UpdateError> {
         for page in self.pages() {
             on_page(UpdateStep::Write, page)?;
             let offset = block + page;
@@ -377,7 +377,7 @@ impl UpdatePlan {
         link: &mut L,
         firmware: &FirmwareFile,
         block: u32,
-    ) -> Result<Option<Mismatch>, UpdateError<L::Error>> {
+    ) -> Result<Option<Mismatch>, UpdateError> {
         for page in self.pages() {
             set_offset(link, block + page)?;
             for (address, written) in firmware.doubles(block + page, self.write_size) {
@@ -410,7 +410,7 @@ struct Mismatch {
 }
 
 /// Callback before each page; fails to stop the update.
-type OnPage<'a, E> = dyn FnMut(UpdateStep, u32) -> Result<(), UpdateError<E>> + 'a;
+type OnPage<'a> = dyn FnMut(UpdateStep, u32) -> Result<(), UpdateError> + 'a;
 
 impl FirmwareFile {
     /// The bytes of a block, as far as the file contains them.
@@ -436,8 +436,8 @@ impl FirmwareFile {
 /// Runs `work` while accesses reach the flash memory, and deselects the memory after a failure too.
 fn in_flash<L: RemoteLink, T>(
     link: &mut L,
-    work: impl FnOnce(&mut L) -> Result<T, UpdateError<L::Error>>,
-) -> Result<T, UpdateError<L::Error>> {
+    work: impl FnOnce(&mut L) -> Result<T, UpdateError>,
+) -> Result<T, UpdateError> {
     let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
     link.exchange(select(NonvolatileMemory::Flash as u8))?;
     let result = work(link);
@@ -447,7 +447,7 @@ fn in_flash<L: RemoteLink, T>(
     Ok(done)
 }
 
-fn set_offset<L: RemoteLink>(link: &mut L, offset: u32) -> Result<(), L::Error> {
+fn set_offset<L: RemoteLink>(link: &mut L, offset: u32) -> Result<(), RemoteLinkError> {
     link.exchange(RemoteAccess::Write {
         address: flash::OFFSET,
         size: AccessSize::Long,
@@ -456,13 +456,13 @@ fn set_offset<L: RemoteLink>(link: &mut L, offset: u32) -> Result<(), L::Error> 
     .map(drop)
 }
 
-fn read_double<L: RemoteLink>(link: &mut L, address: u16) -> Result<u64, L::Error> {
+fn read_double<L: RemoteLink>(link: &mut L, address: u16) -> Result<u64, RemoteLinkError> {
     let size = AccessSize::Double;
     link.exchange(RemoteAccess::Read { address, size })
 }
 
 /// Erases or writes at `offset`, and waits until the remote answers again.
-fn commit<L: RemoteLink>(link: &mut L, offset: u32, what: u8) -> Result<(), UpdateError<L::Error>> {
+fn commit<L: RemoteLink>(link: &mut L, offset: u32, what: u8) -> Result<(), UpdateError> {
     set_offset(link, offset)?;
     link.exchange(RemoteAccess::Write {
         address: flash::COMMIT,

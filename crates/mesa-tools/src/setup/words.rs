@@ -1,7 +1,7 @@
 //! Words of the manuals for RPD and WPD: values of a remote that are no records of parameters, and
 //! other spellings of those that are.
 
-use super::{Cabinet, RemotePlace};
+use super::{Cabinet, CabinetError, RemotePlace};
 use mesa_hal::discovery::{DataDirection, DataRecord, RemoteDescriptor};
 use mesa_hal::lbp::{AccessSize, LocalLocation, RemoteAccess};
 use mesa_hal::modules::serial::WATCHDOG_PARAMETER;
@@ -98,7 +98,11 @@ impl ManualWord {
     ///
     /// # Errors
     /// An access failed.
-    pub fn read<C: Cabinet>(&self, cabinet: &mut C, place: RemotePlace) -> Result<u64, C::Error> {
+    pub fn read<C: Cabinet>(
+        &self,
+        cabinet: &mut C,
+        place: RemotePlace,
+    ) -> Result<u64, CabinetError> {
         match self {
             Self::Fault => local(cabinet, place, LocalLocation::FAULTS),
             Self::Status => local(cabinet, place, LocalLocation::STATUS),
@@ -119,7 +123,7 @@ impl ManualWord {
         cabinet: &mut C,
         place: RemotePlace,
         value: u64,
-    ) -> Result<(), C::Error> {
+    ) -> Result<(), CabinetError> {
         match self {
             Self::Fault => {
                 let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
@@ -145,7 +149,7 @@ fn local<C: Cabinet>(
     cabinet: &mut C,
     place: RemotePlace,
     location: LocalLocation,
-) -> Result<u64, C::Error> {
+) -> Result<u64, CabinetError> {
     let read = cabinet.exchange(place, RemoteAccess::ReadLocal(location));
     read.map(|value| value & 0xFF)
 }

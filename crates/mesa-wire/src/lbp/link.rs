@@ -2,33 +2,22 @@
 
 use core::time::Duration;
 
-use super::{NonvolatileMemory, ParameterSequence, RemoteAccess, SequenceStep};
-use crate::MesaError;
+use super::{NonvolatileMemory, ParameterSequence, RemoteAccess, RemoteLinkError, SequenceStep};
 use crate::time::Instant;
 
 /// A line to one remote in setup mode: a channel of the FPGA (`sslbp::PortLink` of `mesa-hal`), or
 /// a serial port of the host (`SerialHost` of `mesa-tools`). Discovery, parameters and updates use
 /// it only.
 pub trait RemoteLink {
-    /// Error of an access.
-    type Error: MesaError;
-
     /// Reads or writes, and returns the value read, right-justified; 0 for a write. Repeated if the
     /// reply is lost, so that every access must be idempotent.
     ///
     /// # Errors
     /// No valid reply within a bounded time.
-    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error>;
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, RemoteLinkError>;
 
     /// Waits for `time`.
     fn wait(&mut self, time: Duration);
-
-    /// The error for a problem with non-volatile memory in this access.
-    fn nonvolatile_error(
-        &mut self,
-        access: RemoteAccess,
-        problem: NonvolatileProblem<Self::Error>,
-    ) -> Self::Error;
 
     /// Reads or writes the working memory, or a non-volatile one, and returns its value afterwards.
     ///
@@ -43,7 +32,7 @@ pub trait RemoteLink {
         &mut self,
         memory: Option<NonvolatileMemory>,
         access: RemoteAccess,
-    ) -> Result<u64, Self::Error> {
+    ) -> Result<u64, RemoteLinkError> {
         let Some(memory) = memory else {
             return self.exchange(access);
         };
@@ -66,29 +55,12 @@ pub trait RemoteLink {
             }
         };
         match (failed, outcome.value, access.written()) {
-            (Some(error), ..) if outcome.is_still_selected => {
-                Err(self.nonvolatile_error(access, NonvolatileProblem::StillSelected(error)))
-            }
+            (Some(error), ..) if outcome.is_still_selected => Err(error.still_selected()),
             (Some(error), ..) => Err(error),
             (None, Some(read), Some(written)) if read != written => {
-                let problem = NonvolatileProblem::NotKept { written, read };
-                Err(self.nonvolatile_error(access, problem))
+                Err(RemoteLinkError::not_kept(access, written, read))
             }
             (None, read, _) => Ok(read.unwrap_or(0)),
         }
     }
-}
-
-/// A problem with non-volatile memory over a working line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NonvolatileProblem<E> {
-    /// The memory could not be deselected.
-    StillSelected(E),
-    /// The memory does not keep the value.
-    NotKept {
-        /// The value written.
-        written: u64,
-        /// The value read last.
-        read: u64,
-    },
 }

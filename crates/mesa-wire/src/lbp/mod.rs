@@ -8,8 +8,10 @@
 
 mod access;
 mod address;
+pub mod advice;
 mod crc;
 mod link;
+mod link_error;
 mod request;
 mod sequence;
 mod status;
@@ -17,7 +19,8 @@ mod status;
 pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use address::MemoryAddress;
 pub use crc::crc8;
-pub use link::{NonvolatileProblem, RemoteLink};
+pub use link::RemoteLink;
+pub use link_error::{RemoteLinkError, RemoteLinkErrorKind};
 pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};
 pub use sequence::{AccessRetry, ParameterSequence, SequenceOutcome, SequenceStep};
 pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash, write_flags};

@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 
 use super::{Cabinet, CabinetRemote, RemotePlace};
-use crate::setup::{SerialError, SerialHost, SerialRemote};
+use crate::setup::{CabinetError, SerialError, SerialHost, SerialRemote};
 use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::{RemoteAccess, RemoteLink};
@@ -27,7 +27,7 @@ pub struct SerialCabinetError {
     /// Name of the parameter, or the access.
     pub name: Box<str>,
     /// The cause.
-    pub source: ParameterError<SerialError>,
+    pub source: ParameterError,
 }
 
 impl MesaError for SerialCabinetError {
@@ -51,15 +51,13 @@ impl<P: Read + Write> SerialCabinet<P> {
         })
     }
 
-    fn record(&self, name: &str) -> Result<DataRecord, ParameterError<SerialError>> {
+    fn record(&self, name: &str) -> Result<DataRecord, ParameterError> {
         let record = self.found.descriptor.parameter(name);
         record.cloned().ok_or(ParameterError::Unknown)
     }
 }
 
 impl<P: Read + Write> Cabinet for SerialCabinet<P> {
-    type Error = SerialCabinetError;
-
     fn remotes(&self) -> Vec<CabinetRemote> {
         vec![CabinetRemote {
             place: RemotePlace::Serial,
@@ -67,12 +65,12 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         }]
     }
 
-    fn read(&mut self, _place: RemotePlace, name: &str) -> Result<u64, Self::Error> {
+    fn read(&mut self, _place: RemotePlace, name: &str) -> Result<u64, CabinetError> {
         let record = self.record(name);
         let value = record.and_then(|record| record.read_parameter(&mut self.host));
         value.map(|value| value.raw).map_err(|source| {
             let name = name.into();
-            SerialCabinetError { name, source }
+            SerialCabinetError { name, source }.into()
         })
     }
 
@@ -81,20 +79,20 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         _place: RemotePlace,
         name: &str,
         value: AnyValue,
-    ) -> Result<(), Self::Error> {
+    ) -> Result<(), CabinetError> {
         let record = self.record(name);
         let written = record.and_then(|record| record.write_parameter(&mut self.host, value));
         written.map_err(|source| {
             let name = name.into();
-            SerialCabinetError { name, source }
+            SerialCabinetError { name, source }.into()
         })
     }
 
-    fn exchange(&mut self, _place: RemotePlace, access: RemoteAccess) -> Result<u64, Self::Error> {
+    fn exchange(&mut self, _place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError> {
         self.host.exchange(access).map_err(|error| {
             let name = access.to_string().into();
-            let source = ParameterError::Memory(error);
-            SerialCabinetError { name, source }
+            let source = ParameterError::Link(error);
+            SerialCabinetError { name, source }.into()
         })
     }
 }

@@ -237,7 +237,7 @@ fn an_update_that_is_told_to_stop_says_what_is_left_and_leaves_the_flash_memory(
         pages += 1;
         pages < 20
     });
-    let expected = UpdateError::<SerialError>::Stopped { left: 1, blocks: 2 };
+    let expected = UpdateError::Stopped { left: 1, blocks: 2 };
     assert_eq!(stopped.unwrap_err().to_string(), expected.to_string());
     let selected = host.exchange(RemoteAccess::ReadLocal(LocalLocation::NONVOLATILE));
     assert_eq!(selected.unwrap(), 0);

@@ -1,7 +1,7 @@
 //! Extent of a remote's flash memory, which it does not report: found by reads.
 
 use super::{SAMPLES, UpdateError, UpdatePlan, read_double, set_offset};
-use mesa_hal::lbp::{LbpStatus, LocalLocation, RemoteAccess, RemoteLink};
+use mesa_hal::lbp::{LbpStatus, LocalLocation, RemoteAccess, RemoteLink, RemoteLinkError};
 
 /// Contents of erased memory.
 const ERASED: u64 = u64::MAX;
@@ -14,7 +14,7 @@ impl UpdatePlan {
         &self,
         link: &mut L,
         file: usize,
-    ) -> Result<(), UpdateError<L::Error>> {
+    ) -> Result<(), UpdateError> {
         let end = match self.repeats_at(link, file)? {
             Some(end) => Some(end),
             None => self.ends_at(link, file)?,
@@ -30,7 +30,7 @@ impl UpdatePlan {
         &self,
         link: &mut L,
         file: usize,
-    ) -> Result<Option<u32>, UpdateError<L::Error>> {
+    ) -> Result<Option<u32>, UpdateError> {
         if !self.is_readable {
             return Ok(None);
         }
@@ -45,7 +45,11 @@ impl UpdatePlan {
     }
 
     /// The first words of the pages of a block.
-    fn samples<L: RemoteLink>(&self, link: &mut L, block: u32) -> Result<Vec<u64>, L::Error> {
+    fn samples<L: RemoteLink>(
+        &self,
+        link: &mut L,
+        block: u32,
+    ) -> Result<Vec<u64>, RemoteLinkError> {
         let pages = self.pages().take(SAMPLES as usize);
         let samples = pages.map(|page| {
             set_offset(link, block + page)?;
@@ -59,7 +63,7 @@ impl UpdatePlan {
         &self,
         link: &mut L,
         file: usize,
-    ) -> Result<Option<u32>, UpdateError<L::Error>> {
+    ) -> Result<Option<u32>, UpdateError> {
         let last = (file.saturating_sub(1) / self.erase_size as usize) as u32;
         let (mut exists, mut ends) = (0, last);
         if self.exists(link, last)? {
@@ -77,11 +81,7 @@ impl UpdatePlan {
     }
 
     /// True if the flash memory has the block with this number.
-    fn exists<L: RemoteLink>(
-        &self,
-        link: &mut L,
-        block: u32,
-    ) -> Result<bool, UpdateError<L::Error>> {
+    fn exists<L: RemoteLink>(&self, link: &mut L, block: u32) -> Result<bool, UpdateError> {
         link.exchange(RemoteAccess::WriteLocal(LocalLocation::STATUS, 0))?;
         set_offset(link, block * self.erase_size)?;
         if read_double(link, 0).is_err() {
@@ -101,7 +101,7 @@ impl UpdatePlan {
         &self,
         link: &mut L,
         file: u32,
-    ) -> Result<Option<u32>, UpdateError<L::Error>> {
+    ) -> Result<Option<u32>, UpdateError> {
         let begin = file.next_multiple_of(self.write_size);
         let end = file.next_multiple_of(self.erase_size) + self.erase_size;
         set_offset(link, 0)?;
@@ -126,7 +126,7 @@ impl UpdatePlan {
 
     /// True if reads show the flash memory: the data then differ between pages. The bootloader's
     /// block, which is never empty, is read first.
-    pub(super) fn shows_flash<L: RemoteLink>(&self, link: &mut L) -> Result<bool, L::Error> {
+    pub(super) fn shows_flash<L: RemoteLink>(&self, link: &mut L) -> Result<bool, RemoteLinkError> {
         let mut first = None;
         for block in [0, self.erase_size] {
             for page in self.pages().take(SAMPLES as usize) {

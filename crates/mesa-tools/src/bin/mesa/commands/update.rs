@@ -236,7 +236,7 @@ impl Update {
             return Ok(Some(report));
         }
         if is_verified && !plan.is_readable {
-            return Err(UpdateError::<L::Error>::NotReadable.into());
+            return Err(UpdateError::NotReadable.into());
         }
         bar.clear();
         self.asks

@@ -3,12 +3,12 @@
 use mesa_hal::discovery::{DiscoveryOptions, RemoteDescriptor, discover};
 use mesa_hal::driver::Remark;
 use mesa_hal::hal::AnyValue;
-use mesa_hal::lbp::{RemoteAccess, RemoteLink};
+use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::remote::ParameterError;
-use mesa_hal::sslbp::{DEFAULT_BAUD_RATE, MAX_INTERFACE_REGISTERS, PortError, PortLink};
+use mesa_hal::sslbp::{DEFAULT_BAUD_RATE, MAX_INTERFACE_REGISTERS, PortLink};
 use mesa_hal::{Board, Configured, DriverError, RemoteId, Settings};
 
-use mesa_tools::setup::{Cabinet, CabinetRemote, RemotePlace};
+use mesa_tools::setup::{Cabinet, CabinetError, CabinetRemote, RemotePlace};
 
 use crate::board::bus::Bus;
 use crate::board::target::Found;
@@ -152,7 +152,7 @@ impl BoardCabinet {
         work: impl FnOnce(
             &mesa_hal::discovery::DataRecord,
             &mut PortLink<'_, Bus>,
-        ) -> Result<T, ParameterError<PortError>>,
+        ) -> Result<T, ParameterError>,
     ) -> Result<Option<T>, BoardError> {
         let Some((baud, descriptor)) = self.other(id) else {
             return Ok(None);
@@ -178,8 +178,6 @@ fn channel(place: RemotePlace) -> RemoteId {
 }
 
 impl Cabinet for BoardCabinet {
-    type Error = BoardError;
-
     fn remotes(&self) -> Vec<CabinetRemote> {
         let others = self.others.iter().map(|other| CabinetRemote {
             place: RemotePlace::Channel(other.id),
@@ -191,7 +189,7 @@ impl Cabinet for BoardCabinet {
         remotes
     }
 
-    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, BoardError> {
+    fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, CabinetError> {
         let id = channel(place);
         let read = self.parameter(id, name, |record, link| record.read_parameter(link))?;
         if let Some(value) = read {
@@ -201,7 +199,12 @@ impl Cabinet for BoardCabinet {
         self.board.read(place, name)
     }
 
-    fn write(&mut self, place: RemotePlace, name: &str, value: AnyValue) -> Result<(), BoardError> {
+    fn write(
+        &mut self,
+        place: RemotePlace,
+        name: &str,
+        value: AnyValue,
+    ) -> Result<(), CabinetError> {
         let id = channel(place);
         let write = |record: &mesa_hal::discovery::DataRecord, link: &mut PortLink<'_, Bus>| {
             record.write_parameter(link, value)
@@ -213,10 +216,12 @@ impl Cabinet for BoardCabinet {
         self.board.write(place, name, value)
     }
 
-    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, BoardError> {
+    fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError> {
         let id = channel(place);
         if let Some((baud, _)) = self.other(id) {
-            return self.at(id, baud, |link, _| Ok(link.exchange(access)?));
+            return Ok(self.at(id, baud, |link, _| {
+                Ok(link.port.on(link.bus).access(link.channel, access)?)
+            })?);
         }
         self.start(id)?;
         self.board.exchange(place, access)

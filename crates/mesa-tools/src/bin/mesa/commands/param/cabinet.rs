@@ -124,8 +124,6 @@ impl OpenCabinet {
 }
 
 impl Cabinet for OpenCabinet {
-    type Error = CabinetError;
-
     fn remotes(&self) -> Vec<CabinetRemote> {
         match self {
             Self::Board(board) => board.remotes(),
@@ -134,10 +132,10 @@ impl Cabinet for OpenCabinet {
     }
 
     fn read(&mut self, place: RemotePlace, name: &str) -> Result<u64, CabinetError> {
-        Ok(match self {
-            Self::Board(board) => board.read(place, name)?,
-            Self::Serial(card) => card.read(place, name)?,
-        })
+        match self {
+            Self::Board(board) => board.read(place, name),
+            Self::Serial(card) => card.read(place, name),
+        }
     }
 
     fn write(
@@ -147,16 +145,15 @@ impl Cabinet for OpenCabinet {
         value: AnyValue,
     ) -> Result<(), CabinetError> {
         match self {
-            Self::Board(board) => board.write(place, name, value)?,
-            Self::Serial(card) => card.write(place, name, value)?,
+            Self::Board(board) => board.write(place, name, value),
+            Self::Serial(card) => card.write(place, name, value),
         }
-        Ok(())
     }
 
     fn exchange(&mut self, place: RemotePlace, access: RemoteAccess) -> Result<u64, CabinetError> {
-        Ok(match self {
-            Self::Board(board) => board.exchange(place, access)?,
-            Self::Serial(card) => card.exchange(place, access)?,
-        })
+        match self {
+            Self::Board(board) => board.exchange(place, access),
+            Self::Serial(card) => card.exchange(place, access),
+        }
     }
 }
